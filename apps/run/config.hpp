@@ -68,6 +68,7 @@ struct Config {
     std::string self_contact = "off";  ///< of folds that close, see folds.hpp
     std::string fluid_lost = "none";   ///< "anterior,60%", see loads.hpp
     std::string wall = "none";         ///< one rigid wall beside the body, see walls.hpp
+    std::string poses;                 ///< a table of the tool's poses, which become steps; empty: none
   } load;
   struct Tool {
     std::string shape = "circle";  ///< see tool_of() in tool.hpp

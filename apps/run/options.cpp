@@ -144,6 +144,9 @@ std::vector<Option> load_options(Config& c) {
                "along it no more"},
       {.key = "load.depth_mm", .flag = "--depth", .unit = "mm", .value = &c.load.depth_mm, .most = 1000,
        .least_excluded = true, .stage = "solve", .common = true, .help = "indentation at the end"},
+      {.key = "load.poses", .flag = "--poses", .value = &c.load.poses, .stage = "solve",
+       .help = "CSV of where the tool's tip goes: time_s, x_mm, y_mm, z_mm (LPS), and qw, qx, qy, qz where "
+               "it turns; the first row is where it first touches, each further one a step from there"},
       {.key = "load.rate_mm_per_s", .flag = "--rate", .unit = "mm/s", .value = &c.load.rate_mm_per_s,
        .most = 1e5, .least_excluded = true, .stage = "solve", .common = true, .help = "speed of the circle"},
       {.key = "load.contact", .flag = "--contact", .value = &c.load.contact,

@@ -1,14 +1,18 @@
 #include "apps/run/steps.hpp"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
+#include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
 
 #include "apps/run/tool.hpp"
 #include "apps/run/words.hpp"
 #include "io/error.hpp"
+#include "io/table.hpp"
 #include "solver/constraints.hpp"
 #include "solver/march/steps.hpp"
 
@@ -16,7 +20,8 @@ namespace dimple {
 namespace {
 
 constexpr const char* tool_word = "tool";
-constexpr double most_turned_deg = 90.0;  // in one step
+constexpr double most_turned_deg = 90.0;   // in one step
+constexpr double least_turned_deg = 1e-6;  // that is no rounding
 // A turning tool is looked at so often; along its axis that is looked at to where it is a radius above its
 // first touch, but for so many times that length where it lies flat.
 constexpr double looked_at_deg = 5.0, most_of_axis = 4.0;
@@ -231,7 +236,75 @@ void require_no_cut_steps(const Config& config, const std::string& what) {
              "a cut body is made anew from its image", "begin with the image: dimple run IMAGE");
 }
 
+namespace {
+
+[[noreturn]] void refuse_poses(const Config& config, const std::string& fact, const std::string& why,
+                               const std::string& remedy) {
+  throw InputError({.fact = fact,
+                    .where = fmt::format("--poses {}", config.load.poses),
+                    .why = why,
+                    .remedy = remedy,
+                    .code = "bad-path"});
+}
+
+Eigen::Quaterniond turn_of(const Config& config, const std::array<const std::vector<double>*, 4>& column,
+                           std::size_t row) {
+  constexpr double of_length_one = 1e-3;
+  if (!column[0]) return Eigen::Quaterniond::Identity();
+  const Eigen::Quaterniond q((*column[0])[row], (*column[1])[row], (*column[2])[row], (*column[3])[row]);
+  if (!(std::abs(q.norm() - 1.0) < of_length_one))
+    refuse_poses(config, fmt::format("the quaternion in row {} has the length {:.4g}", row + 1, q.norm()),
+                 "a turn is a quaternion of length one", "give qw, qx, qy, qz with w first");
+  return q.normalized();
+}
+
+// Rows of a tool's poses are steps from each to the next, the first where it first touches.
+void take_poses(Config& config) {
+  constexpr std::size_t most = 500;
+  if (config.load.poses.empty()) return;
+  if (!config.step.empty())
+    throw UsageError({.fact = "the tool is moved by poses and by steps",
+                      .where = "--poses (load.poses)",
+                      .why = "poses are steps from each to the next",
+                      .remedy = "leave one of the two out"});
+  const Table table = read_csv(config.load.poses);
+  const auto *time = table.find("time_s"), *x = table.find("x_mm"), *y = table.find("y_mm"),
+             *z = table.find("z_mm");
+  if (!time || !x || !y || !z)
+    refuse_poses(config, "a column of time_s, x_mm, y_mm, z_mm is not there",
+                 fmt::format("the columns are named {}", fmt::join(table.header, ", ")),
+                 "give these, of the tool's tip in LPS, and qw, qx, qy, qz where it turns");
+  const std::array<const std::vector<double>*, 4> turn = {table.find("qw"), table.find("qx"), table.find("qy"),
+                                                          table.find("qz")};
+  if (std::count(turn.begin(), turn.end(), nullptr) % 4 != 0)
+    refuse_poses(config, "a quaternion lacks a column", "it has the four numbers qw, qx, qy, qz",
+                 "give all of them, or none");
+  if (table.rows() < 2 || table.rows() > most)
+    refuse_poses(config, fmt::format("there are {} rows", table.rows()),
+                 fmt::format("a way takes two and has {} at most, each a search for equilibria", most),
+                 "give where it first touches and where it goes from there");
+  for (std::size_t k = 1; k < table.rows(); ++k) {
+    if (!((*time)[k] > (*time)[k - 1]))
+      refuse_poses(config,
+                   fmt::format("row {} is at {:g} s, the one before at {:g} s", k + 1, (*time)[k], (*time)[k - 1]),
+                   "time rises along a way", "sort the rows, and leave out those that stand twice");
+    Config::Step step{.order = static_cast<int>(k)};
+    const Vec3 way((*x)[k] - (*x)[k - 1], (*y)[k] - (*y)[k - 1], (*z)[k] - (*z)[k - 1]);
+    const Eigen::AngleAxisd by(turn_of(config, turn, k) * turn_of(config, turn, k - 1).conjugate());
+    const Vec3 degrees = by.angle() * 180.0 / std::numbers::pi * by.axis();
+    if (!way.isZero(0.0)) step.move_mm.assign(way.begin(), way.end());
+    if (degrees.norm() > least_turned_deg) step.turn_deg.assign(degrees.begin(), degrees.end());
+    if (!step.move_mm.empty() || !step.turn_deg.empty()) config.step[fmt::format("pose_{:04d}", k + 1)] = step;
+  }
+  if (config.step.empty())
+    refuse_poses(config, "the tool is in one place all the time", "a way goes somewhere", "let it move");
+  config.load.poses.clear();  // from here on they are steps
+}
+
+}  // namespace
+
 void resolve_steps(Config& config) {
+  take_poses(config);
   if (config.step.empty()) return;
   double longest = 0.0;
   for (const auto& [name, step] : moving_steps(config)) {

@@ -83,7 +83,7 @@ std::string beside(const Cohort& cohort, const std::string& key, const std::stri
   const fs::path path = cohort.file.parent_path() / text;
   const bool is_word = key == "output.compare"      ? text == paper_word
                        : key == "image.label_names" ? !fs::exists(path) && known_label_names(text)
-                                                    : key != "image.file";
+                                                    : key != "image.file" && key != "load.poses";
   return is_word ? text : path.string();
 }
 

@@ -158,19 +158,17 @@ struct Divided {
 
 Divided divide(const Model& before, const Sheet& sheet) {
   const Index points = before.point_count();
-  std::vector<std::optional<std::array<Part, 2>>> parts(static_cast<std::size_t>(points));
-  if (before.second_moments.cols() > 0)
-    tbb::parallel_for(Index{0}, points, [&](Index q) {
-      if (q % 4096 == 0) stop_if_asked();
-      parts[static_cast<std::size_t>(q)] = parts_of(before, q, sheet);
-    });
+  std::map<Index, std::array<Part, 2>> parts;
+  for (Index q = 0; q < points && before.second_moments.cols() > 0; ++q) {
+    if (q % 4096 == 0) stop_if_asked();
+    if (const auto its = parts_of(before, q, sheet)) parts.emplace(q, *its);
+  }
   Divided cut;
   static_cast<Discretisation&>(cut.model) = before;
   cut.model.scheme = before.scheme;
   cut.whole.resize(static_cast<std::size_t>(points));
   std::iota(cut.whole.begin(), cut.whole.end(), Index{0});
-  for (Index q = 0; q < points; ++q)
-    if (parts[static_cast<std::size_t>(q)]) cut.whole.push_back(q);
+  for (const auto& [q, its] : parts) cut.whole.push_back(q);
   const auto all = static_cast<Index>(cut.whole.size());
   cut.count = all - points;
   Model& model = cut.model;
@@ -181,7 +179,7 @@ Divided divide(const Model& before, const Sheet& sheet) {
   model.tissue = before.tissue(cut.whole);
   for (Index second = points; second < all; ++second) {
     const Index q = cut.whole[static_cast<std::size_t>(second)];
-    const std::array<Part, 2>& its = *parts[static_cast<std::size_t>(q)];
+    const std::array<Part, 2>& its = parts.at(q);
     put(model, second, its[1], before.volume[q]);
     put(model, q, its[0], before.volume[q]);
     cut.parts.push_back(its);
@@ -343,7 +341,7 @@ void find_changed(Neighbourhood& near, const Model& before, const std::vector<In
   std::vector<char> saw_all(near.point.size());
   for (std::size_t p = 0; p < saw_all.size(); ++p)
     saw_all[p] = !contains(before.support_report.unconnected, whole[static_cast<std::size_t>(near.point[p])]);
-  find_supports(near.model, [&](int k, Index p) {
+  find_supports_seen(near.model, [&](int k, Index p) {
     const Index a = near.node[static_cast<std::size_t>(k)], q = near.point[static_cast<std::size_t>(p)];
     const bool known = saw_all[static_cast<std::size_t>(p)] && a < before.node_count() &&
                        has(before, whole[static_cast<std::size_t>(q)], a);
@@ -356,7 +354,7 @@ void find_variance(Neighbourhood& around, const Model& model, const Sight& sight
   std::vector<char> looks(around.point.size());
   for (std::size_t p = 0; p < looks.size(); ++p)
     looks[p] = contains(model.support_report.unconnected, around.point[p]);
-  find_supports(around.model, [&](int k, Index p) {
+  find_supports_seen(around.model, [&](int k, Index p) {
     const Index a = around.node[static_cast<std::size_t>(k)], q = around.point[static_cast<std::size_t>(p)];
     return looks[static_cast<std::size_t>(p)] ? sight.sees(a, q) : has(model, q, a);
   });

@@ -592,7 +592,7 @@ void find_supports(Model& model) {
 void find_supports(Model& model, const Sight& sight) {
   supports_of(model, [&](int a, Index q) { return sight.sees(a, q); });
 }
-void find_supports(Model& model, const Connected& sees) {
+void find_supports_seen(Model& model, const Connected& sees) {
   supports_of(model, sees);
 }
 

@@ -29,7 +29,7 @@ void find_supports(Model& model);
 void find_supports(Model& model, const Sight& sight);
 /// The same where `sees`(node, point) says what belongs to what.
 using Connected = std::function<bool(int, Index)>;
-void find_supports(Model& model, const Connected& sees);
+void find_supports_seen(Model& model, const Connected& sees);
 
 /// What the model's nodes see, if its scheme connects supports through the tissue and something is hidden
 /// from some; else nothing. make_model() leaves it in the model.

@@ -205,7 +205,7 @@ int main(int count, char** argument) {
   try {
     for (const std::string& image : images) {
       std::string name = fs::path(image).filename().string();
-      name = name.substr(0, name.find('.'));
+      name = name.substr(0, name.find_first_of("._"));
       dimple::strokes(image, nodes, number, folder / fmt::format("strokes_{}.csv", name));
     }
     if (!block.empty()) dimple::growth(block, folder / "strokes_growth.csv");

@@ -613,6 +613,31 @@ class Following(InAFolder):
         self.assertEqual(first, second)
         self.assertEqual(pickle.loads(pickle.dumps(first)), first)
 
+    def test_a_cut_beside_the_tool_softens_the_body(self):
+        session = pydimple.Session(self.model)
+        for depth in np.linspace(0.1, 2, 20):
+            before = session.follow(depth_mm=depth, evaluations=20)
+        count = len(session.positions_m)
+        top = session.positions_m[:, 2].max() * 1e3
+        session.cut(from_mm=(9, -8, top), to_mm=(9, 8, top), depth_mm=12)
+        self.assertGreater(len(session.positions_m), count)
+        lagging = session.follow(depth_mm=2, evaluations=1)
+        self.assertGreaterEqual(lagging.error_N, lagging.force_N)
+        for _ in range(10):
+            after = session.follow(depth_mm=2, evaluations=20)
+        self.assertEqual(after.status, "there")
+        self.assertLess(after.force_N, 0.99 * before.force_N)
+        self.assertGreater(after.force_N, 0.7 * before.force_N)
+
+    def test_a_cut_that_opens_nothing_is_refused_and_leaves_the_body_as_it_was(self):
+        session = pydimple.Session(self.model)
+        session.equilibrate(depth_mm=1)
+        force, count = session.force_N, len(session.positions_m)
+        self.raised(pydimple.ModelError, session.cut, from_mm=(9, -8, 200), to_mm=(9, 8, 200), depth_mm=1)
+        self.raised(pydimple.UsageError, session.cut, from_mm=(9, 8, 20), to_mm=(9, 8, 20), depth_mm=1)
+        self.raised(pydimple.UsageError, session.cut, from_mm=(9, -8, 20), to_mm=(9, 8, 20), depth_mm=0)
+        self.assertEqual((session.force_N, len(session.positions_m)), (force, count))
+
     def test_a_frame_keeps_its_time(self):
         began = time.perf_counter()
         frames = self.follow(np.linspace(0.1, 4, 20), seconds=0.02)

@@ -5,6 +5,7 @@
 
 #include <Eigen/Geometry>
 #include <cmath>
+#include <fstream>
 #include <nlohmann/json.hpp>
 #include <numbers>
 
@@ -67,6 +68,60 @@ TEST(SceneWithATurn, IsSaidInEachStepAndDrawnAsItStandsAndGivesTheSameBytesAgain
             0);
   for (const char* file : {"force.csv", "energy.csv"})
     EXPECT_EQ(text_of(folder / "out" / file), text_of(folder / "again" / file));
+}
+
+const std::string posed = "run block.nrrd -q --base inferior --indent-at 0,0,top --nodes 500 --mu 2kPa --band off "
+                          "--frames 2 --write force -o posed --force --poses poses.csv";
+
+// Wherever the table's own origin is: the first row is the tool where it first touches.
+TEST(PosesOfATool, AreTheStepsFromEachToTheNext) {
+  const fs::path folder = with_block();
+  const double half = 0.5 * 15.0 * std::numbers::pi / 180.0;
+  std::ofstream file(folder / "poses.csv");
+  file.precision(17);
+  file << "time_s,x_mm,y_mm,z_mm,qw,qx,qy,qz\n0,5,6,70,1,0,0,0\n1,5,6,68.5,1,0,0,0\n"
+       << "2,5,6,68.5,1,0,0,0\n3,5.25,6,68.5," << std::cos(half) << ",0," << std::sin(half) << ",0\n";
+  file.close();
+  const Ran ran = dimple(folder, posed + rod);
+  ASSERT_EQ(ran.code, 0) << ran.err;
+  const std::string steps = "--set step.press.move=0,0,-1.5 --set step.turn.turn=0,15,0 --set step.turn.move=0.25,0,0";
+  ASSERT_EQ(dimple(folder, "run block.nrrd -q --base inferior --indent-at 0,0,top --nodes 500 --mu 2kPa --band off "
+                           "--frames 2 --write force -o stepped " + steps + rod)
+                .code,
+            0);
+  const Table by_poses = read_csv(folder / "posed" / "force.csv"),
+              by_steps = read_csv(folder / "stepped" / "force.csv");
+  ASSERT_EQ(by_poses.rows(), by_steps.rows());
+  for (const char* name : {"indentation_mm", "aside_x_mm", "turned_y_deg", "force_N"})
+    for (std::size_t k = 0; k < by_poses.rows(); ++k)
+      EXPECT_NEAR((*by_poses.find(name))[k], (*by_steps.find(name))[k],
+                  1e-4 * std::abs((*by_steps.find(name)).back()) + 1e-9)
+          << name << " " << k;
+  EXPECT_EQ(Json::parse(text_of(folder / "posed" / "summary.json"))["scene"].size(), 2u)
+      << "a row that goes nowhere is no step";
+  EXPECT_EQ(dimple(folder, "run block.nrrd --config posed/config.resolved.toml -o again -q --write force").code, 0);
+  EXPECT_EQ(text_of(folder / "posed" / "force.csv"), text_of(folder / "again" / "force.csv"));
+}
+
+TEST(PosesOfATool, AreRefusedWhereTheySayNoWay) {
+  const fs::path folder = with_block();
+  const auto refused = [&](const std::string& rows, int code, const char* words, const std::string& more = "") {
+    std::ofstream(folder / "poses.csv") << rows;
+    const Ran ran = dimple(folder, posed + rod + more);
+    EXPECT_EQ(ran.code, code) << words;
+    EXPECT_THAT(ran.err, HasSubstr(words));
+  };
+  const std::string columns = "time_s,x_mm,y_mm,z_mm\n";
+  refused("time_s,depth_mm\n0,0\n1,1\n", 3, "a column of time_s, x_mm, y_mm, z_mm is not there");
+  refused("time_s,x_mm,y_mm,z_mm,qw\n0,0,0,0,1\n1,0,0,-1,1\n", 3, "a quaternion lacks a column");
+  refused("time_s,x_mm,y_mm,z_mm,qw,qx,qy,qz\n0,0,0,0,1,0,0,0\n1,0,0,-1,2,0,0,0\n", 3,
+          "the quaternion in row 2 has the length 2");
+  refused(columns + "0,0,0,0\n", 3, "there are 1 rows");
+  refused(columns + "0,0,0,0\n0,0,0,-1\n", 3, "row 2 is at 0 s, the one before at 0 s");
+  refused(columns + "0,0,0,0\n1,0,0,0\n", 3, "in one place all the time");
+  refused(columns + "0,0,0,0\n1,0,0,-1\n", 2, "moved by poses and by steps", " --set step.a.move=1mm");
+  refused("time_s,x_mm,y_mm,z_mm,qw,qx,qy,qz\n0,0,0,0,1,0,0,0\n1,0,0,-1,1,0,0,0\n2,0,0,-1,0,0,1,0\n", 2,
+          "turns by 180 degrees");
 }
 
 // Farther than the samples of a tool that goes straight down reach, which is 4.5 mm.

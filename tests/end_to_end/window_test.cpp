@@ -271,6 +271,40 @@ wait $poke
   EXPECT_EQ(force.back(), 0.0);  // let go
 }
 
+// Beside the circle, across the picture; the tool itself stays in the air.
+TEST(Poke, AScalpelInTheHandCutsTheBodyAlongItsStroke) {
+  if (const std::string missing = missing_for_windows(); !missing.empty())
+    GTEST_SKIP() << "skipped: " << missing;
+  const fs::path folder = folder_with_brain();
+  const Ran ran = under_xvfb(folder, fmt::format(R"(
+'{}' poke brain.nrrd --nodes 800 --tool scalpel:6mm --record rec --fps 20 --force >told 2>said &
+poke=$!
+window=""
+for k in $(seq 150); do
+  window=$(xdotool search --name '^Dimple$' 2>/dev/null | head -n 1)
+  [ -n "$window" ] && [ -e rec/window/window_0001.png ] && break
+  kill -0 $poke 2>/dev/null || break
+  sleep 0.2
+done
+xdotool mousemove --window "$window" 380 370 mousedown 1
+sleep 0.5
+for x in $(seq 385 5 460); do xdotool mousemove --window "$window" $x 370; sleep 0.02; done
+xdotool mouseup 1
+sleep 2
+xdotool key --window "$window" q
+for k in $(seq 50); do kill -0 $poke 2>/dev/null || break; sleep 0.2; done
+kill -INT $poke 2>/dev/null
+wait $poke
+)",
+                                                 DIMPLE_PROGRAM));
+  EXPECT_EQ(ran.code, 0) << read_file(folder / "said");
+  const Table cuts = read_csv(folder / "rec" / "cuts.csv");
+  ASSERT_EQ(cuts.rows(), 1u) << read_file(folder / "told");
+  EXPECT_EQ((*cuts.find("cut"))[0], 1.0) << read_file(folder / "told");
+  EXPECT_EQ((*cuts.find("depth_mm"))[0], 6.0);
+  EXPECT_GT((*cuts.find("area_mm2"))[0], 10.0);
+}
+
 // A device's side of the socket.
 class Device {
  public:
