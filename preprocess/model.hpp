@@ -83,7 +83,8 @@ struct Discretisation {
 /// What happened while the supports were found: printed, and kept in summary.json.
 struct SupportReport {
   Index unseen = 0;  ///< pairs of a node and a point, near enough, that the body's own surface comes between
-  std::vector<Index> unconnected;  ///< points that see too few nodes: they took those that are near; ascending
+  std::vector<Index>
+      unconnected;              ///< points that see too few nodes: they took those that are near; ascending
   Index grown = 0;              ///< points with a support that was enlarged to condition the moment matrix
   double largest_growth = 1.0;  ///< by which factor at most
   Index fewest = 0, most = 0;   ///< nodes in a support

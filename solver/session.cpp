@@ -257,7 +257,10 @@ struct Session::Parts {
     system->set({.depth = depth});
     frame.on_tool = system->on_tool(u, f);
     frame.per_force = per_force(frame);
-    if (unsettled) frame.error = std::abs(frame.force);
+    if (unsettled) {
+      frame.error = std::abs(frame.force);
+      return frame;
+    }
     if (known.state.size() < 2) return frame;
     const double correction = correction_at(depth, left), stiffness = known.slope(depth).force;
     frame.stiffness = stiffness;
@@ -289,7 +292,7 @@ struct Session::Parts {
 
   // See Session::go_on_from().
   void go_on_from(const Parts& before, const Points& its, const std::vector<Index>& of_patch) {
-    if (before.depth <= 0.0) return;
+    if (before.depth == 0.0 || (options.touch && before.depth <= 0.0)) return;
     u.topRows<3>() = its;
     f.setZero();
     f.leftCols(before.f.cols()) = before.f;
@@ -344,7 +347,9 @@ struct Session::Parts {
     system->begin_step(dt);
     v.setZero();
     const std::int64_t at_first =
-        options.touch && call.to > 0.0 && known.state.size() < 2 && !(unsettled && begun) ? find_first_contact() : 0;
+        options.touch && call.to > 0.0 && known.state.size() < 2 && !(unsettled && begun)
+            ? find_first_contact()
+            : 0;
     if (call.to > 0.0 || system->viscoelastic())
       while (comes_nearer(call)) {
       }
@@ -475,12 +480,15 @@ struct Session::Parts {
     const Eigen::VectorXd lambda_before = lambda;
     const Predictor path_before = path;
     const double depth_before = depth;
+    const std::optional<Begun> begun_before = begun;
+    const bool unsettled_before = unsettled;
     const std::vector<double> past = system->past();
     try {
       return move();
     } catch (...) {
       u = u_before, v = v_before, f = f_before, lambda = lambda_before, path = path_before;
       depth = depth_before;
+      begun = begun_before, unsettled = unsettled_before;
       system->restore_past(past);
       throw;
     }

@@ -93,11 +93,11 @@ class Session {
   /// then as it was; or the tool is one that touches.
   std::int64_t step(double depth, double dt);
 
-  /// Goes on from where `before` stands, after a blade has cut its body (cut_by_sheet()). The tool stays where
-  /// it is, the nodes at u [3xN] m, the first of them as they are there; pressures go to the parts of their
-  /// patches, `of_patch` [patches]. Until a frame finds an equilibrium of the cut body this state is shown: its
-  /// tool lags, and its error is the force itself. Throws SolveError: the tissue relaxes, and this session is
-  /// then as it was; std::invalid_argument: other numbers of nodes or patches.
+  /// Goes on from where `before` stands, after a blade has cut its body (cut_by_sheet()). The tool stays
+  /// where it is, the nodes at u [3xN] m, the first of them as they are there; pressures go to the parts of
+  /// their patches, `of_patch` [patches]. Until a frame finds an equilibrium of the cut body this state is
+  /// shown: its tool lags, and its error is the force itself. Throws SolveError: the tissue relaxes, and this
+  /// session is then as it was; std::invalid_argument: other numbers of nodes or patches.
   void go_on_from(const Session& before, const Points& u, const std::vector<Index>& of_patch);
 
   double depth() const;         ///< of the tool [m]

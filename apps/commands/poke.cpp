@@ -35,9 +35,9 @@ struct PokeArguments {
   double rate = 25.0, seconds = 3600.0;
   std::int64_t evaluations = 0;
   bool window = false;
-  std::optional<ToolPath> path = {};        // the script's
-  std::vector<TimedStroke> cuts = {};       // the strokes'
-  std::optional<double> blade = {};         // of a scalpel in the hand [m]
+  std::optional<ToolPath> path = {};   // the script's
+  std::vector<TimedStroke> cuts = {};  // the strokes'
+  std::optional<double> blade = {};    // of a scalpel in the hand [m]
 };
 
 constexpr double for_solving = 0.7;       // of a frame's time; the rest is for drawing
@@ -52,9 +52,9 @@ struct Skin {
 
   // `surface`: with the banks of cuts, if they are drawn yet.
   Skin(const Model& model, const BodySurface* opened) {
-    const Surface surface = opened ? Surface{opened->to_world() * opened->vertex().colwise().homogeneous(),
-                                             opened->triangles()}
-                                   : model.surface;
+    const Surface surface =
+        opened ? Surface{opened->to_world() * opened->vertex().colwise().homogeneous(), opened->triangles()}
+               : model.surface;
     part = reduced_surface(surface, model.tool, most_triangles);
     rest_mm = surface.vertex_mm(Eigen::all, part.vertex);
     moved = inner_interpolation(model, 1e-3 * rest_mm);
@@ -134,7 +134,7 @@ class Poking {
   std::vector<PathFrame> run() {
     window_.pressed = [this](const Vec3& place_mm) { return pressed(place_mm); };
     window_.dragged = [this](double along_mm) {
-      if (!cuts_) asked_ = 1e-3 * std::max(0.0, along_mm);
+      if (!from_mm_) asked_ = 1e-3 * std::max(0.0, along_mm);
     };
     window_.let_go = [this](const Vec3& place_mm) { to_mm_ = place_mm; };
     window_.released = [this] { released(); };
@@ -144,7 +144,10 @@ class Poking {
       return true;
     };
     window_.tick = [this] { return tick(); };
-    finish_after(recording_, tool_, [this] { window_.run(); });
+    finish_after(recording_, tool_, [this] {
+      window_.run();
+      if (stop_asked() == StopReason::none) end_cuts(tool_, options_.cuts, stroke_);
+    });
     return frames_;
   }
   /// Of the socket, if there is one.
@@ -155,8 +158,9 @@ class Poking {
 
   bool pressed(const Vec3& place_mm) {
     notice_.clear();
+    from_mm_.reset(), to_mm_.reset();
     if (cuts_) {
-      from_mm_ = to_mm_ = place_mm;
+      from_mm_ = place_mm;
       return true;
     }
     if (!by_hand()) return false;
@@ -172,12 +176,15 @@ class Poking {
 
   // The tool comes up with the hand; where a scalpel is at hand it stays, so that one can cut beside it.
   void released() {
-    if (!cuts_) {
+    if (!from_mm_) {
       if (!options_.blade) asked_ = 0.0;
       return;
     }
-    if ((to_mm_ - from_mm_).norm() > 0.0)
-      cut(tool_, {1e-3 * from_mm_, 1e-3 * to_mm_, *options_.blade}, options_.evaluations == 0);
+    if (!to_mm_ || *to_mm_ == *from_mm_)
+      notice_ = "not cut: a stroke goes from place to place on the body";
+    else
+      cut(tool_, {1e-3 * *from_mm_, 1e-3 * *to_mm_, *options_.blade}, options_.evaluations == 0);
+    from_mm_.reset();
   }
 
   void touched(bool look) {
@@ -206,7 +213,6 @@ class Poking {
     const double time = path_ ? static_cast<double>(frames_.size()) * period : now;
     if (time > options_.seconds) return false;
     const Index touches = tool_.touches;
-    const std::size_t strokes = tool_.cuts.size();
     const FrameLimit limit{.seconds = for_solving * period, .evaluations = options_.evaluations};
     const Stopwatch solving;
     PathFrame frame{.time = time};
@@ -230,10 +236,8 @@ class Poking {
     const double depth = asked_;
     if (!(drawn_ == Drawn(tool_))) touched(false);
     if (tool_.touches == touches) asked_ = depth;
-    if (tool_.cuts.size() > strokes) notice_ = in_words(tool_.cuts.back());
-    if (tool_.left_out > 0)
-      notice_ = fmt::format("{} of {} cuts are finer than this cloud, and not in its force", tool_.left_out,
-                            tool_.sheets.size());
+    if (tool_.cuts.size() > told_) notice_ = in_words(tool_.cuts.back());
+    told_ = tool_.cuts.size();
     frames_.push_back(frame);
     const Stopwatch drawing;
     draw(frame);
@@ -245,8 +249,12 @@ class Poking {
   }
 
   std::string instrument() const {
-    if (!options_.blade) return "";
-    return cuts_ ? "; the hand cuts (t: it presses)" : "; the hand presses (t: it cuts)";
+    const std::string coarse =
+        tool_.left_out > 0 ? fmt::format("; {} of {} cuts are finer than this cloud, and not in its force",
+                                         tool_.left_out, tool_.sheets.size())
+                           : "";
+    if (!options_.blade) return coarse;
+    return coarse + (cuts_ ? "; the hand cuts (t: it presses)" : "; the hand presses (t: it cuts)");
   }
 
   void draw(const PathFrame& now) {
@@ -261,9 +269,10 @@ class Poking {
         .surface_mm = skin_->rest_mm + u,
         .displacement_mm = u.colwise().norm(),
         .tool_mm = 1e3 * f.depth * tool_.session->tool().push,
-        .words = fmt::format("{}\n{} nodes, {:.0f} frames a second: solving {:.0f} ms, drawing {:.0f} ms{}",
-                             words_of(now, by_hand()) + instrument(), tool_.session->model().node_count(), 1.0 / busy_,
-                             1e3 * solve_s_, 1e3 * draw_s_, notice_.empty() ? "" : "\n" + notice_)});
+        .words =
+            fmt::format("{}\n{} nodes, {:.0f} frames a second: solving {:.0f} ms, drawing {:.0f} ms{}",
+                        words_of(now, by_hand()) + instrument(), tool_.session->model().node_count(),
+                        1.0 / busy_, 1e3 * solve_s_, 1e3 * draw_s_, notice_.empty() ? "" : "\n" + notice_)});
     window_.show(curve_);
     window_.draw();
   }
@@ -276,10 +285,11 @@ class Poking {
   std::optional<Recording> recording_;
   std::optional<ToolPath> path_;
   std::optional<ForceServer> server_;
-  double asked_ = 0.0;                               // depth [m]
-  bool cuts_ = options_.blade.has_value();           // the scalpel is in the hand, not the tool
-  Vec3 from_mm_ = Vec3::Zero(), to_mm_ = from_mm_;  // of its stroke
-  std::size_t stroke_ = 0;                           // the next of the options
+  double asked_ = 0.0;                             // depth [m]
+  bool cuts_ = options_.blade.has_value();         // the scalpel is in the hand, not the tool
+  std::optional<Vec3> from_mm_ = {}, to_mm_ = {};  // of its stroke, while it is made
+  std::size_t told_ = 0;                           // strokes
+  std::size_t stroke_ = 0;                         // the next of the options
   Stopwatch clock_;
   std::vector<PathFrame> frames_;
   std::vector<ShownForce> curve_;
@@ -335,11 +345,19 @@ void check(const PokeArguments& options) {
 // "--tool scalpel:12mm" is what the hand holds; the tool that presses stays the circle.
 std::optional<double> take_scalpel(Flags& flags) {
   constexpr std::string_view name = "scalpel";
+  constexpr double deepest_mm = 1000.0;
   for (auto& [key, text] : flags.given)
     if (key == "tool.shape" && text->starts_with(name)) {
-      const std::string depth = text->size() > name.size() + 1 ? text->substr(name.size() + 1) : "";
+      const bool has_depth = text->size() > name.size() && (*text)[name.size()] == ':';
+      const std::string depth = has_depth ? text->substr(name.size() + 1) : "";
       *text = Config().tool.shape;
-      return 1e-3 * quantity(depth, "--tool scalpel:12mm", "mm", "how deep a scalpel cuts");
+      const double mm = quantity(depth, "--tool scalpel:12mm", "mm", "how deep a scalpel cuts");
+      if (mm > deepest_mm)
+        throw UsageError({.fact = fmt::format("the scalpel cuts {:g} mm deep", mm),
+                          .where = "--tool",
+                          .why = fmt::format("a blade is {:g} mm long at most", deepest_mm),
+                          .remedy = "give millimetres, as scalpel:12mm"});
+      return 1e-3 * mm;
     }
   return {};
 }
@@ -352,6 +370,11 @@ int poke(const Invocation& shared, const CLI::App& command, PokeArguments& optio
   Config config = options.flags.config(command, shared.image);
   const bool windowed = options.window || (options.script.empty() && options.socket.empty());
   if (windowed) require_display();
+  if (options.blade && !windowed)
+    throw UsageError({.fact = "a scalpel is asked for, and there is no window",
+                      .where = "--tool scalpel",
+                      .why = "it is what the hand holds in a window",
+                      .remedy = "add --window, or give --strokes"});
   if (!options.record.empty()) {
     ResultFolder folder(options.record, shared.existing());
     folder.prepare();
@@ -385,6 +408,10 @@ int poke(const Invocation& shared, const CLI::App& command, PokeArguments& optio
   else if (!frames.empty())
     print(in_words(tool.session->model().node_count(), frames) + "\n");
   for (const CutRecord& record : tool.cuts) print(in_words(record) + "\n");
+  if (tool.most_left_out > 0)
+    print(
+        fmt::format("{} of {} cuts were finer than the cloud at another place, and not in its force there\n",
+                    tool.most_left_out, tool.sheets.size()));
   stop_if_asked();
   return 0;
 }
@@ -403,9 +430,10 @@ Command add_poke(CLI::App& app, Invocation& shared) {
           "CSV with time_s, and depth_mm or the tip's x_mm, y_mm, z_mm (LPS): moves the tool without a hand")
       ->type_name("FILE");
   command
-      ->add_option("--strokes", options->strokes,
-                   "CSV with time_s, from_x_mm ..., to_x_mm ..., depth_mm (LPS): a scalpel cuts the body beside "
-                   "the tool of --script; by hand: --tool scalpel:10mm")
+      ->add_option(
+          "--strokes", options->strokes,
+          "CSV with time_s, from_x_mm ..., to_x_mm ..., depth_mm (LPS): a scalpel cuts the body beside "
+          "the tool of --script; by hand: --tool scalpel:10mm")
       ->type_name("FILE");
   command
       ->add_option("--record", options->record,

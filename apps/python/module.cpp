@@ -583,9 +583,7 @@ class LiveSession {
   }
 
  private:
-  SessionGiven given() const {
-    return {config_, materials_, label_names_, rest_ ? &*rest_ : nullptr, 0.0};
-  }
+  SessionGiven given() const { return {config_, materials_, label_names_, rest_ ? &*rest_ : nullptr, 0.0}; }
 
   std::mutex mutex_;
   Config config_;
@@ -922,10 +920,13 @@ SolveError
           "cut",
           [](LiveSession& self, const std::array<double, 3>& from_mm, const std::array<double, 3>& to_mm,
              double depth_mm) {
-            for (const double number : from_mm) require("from_mm", number, true, "it must be a finite number");
-            for (const double number : to_mm) require("to_mm", number, true, "it must be a finite number");
-            require("depth_mm", depth_mm, depth_mm > 0.0, "it must be a finite number above 0");
-            if (from_mm == to_mm) require("to_mm", to_mm[0], false, "a stroke that does not move opens nothing");
+            const char* const place = "it must be a finite number of no more than a kilometre";
+            for (const double number : from_mm) require("from_mm", number, std::abs(number) <= 1e6, place);
+            for (const double number : to_mm) require("to_mm", number, std::abs(number) <= 1e6, place);
+            require("depth_mm", depth_mm, depth_mm > 0.0 && depth_mm <= 1e3,
+                    "it must be a finite number above 0 and not above 1000");
+            if (from_mm == to_mm)
+              require("to_mm", to_mm[0], false, "a stroke that does not move opens nothing");
             self.cut(Vec3(from_mm[0], from_mm[1], from_mm[2]), Vec3(to_mm[0], to_mm[1], to_mm[2]), depth_mm);
           },
           py::kw_only(), py::arg("from_mm"), py::arg("to_mm"), py::arg("depth_mm"),

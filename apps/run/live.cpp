@@ -119,7 +119,20 @@ std::vector<Index> held_nodes(const SessionGiven& given, const Model& model) {
   return held;
 }
 
+// A bonded circle's nodes would hold both banks.
+void refuse_under_circle(const SessionGiven& given, const Model& model, const Sheet& sheet) {
+  if (tool_of(given.config) || loading_of(given.config).contact != Contact::bonded) return;
+  for (const Index a : model.circle)
+    if (sheet.between(model.X.col(a), model.X.col(model.circle.front())))
+      throw ModelError({.fact = "the cut passes under the circle",
+                        .where = "cut",
+                        .why = "the circle's nodes would hold both banks",
+                        .remedy = "cut beside it, or press with --tool sphere:5mm, which touches alone",
+                        .code = "cut"});
+}
+
 SheetCut cut_model(const SessionGiven& given, const Model& model, const std::shared_ptr<const Sheet>& sheet) {
+  refuse_under_circle(given, model, *sheet);
   const std::vector<double> density = tissues_of(given.config, given.label_names, model).density;
   return cut_by_sheet(model, sheet, density, held_nodes(given, model));
 }
@@ -177,6 +190,7 @@ void use(LiveTool& tool, TriedTouch tried) {
   tool.fine = std::move(tried.fine);
   tool.coarse = std::move(tried.coarse);
   tool.left_out = tried.left_out;
+  tool.most_left_out = std::max(tool.most_left_out, tool.left_out);
   ++tool.clouds;
 }
 
@@ -241,14 +255,14 @@ namespace {
 void open_next(LiveTool& tool) {
   if (tool.opening.valid() || tool.opened_cuts == tool.sheets.size()) return;
   const Vec3 keep = 1e3 * tool.session->tool().centre;
-  tool.opening = beside_frames([organ = tool.organ, before = tool.opened,
-                                sheet = tool.sheets[tool.opened_cuts], keep] {
-    const BodySurface& body = before ? *before : organ->organ->body->surface;
-    const Eigen::Isometry3d to_body = body.to_world().inverse();
-    const TriangleMesh own{to_body * (1e3 * sheet->vertex()).colwise().homogeneous(), sheet->triangles()};
-    return std::make_shared<const BodySurface>(
-        cut(body, {own}, organ->config.image.cut_gap_mm, to_body * keep).surface);
-  });
+  tool.opening =
+      beside_frames([organ = tool.organ, before = tool.opened, sheet = tool.sheets[tool.opened_cuts], keep] {
+        const BodySurface& body = before ? *before : organ->organ->body->surface;
+        const Eigen::Isometry3d to_body = body.to_world().inverse();
+        const TriangleMesh own{to_body * (1e3 * sheet->vertex()).colwise().homogeneous(), sheet->triangles()};
+        return std::make_shared<const BodySurface>(
+            cut(body, {own}, organ->config.image.cut_gap_mm, to_body * keep).surface);
+      });
 }
 
 // A surface that cannot be drawn changes no force.
@@ -256,16 +270,19 @@ void take_opening(LiveTool& tool) {
   ++tool.opened_cuts;
   try {
     tool.opened = tool.opening.get();
-  } catch (const ModelError&) {
+  } catch (const Stopped&) {
+    throw;
+  } catch (const std::exception&) {
   }
 }
 
 void take_cut(LiveTool& tool) {
-  CutRecord& record = tool.cuts.emplace_back(tool.strokes.front());
+  CutRecord record = std::move(tool.strokes.front());
   tool.strokes.pop_front();
   try {
     CutSession made = tool.cutting.get();
-    made.session.go_on_from(*tool.session, carried(made.cut, tool.session->displacement()), made.cut.of_patch);
+    made.session.go_on_from(*tool.session, carried(made.cut, tool.session->displacement()),
+                            made.cut.of_patch);
     tool.session.emplace(std::move(made.session));
     tool.sheets.push_back(std::move(made.sheet));
     tool.fine.clear(), tool.coarse.clear();
@@ -276,21 +293,25 @@ void take_cut(LiveTool& tool) {
     record.why = error.report.fact;
   } catch (const SolveError& error) {
     record.why = error.report.fact;
+  } catch (...) {  // Ctrl-C
+    record.why = "it was interrupted";
+    tool.cuts.push_back(std::move(record));
+    throw;
   }
+  tool.cuts.push_back(std::move(record));
 }
 
 void next_cut(LiveTool& tool) {
   if (tool.strokes.empty() || tool.cutting.valid()) return;
   // The model stays where it is until the cut is taken up.
-  tool.cutting = beside_frames([organ = tool.organ, model = &tool.session->model(),
-                                u = tool.session->displacement(), stroke = tool.strokes.front().stroke] {
-    return cut_session(given_of(*organ), *model, u, stroke);
-  }, tbb::task_arena::automatic);
+  tool.cutting = beside_frames(
+      [organ = tool.organ, model = &tool.session->model(), u = tool.session->displacement(),
+       stroke = tool.strokes.front().stroke] { return cut_session(given_of(*organ), *model, u, stroke); },
+      tbb::task_arena::automatic);
 }
 
 void finish_cuts(LiveTool& tool) {
   for (next_cut(tool); tool.cutting.valid(); next_cut(tool)) take_cut(tool);
-  for (open_next(tool); tool.opening.valid(); open_next(tool)) take_opening(tool);
 }
 
 }  // namespace
@@ -304,7 +325,16 @@ void take_cuts(LiveTool& tool) {
 
 void cut(LiveTool& tool, const Stroke& stroke, bool beside) {
   tool.strokes.push_back({.stroke = stroke});
-  beside ? next_cut(tool) : finish_cuts(tool);
+  next_cut(tool);
+  if (beside) return;
+  finish_cuts(tool);
+  for (open_next(tool); tool.opening.valid(); open_next(tool)) take_opening(tool);
+}
+
+void end_cuts(LiveTool& tool, const std::vector<TimedStroke>& strokes, std::size_t next) {
+  finish_cuts(tool);
+  for (; next < strokes.size(); ++next)
+    tool.cuts.push_back({.stroke = strokes[next].stroke, .why = "the way ended before its time"});
 }
 
 LiveTool make_live_tool(const LiveOrgan& organ, Index nodes) {
@@ -339,11 +369,12 @@ void put_down(LiveTool& tool, const Vec3& tip, bool beside) {
   ++tool.touches;
 }
 
-CutSession cut_session(const SessionGiven& given, const Model& before, const Points& u, const Stroke& stroke) {
+CutSession cut_session(const SessionGiven& given, const Model& before, const Points& u,
+                       const Stroke& stroke) {
   constexpr double fields = 6.0;  // along a stroke: as far as a short one may be bent
   const double step = std::max({given.step_mm, 1e3 * (stroke.to - stroke.from).norm() / fields, 1e-3});
-  const TriangleMesh blade = stroke_at_rest(1e3 * stroke.from, 1e3 * stroke.to, 1e3 * stroke.depth, step,
-                                            before, u, *given.rest);
+  const TriangleMesh blade =
+      stroke_at_rest(1e3 * stroke.from, 1e3 * stroke.to, 1e3 * stroke.depth, step, before, u, *given.rest);
   const auto sheet = std::make_shared<const Sheet>(1e-3 * blade.vertex, blade.triangles);
   SheetCut cut = cut_model(given, before, sheet);
   Session session = session_on(given, std::move(cut.model));
@@ -493,14 +524,15 @@ std::vector<PathFrame> follow_path(LiveTool& tool, const ToolPath& path, const P
   std::vector<PathFrame> frames;
   const double lasts = path.time.back() - path.time.front(), dt = 1.0 / options.rate;
   const auto count = static_cast<std::int64_t>(std::floor(lasts * options.rate + 1e-9)) + 1;
-  auto stroke = options.strokes.begin();
+  std::size_t stroke = 0;
   for (std::int64_t i = 0; i < count && stop_asked() == StopReason::none; ++i) {
     const double now = path.time.front() + static_cast<double>(i) * dt;
-    for (; stroke != options.strokes.end() && stroke->time <= now; ++stroke)
-      cut(tool, stroke->stroke, false);
+    for (; stroke < options.strokes.size() && options.strokes[stroke].time <= now; ++stroke)
+      cut(tool, options.strokes[stroke].stroke, false);
     frames.push_back(path_frame(tool, path, now, options.limit, dt));
     if (each) each(frames.back());
   }
+  if (stop_asked() == StopReason::none) end_cuts(tool, options.strokes, stroke);
   return frames;
 }
 
@@ -541,8 +573,16 @@ void write_cuts(const fs::path& folder, const std::vector<CutRecord>& cuts) {
   Table times{.header = {"made_ms"}, .column = std::vector<std::vector<double>>(1)};
   for (const CutRecord& one : cuts) {
     const Vec3 from = 1e3 * one.stroke.from, to = 1e3 * one.stroke.to;
-    const double row[] = {from.x(), from.y(), from.z(), to.x(), to.y(), to.z(), 1e3 * one.stroke.depth,
-                          one.why.empty() ? 1.0 : 0.0, 1e6 * one.area, static_cast<double>(one.nodes)};
+    const double row[] = {from.x(),
+                          from.y(),
+                          from.z(),
+                          to.x(),
+                          to.y(),
+                          to.z(),
+                          1e3 * one.stroke.depth,
+                          one.why.empty() ? 1.0 : 0.0,
+                          1e6 * one.area,
+                          static_cast<double>(one.nodes)};
     for (std::size_t c = 0; c < table.column.size(); ++c) table.column[c].push_back(row[c]);
     times.column[0].push_back(1e3 * one.seconds);
   }
@@ -566,14 +606,22 @@ std::vector<TimedStroke> read_strokes(const fs::path& file) {
     const TimedStroke one{at(0),
                           {1e-3 * Vec3(at(1), at(2), at(3)), 1e-3 * Vec3(at(4), at(5), at(6)), 1e-3 * at(7)}};
     if (k > 0 && one.time < strokes.back().time)
-      refuse_path(file, fmt::format("row {} is at {:g} s, the one before at {:g} s", k + 1, one.time,
-                                    strokes.back().time),
-                  "strokes are made one after the other", "sort the rows");
+      refuse_path(
+          file,
+          fmt::format("row {} is at {:g} s, the one before at {:g} s", k + 1, one.time, strokes.back().time),
+          "strokes are made one after the other", "sort the rows");
+    constexpr double farthest = 1e3, deepest = 1.0;  // m
+    if (one.stroke.from.cwiseAbs().maxCoeff() > farthest || one.stroke.to.cwiseAbs().maxCoeff() > farthest ||
+        one.stroke.depth > deepest)
+      refuse_path(file,
+                  fmt::format("the stroke in row {} lies more than 1 km away, or is deeper than 1 m", k + 1),
+                  "places are in mm, LPS", "give millimetres");
     if (!(one.stroke.depth > 0.0) || one.stroke.from == one.stroke.to)
-      refuse_path(file, fmt::format("the stroke in row {} has no {}", k + 1,
-                                    one.stroke.depth > 0.0 ? "length" : "depth"),
-                  "an edge cuts as far as it is moved and as deep as it is pushed",
-                  "give two places and a depth_mm above zero");
+      refuse_path(
+          file,
+          fmt::format("the stroke in row {} has no {}", k + 1, one.stroke.depth > 0.0 ? "length" : "depth"),
+          "an edge cuts as far as it is moved and as deep as it is pushed",
+          "give two places and a depth_mm above zero");
     strokes.push_back(one);
   }
   return strokes;

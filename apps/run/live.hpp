@@ -1,8 +1,8 @@
 #pragma once
 
-#include <filesystem>
 #include <chrono>
 #include <deque>
+#include <filesystem>
 #include <functional>
 #include <future>
 #include <memory>
@@ -34,7 +34,8 @@ LiveOrgan read_live_organ(const Config& config, const RunObserver& observer = {}
 Site site_at(const LiveOrgan& live, const std::optional<Vec3>& tip = {});
 /// Blades at rest [m, LPS] that have cut an organ, in their order.
 using Sheets = std::vector<std::shared_ptr<const Sheet>>;
-/// A cloud of `nodes` there, cut. `left_out`, if given: how many of the cuts it is too coarse for, and is without.
+/// A cloud of `nodes` there, cut. `left_out`, if given: how many of the cuts it is too coarse for, and is
+/// without.
 Session touch(const LiveOrgan& live, Index nodes, const Site& site, const Sheets& sheets = {},
               Index* left_out = nullptr);
 
@@ -67,9 +68,9 @@ struct SessionGiven {
   const BodySurface* rest = nullptr;
   double step_mm = 0.0;
 };
-/// `before`: the body's model, its nodes displaced by u [3xN] m. Throws ModelError ("cut"): the blade misses the
-/// body, or parts a piece off that nothing holds; there is no one way into the body along it, or none back to
-/// where it was at rest (stroke_at_rest()).
+/// `before`: the body's model, its nodes displaced by u [3xN] m. Throws ModelError ("cut"): the blade misses
+/// the body, or parts a piece off that nothing holds; there is no one way into the body along it, or none
+/// back to where it was at rest (stroke_at_rest()).
 CutSession cut_session(const SessionGiven& given, const Model& before, const Points& u, const Stroke& stroke);
 /// A session on a model, under the options' loads and supports, with the tool that they name.
 Session session_on(const SessionGiven& given, Model model);
@@ -81,10 +82,10 @@ inline constexpr Index first_nodes = 400;
 struct CutRecord {
   Stroke stroke;
   std::chrono::steady_clock::time_point asked = std::chrono::steady_clock::now();
-  double area = 0.0;      ///< of the blade in the tissue, at rest [m^2]
-  Index nodes = 0;        ///< that the banks got
-  double seconds = 0.0;   ///< from the stroke until frames followed the cut body [s]
-  std::string why = {};   ///< it has not cut
+  double area = 0.0;     ///< of the blade in the tissue, at rest [m^2]
+  Index nodes = 0;       ///< that the banks got
+  double seconds = 0.0;  ///< from the stroke until frames followed the cut body [s]
+  std::string why = {};  ///< it has not cut
 };
 
 /// A tool that is moved freely: the tip's pose in, the frame out. Between two touches it is in the air, and
@@ -105,8 +106,9 @@ struct LiveTool {
   std::future<TriedTouch> finer = {};                  ///< in the making
   std::vector<std::future<TriedTouch>> given_up = {};  ///< of places that it has left again
   Site finer_site = {};
-  Index left_out = 0;               ///< of `sheets`, that this cloud is too coarse for
-  Sheets sheets = {};               ///< of all strokes that have cut
+  Index left_out = 0;                  ///< of `sheets`, that this cloud is too coarse for
+  Index most_left_out = 0;             ///< of all clouds so far
+  Sheets sheets = {};                  ///< of all strokes that have cut
   std::deque<CutRecord> strokes = {};  ///< of which the first is in the making
   std::future<CutSession> cutting = {};
   std::vector<CutRecord> cuts = {};                ///< of each stroke, whether it has cut or not
@@ -120,7 +122,7 @@ LiveTool make_live_tool(const LiveOrgan& organ, Index nodes);
 /// other is made; else it is waited for, and nothing depends on a clock.
 void put_down(LiveTool& tool, const Vec3& tip, bool beside);
 /// The body is cut where it now is. `beside`: beside the frames that follow, and one of them goes on with the
-/// cut body, some hundredths of a second later; else at once, and nothing depends on a clock. What is wrong
+/// cut body, about a tenth of a second later; else at once, and nothing depends on a clock. What is wrong
 /// with it is in its record, the last of tool.cuts. No band is known of the force on a cut cloud.
 void cut(LiveTool& tool, const Stroke& stroke, bool beside);
 /// What was made beside the frames is taken up; move_tip() and move_depth() do so too.
@@ -131,8 +133,10 @@ struct TimedStroke {
   double time;  ///< [s]
   Stroke stroke;
 };
-/// Throws InputError: no such columns, times that fall, no depth.
+/// Throws InputError: no such columns, times that fall, no depth or length, not in mm.
 std::vector<TimedStroke> read_strokes(const std::filesystem::path& file);
+/// The way has ended: what waits is made, and strokes from `next` on are recorded as not made.
+void end_cuts(LiveTool& tool, const std::vector<TimedStroke>& strokes, std::size_t next);
 /// "line:x,y,z,x,y,z,depth=12mm", as --cut has it.
 std::string in_words(const Stroke& stroke);
 /// What came of it, in a line.
@@ -187,8 +191,8 @@ std::vector<PathFrame> follow_path(LiveTool& tool, const ToolPath& path, const P
 /// residual, evaluations, tool, and the vector of the force on the tool and its moment; and what differs from
 /// one time to the next, times.csv: time_s, frame_ms.
 void write_path_frames(const std::filesystem::path& folder, const std::vector<PathFrame>& frames);
-/// cuts.csv: the places of each stroke, area_mm2, nodes, and 1 in `cut` if it has cut; and what differs from one
-/// time to the next, cut_times.csv: made_ms.
+/// cuts.csv: the places of each stroke, area_mm2, nodes, and 1 in `cut` if it has cut; and what differs from
+/// one time to the next, cut_times.csv: made_ms.
 void write_cuts(const std::filesystem::path& folder, const std::vector<CutRecord>& cuts);
 
 /// As many nodes as can be followed at `rate` frames a second on this machine, tried with the cloud of 1000

@@ -154,6 +154,7 @@ struct ForceServer::Parts {
   LiveFrame frame;  // the last
   ToolPlace tool;   // of the last touch
   Index touches = 0;
+  std::size_t cuts = 0;          // likewise
   std::optional<Vec3> no_place;  // where it could not come down
   Served served;
 
@@ -329,8 +330,9 @@ PathFrame ForceServer::move(LiveTool& tool, const FrameLimit& limit, double dt) 
   now.seconds = watch.seconds();
   now.half_band = half_band(tool);
   const std::lock_guard lock(p.mutex);
-  if (p.touches != tool.touches) forget(p.between);
+  if (p.touches != tool.touches || p.cuts != tool.sheets.size()) forget(p.between);
   p.touches = tool.touches;
+  p.cuts = tool.sheets.size();
   p.no_place = no_place ? std::optional(tip) : std::nullopt;
   p.tool = tool.session->tool();
   p.between.radius = p.tool.radius;

@@ -274,8 +274,8 @@ void take_poses(Config& config) {
     refuse_poses(config, "a column of time_s, x_mm, y_mm, z_mm is not there",
                  fmt::format("the columns are named {}", fmt::join(table.header, ", ")),
                  "give these, of the tool's tip in LPS, and qw, qx, qy, qz where it turns");
-  const std::array<const std::vector<double>*, 4> turn = {table.find("qw"), table.find("qx"), table.find("qy"),
-                                                          table.find("qz")};
+  const std::array<const std::vector<double>*, 4> turn = {table.find("qw"), table.find("qx"),
+                                                          table.find("qy"), table.find("qz")};
   if (std::count(turn.begin(), turn.end(), nullptr) % 4 != 0)
     refuse_poses(config, "a quaternion lacks a column", "it has the four numbers qw, qx, qy, qz",
                  "give all of them, or none");
@@ -285,16 +285,18 @@ void take_poses(Config& config) {
                  "give where it first touches and where it goes from there");
   for (std::size_t k = 1; k < table.rows(); ++k) {
     if (!((*time)[k] > (*time)[k - 1]))
-      refuse_poses(config,
-                   fmt::format("row {} is at {:g} s, the one before at {:g} s", k + 1, (*time)[k], (*time)[k - 1]),
-                   "time rises along a way", "sort the rows, and leave out those that stand twice");
+      refuse_poses(
+          config,
+          fmt::format("row {} is at {:g} s, the one before at {:g} s", k + 1, (*time)[k], (*time)[k - 1]),
+          "time rises along a way", "sort the rows, and leave out those that stand twice");
     Config::Step step{.order = static_cast<int>(k)};
     const Vec3 way((*x)[k] - (*x)[k - 1], (*y)[k] - (*y)[k - 1], (*z)[k] - (*z)[k - 1]);
     const Eigen::AngleAxisd by(turn_of(config, turn, k) * turn_of(config, turn, k - 1).conjugate());
     const Vec3 degrees = by.angle() * 180.0 / std::numbers::pi * by.axis();
     if (!way.isZero(0.0)) step.move_mm.assign(way.begin(), way.end());
     if (degrees.norm() > least_turned_deg) step.turn_deg.assign(degrees.begin(), degrees.end());
-    if (!step.move_mm.empty() || !step.turn_deg.empty()) config.step[fmt::format("pose_{:04d}", k + 1)] = step;
+    if (!step.move_mm.empty() || !step.turn_deg.empty())
+      config.step[fmt::format("pose_{:04d}", k + 1)] = step;
   }
   if (config.step.empty())
     refuse_poses(config, "the tool is in one place all the time", "a way goes somewhere", "let it move");

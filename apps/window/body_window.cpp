@@ -45,8 +45,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <optional>
 #include <numbers>
+#include <optional>
 #include <vector>
 
 #include "apps/window/display.hpp"
@@ -413,7 +413,8 @@ BodyWindow::BodyWindow(const WindowOptions& options) {
     if (dragged) dragged(parts_->dragged_to(x, y));
   };
   p.style->up = [this] {
-    if (const auto place = let_go ? parts_->body_at(parts_->to_x, parts_->to_y) : std::nullopt) let_go(*place);
+    if (const auto place = let_go ? parts_->body_at(parts_->to_x, parts_->to_y) : std::nullopt)
+      let_go(*place);
     if (released) released();
   };
   p.style->key = [this](const std::string& name) { return key && key(name); };

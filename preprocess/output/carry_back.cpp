@@ -106,7 +106,8 @@ class WayBack {
   }
 
  private:
-  // X [mm, the surface's own frame], outside of the body at rest: next to it, and not in a gap, where another wall comes behind.
+  // X [mm, the surface's own frame], outside of the body at rest: next to it, and not in a gap, where another
+  // wall comes behind.
   static bool is_beside(const Vec3& X, const BodySurface& rest, double spacing) {
     const BodySurface::Closest next = rest.closest(X);
     if (next.distance > beside_the_body * spacing) return false;
@@ -339,25 +340,25 @@ TriangleMesh stroke_at_rest(const Vec3& x, const Vec3& y, double depth, double s
            "the surface near it faces opposite ways, or along it",
            "go from place to place on one side of the body");
   const TriangleMesh sheet = swept_sheet(x, y, into.normalized(), above + 0.1 * step, depth, step);
-  // Some lie in what another cut has opened, next to a node of its bank.
-  const Index most_lost = sheet.vertex.cols() / 4;
   Points way = Points::Zero(3, sheet.vertex.cols());
   std::vector<char> known(static_cast<std::size_t>(sheet.vertex.cols()), 0);
-  Index settled = 0, lost_ones = 0;
+  Index settled = 0, lost_ones = 0;  // some lie in what another cut has opened, next to a node of its bank
+  Vec3 last_lost = x;
   for (Index v = 0; v < sheet.vertex.cols(); ++v) {
     stop_if_asked();
     const Vec3 place = sheet.vertex.col(v);
     const WayBack::Found found = way_back.places_at_rest(1e-3 * place, rest);
     if (found.inside.size() > 1) refuse_two_places(place);
-    if (!found.settles && way_back.is_by_a_node(1e-3 * place) && ++lost_ones > most_lost)
-      refuse_lost(place);
+    if (!found.settles && way_back.is_by_a_node(1e-3 * place)) ++lost_ones, last_lost = place;
     if (found.inside.empty() && !found.beside) continue;
     way.col(v) = 1e3 * (found.inside.empty() ? *found.beside : found.inside.front()) - place;
     known[static_cast<std::size_t>(v)] = 1;
     ++settled;
   }
+  if (3 * lost_ones > settled && lost_ones > 0) refuse_lost(last_lost);  // more than a quarter of the two
   if (settled == 0)
-    refuse("the blade meets no tissue", "its way lies beside the body as it now is", "move it, or cut deeper");
+    refuse("the blade meets no tissue", "its way lies beside the body as it now is",
+           "move it, or cut deeper");
   continue_over(sheet, known, way);
   return {sheet.vertex + way, sheet.triangles};
 }

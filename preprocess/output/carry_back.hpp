@@ -23,13 +23,14 @@ BodySurface deformed_surface(const Model& model, const Points& u);
 /// sheet lies in the body or near to it; Stopped.
 TriangleMesh carried_back(const TriangleMesh& sheet, const Model& model, const Points& u);
 
-/// Where a straight stroke on the deformed body lies at rest: an edge goes from x to y [mm, LPS] on its surface,
-/// straight into the tissue there, `depth` [mm] below the way between the two; in triangles of `step` [mm].
+/// Where a straight stroke on the deformed body lies at rest: an edge goes from x to y [mm, LPS] on its
+/// surface, straight into the tissue there, `depth` [mm] below the way between the two; in triangles of
+/// `step` [mm].
 ///
-/// As carried_back() of what it sweeps, without the deformed surface, which a live cut has no time for: the way
-/// into the body is the mean of the rest surface's normals along the stroke, turned by the deformation gradient
-/// there, and outside of the tissue the way back continues from that inside alone. `rest`: the model's surface.
-/// Throws ModelError ("cut"): no way into the body, or none back to where it was.
+/// As carried_back() of what it sweeps, without the deformed surface, which a live cut has no time for: the
+/// way into the body is the mean of the rest surface's normals along the stroke, turned by the deformation
+/// gradient there, and outside of the tissue the way back continues from that inside alone. `rest`: the
+/// model's surface. Throws ModelError ("cut"): no way into the body, or none back to where it was.
 TriangleMesh stroke_at_rest(const Vec3& x, const Vec3& y, double depth, double step, const Model& model,
                             const Points& u, const BodySurface& rest);
 

@@ -205,7 +205,8 @@ void add_nodes(const Model& before, const Sheet& sheet, Divided& cut) {
   std::vector<double> spacing;
   std::vector<int> near;
   for (std::size_t k = 0; k < cut.parts.size(); ++k) {
-    const double h = spacing_at(before, cut.whole[static_cast<std::size_t>(before.point_count()) + k]);
+    const Index q = cut.whole[static_cast<std::size_t>(before.point_count()) + k];
+    const double h = spacing_at(before, q);
     const std::optional<Vec3> place = place_on_sheet(cut.parts[k], sheet);
     if (!place || distance_to(ends, *place) < from_end * h ||
         std::any_of(on_sheet.begin(), on_sheet.end(),
@@ -215,6 +216,7 @@ void add_nodes(const Model& before, const Sheet& sheet, Divided& cut) {
     const Vec3 across = (cut.parts[k][0].middle - cut.parts[k][1].middle).normalized();
     for (const double side : {1.0, -1.0}) {
       const Vec3 x = *place + side * off_sheet * h * across;
+      if (before.sight && !before.sight->point_sees(q, x)) continue;  // it would belong to no point
       nodes.within(*place, from_others * h, near);
       if (std::any_of(near.begin(), near.end(), [&](int a) { return !sheet.between(before.X.col(a), x); }))
         continue;
@@ -238,8 +240,8 @@ double margin_of(const Model& model, Index q) {
   return 2.0 * std::sqrt(std::max(0.0, model.second_moments.col(q).head<3>().sum()));
 }
 
-// How far from its middle the eight places are that a cell's gradients are means over: their signs are along the
-// body's own axes.
+// How far from its middle the eight places are that a cell's gradients are means over: their signs are along
+// the body's own axes.
 double farthest_place(const Model& model, Index q) {
   if (model.second_moments.cols() == 0) return 0.0;
   const Mat3 own = model.axes.transpose() * as_matrix(model.second_moments, q) * model.axes;
@@ -247,7 +249,8 @@ double farthest_place(const Model& model, Index q) {
   return 1.001 * std::sqrt(std::max(0.0, own.trace() + 2.0 * across));
 }
 
-// Points whose cell is divided, that a node of theirs is hidden from, or that an added one reaches; ascending.
+// Points whose cell is divided, that a node of theirs is hidden from, or that an added one reaches;
+// ascending.
 std::vector<Index> changed_points(const Model& before, const Divided& cut, const Sheet& sheet,
                                   Looked looked) {
   const auto all = static_cast<Index>(cut.whole.size());
@@ -271,8 +274,8 @@ std::vector<Index> changed_points(const Model& before, const Divided& cut, const
       for (const int a : nodes) farthest = std::max(farthest, (before.X.col(a) - x).norm());
       if (!sheet.reaches(x, farthest + off_sheet * farthest)) return;
     }
-    bool is_changed = std::any_of(nodes.begin(), nodes.end(),
-                                  [&](int a) { return sheet.between(before.X.col(a), x); });
+    bool is_changed =
+        std::any_of(nodes.begin(), nodes.end(), [&](int a) { return sheet.between(before.X.col(a), x); });
     for (Index k = 0; k < added && !is_changed; ++k)
       is_changed = (its.col(k) - x).norm() < radius[k] + margin && !sheet.between(its.col(k), x);
     changed[static_cast<std::size_t>(q)] = is_changed;
@@ -308,8 +311,7 @@ Neighbourhood neighbourhood_of(const Model& model, std::vector<Index> points, Lo
     const double reach = factor * model.spacing[a] + margin;
     const Vec3 x = model.X.col(a);
     const bool near_points = ((x - lower).array() >= -reach).all() && ((x - upper).array() <= reach).all();
-    if (near_points || looked == Looked::everywhere)
-      near.node.push_back(a);
+    if (near_points || looked == Looked::everywhere) near.node.push_back(a);
   }
   Model& its = near.model;
   its.scheme = model.scheme;
@@ -335,17 +337,20 @@ bool contains(const std::vector<Index>& ascending, Index k) {
   return std::binary_search(ascending.begin(), ascending.end(), k);
 }
 
-void find_changed(Neighbourhood& near, const Model& before, const std::vector<Index>& whole,
-                  const Sheet& sheet, const Sight& sight) {
-  // What belonged to a point before was seen by it, unless it took what it does not see, for want of others.
+// `model`: the cut one, its supports not known yet.
+void find_changed(Neighbourhood& near, const Model& before, const Model& model, const Sheet& sheet,
+                  const Sight& sight) {
+  // What belonged to a point before was seen by it, unless it took what it does not see, for want of others;
+  // the parts of a cell have middles of their own.
   std::vector<char> saw_all(near.point.size());
   for (std::size_t p = 0; p < saw_all.size(); ++p)
-    saw_all[p] = !contains(before.support_report.unconnected, whole[static_cast<std::size_t>(near.point[p])]);
+    saw_all[p] = near.point[p] < before.point_count() &&
+                 before.point.col(near.point[p]) == model.point.col(near.point[p]) &&
+                 !contains(before.support_report.unconnected, near.point[p]);
   find_supports_seen(near.model, [&](int k, Index p) {
     const Index a = near.node[static_cast<std::size_t>(k)], q = near.point[static_cast<std::size_t>(p)];
-    const bool known = saw_all[static_cast<std::size_t>(p)] && a < before.node_count() &&
-                       has(before, whole[static_cast<std::size_t>(q)], a);
-    return known ? !sheet.between(near.model.X.col(k), near.model.point.col(p)) : sight.sees(a, q);
+    const bool known = saw_all[static_cast<std::size_t>(p)] && a < before.node_count() && has(before, q, a);
+    return known ? !sheet.between(model.X.col(a), model.point.col(q)) : sight.sees(a, q);
   });
 }
 
@@ -460,15 +465,18 @@ void take_variance(const Model& before, const Neighbourhood& near, const std::ve
                                     [&](const GradientVariance& v) { return v.tissue == old.tissue; });
     if (found == near.model.variance.end()) {
       now = old;
+      const Index rows = now.rows.rows();
+      now.rows.offset.conservativeResize(model.node_count() + 1);
+      now.rows.offset.tail(model.node_count() - rows).setConstant(now.rows.offset[rows]);
       continue;
     }
-    now.rows = put_together(
-        old.rows, found->rows, of, same, names_of(near.node), [&](Index to, Index first, Index n, bool is_now) {
-          if (to < 0)
-            now.K.resize(n);
-          else
-            now.K.segment(to, n) = (is_now ? found->K : old.K).segment(first, n);
-        });
+    now.rows = put_together(old.rows, found->rows, of, same, names_of(near.node),
+                            [&](Index to, Index first, Index n, bool is_now) {
+                              if (to < 0)
+                                now.K.resize(n);
+                              else
+                                now.K.segment(to, n) = (is_now ? found->K : old.K).segment(first, n);
+                            });
   }
 }
 
@@ -525,11 +533,11 @@ SheetCut cut_by_sheet(const Model& before, const std::shared_ptr<const Sheet>& s
     refuse("the blade meets no tissue", "its way lies beside the body, or goes where another cut has gone",
            "move it");
   const Eigen::VectorXd radius = model.scheme.support.effective_radius_factor() * model.spacing;
-  const auto sight = std::make_shared<const Sight>(before.sight, sheet, model, before.node_count(), radius, divided.whole);
+  const auto sight = std::make_shared<const Sight>(before.sight, sheet, model, radius, divided.whole);
   model.sight = sight;
 
   Neighbourhood near = neighbourhood_of(model, changed, looked);
-  find_changed(near, before, divided.whole, *sheet, *sight);
+  find_changed(near, before, model, *sheet, *sight);
   take_supports(before, near, divided.whole, model);
   model.support_report = before.support_report;
   model.support_report.unseen += near.model.support_report.unseen;

@@ -24,7 +24,8 @@ Points carried(const SheetCut& cut, const Points& u);
 
 /// Where a cut looks for what changes: the same result, bit for bit.
 enum class Looked {
-  near_sheet,  ///< only there: in a time that grows with the sheet, but for packed lists that are copied whole
+  near_sheet,  ///< only there: in a time that grows with the sheet, but for packed lists that are copied
+               ///< whole
   everywhere   ///< at every point and node
 };
 
@@ -36,14 +37,15 @@ enum class Looked {
 /// nodes: without them gradients at the banks, from nodes that lie up to a spacing inside, were ten times as
 /// large as elsewhere, and of a block no equilibrium was found. Supports, gradients, variance and patches are
 /// found again where nodes were lost or won; a patch of which the sheet leaves parts without a common node is
-/// as many, but parts of less than a quarter of it, less than two nodes' worth, go to the patches that overlap
-/// them. All else keeps its bits: where gradients were made consistent (make_consistent()), they stay so away
-/// from the sheet.
+/// as many, but parts of less than a quarter of it, less than two nodes' worth, go to the patches that
+/// overlap them. All else keeps its bits: where gradients were made consistent (make_consistent()), they stay
+/// so away from the sheet.
 ///
-/// The surface stays that of the body before: the sheet's banks are for whoever draws them.
+/// The surface stays that of the body before: the sheet's banks are for whoever draws them. So does the
+/// report on supports, but for what is unseen and unconnected.
 ///
 /// `density`: of each tissue [kg/m^3]. `held`: nodes that anything holds. Throws ModelError ("cut"): the
-/// sheet passes no cell, or it parts nodes from all that are held; and what find_supports() throws; Stopped.
+/// sheet changes nothing, or it parts nodes from all that are held; and what find_supports() throws; Stopped.
 SheetCut cut_by_sheet(const Model& model, const std::shared_ptr<const Sheet>& sheet,
                       const std::vector<double>& density, const std::vector<Index>& held,
                       Looked looked = Looked::near_sheet);

@@ -30,7 +30,8 @@ Sheet::Sheet(Points vertex, Triangles triangles)
   size_ = (upper_ - lower_).norm();
   for (Index t = 0; t < triangles_.cols(); ++t) {
     const Vec3 a = vertex_.col(triangles_(0, t));
-    normal_.col(t) = (vertex_.col(triangles_(1, t)) - a).cross(vertex_.col(triangles_(2, t)) - a).normalized();
+    normal_.col(t) =
+        (vertex_.col(triangles_(1, t)) - a).cross(vertex_.col(triangles_(2, t)) - a).normalized();
   }
 }
 

@@ -104,36 +104,45 @@ Sight::Sight(const Discretisation& model, const Eigen::VectorXd& radius)
 }
 
 Sight::Sight(std::shared_ptr<const Sight> before, std::shared_ptr<const Sheet> sheet,
-             const Discretisation& cut, Index nodes_before, const Eigen::VectorXd& radius,
-             std::vector<Index> whole)
-    : sheet_(std::move(sheet)),
-      before_(std::move(before)),
+             const Discretisation& cut, const Eigen::VectorXd& radius, std::vector<Index> whole)
+    : of_surface_(before),
       whole_(std::move(whole)),
-      nodes_before_(nodes_before),
       X_(cut.X),
       point_(cut.point),
       clear_radius_(looked_within * radius) {
+  Index nodes = before ? before->X_.cols() : cut.node_count();
+  if (before && !before->sheets_.empty()) {
+    sheets_ = before->sheets_;
+    of_surface_ = before->of_surface_;
+    for (Index& q : whole_) q = before->whole_[static_cast<std::size_t>(q)];
+  }
+  sheets_.push_back(std::move(sheet));
   tbb::parallel_for(Index{0}, cut.node_count(), [&](Index a) {
-    if ((before_ && (a >= nodes_before_ || !before_->sees_all(a))) || sheet_->reaches(X_.col(a), clear_radius_[a]))
-      clear_radius_[a] = 0.0;
+    const bool was_clear = !before || (a < nodes && before->sees_all(a));
+    if (!was_clear || sheets_.back()->reaches(X_.col(a), clear_radius_[a])) clear_radius_[a] = 0.0;
   });
 }
 
+bool Sight::through_sheets(const Vec3& x, const Vec3& y) const {
+  return std::any_of(sheets_.begin(), sheets_.end(), [&](const auto& sheet) { return sheet->between(x, y); });
+}
+
 bool Sight::point_sees(Index point, const Vec3& x) const {
-  if (sheet_)
-    return !sheet_->between(point_.col(point), x) &&
-           (!before_ || before_->point_sees(whole_[static_cast<std::size_t>(point)], x));
+  if (!sheets_.empty())
+    return !through_sheets(point_.col(point), x) &&
+           (!of_surface_ || of_surface_->point_sees(whole_[static_cast<std::size_t>(point)], x));
   const Vec3 there = own(x);
   return (there - point_.col(point)).norm() <= 1e3 * point_depth_[point] ||
          dimple::sees(*surface_, point_.col(point), there, 1e3 * point_spacing_[point]);
 }
 
 bool Sight::sees(Index node, Index point) const {
-  if (sheet_) {
-    if (clear_radius_[node] == 0.0 && sheet_->between(X_.col(node), point_.col(point))) return false;
+  if (!sheets_.empty()) {
+    const Vec3 x = X_.col(node), y = point_.col(point);
+    if ((y - x).norm() > clear_radius_[node] && through_sheets(x, y)) return false;
     const Index whole = whole_[static_cast<std::size_t>(point)];
-    return !before_ ||
-           (node < nodes_before_ ? before_->sees(node, whole) : before_->point_sees(whole, X_.col(node)));
+    return !of_surface_ || (node < of_surface_->X_.cols() ? of_surface_->sees(node, whole)
+                                                          : of_surface_->point_sees(whole, x));
   }
   const double away = 1e-3 * (point_.col(point) - X_.col(node)).norm();
   // Around each of the two a ball lies in the tissue: if both together reach, there is no need to look.

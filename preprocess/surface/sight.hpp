@@ -35,10 +35,11 @@ class Sight {
  public:
   /// `radius` [N]: of the nodes' supports. The model has a surface.
   Sight(const Discretisation& model, const Eigen::VectorXd& radius);
-  /// What is left of it with a sheet [m, LPS] between the nodes of `cut`, the first of them the same as before,
-  /// and its points, each a part of one of those before: `whole` [Q]. `before`: null: nothing was hidden.
+  /// What is left of it with a sheet [m, LPS] between the nodes of `cut`, the first of them the same as
+  /// before, and its points, each a part of one of those before: `whole` [Q]. `before`: null: nothing was
+  /// hidden.
   Sight(std::shared_ptr<const Sight> before, std::shared_ptr<const Sheet> sheet, const Discretisation& cut,
-        Index nodes_before, const Eigen::VectorXd& radius, std::vector<Index> whole);
+        const Eigen::VectorXd& radius, std::vector<Index> whole);
   bool sees(Index node, Index point) const;  ///< a node and an integration point
   /// Does an integration point see x?
   bool point_sees(Index point, const Vec3& x) const;
@@ -49,11 +50,12 @@ class Sight {
 
  private:
   Points own(const Points& x) const;
-  // Of a body that a sheet has cut; all but X_, point_ and clear_radius_ is then that of the body before.
-  std::shared_ptr<const Sheet> sheet_ = {};
-  std::shared_ptr<const Sight> before_ = {};
-  std::vector<Index> whole_ = {};  // [Q]
-  Index nodes_before_ = 0;
+  bool through_sheets(const Vec3& x, const Vec3& y) const;
+  // Of a body that sheets have cut: these, what the body's surface hid before, and of each point that of the
+  // body then. All else but X_, point_ and clear_radius_ is empty.
+  std::vector<std::shared_ptr<const Sheet>> sheets_ = {};
+  std::shared_ptr<const Sight> of_surface_ = {};  // null: nothing
+  std::vector<Index> whole_ = {};                 // [Q]
   Mat3 axes_;
   Vec3 centre_;
   Eigen::VectorXd spacing_;                      // [N] m

@@ -2,11 +2,11 @@
 //
 //   dimple_strokes FOLDER IMAGE...   [--strokes 200] [--nodes 2000] [--growth BLOCK]
 //
-// strokes.csv: of each random stroke of 10 mm beside a tool that is pressed, ten on each body, how long it took
-// until frames followed the cut body, the frames meanwhile, forces, and whether a frame was bad: no number, pushed
-// the wrong way, or moved by more than 2.5 depths of the tool. --growth: strokes_growth.csv, cuts of several
-// lengths in clouds of up to 100,000 nodes of that image, near the blade alone and looked for everywhere, and
-// whether all bits are the same. Nothing else should run on the machine.
+// strokes.csv: of each random stroke of 10 mm beside a tool that is pressed, ten on each body, how long it
+// took until frames followed the cut body, the frames meanwhile, forces, and whether a frame was bad: no
+// number, pushed the wrong way, or moved by more than 2.5 depths of the tool. --growth: strokes_growth.csv,
+// cuts of several lengths in clouds of up to 100,000 nodes of that image, near the blade alone and looked for
+// everywhere, and whether all bits are the same. Nothing else should run on the machine.
 
 #include <fmt/format.h>
 
@@ -131,7 +131,8 @@ void strokes(const fs::path& image, Index nodes, int count, const fs::path& file
   }
   write_csv(file, tally.table);
   fmt::print(
-      "{}: {} nodes, {} strokes, {} cut; followed after {:.0f} ms in the middle, {:.0f} in 90 %, {:.0f} at most; "
+      "{}: {} nodes, {} strokes, {} cut; followed after {:.0f} ms in the middle, {:.0f} in 90 %, {:.0f} at "
+      "most; "
       "frames meanwhile {:.1f} ms in 99 %, {:.1f} at most; {} bad frames\n",
       image.filename().string(), nodes, count, tally.cut, quantile(tally.made_ms, 0.5),
       quantile(tally.made_ms, 0.9), quantile(tally.made_ms, 1.0), quantile(tally.frame_ms, 0.99),
@@ -139,17 +140,20 @@ void strokes(const fs::path& image, Index nodes, int count, const fs::path& file
 }
 
 bool same_bits(const Model& a, const Model& b) {
-  bool same = a.X == b.X && a.point == b.point && a.volume == b.volume && a.support.offset == b.support.offset &&
-              a.support.member == b.support.member && a.dphi == b.dphi && a.mass == b.mass &&
-              a.patches.psi == b.patches.psi && a.patches.of_point.member == b.patches.of_point.member;
+  bool same = a.X == b.X && a.point == b.point && a.volume == b.volume &&
+              a.support.offset == b.support.offset && a.support.member == b.support.member &&
+              a.dphi == b.dphi && a.mass == b.mass && a.patches.psi == b.patches.psi &&
+              a.patches.of_point.member == b.patches.of_point.member;
   for (std::size_t t = 0; t < a.variance.size(); ++t)
-    same = same && a.variance[t].rows.member == b.variance[t].rows.member && a.variance[t].K == b.variance[t].K;
+    same =
+        same && a.variance[t].rows.member == b.variance[t].rows.member && a.variance[t].K == b.variance[t].K;
   return same;
 }
 
 void growth(const fs::path& image, const fs::path& file) {
-  Table table{.header = {"nodes", "length_mm", "points_changed", "near_s", "everywhere_s", "model_s", "same_bits"},
-              .column = std::vector<std::vector<double>>(7)};
+  Table table{
+      .header = {"nodes", "length_mm", "points_changed", "near_s", "everywhere_s", "model_s", "same_bits"},
+      .column = std::vector<std::vector<double>>(7)};
   for (const Index nodes : {2000, 10000, 30000, 100000}) {
     ModelOptions options;
     options.cloud.count = nodes;
@@ -161,8 +165,7 @@ void growth(const fs::path& image, const fs::path& file) {
     for (const double length : {5e-3, 10e-3, 20e-3, 40e-3}) {
       const Vec3 e = model.tool.push.unitOrthogonal(), g = model.tool.push.cross(e);
       const Vec3 x = model.tool.centre + 1.6 * model.tool.radius * e - 0.5 * length * g;
-      const TriangleMesh blade =
-          swept_sheet(1e3 * x, 1e3 * (x + length * g), model.tool.push, 1.0, 8.0, 1.0);
+      const TriangleMesh blade = swept_sheet(1e3 * x, 1e3 * (x + length * g), model.tool.push, 1.0, 8.0, 1.0);
       const auto sheet = std::make_shared<const Sheet>(1e-3 * blade.vertex, blade.triangles);
       const Stopwatch near;
       const SheetCut cut = cut_by_sheet(model, sheet, {1000.0}, held);
@@ -177,9 +180,10 @@ void growth(const fs::path& image, const fs::path& file) {
                             model_s,
                             same_bits(cut.model, all.model) ? 1.0 : 0.0};
       for (std::size_t c = 0; c < table.column.size(); ++c) table.column[c].push_back(row[c]);
-      fmt::print("{} nodes, {} mm: {} points changed; {:.3f} s near the blade, {:.3f} s everywhere, {:.2f} s the "
-                 "model; same bits: {}\n",
-                 row[0], row[1], row[2], row[3], row[4], row[5], row[6] > 0.0);
+      fmt::print(
+          "{} nodes, {} mm: {} points changed; {:.3f} s near the blade, {:.3f} s everywhere, {:.2f} s the "
+          "model; same bits: {}\n",
+          row[0], row[1], row[2], row[3], row[4], row[5], row[6] > 0.0);
       std::fflush(stdout);
     }
   }

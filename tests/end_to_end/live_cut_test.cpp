@@ -14,8 +14,7 @@ namespace {
 namespace fs = std::filesystem;
 
 const std::string block = DIMPLE_SAMPLE_DATA "/block_3mm.nrrd";
-const char* const stroke_columns =
-    "time_s,from_x_mm,from_y_mm,from_z_mm,to_x_mm,to_y_mm,to_z_mm,depth_mm\n";
+const char* const stroke_columns = "time_s,from_x_mm,from_y_mm,from_z_mm,to_x_mm,to_y_mm,to_z_mm,depth_mm\n";
 
 // To 2 mm, held while the strokes are made, off, and in again.
 void write_script(const fs::path& folder, const std::string& strokes) {
@@ -24,7 +23,8 @@ void write_script(const fs::path& folder, const std::string& strokes) {
 }
 
 Ran poke(const fs::path& folder, const std::string& options, const std::string& record) {
-  return dimple(folder, "poke " + block + " --script path.csv --strokes strokes.csv --nodes 800 --evaluations 12 " +
+  return dimple(folder, "poke " + block +
+                            " --script path.csv --strokes strokes.csv --nodes 800 --evaluations 12 " +
                             "--record " + record + " " + options);
 }
 
@@ -42,7 +42,8 @@ TEST(LiveCut, BesideTheToolSoftensTheBodyForGoodAndAlikeWithAnyNumberOfThreads) 
     ASSERT_EQ(poke(folder, std::string("-q --threads ") + threads, std::string("live") + threads).code, 0);
   EXPECT_EQ(text_of(folder / "live1" / "forces.csv"), text_of(folder / "live2" / "forces.csv"));
   EXPECT_EQ(text_of(folder / "live1" / "cuts.csv"), text_of(folder / "live2" / "cuts.csv"));
-  const Table felt = read_csv(folder / "live1" / "forces.csv"), cuts = read_csv(folder / "live1" / "cuts.csv");
+  const Table felt = read_csv(folder / "live1" / "forces.csv"),
+              cuts = read_csv(folder / "live1" / "cuts.csv");
   ASSERT_EQ(cuts.rows(), 1u);
   EXPECT_EQ((*cuts.find("cut"))[0], 1.0);
   EXPECT_GE((*cuts.find("nodes"))[0], 2.0);
@@ -60,7 +61,8 @@ TEST(LiveCut, HasAboutTheForceOfARunOnTheCutBody) {
   const fs::path folder = fresh_folder();
   write_script(folder, "0,9,-8,29,9,8,29,12\n");
   ASSERT_EQ(poke(folder, "-q", "live").code, 0);
-  const std::string run = "run " + block + " --nodes 1500 --depth 2mm --frames 1 --write force --band off -q ";
+  const std::string run =
+      "run " + block + " --nodes 1500 --depth 2mm --frames 1 --write force --band off -q ";
   ASSERT_EQ(dimple(folder, run + "-o cut --cut line:9,-8,29,9,8,29,depth=12mm").code, 0);
   const double expected = read_csv(folder / "cut" / "force.csv").find("force_N")->back();
   EXPECT_NEAR(at_time(read_csv(folder / "live" / "forces.csv"), "force_N", 1.0), expected, 0.04 * expected);
@@ -88,6 +90,33 @@ TEST(LiveCut, ThatMissesTheBodyOrPartsAPieceOffIsNotMadeAndSaidSo) {
   EXPECT_NE(ran.out.find("from all that is held"), std::string::npos) << ran.out;
 }
 
+TEST(LiveCut, UnderTheBondedCircleOrAfterTheEndOfTheWayIsNotMadeAndSaidSo) {
+  const fs::path folder = fresh_folder();
+  write_script(folder, "0.8,1,-8,29,1,8,29,5\n7,9,-8,29,9,8,29,5\n");
+  const Ran ran = poke(folder, "-q", "live");
+  ASSERT_EQ(ran.code, 0) << ran.err;
+  EXPECT_NE(ran.out.find("not cut: the cut passes under the circle"), std::string::npos) << ran.out;
+  EXPECT_NE(ran.out.find("not cut: the way ended before its time"), std::string::npos) << ran.out;
+  EXPECT_EQ(read_csv(folder / "live" / "cuts.csv").rows(), 2u);
+}
+
+// Where it comes down anew the cloud there is cut too.
+TEST(LiveCut, StaysWhereTheToolComesDownAtAnotherPlace) {
+  const fs::path folder = fresh_folder();
+  std::ofstream(folder / "path.csv")
+      << "time_s,x_mm,y_mm,z_mm\n0,0,0,32\n0.4,0,0,29\n0.8,0,0,33\n1.2,-12,0,33\n"
+      << "1.6,-12,0,28.5\n2,-12,0,28.5\n";
+  const auto last_force = [&](const std::string& strokes, const std::string& record) {
+    std::ofstream(folder / "strokes.csv") << stroke_columns << strokes;
+    const Ran ran = poke(folder, "-q", record);
+    EXPECT_EQ(ran.code, 0) << ran.err;
+    return read_csv(folder / record / "forces.csv").find("force_N")->back();
+  };
+  const double cut = last_force("0.5,-19,-8,29,-19,8,29,12\n", "cut"), whole = last_force("", "whole");
+  EXPECT_LT(cut, 0.99 * whole);
+  EXPECT_GT(cut, 0.7 * whole);
+}
+
 TEST(LiveCut, IsRefusedWhereItsFileOrItsBladeSaysNothing) {
   const fs::path folder = fresh_folder();
   const auto refused = [&](const std::string& strokes, int code, const std::string& words) {
@@ -102,6 +131,7 @@ TEST(LiveCut, IsRefusedWhereItsFileOrItsBladeSaysNothing) {
   std::ofstream(folder / "strokes.csv") << "time_s,depth_mm\n0,5\n";
   const Ran columns = poke(folder, "-q --force", "live");
   EXPECT_NE(columns.err.find("there is no column from_x_mm"), std::string::npos) << columns.err;
+  refused("0.8,9e12,-8,29,9,8,29,5\n", 3, "more than 1 km away");
   const Ran alone = dimple(folder, "poke " + block + " --strokes strokes.csv --socket s");
   EXPECT_EQ(alone.code, 2);
   EXPECT_NE(alone.err.find("strokes have times"), std::string::npos) << alone.err;
@@ -109,8 +139,10 @@ TEST(LiveCut, IsRefusedWhereItsFileOrItsBladeSaysNothing) {
   EXPECT_EQ(blunt.code, 2) << blunt.err;
   EXPECT_NE(blunt.err.find("--tool scalpel:12mm"), std::string::npos) << blunt.err;
   write_script(folder, "0.8,9,-8,29,9,8,29,5\n");
-  const Ran relaxes = poke(folder, "-q --force --set material.prony_g=0.5 --set material.prony_tau=1s", "live");
-  EXPECT_NE(relaxes.out.find("tissue that relaxes is not cut"), std::string::npos) << relaxes.out << relaxes.err;
+  const Ran relaxes =
+      poke(folder, "-q --force --set material.prony_g=0.5 --set material.prony_tau=1s", "live");
+  EXPECT_NE(relaxes.out.find("tissue that relaxes is not cut"), std::string::npos)
+      << relaxes.out << relaxes.err;
 }
 
 }  // namespace

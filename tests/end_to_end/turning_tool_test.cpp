@@ -70,8 +70,9 @@ TEST(SceneWithATurn, IsSaidInEachStepAndDrawnAsItStandsAndGivesTheSameBytesAgain
     EXPECT_EQ(text_of(folder / "out" / file), text_of(folder / "again" / file));
 }
 
-const std::string posed = "run block.nrrd -q --base inferior --indent-at 0,0,top --nodes 500 --mu 2kPa --band off "
-                          "--frames 2 --write force -o posed --force --poses poses.csv";
+const std::string posed =
+    "run block.nrrd -q --base inferior --indent-at 0,0,top --nodes 500 --mu 2kPa --band off "
+    "--frames 2 --write force -o posed --force --poses poses.csv";
 
 // Wherever the table's own origin is: the first row is the tool where it first touches.
 TEST(PosesOfATool, AreTheStepsFromEachToTheNext) {
@@ -84,9 +85,12 @@ TEST(PosesOfATool, AreTheStepsFromEachToTheNext) {
   file.close();
   const Ran ran = dimple(folder, posed + rod);
   ASSERT_EQ(ran.code, 0) << ran.err;
-  const std::string steps = "--set step.press.move=0,0,-1.5 --set step.turn.turn=0,15,0 --set step.turn.move=0.25,0,0";
-  ASSERT_EQ(dimple(folder, "run block.nrrd -q --base inferior --indent-at 0,0,top --nodes 500 --mu 2kPa --band off "
-                           "--frames 2 --write force -o stepped " + steps + rod)
+  const std::string steps =
+      "--set step.press.move=0,0,-1.5 --set step.turn.turn=0,15,0 --set step.turn.move=0.25,0,0";
+  ASSERT_EQ(dimple(folder,
+                   "run block.nrrd -q --base inferior --indent-at 0,0,top --nodes 500 --mu 2kPa --band off "
+                   "--frames 2 --write force -o stepped " +
+                       steps + rod)
                 .code,
             0);
   const Table by_poses = read_csv(folder / "posed" / "force.csv"),
@@ -99,13 +103,15 @@ TEST(PosesOfATool, AreTheStepsFromEachToTheNext) {
           << name << " " << k;
   EXPECT_EQ(Json::parse(text_of(folder / "posed" / "summary.json"))["scene"].size(), 2u)
       << "a row that goes nowhere is no step";
-  EXPECT_EQ(dimple(folder, "run block.nrrd --config posed/config.resolved.toml -o again -q --write force").code, 0);
+  EXPECT_EQ(
+      dimple(folder, "run block.nrrd --config posed/config.resolved.toml -o again -q --write force").code, 0);
   EXPECT_EQ(text_of(folder / "posed" / "force.csv"), text_of(folder / "again" / "force.csv"));
 }
 
 TEST(PosesOfATool, AreRefusedWhereTheySayNoWay) {
   const fs::path folder = with_block();
-  const auto refused = [&](const std::string& rows, int code, const char* words, const std::string& more = "") {
+  const auto refused = [&](const std::string& rows, int code, const char* words,
+                           const std::string& more = "") {
     std::ofstream(folder / "poses.csv") << rows;
     const Ran ran = dimple(folder, posed + rod + more);
     EXPECT_EQ(ran.code, code) << words;

@@ -53,6 +53,19 @@ SheetCut cut_of(const Model& model, const std::shared_ptr<const Sheet>& sheet,
   return cut_by_sheet(model, sheet, {1000.0, 1000.0}, held_of(model), looked);
 }
 
+bool same_bits(const Model& a, const Model& b) {
+  bool same =
+      a.X == b.X && a.point == b.point && a.volume == b.volume && a.mass == b.mass &&
+      a.second_moments == b.second_moments && a.support.offset == b.support.offset &&
+      a.support.member == b.support.member && a.dphi == b.dphi && a.patches.psi == b.patches.psi &&
+      a.patches.volume == b.patches.volume && a.patches.of_point.offset == b.patches.of_point.offset &&
+      a.patches.of_point.member == b.patches.of_point.member && a.variance.size() == b.variance.size();
+  for (std::size_t t = 0; same && t < a.variance.size(); ++t)
+    same = a.variance[t].rows.offset == b.variance[t].rows.offset &&
+           a.variance[t].rows.member == b.variance[t].rows.member && a.variance[t].K == b.variance[t].K;
+  return same;
+}
+
 TEST(ASheet, IsPassedByEveryWayAcrossItAlsoThroughItsEdgesAndCorners) {
   const Vec3 corner(1.0, 2.0, 3.0);
   const auto sheet = flat_sheet(corner, {5.0, 0.0, 0.0}, {0.0, 4.0, 0.0});
@@ -139,19 +152,14 @@ TEST(ABodyThatASheetCuts, IsTheSameToTheBitWhetherOneLooksNearTheSheetOrEverywhe
         8, 0.2, 1.8, [&](const Vec3& x) { return two_tissues && x.x() > 17e-3 ? 1 : 0; });
     const SheetCut near = cut_of(before, beside_circle()),
                    all = cut_of(before, beside_circle(), Looked::everywhere);
-    const Model &a = near.model, &b = all.model;
     EXPECT_EQ(near.changed, all.changed);
-    EXPECT_TRUE(a.support.offset == b.support.offset);
-    EXPECT_TRUE(a.support.member == b.support.member);
-    EXPECT_TRUE(a.dphi == b.dphi);
-    EXPECT_TRUE(a.patches.psi == b.patches.psi);
-    EXPECT_TRUE(a.patches.of_point.member == b.patches.of_point.member);
-    EXPECT_TRUE(a.mass == b.mass);
-    ASSERT_EQ(a.variance.size(), two_tissues ? 2u : 1u);
-    for (std::size_t t = 0; t < a.variance.size(); ++t) {
-      EXPECT_TRUE(a.variance[t].rows.member == b.variance[t].rows.member);
-      EXPECT_TRUE(a.variance[t].K == b.variance[t].K);
-    }
+    EXPECT_EQ(near.of_patch, all.of_patch);
+    EXPECT_EQ(near.model.variance.size(), two_tissues ? 2u : 1u);
+    EXPECT_TRUE(same_bits(near.model, all.model));
+    // And of a second cut across the first.
+    const auto second = flat_sheet({17e-3, 14.2e-3, 22e-3}, {12e-3, 0.0, 0.0}, {0.0, 0.0, -10e-3});
+    EXPECT_TRUE(
+        same_bits(cut_of(near.model, second).model, cut_of(near.model, second, Looked::everywhere).model));
   }
 }
 
@@ -167,6 +175,43 @@ TEST(ABodyThatASheetCuts, HasTheSupportsAndTheVarianceThatAreFoundFromTheStart) 
   EXPECT_TRUE(whole.dphi == cut.model.dphi);
   EXPECT_TRUE(whole.variance[0].rows.member == cut.model.variance[0].rows.member);
   EXPECT_TRUE(whole.variance[0].K == cut.model.variance[0].K);
+}
+
+// The same block and blade, turned about an axis of no symmetry.
+TEST(ABodyThatASheetCuts, HasNoNodeThroughTheSheetHoweverItsImageIsTurned) {
+  Discretisation places = testing_bodies::block_places(6, 0.2, 1.8);
+  places.second_moments = SecondMoments::Zero(6, places.point_count());
+  places.second_moments.topRows<3>().setConstant(std::pow(places.volume[0], 2.0 / 3.0) / 12.0);
+  const Mat3 R = Eigen::AngleAxisd(0.7, Vec3(0.3, 0.5, 0.8).normalized()).toRotationMatrix();
+  const auto sheet = beside_circle();
+  const auto turned_sheet = std::make_shared<const Sheet>(R * sheet->vertex(), sheet->triangles());
+  places.X = (R * places.X).eval(), places.point = (R * places.point).eval();
+  places.second_moments = turned(places.second_moments, R);
+  places.surface.vertex_mm = (R * places.surface.vertex_mm).eval();
+  places.tool.centre = R * places.tool.centre, places.tool.push = R * places.tool.push;
+  places.axes = R;
+  Eigen::VectorXi tissues = places.label;
+  const Model before = make_model(std::move(places), converging, std::move(tissues), {1000.0});
+  const SheetCut cut = cut_of(before, turned_sheet);
+  const Model& now = cut.model;
+  ASSERT_TRUE(now.support_report.unconnected.empty());
+  for (Index q = 0; q < now.point_count(); ++q)
+    for (int k = now.support.offset[q]; k < now.support.offset[q + 1]; ++k)
+      ASSERT_FALSE(turned_sheet->between(now.X.col(now.support.member[k]), now.point.col(q))) << q;
+  EXPECT_TRUE(same_bits(now, cut_of(before, turned_sheet, Looked::everywhere).model));
+}
+
+TEST(ABodyThatASheetCuts, HasRowsForAllNodesAlsoInATissueFarFromTheSheet) {
+  const Model before =
+      testing_bodies::averaged_block(9, 0.2, 1.8, [](const Vec3& x) { return x.x() < 6e-3 ? 1 : 0; });
+  const SheetCut cut = cut_of(before, beside_circle());
+  ASSERT_EQ(cut.model.variance.size(), 2u);
+  for (const GradientVariance& v : cut.model.variance) {
+    ASSERT_EQ(v.rows.rows(), cut.model.node_count());
+    EXPECT_EQ(v.rows.offset[v.rows.rows()], v.K.size());
+  }
+  EXPECT_TRUE(cut.model.tissue.head(before.point_count()) == before.tissue);
+  for (Index q = before.point_count(); q < cut.model.point_count(); ++q) EXPECT_EQ(cut.model.tissue[q], 0);
 }
 
 TEST(ABodyThatASheetCuts, IsRefusedWhereTheBladeMissesItOrPartsAPieceOff) {
