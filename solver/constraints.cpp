@@ -1,5 +1,6 @@
 #include "solver/constraints.hpp"
 
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -62,6 +63,17 @@ Vec3 Constraints::motion(std::string_view name) const {
   for (const HeldSet& set : set_)
     if (set.name == name) return set.share == 1.0 ? set.direction : Vec3(set.share * set.direction);
   return Vec3::Zero();
+}
+
+bool Constraints::let_drift() const {
+  Mat3 held_parts = Mat3::Zero();
+  for (Index a = 0; a < node_count(); ++a)
+    if (!is_free(a))
+      for (int d = 0; d < 3; ++d) {
+        const Eigen::Vector4d one = Eigen::Vector4d::Unit(d);
+        held_parts.col(d) += (one - project(a, one)).head<3>();
+      }
+  return Eigen::SelfAdjointEigenSolver<Mat3>(held_parts, Eigen::EigenvaluesOnly).eigenvalues()[0] < 1e-6;
 }
 
 Eigen::Vector4d Constraints::sliding_direction() const {

@@ -90,6 +90,8 @@ class Constraints {
 
   /// Along which the first set that slides across it is held; zero where none does.
   Eigen::Vector4d sliding_direction() const;
+  /// Whether the body may move as a whole in some direction: nothing is held there.
+  bool let_drift() const;
   Index node_count() const { return static_cast<Index>(of_node_.size()); }
   const std::vector<HeldSet>& sets() const { return set_; }
 

@@ -28,6 +28,10 @@ using Sparse = Eigen::SparseMatrix<double>;
 // The tangent at rest is at most twice the Laplacian; load and the curvature of the law add to that. Too soft
 // an A overshoots, too stiff a one only takes more steps: 3 to 5 serve alike, 2 takes twice as many.
 constexpr double stiffer = 4.0;
+// Of a node's weight, by which it is held where it stands: keeps a piece that nothing holds from being
+// singular. A body that contact alone keeps from drifting would go 100 m by its weight at 1e-6, and what
+// brings it back is lost in single precision; 1e-3 to 1e-2 serve alike.
+constexpr double own_of_piece = 1e-6, own_of_drift = 1e-3;
 constexpr double neighbour_distance = 1.6;  // of the mean spacing: some 14 neighbours
 constexpr int fewest_neighbours = 6;
 // Of the strain between neighbours in one iteration; longer steps pass through the law's barriers.
@@ -325,6 +329,7 @@ struct MixedIteration::Parts {
   // The Laplacian, what bounds all other forces, and inertia.
   bool invert_laplacian() {
     const StiffnessBound bound = body.stiffness_bound();
+    const double own = constraints.let_drift() ? own_of_drift : own_of_piece;
     const auto invert = [&](NodalInverse& inverse, bool sliding_too, bool directed) {
       std::vector<int> place(static_cast<std::size_t>(weight.size()), -1);
       inverse.node.clear();
@@ -334,8 +339,7 @@ struct MixedIteration::Parts {
         inverse.node.push_back(a);
       }
       std::vector<Eigen::Triplet<double>> entry;
-      // A little of its own keeps a piece that nothing holds from being singular.
-      Eigen::VectorXd diagonal = 1e-6 * weight + bound.node;
+      Eigen::VectorXd diagonal = own * weight + bound.node;
       if (inertia.size() > 0) diagonal += inertia;
       const auto join = [&](int a, int b, double w) {
         diagonal[a] += w;

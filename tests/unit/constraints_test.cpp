@@ -42,6 +42,19 @@ TEST(Constraints, ProjectLeavesWhatIsNotPrescribed) {
   EXPECT_LT((c.project(4, v) - along * v.dot(along)).norm(), 1e-15) << "along its direction it slides";
 }
 
+TEST(Constraints, LetABodyDriftThatIsNotHeldInSomeDirection) {
+  using Hold = HeldSet::Hold;
+  const Vec3 tilted = Vec3(1, 2, -2) / 3.0;
+  const HeldSet plane{.name = "plane", .node = {0}, .hold = Hold::along, .direction = tilted},
+      same{.name = "same", .node = {1}, .hold = Hold::along, .direction = -tilted},
+      line{.name = "line", .node = {2}, .hold = Hold::across, .direction = tilted};
+  EXPECT_TRUE(Constraints(4, {}).let_drift());
+  EXPECT_TRUE(Constraints(4, {plane, same}).let_drift());
+  EXPECT_TRUE(Constraints(4, {line}).let_drift());
+  EXPECT_FALSE(Constraints(4, {plane, line}).let_drift());
+  EXPECT_FALSE(Constraints(4, {{.name = "fixed", .node = {3}}}).let_drift());
+}
+
 TEST(Constraints, PutEachSetWhereItsShareOfTheWayHasBroughtIt) {
   const Constraints c(4, {{.name = "fixed", .node = {1}},
                           {.name = "half", .node = {2}, .direction = Vec3::UnitX(), .share = 0.5},
