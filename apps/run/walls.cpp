@@ -300,7 +300,8 @@ Eigen::VectorXd distances(const Touch& wall, const Points& places) {
 std::string set_back(const std::string& name, const WallShape& shape, std::optional<double> gap,
                      double allowed, Touch& wall) {
   const ContactSurface& surface = wall.surface;
-  const Eigen::VectorXd at = distances(wall, surface.place), between = distances(wall, surface.between);
+  const Eigen::VectorXd at = distances(wall, surface.place) + roundness(wall),
+                        between = distances(wall, surface.between);
   Index first = 0;
   const double nearest = at.minCoeff(&first);
   const double whole = gap ? *gap - nearest : shape.gap;

@@ -14,6 +14,9 @@ struct ContactSurface : CellMeans {
   /// The pieces themselves, where nothing is enforced: for how far the body's surface comes into the tool.
   Points between;  ///< [3xK] their middles at rest [m]
   Interpolation at_between;
+  /// [K] the sample that each piece belongs to, and its share in that one's area; empty: nobody asks.
+  Eigen::VectorXi sample_of;
+  Eigen::VectorXd share;
   /// The body's surface around that part, which has no samples: the tool must not come there.
   Points beyond;  ///< [3xL] at rest [m]
   Interpolation at_beyond;

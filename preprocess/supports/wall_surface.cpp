@@ -101,6 +101,14 @@ ContactSurface wall_surface(const Model& model, const MayTouch& may_touch, Index
   std::sort(kept.begin(), kept.end());
   result.between = Points(result.between(Eigen::all, kept));
   result.at_between = surface_interpolation(model, result.between, Points(area(Eigen::all, kept)));
+  result.sample_of.resize(static_cast<Index>(kept.size()));
+  result.share.resize(result.sample_of.size());
+  for (std::size_t c = 0; c < cells.size(); ++c)
+    for (const Index k : cells[c]) {
+      const Index at = std::lower_bound(kept.begin(), kept.end(), k) - kept.begin();
+      result.sample_of[at] = static_cast<int>(c);
+      result.share[at] = area.col(k).norm() / result.area[static_cast<Index>(c)];
+    }
   result.spacing = Eigen::Map<Eigen::VectorXd>(spacing.data(), static_cast<Index>(spacing.size()));
   result.beyond.resize(3, 0);
   result.at_beyond = surface_interpolation(model, result.beyond, result.beyond);

@@ -38,7 +38,19 @@ ToolPose first_touch(const Touch& touch, const Nodal& u) {
                      surface.place + moves, surface.between + surface.at_between(u.topRows<3>()));
 }
 
-TouchingTool::TouchingTool(Touch touch) : touch_(std::move(touch)) {
+Eigen::VectorXd roundness(const Touch& touch) {
+  const ContactSurface& surface = touch.surface;
+  Eigen::VectorXd mean = Eigen::VectorXd::Zero(surface.count());
+  const bool stands = touch.motion && touch.motion->isZero(0.0) && !touch.is_tool;
+  if (!stands || surface.sample_of.size() == 0) return mean;
+  const auto from = [&](const Vec3& x) { return distance_to_tool(touch.shape, touch.pose, x).distance; };
+  for (Index k = 0; k < surface.sample_of.size(); ++k)
+    mean[surface.sample_of[k]] += surface.share[k] * from(surface.between.col(k));
+  for (Index s = 0; s < mean.size(); ++s) mean[s] -= from(surface.place.col(s));
+  return mean;
+}
+
+TouchingTool::TouchingTool(Touch touch) : touch_(std::move(touch)), roundness_(roundness(touch_)) {
   way_.motion = touch_.motion.value_or(touch_.pose.points_at);
   force_.setZero(count());
   gap_.setZero(count());

@@ -34,6 +34,12 @@ inline Vec3 brought_within(double bound, const Vec3& force) {
   return size > bound ? Vec3(force * (bound / size)) : force;
 }
 
+/// [M] m: from a wall that stands to the surface at rest, the mean over the pieces of each sample, less that
+/// to the sample's place. That is the mean of the pieces' places and lies beneath a surface that is round: a
+/// body in a shell would seem to have room left all around. Zero where samples do not know their pieces, and
+/// of what moves, which does not stay where it was measured.
+Eigen::VectorXd roundness(const Touch& touch);
+
 /// The tool on the axis of `at`, moved along its push to where it first touches the surface.
 ToolPose first_touch(const ToolShape& shape, const ToolPlace& at, const ContactSurface& surface);
 /// The same on the surface as it lies at u [4xN] m: the axis has gone with what it stood over.
@@ -142,7 +148,11 @@ class TouchingTool : public ContactTerm {
   double last_gone_ = 0.0, gone_before_ = 0.0;  // all the way to those two states, see gone()
   double foreseen_for_ = -1.0;  // the way for which anchors of what has not touched were looked for
 
-  double set_back(Index s) const { return touch_.set_back.size() > 0 ? touch_.set_back[s] : 0.0; }
+  Eigen::VectorXd roundness_;
+
+  double set_back(Index s) const {
+    return roundness_[s] + (touch_.set_back.size() > 0 ? touch_.set_back[s] : 0.0);
+  }
   double gone(const Instant& now) const;
   bool may_rub() const { return last_gone_ > gone_before_; }
   void foresee(double gone);
