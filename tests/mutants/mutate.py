@@ -235,6 +235,13 @@ MUTANTS = {
           "  system.restore_past(settled.past);\n  if (!{n}) system.begin_step(at_last);"),
     172: ("solver/guards.cpp", "audit.penetration > 2.0 * before->worst", "audit.penetration > ({n} ? 1.0 : 2.0) * before->worst"),
     173: ("solver/guards.cpp", "if (has_edge && touch.friction == 0.0 &&", "if (has_edge && ({n} || touch.friction == 0.0) &&"),
+    # ---- a body that contact alone carries
+    180: ("solver/equilibrium/mixed_iteration.cpp", "constraints.let_drift() ? own_of_drift : own_of_piece;",
+          "constraints.let_drift() && !{n} ? own_of_drift : own_of_piece;"),
+    181: ("solver/terms/touching_tool.cpp", "mean[s] -= from(surface.place.col(s));",
+          "mean[s] = {n} ? 0.0 : mean[s] - from(surface.place.col(s));"),
+    182: ("preprocess/supports/wall_surface.cpp", "result.sample_of[at] = static_cast<int>(c);",
+          "result.sample_of[at] = static_cast<int>({n} ? 0 : c);"),
     # ---- searches for equilibrium
     96: ("solver/equilibrium/anderson.cpp", "  m.next = (m.next + 1) % most;", "  m.next = {n} ? 0 : (m.next + 1) % most;"),
     97: ("solver/equilibrium/anderson.cpp", "  memory_.next = memory.next;", "  memory_.next = {n} ? 0 : memory.next;"),
