@@ -265,6 +265,29 @@ TEST(Walls, BelowABodyThatNothingElseHoldsAreAsABaseThatSlides) {
   EXPECT_NEAR(bed.walls.front().area, size.x() * size.y(), 0.01 * size.x() * size.y());
 }
 
+// Its lower face stays pressed everywhere, so that the bed does what a base that slides does.
+TEST(Walls, CarryTheWeightOfABlockThatNothingElseHolds) {
+  Model model = testing_bodies::averaged_block(5, 0.1);
+  const HeldSet slides{
+      .name = "slides", .node = model.base, .hold = HeldSet::Hold::along, .direction = Vec3::UnitZ()};
+  model.base.clear();
+  model.circle.clear();
+  const ForceSystem tissue(model, {{neo_hookean(1000.0, 0.45, 1000.0)}, model.tissue});
+  const Loads down{.gravity = Vec3(0.0, 0.0, -9.81), .pressure = {}};
+  const auto on_bed = make_system(tissue, model, Contact::bonded, {}, down, 1e-4, nullptr, nullptr,
+                                  {plane(model, "bed", Vec3::Zero(), Vec3::UnitZ())}),
+             sliding = make_system(tissue, model, Contact::bonded, {slides}, down);
+  const double weight = 9.81 * model.mass.sum();
+  const TouchingTool::Touched bed = on_bed->walls().front()->touched();
+  EXPECT_NEAR(bed.force.z(), -weight, 1e-3 * weight);
+  EXPECT_LT(bed.force.head<2>().norm(), 1e-9 * weight) << "without friction";
+  const auto sinks = [&](const System& system) {  // on average
+    return -system.step_start().u.row(2).dot(model.mass) / model.mass.sum();
+  };
+  EXPECT_GT(sinks(*sliding), 0.02 * size.z());
+  EXPECT_NEAR(sinks(*on_bed), sinks(*sliding), 0.01 * sinks(*sliding));
+}
+
 TEST(Walls, ThatStickHoldTheSidesOfAColumnThatSinks) {
   const Model model = testing_bodies::averaged_block(5, 0.1);
   const ForceSystem tissue(model, {{neo_hookean(210.0, 0.4, 1000.0)}, model.tissue});
