@@ -4,6 +4,7 @@
 
 #include <Eigen/Geometry>
 #include <Eigen/LU>
+#include <algorithm>
 #include <cmath>
 #include <memory>
 #include <numbers>
@@ -21,25 +22,31 @@ namespace {
 constexpr double mu = 210.0, nu = 0.499, plane_modulus = 2.0 * mu / (1.0 - nu);  // E / (1 - nu^2) [Pa]
 
 // ---------------------------------------------------------------------------------------------------------
-// A layer of unit thickness, bonded to a rigid base, under an axisymmetric frictionless punch: Lebedev and
-// Ufliand 1958. phi(t) = (delta - g(t)) / pi + int_0^a K(t, x) phi(x) dx, phi(a) = 0, F = 2 pi int phi, in
-// units of E* h^2.
+// A layer of unit thickness, bonded to a rigid base or loose, sliding on it, under an axisymmetric
+// frictionless punch: Lebedev and Ufliand 1958. phi(t) = (delta - g(t)) / pi + int_0^a K(t, x) phi(x) dx,
+// phi(a) = 0, F = 2 pi int phi, in units of E* h^2.
 // ---------------------------------------------------------------------------------------------------------
 
-double softness(double s, double poisson) {  // of the layer beside the half-space: L(s)
-  const double k = 3.0 - 4.0 * poisson, e = std::exp(-2.0 * s);
+struct Bed {
+  double poisson;
+  bool loose = false;
+};
+
+double softness(double s, const Bed& bed) {  // of the layer beside the half-space: L(s)
+  const double k = 3.0 - 4.0 * bed.poisson, e = std::exp(-2.0 * s);
   const double sinh = 0.5 * (1.0 - e * e), cosh = 0.5 * (1.0 + e * e);  // of 2 s, times exp(-2 s)
+  if (bed.loose) return (cosh - e) / (sinh + 2.0 * s * e);
   return (2.0 * k * sinh - 4.0 * s * e) / (2.0 * k * cosh + (1.0 + k * k + 4.0 * s * s) * e);
 }
 
 // int_0^inf (1 - L(s)) cos(s y) ds by Simpson's rule; 1 - L falls as exp(-2 s).
-double kernel(double y, double poisson) {
+double kernel(double y, const Bed& bed) {
   constexpr int count = 800;
   constexpr double end = 20.0, h = end / count;
   double sum = 0.0;
   for (int i = 0; i <= count; ++i) {
     const double weight = i == 0 || i == count ? 1.0 : i % 2 == 1 ? 4.0 : 2.0, s = h * i;
-    sum += weight * (i == 0 ? 1.0 : 1.0 - softness(s, poisson)) * std::cos(s * y);
+    sum += weight * (i == 0 ? 1.0 : 1.0 - softness(s, bed)) * std::cos(s * y);
   }
   return sum * h / 3.0;
 }
@@ -50,14 +57,14 @@ struct OnLayer {
 
 // The depth and the force at which contact reaches to `a`; of the function g alone, by Simpson's rule.
 template <class Shape>
-OnLayer on_layer(double a, double poisson, const Shape& g) {
+OnLayer on_layer(double a, const Bed& bed, const Shape& g) {
   constexpr int n = 81;
   Eigen::MatrixXd matrix = Eigen::MatrixXd::Identity(n, n);
   Eigen::MatrixXd right(n, 2);  // of a unit depth, and of -g
   const double h = a / (n - 1);
   const auto weight = [&](int j) { return h / 3.0 * (j == 0 || j == n - 1 ? 1.0 : j % 2 == 1 ? 4.0 : 2.0); };
   std::vector<double> of(2 * n);
-  for (int d = 0; d < 2 * n; ++d) of[static_cast<std::size_t>(d)] = kernel(h * d, poisson);
+  for (int d = 0; d < 2 * n; ++d) of[static_cast<std::size_t>(d)] = kernel(h * d, bed);
   for (int i = 0; i < n; ++i) {
     for (int j = 0; j < n; ++j)
       matrix(i, j) -= weight(j) / std::numbers::pi *
@@ -73,13 +80,13 @@ OnLayer on_layer(double a, double poisson, const Shape& g) {
 
 // The same at a depth.
 template <class Shape>
-double force_at(double depth, double least, double poisson, const Shape& g) {
+double force_at(double depth, double least, const Bed& bed, const Shape& g) {
   double low = least, high = 4.0;
   for (int k = 0; k < 40; ++k) {
     const double a = 0.5 * (low + high);
-    (on_layer(a, poisson, g).depth < depth ? low : high) = a;
+    (on_layer(a, bed, g).depth < depth ? low : high) = a;
   }
-  return on_layer(0.5 * (low + high), poisson, g).force;
+  return on_layer(0.5 * (low + high), bed, g).force;
 }
 
 auto paraboloid(double radius) {
@@ -98,13 +105,22 @@ double hertz(double radius, double depth) {
 TEST(TouchingTruth, TheIntegralEquationGivesTheTabulatedForcesOfAParaboloidOnABondedLayer) {
   for (const auto& [chi, ratio] : {std::pair{0.1, 1.1288}, {0.3, 1.5167}, {0.5, 2.1513}, {1.0, 5.0806}}) {
     const double radius = 50.0, depth = chi * chi / radius;
-    EXPECT_NEAR(force_at(depth, 0.0, nu, paraboloid(radius)) / hertz(radius, depth), ratio, 2e-3 * ratio);
+    EXPECT_NEAR(force_at(depth, 0.0, {nu}, paraboloid(radius)) / hertz(radius, depth), ratio, 2e-3 * ratio);
+  }
+}
+
+TEST(TouchingTruth, TheIntegralEquationGivesTheTabulatedForcesOfAParaboloidOnALooseLayer) {
+  for (const auto& [chi, ratio] :
+       {std::pair{0.1, 1.0811}, {0.3, 1.2896}, {0.5, 1.5668}, {0.75, 2.0018}, {1.0, 2.5045}}) {
+    const double radius = 50.0, depth = chi * chi / radius;
+    EXPECT_NEAR(force_at(depth, 0.0, {0.5, true}, paraboloid(radius)) / hertz(radius, depth), ratio,
+                2e-3 * ratio);
   }
 }
 
 TEST(TouchingTruth, TheIntegralEquationGivesTheTabulatedForcesOfARoundedPunchOnABondedLayer) {
   for (const auto& [depth, force] : {std::pair{0.01059, 0.01494}, {0.05657, 0.08748}})
-    EXPECT_NEAR(force_at(depth, 0.4, 0.5, rounded_punch(0.4, 0.1)), force, 3e-3 * force);
+    EXPECT_NEAR(force_at(depth, 0.4, {0.5}, rounded_punch(0.4, 0.1)), force, 3e-3 * force);
 }
 
 TEST(TouchingTruth, TheRadiusOfContactOfARingIsTheRings) {
@@ -266,8 +282,19 @@ struct Touched {
   double force() const { return history.force.back().force; }
 };
 
-Touched touched(const BodySurface& body, const ToolShape& shape, double depth_mm, Index nodes,
-                int frames = 1) {
+// The base as a bed on which it slides; one node of it, in the middle, stays.
+void let_slide(Model& model, Loading& loading) {
+  const Index middle = *std::min_element(model.base.begin(), model.base.end(), [&](Index a, Index b) {
+    return model.X.col(a).head<2>().norm() < model.X.col(b).head<2>().norm();
+  });
+  loading.further = {
+      {.name = "slides", .node = model.base, .hold = HeldSet::Hold::along, .direction = Vec3::UnitZ()},
+      {.name = "middle", .node = {middle}}};
+  model.base.clear();
+}
+
+Touched touched(const BodySurface& body, const ToolShape& shape, double depth_mm, Index nodes, int frames = 1,
+                bool loose = false) {
   ModelOptions options;
   options.cloud.count = nodes;
   options.cloud.grading.whole_circle = shape.kind != ToolShape::Kind::punch;
@@ -277,24 +304,25 @@ Touched touched(const BodySurface& body, const ToolShape& shape, double depth_mm
                       .contact_radius_mm = 1e3 * contact_radius(shape, 1e-3 * depth_mm)};
   // The room around the tool is not looked at: a shallow sphere may be wider than the block.
   options.boundary.indenter_diameter_mm = std::min(options.boundary.indenter_diameter_mm, 10.0);
-  const BuiltModel built = build_model(body, options);
+  BuiltModel built = build_model(body, options);
   auto touch = std::make_shared<Touch>();
   touch->shape = shape;
   touch->surface =
       contact_surface(built.model, std::min(1.5 * shape.radius, 3e-3 * options.boundary.contact_radius_mm));
   touch->pose = first_touch(shape, built.model.tool, touch->surface);
   Touched result{.history = {}, .touch = touch, .nodes = built.model.node_count()};
-  const Tissues tissues{{neo_hookean(mu, nu, 1000.0)}, built.model.tissue};
-  const ForceSystem system(built.model, tissues, Precision::single_);
   Loading loading{.depth = 1e-3 * depth_mm};
   loading.touch = touch;
+  if (loose) let_slide(built.model, loading);
+  const Tissues tissues{{neo_hookean(mu, nu, 1000.0)}, built.model.tissue};
+  const ForceSystem system(built.model, tissues, Precision::single_);
   solve(TimeMode::quasi_static, system, built.model, loading, {.frames = frames}, {}, result.history);
   return result;
 }
 
-double of_layer(double radius_mm, double depth_mm, double thickness_mm) {
+double of_layer(double radius_mm, double depth_mm, double thickness_mm, bool loose = false) {
   return plane_modulus * 1e-6 * thickness_mm * thickness_mm *
-         force_at(depth_mm / thickness_mm, 0.0, nu, paraboloid(radius_mm / thickness_mm));
+         force_at(depth_mm / thickness_mm, 0.0, {nu, loose}, paraboloid(radius_mm / thickness_mm));
 }
 
 void is_true(const Touched& found, double truth, double share) {
@@ -326,6 +354,26 @@ TEST_P(SphereOnLayer, HasTheForceOfTheIntegralEquation) {
 INSTANTIATE_TEST_SUITE_P(Touching, SphereOnLayer,
                          testing::Values(std::pair<Index, double>{1000, 0.03},
                                          std::pair<Index, double>{4000, 0.015}));
+
+class SphereOnLooseLayer : public testing::TestWithParam<std::pair<Index, double>> {};
+
+// By chi = sqrt(radius x depth) / thickness.
+TEST_P(SphereOnLooseLayer, HasTheForceOfTheIntegralEquation) {
+  const auto [nodes, share] = GetParam();
+  const ToolShape sphere{.kind = ToolShape::Kind::sphere, .radius = 40e-3};
+  constexpr double thickness = 5.0;
+  for (const double chi : {0.2, 0.3, 0.5, 0.75, 1.0}) {
+    SCOPED_TRACE(chi);
+    const double depth = std::pow(chi * thickness, 2) / 40.0;
+    constexpr double half = 16.0 * thickness;  // six heights wide it is 1 % softer
+    const BodySurface layer = block_surface({-half, -half, 0}, {half, half, thickness});
+    std::printf("chi %.2f, ", chi);
+    is_true(touched(layer, sphere, depth, nodes, 1, true), of_layer(40.0, depth, thickness, true), share);
+  }
+}
+INSTANTIATE_TEST_SUITE_P(Touching, SphereOnLooseLayer,
+                         testing::Values(std::pair<Index, double>{1000, 0.03},
+                                         std::pair<Index, double>{4000, 0.02}));
 
 TEST(TouchingTool, NeverPullsAndItsForceGrowsFromNothingWithTheDepth) {
   const ToolShape sphere{.kind = ToolShape::Kind::sphere, .radius = 5e-3};
@@ -645,7 +693,7 @@ TEST_P(PunchOnLayer, HasTheForceOfTheIntegralEquation) {
   const auto [nodes, share] = GetParam();
   const ToolShape punch{.kind = ToolShape::Kind::punch, .radius = 5e-3, .edge = 1e-3};
   const BodySurface layer = block_surface({-30, -30, 0}, {30, 30, 10});
-  const double truth = plane_modulus * 1e-4 * force_at(0.01059, 0.4, nu, rounded_punch(0.4, 0.1));
+  const double truth = plane_modulus * 1e-4 * force_at(0.01059, 0.4, {nu}, rounded_punch(0.4, 0.1));
   is_true(touched(layer, punch, 0.1059, nodes), truth, share);
 }
 INSTANTIATE_TEST_SUITE_P(Touching, PunchOnLayer,
