@@ -254,7 +254,8 @@ class Poking {
                                          tool_.left_out, tool_.sheets.size())
                            : "";
     if (!options_.blade) return coarse;
-    return coarse + (cuts_ ? "; the hand cuts (t: it presses)" : "; the hand presses (t: it cuts)");
+    return coarse + (cuts_ ? "; a stroke of the left button cuts (t: it presses)"
+                           : "; the left button presses (t: it cuts)");
   }
 
   void draw(const PathFrame& now) {
@@ -269,10 +270,10 @@ class Poking {
         .surface_mm = skin_->rest_mm + u,
         .displacement_mm = u.colwise().norm(),
         .tool_mm = 1e3 * f.depth * tool_.session->tool().push,
-        .words =
-            fmt::format("{}\n{} nodes, {:.0f} frames a second: solving {:.0f} ms, drawing {:.0f} ms{}",
-                        words_of(now, by_hand()) + instrument(), tool_.session->model().node_count(),
-                        1.0 / busy_, 1e3 * solve_s_, 1e3 * draw_s_, notice_.empty() ? "" : "\n" + notice_)});
+        .words = fmt::format("{}\n{} nodes, {:.0f} frames a second: solving {:.0f} ms, drawing {:.0f} ms{}",
+                             words_of(now, by_hand() && !cuts_) + instrument(),
+                             tool_.session->model().node_count(), 1.0 / busy_, 1e3 * solve_s_, 1e3 * draw_s_,
+                             notice_.empty() ? "" : "\n" + notice_)});
     window_.show(curve_);
     window_.draw();
   }

@@ -624,6 +624,13 @@ void require(const char* name, double value, bool allowed, const char* why) {
                     .remedy = "give another number"});
 }
 
+Vec3 place_of(const char* name, const std::vector<double>& mm) {
+  require(name, static_cast<double>(mm.size()), mm.size() == 3, "a place has three numbers");
+  for (const double number : mm)
+    require(name, number, std::abs(number) <= 1e6, "it must be a finite number of no more than a kilometre");
+  return {mm[0], mm[1], mm[2]};
+}
+
 py::tuple follow(LiveSession& session, double depth_mm, double seconds, std::int64_t evaluations,
                  double dt_s) {
   require("depth_mm", depth_mm, true, "it must be a finite number");
@@ -918,16 +925,13 @@ SolveError
     There is no equilibrium to be found; the body is then as it was.)")
       .def(
           "cut",
-          [](LiveSession& self, const std::array<double, 3>& from_mm, const std::array<double, 3>& to_mm,
+          [](LiveSession& self, const std::vector<double>& from_mm, const std::vector<double>& to_mm,
              double depth_mm) {
-            const char* const place = "it must be a finite number of no more than a kilometre";
-            for (const double number : from_mm) require("from_mm", number, std::abs(number) <= 1e6, place);
-            for (const double number : to_mm) require("to_mm", number, std::abs(number) <= 1e6, place);
+            const Vec3 from = place_of("from_mm", from_mm), to = place_of("to_mm", to_mm);
             require("depth_mm", depth_mm, depth_mm > 0.0 && depth_mm <= 1e3,
                     "it must be a finite number above 0 and not above 1000");
-            if (from_mm == to_mm)
-              require("to_mm", to_mm[0], false, "a stroke that does not move opens nothing");
-            self.cut(Vec3(from_mm[0], from_mm[1], from_mm[2]), Vec3(to_mm[0], to_mm[1], to_mm[2]), depth_mm);
+            if (from == to) require("to_mm", to.x(), false, "a stroke that does not move opens nothing");
+            self.cut(from, to, depth_mm);
           },
           py::kw_only(), py::arg("from_mm"), py::arg("to_mm"), py::arg("depth_mm"),
           R"(Cuts the body as it now is: a scalpel goes from place to place on its surface, straight in.

@@ -271,7 +271,7 @@ wait $poke
   EXPECT_EQ(force.back(), 0.0);  // let go
 }
 
-// Beside the circle, across the picture; the tool itself stays in the air.
+// On the flank, away from the circle; the tool itself stays in the air.
 TEST(Poke, AScalpelInTheHandCutsTheBodyAlongItsStroke) {
   if (const std::string missing = missing_for_windows(); !missing.empty())
     GTEST_SKIP() << "skipped: " << missing;
@@ -286,9 +286,9 @@ for k in $(seq 150); do
   kill -0 $poke 2>/dev/null || break
   sleep 0.2
 done
-xdotool mousemove --window "$window" 380 370 mousedown 1
+xdotool mousemove --window "$window" 300 420 mousedown 1
 sleep 0.5
-for x in $(seq 385 5 460); do xdotool mousemove --window "$window" $x 370; sleep 0.02; done
+for y in $(seq 424 4 480); do xdotool mousemove --window "$window" 300 $y; sleep 0.02; done
 xdotool mouseup 1
 sleep 2
 xdotool key --window "$window" q

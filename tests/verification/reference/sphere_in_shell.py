@@ -4,7 +4,7 @@ by a series of Legendre polynomials, which the elements are first compared with.
 
     sphere_in_shell.py    writes sphere_in_shell.csv, sphere_in_shell_runs.csv and sphere_in_shell_closed_forms.csv
 
-Run it in this folder, with numpy and GetFEM's Python module (Debian: python3-getfem). A few minutes on one core.
+Run it in this folder, with numpy and GetFEM's Python module (python3-getfem on Debian). A few minutes on one core.
 
 Of the finite elements: axisymmetric, neo-Hookean, W = mu/2 (J^(-2/3) I1 - 3) + bulk/2 (J - 1)^2, at any strain; the
 section of the sphere in 9-node quadrilaterals with curved sides, a continuous bilinear pressure, and a bilinear contact
