@@ -24,7 +24,7 @@ void write_script(const fs::path& folder, const std::string& strokes) {
 
 Ran poke(const fs::path& folder, const std::string& options, const std::string& record) {
   return dimple(folder, "poke " + block +
-                            " --script path.csv --strokes strokes.csv --nodes 800 --evaluations 12 " +
+                            " --script path.csv --strokes strokes.csv --nodes 1500 --evaluations 12 " +
                             "--record " + record + " " + options);
 }
 
@@ -54,6 +54,7 @@ TEST(LiveCut, BesideTheToolSoftensTheBodyForGoodAndAlikeWithAnyNumberOfThreads) 
   EXPECT_GT(after, 0.8 * before);
   EXPECT_EQ(at_time(felt, "force_N", 1.2), 0.0) << "lifted off";
   EXPECT_NEAR(again, after, 1e-3 * after) << "the cut stays";
+  EXPECT_EQ(at_time(felt, "band_known", 0.76), 1.0);
   EXPECT_EQ(at_time(felt, "band_known", 1.0), 0.0);
 }
 
