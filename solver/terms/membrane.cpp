@@ -230,7 +230,9 @@ class Film : public ForceTerm {
     return stiff() * Eigen::Matrix2d::Identity() - shear() * C.inverse() / C.determinant();
   }
   Points moved(const Nodal& u) const {
-    const auto& [rows, weight] = film_.patch.at_corner;
+    const CompressedRows& rows =
+        film_.patch.at_corner.rows;  // no structured bindings: clang 14 captures none
+    const Eigen::VectorXd& weight = film_.patch.at_corner.weight;
     Points now(3, film_.patch.corner.cols());
     for_all(now.cols(), [&](Index v) {
       Vec3 moves = Vec3::Zero();
