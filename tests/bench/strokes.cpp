@@ -47,14 +47,14 @@ Vec3 place_on(const LiveTool& tool, const Vec3& near) {
   return rest + tool.session->displacement().col(node);
 }
 
-// 10 mm long, 4 to 10 deep, beside the tool.
+// 10 mm long, 4 to 10 deep, beside the tool: half of it is as long as the tool is wide to a side.
 Stroke random_stroke(const LiveTool& tool, std::mt19937& random) {
   std::uniform_real_distribution<double> unit(0.0, 1.0);
   const ToolPlace at = tool.session->tool();
   const Vec3 e = at.push.unitOrthogonal(), g = at.push.cross(e);
   const double around = 2.0 * std::numbers::pi * unit(random), turn = 2.0 * std::numbers::pi * unit(random);
   const Vec3 middle =
-      at.centre + (1.3 + 1.5 * unit(random)) * at.radius * (std::cos(around) * e + std::sin(around) * g);
+      at.centre + (2.2 + unit(random)) * at.radius * (std::cos(around) * e + std::sin(around) * g);
   const Vec3 half = 5e-3 * (std::cos(turn) * e + std::sin(turn) * g);
   return {place_on(tool, middle - half), place_on(tool, middle + half), 4e-3 + 6e-3 * unit(random)};
 }
@@ -67,9 +67,9 @@ struct Tally {
   int cut = 0, bad = 0;
 };
 
-// Frames at 25 a second, as a window has them, for a second and until all of the stroke is made.
+// Frames at 25 a second, as a window has them, for 0.6 s and until all of the stroke is made.
 void one_stroke(LiveTool& tool, double depth, std::mt19937& random, int number, Tally& tally) {
-  constexpr double period = 0.04, for_solving = 0.7, each = 1.0, longest = 5.0;
+  constexpr double period = 0.04, for_solving = 0.7, each = 0.6, longest = 5.0;
   const double before = tool.frame.force;
   const std::size_t done = tool.cuts.size();
   cut(tool, random_stroke(tool, random), true);
