@@ -50,7 +50,7 @@ struct Skin {
   Points rest_mm;
   Interpolation moved;
 
-  // `surface`: with the banks of cuts, if they are drawn yet.
+  // `opened`: the surface with the banks of cuts; null: there are none, or they are not drawn yet.
   Skin(const Model& model, const BodySurface* opened) {
     const Surface surface =
         opened ? Surface{opened->to_world() * opened->vertex().colwise().homogeneous(), opened->triangles()}

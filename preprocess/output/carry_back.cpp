@@ -331,7 +331,7 @@ TriangleMesh stroke_at_rest(const Vec3& x, const Vec3& y, double depth, double s
                                          : way_back.by_the_nearest_node(1e-3 * (x + k * (y - x) / samples));
     const BodySurface::Closest closest = rest.closest(to_body * (1e3 * X));
     const Vec3 normal = rest.to_world().linear() * rest.normal().col(closest.triangle);
-    into -= way_back.gradient(X).inverse().transpose().operator*(normal).normalized();
+    into -= (way_back.gradient(X).inverse().transpose() * normal).normalized();
     if (!found.inside.empty()) above = std::max(above, 2.0 * closest.distance);
   }
   into -= into.dot(along) * along;

@@ -33,6 +33,20 @@ constexpr double apart = 0.7, from_others = 0.4, from_end = 0.5, off_sheet = 1e-
   throw ModelError({.fact = fact, .where = "cut", .why = why, .remedy = remedy, .code = "cut"});
 }
 
+// A cell as the box that has its second moments, about its middle.
+struct Box {
+  Mat3 axes;  // columns
+  Vec3 half;  // of its edges
+};
+
+// The cell has a size.
+Box box_of(const Model& model, Index q) {
+  const Mat3 about = as_matrix(model.second_moments, q);
+  const double size = about.trace();
+  const Eigen::SelfAdjointEigenSolver<Mat3> solver(about / size);
+  return {solver.eigenvectors(), (3.0 * size * solver.eigenvalues().cwiseMax(0.0)).cwiseSqrt()};
+}
+
 // A part of a cell.
 struct Part {
   double share = 0.0;
@@ -58,14 +72,13 @@ std::optional<std::array<Part, 2>> parts_of(const Model& model, Index q, const S
   const double size = about.trace();
   const Vec3 middle = model.point.col(q);
   if (!(size > 0.0) || !sheet.reaches(middle, std::sqrt(3.0 * size))) return {};
-  const Eigen::SelfAdjointEigenSolver<Mat3> axes(about / size);
-  const Vec3 half = (3.0 * size * axes.eigenvalues().cwiseMax(0.0)).cwiseSqrt();
+  const Box box = box_of(model, q);
   std::array<std::vector<Vec3>, 2> sides;
   std::optional<Vec3> first;
   for (int k = 0; k < each_way * each_way * each_way; ++k) {
     const Eigen::Array3d at((k % each_way) + 0.5, (k / each_way % each_way) + 0.5,
                             (k / (each_way * each_way)) + 0.5);
-    const Vec3 x = middle + axes.eigenvectors() * ((2.0 / each_way * at - 1.0) * half.array()).matrix();
+    const Vec3 x = middle + box.axes * ((2.0 / each_way * at - 1.0) * box.half.array()).matrix();
     if (!first) first = x;
     sides[sheet.between(*first, x) ? 1 : 0].push_back(x);
   }
@@ -94,12 +107,9 @@ class Tissue {
   explicit Tissue(const Model& model) : model_(model), points_(model.point) {}
   bool holds(const Vec3& x) const {
     const Index q = points_.nearest(x, 1).front();
-    const Mat3 about = as_matrix(model_.second_moments, q);
-    const double size = about.trace();
-    const Eigen::SelfAdjointEigenSolver<Mat3> axes(about / size);
-    const Vec3 half = (3.0 * size * axes.eigenvalues().cwiseMax(0.0)).cwiseSqrt();
-    const Vec3 away = axes.eigenvectors().transpose() * (x - model_.point.col(q));
-    return (away.cwiseAbs().array() <= 1.001 * half.array()).all();
+    const Box box = box_of(model_, q);
+    const Vec3 away = box.axes.transpose() * (x - model_.point.col(q));
+    return (away.cwiseAbs().array() <= 1.001 * box.half.array()).all();
   }
 
  private:

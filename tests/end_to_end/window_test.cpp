@@ -236,12 +236,10 @@ TEST(Poke, FollowsATipThroughTheAirToAnotherPlace) {
   EXPECT_NEAR(there, here, 0.1 * here);
 }
 
-TEST(Poke, PressesTheToolInWhereTheMouseTouchesTheBody) {
-  if (const std::string what = missing_for_windows(); !what.empty()) GTEST_SKIP() << what;
-  const fs::path folder = folder_with_brain();
-  // Down in the middle of the body, drawn downwards, held, let go; then the window is closed by its key.
-  const Ran ran = under_xvfb(folder, fmt::format(R"(
-'{}' poke brain.nrrd --nodes 800 --record rec --fps 20 --force 2>said &
+// The window on the brain, as a hand moves it by xdotool's `gesture`, until its key closes it.
+Ran poked_by_hand(const fs::path& folder, const char* options, const char* gesture) {
+  return under_xvfb(folder, fmt::format(R"(
+'{}' poke brain.nrrd --nodes 800 {} --record rec --fps 20 --force >told 2>said &
 poke=$!
 window=""
 for k in $(seq 150); do
@@ -250,18 +248,25 @@ for k in $(seq 150); do
   kill -0 $poke 2>/dev/null || break
   sleep 0.2
 done
-xdotool mousemove --window "$window" 420 360 mousedown 1
-sleep 1
-for y in $(seq 362 2 400); do xdotool mousemove --window "$window" 420 $y; sleep 0.05; done
-sleep 1.5
-xdotool mouseup 1
-sleep 1
+{}
 xdotool key --window "$window" q
 for k in $(seq 50); do kill -0 $poke 2>/dev/null || break; sleep 0.2; done
 kill -INT $poke 2>/dev/null
 wait $poke
 )",
-                                                 DIMPLE_PROGRAM));
+                                        DIMPLE_PROGRAM, options, gesture));
+}
+
+TEST(Poke, PressesTheToolInWhereTheMouseTouchesTheBody) {
+  if (const std::string what = missing_for_windows(); !what.empty()) GTEST_SKIP() << what;
+  const fs::path folder = folder_with_brain();
+  // Down in the middle of the body, drawn downwards, held, let go; then the window is closed by its key.
+  const Ran ran = poked_by_hand(folder, "", R"(xdotool mousemove --window "$window" 420 360 mousedown 1
+sleep 1
+for y in $(seq 362 2 400); do xdotool mousemove --window "$window" 420 $y; sleep 0.05; done
+sleep 1.5
+xdotool mouseup 1
+sleep 1)");
   EXPECT_EQ(ran.code, 0) << read_file(folder / "said");
   const Table felt = read_csv(folder / "rec" / "forces.csv");
   const auto &force = *felt.find("force_N"), &depth = *felt.find("depth_mm");
@@ -276,27 +281,12 @@ TEST(Poke, AScalpelInTheHandCutsTheBodyAlongItsStroke) {
   if (const std::string missing = missing_for_windows(); !missing.empty())
     GTEST_SKIP() << "skipped: " << missing;
   const fs::path folder = folder_with_brain();
-  const Ran ran = under_xvfb(folder, fmt::format(R"(
-'{}' poke brain.nrrd --nodes 800 --tool scalpel:6mm --record rec --fps 20 --force >told 2>said &
-poke=$!
-window=""
-for k in $(seq 150); do
-  window=$(xdotool search --name '^Dimple$' 2>/dev/null | head -n 1)
-  [ -n "$window" ] && [ -e rec/window/window_0001.png ] && break
-  kill -0 $poke 2>/dev/null || break
-  sleep 0.2
-done
-xdotool mousemove --window "$window" 300 420 mousedown 1
+  const Ran ran =
+      poked_by_hand(folder, "--tool scalpel:6mm", R"(xdotool mousemove --window "$window" 300 420 mousedown 1
 sleep 0.5
 for y in $(seq 424 4 480); do xdotool mousemove --window "$window" 300 $y; sleep 0.02; done
 xdotool mouseup 1
-sleep 2
-xdotool key --window "$window" q
-for k in $(seq 50); do kill -0 $poke 2>/dev/null || break; sleep 0.2; done
-kill -INT $poke 2>/dev/null
-wait $poke
-)",
-                                                 DIMPLE_PROGRAM));
+sleep 2)");
   EXPECT_EQ(ran.code, 0) << read_file(folder / "said");
   const Table cuts = read_csv(folder / "rec" / "cuts.csv");
   ASSERT_EQ(cuts.rows(), 1u) << read_file(folder / "told");

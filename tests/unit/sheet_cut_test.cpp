@@ -66,6 +66,13 @@ bool same_bits(const Model& a, const Model& b) {
   return same;
 }
 
+void expect_none_through(const Sheet& sheet, const Model& now) {
+  ASSERT_TRUE(now.support_report.unconnected.empty());
+  for (Index q = 0; q < now.point_count(); ++q)
+    for (int k = now.support.offset[q]; k < now.support.offset[q + 1]; ++k)
+      ASSERT_FALSE(sheet.between(now.X.col(now.support.member[k]), now.point.col(q))) << q;
+}
+
 TEST(ASheet, IsPassedByEveryWayAcrossItAlsoThroughItsEdgesAndCorners) {
   const Vec3 corner(1.0, 2.0, 3.0);
   const auto sheet = flat_sheet(corner, {5.0, 0.0, 0.0}, {0.0, 4.0, 0.0});
@@ -105,10 +112,7 @@ TEST(ABodyThatASheetCuts, HasNoNodeThatAPointSeesThroughTheSheetAlone) {
   const auto sheet = beside_circle();
   const SheetCut cut = cut_of(before, sheet);
   const Model& now = cut.model;
-  ASSERT_TRUE(now.support_report.unconnected.empty());
-  for (Index q = 0; q < now.point_count(); ++q)
-    for (int k = now.support.offset[q]; k < now.support.offset[q + 1]; ++k)
-      ASSERT_FALSE(sheet->between(now.X.col(now.support.member[k]), now.point.col(q))) << q;
+  expect_none_through(*sheet, now);
 }
 
 TEST(ABodyThatASheetCuts, HasTheGradientOfALinearFieldAtEveryPoint) {
@@ -194,10 +198,7 @@ TEST(ABodyThatASheetCuts, HasNoNodeThroughTheSheetHoweverItsImageIsTurned) {
   const Model before = make_model(std::move(places), converging, std::move(tissues), {1000.0});
   const SheetCut cut = cut_of(before, turned_sheet);
   const Model& now = cut.model;
-  ASSERT_TRUE(now.support_report.unconnected.empty());
-  for (Index q = 0; q < now.point_count(); ++q)
-    for (int k = now.support.offset[q]; k < now.support.offset[q + 1]; ++k)
-      ASSERT_FALSE(turned_sheet->between(now.X.col(now.support.member[k]), now.point.col(q))) << q;
+  expect_none_through(*turned_sheet, now);
   EXPECT_TRUE(same_bits(now, cut_of(before, turned_sheet, Looked::everywhere).model));
 }
 
