@@ -43,7 +43,7 @@ Command add_shift(CLI::App& app, Invocation& shared) {
   command->add_option("--brain", shift_options.brain, "labels of the brain, comma-separated; else all are");
   command
       ->add_option("--skull", shift_options.skull,
-                   "label of the skull; or derived: the outer hull of the brain, at --gap")
+                   "label of the skull, or several, comma-separated; or derived: the outer hull of the brain, at --gap")
       ->capture_default_str();
   command->add_option("--opening", shift_options.opening, "where the skull is open: x,y,z,radius in LPS mm")
       ->required();

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <sstream>
 
 #include "apps/run/steps.hpp"
 #include "apps/run/supports.hpp"
@@ -73,6 +74,15 @@ struct WallWords {
   std::string rest;
 };
 
+// Of label:A,B.
+std::vector<std::string> labels_in(const std::string& list) {
+  std::vector<std::string> labels;
+  std::istringstream text(list);
+  for (std::string label; std::getline(text, label, ',');)
+    if (const auto name = trimmed(label); !name.empty()) labels.emplace_back(name);
+  return labels;
+}
+
 WallWords words_of_wall(const std::string& name, const Config::Wall& wall) {
   const std::string text(trimmed(wall.shape));
   if (text.empty()) refuse_wall(name, "has no shape", "shape", "it is not known where it stands", wall_forms);
@@ -80,7 +90,7 @@ WallWords words_of_wall(const std::string& name, const Config::Wall& wall) {
   const auto colon = text.find(':');
   const std::string kind = text.substr(0, colon),
                     rest = colon == std::string::npos ? "" : std::string(trimmed(text.substr(colon + 1)));
-  if (!rest.empty() && kind == "label") return {WallWords::Kind::label, rest};
+  if (!labels_in(rest).empty() && kind == "label") return {WallWords::Kind::label, rest};
   if (!rest.empty() && kind == "plane") return {WallWords::Kind::plane, rest};
   if (!rest.empty() && kind == "around") return {WallWords::Kind::around, rest};
   refuse_wall(name, fmt::format("is '{}'", text), "shape", "this names no wall", wall_forms);
@@ -160,9 +170,12 @@ WallShape wall_shape_of(const std::string& name, const Config::Wall& wall, const
                 "begin with the image: dimple run IMAGE --wall ...");
   const double voxel = image->spacing().minCoeff();
   if (words.kind == WallWords::Kind::label) {
-    const SegmentedBody solid = make_body_surface(*image, {number_of_label(words.rest, organ->label_names)});
+    std::vector<int> labels;
+    for (const std::string& label : labels_in(words.rest))
+      labels.push_back(number_of_label(label, organ->label_names));
+    const SegmentedBody solid = make_body_surface(*image, labels);
     take(solid.surface, false, voxel);
-    result.words = fmt::format("label {}", words.rest);
+    result.words = fmt::format("{} {}", labels.size() == 1 ? "label" : "labels", words.rest);
     if (solid.report.dropped_volume_mm3 > 0.0)
       result.words += fmt::format(", the largest of its {} pieces (without {})", solid.report.pieces,
                                   volume_in_words(solid.report.dropped_volume_mm3));
@@ -243,19 +256,20 @@ void check_walls(const Config& config, const LabelImage& image, const std::vecto
   for (const auto& [name, wall] : walls_named(config)) {
     const WallWords words = words_of_wall(name, wall);
     if (words.kind != WallWords::Kind::label) continue;
-    const int value = number_of_label(words.rest, names);
-    const bool there =
-        std::any_of(image.run.begin(), image.run.end(), [&](const Run& run) { return run.label == value; });
-    if (there && !of_body.empty() && std::find(of_body.begin(), of_body.end(), value) == of_body.end())
-      continue;
-    throw InputError(
-        {.fact =
-             there ? fmt::format("label '{}' is both the wall '{}' and a part of the body", words.rest, name)
-                   : fmt::format("the image has no label '{}' for the wall '{}'", words.rest, name),
-         .where = wall_key(name, "shape"),
-         .why = there ? "a wall is rigid, and what is soft is another label" : "no voxel has it",
-         .remedy =
-             there ? "choose the labels of the body with --label" : "`dimple info IMAGE` shows the labels"});
+    for (const std::string& label : labels_in(words.rest)) {
+      const int value = number_of_label(label, names);
+      const bool there =
+          std::any_of(image.run.begin(), image.run.end(), [&](const Run& run) { return run.label == value; });
+      if (there && !of_body.empty() && std::find(of_body.begin(), of_body.end(), value) == of_body.end())
+        continue;
+      throw InputError(
+          {.fact = there ? fmt::format("label '{}' is both the wall '{}' and a part of the body", label, name)
+                         : fmt::format("the image has no label '{}' for the wall '{}'", label, name),
+           .where = wall_key(name, "shape"),
+           .why = there ? "a wall is rigid, and what is soft is another label" : "no voxel has it",
+           .remedy =
+               there ? "choose the labels of the body with --label" : "`dimple info IMAGE` shows the labels"});
+    }
   }
 }
 

@@ -9,6 +9,7 @@
 #include <sstream>
 #include <thread>
 
+#include "io/label_image.hpp"
 #include "tests/end_to_end/program.hpp"
 
 namespace dimple {
@@ -71,6 +72,19 @@ TEST(Wall, OfALabelHoldsBackItsNeighbourThatIsPressedFromTheSide) {
   EXPECT_GT(beside["force_N"].get<double>(), 1.004 * free["force_N"].get<double>());
 }
 
+TEST(Wall, OfTwoLabelsIsThatOfBothTogether) {
+  const fs::path folder = fresh_folder();
+  LabelImage image = read_label_image(halves);
+  bool turn = false;
+  for (dimple::Run& run : image.run)
+    if (run.label == 2) run.label = (turn = !turn) ? 2 : 3;
+  write_label_image(folder / "three.nrrd", image);
+  const std::string lower = "-q --label 1 --base left --wall label:";
+  walled(folder, halves, lower + "2", "one");
+  walled(folder, "three.nrrd", lower + "3,2", "two");
+  EXPECT_EQ(text_of(folder / "one" / "force.csv"), text_of(folder / "two" / "force.csv"));
+}
+
 struct Refused {
   fs::path folder = fresh_folder();
   void operator()(const std::string& options, const std::string& fact,
@@ -90,6 +104,8 @@ TEST(Wall, IsRefusedWhereItCannotStandOrNothingLooksForIt) {
   refused("--wall plane:1,2,3,0,0,0", "has no normal");
   refused("--wall label:9", "no label '9'");
   refused("--wall label:1", "both the wall");
+  refused("--wall label:2,9", "no label '");
+  refused("--wall label:,", "this names no wall");
   refused("--wall no.stl", "no.stl");
   refused("--wall plane:20,0,0,-1,0,0", "in the body at");
   refused("--wall plane:90,0,0,-1,0,0", "nothing of the body can come to the wall");
