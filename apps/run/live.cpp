@@ -418,12 +418,15 @@ const char* name_of(LiveFrame::Tool tool) {
 
 namespace {
 
-// What a frame leaves of its time is spent on waiting for a cut that is in the making.
+// Beside a cut that is in the making a frame takes little of its time, and waits for it with the rest.
 LiveFrame follow_and_cut(LiveTool& tool, double depth, const FrameLimit& limit, double dt) {
+  constexpr double share = 0.1;
+  const bool waits = limit.evaluations == 0 && tool.cutting.valid();
   const Stopwatch watch;
-  const LiveFrame frame = tool.session->follow(depth, limit, dt);
+  const LiveFrame frame =
+      tool.session->follow(depth, waits ? FrameLimit{.seconds = share * limit.seconds} : limit, dt);
   const auto left = [&] { return limit.seconds - watch.seconds(); };
-  if (limit.evaluations > 0 || !tool.cutting.valid() || !(left() > 0.0) ||
+  if (!waits || !(left() > 0.0) ||
       tool.cutting.wait_for(std::chrono::duration<double>(left())) != std::future_status::ready)
     return frame;
   take_cut(tool);

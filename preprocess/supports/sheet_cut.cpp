@@ -364,14 +364,14 @@ void find_changed(Neighbourhood& near, const Model& before, const Model& model, 
   });
 }
 
-// All supports are known by now, but for those that took what they do not see.
-void find_variance(Neighbourhood& around, const Model& model, const Sight& sight) {
-  std::vector<char> looks(around.point.size());
+// The shares that points of the body before the cut had in its variance.
+void find_shares(Neighbourhood& near, const Model& before) {
+  std::vector<char> looks(near.point.size());
   for (std::size_t p = 0; p < looks.size(); ++p)
-    looks[p] = contains(model.support_report.unconnected, around.point[p]);
-  find_supports_seen(around.model, [&](int k, Index p) {
-    const Index a = around.node[static_cast<std::size_t>(k)], q = around.point[static_cast<std::size_t>(p)];
-    return looks[static_cast<std::size_t>(p)] ? sight.sees(a, q) : has(model, q, a);
+    looks[p] = before.sight && contains(before.support_report.unconnected, near.point[p]);
+  find_supports_seen(near.model, [&](int k, Index p) {
+    const Index a = near.node[static_cast<std::size_t>(k)], q = near.point[static_cast<std::size_t>(p)];
+    return looks[static_cast<std::size_t>(p)] ? before.sight->sees(a, q) : has(before, q, a);
   });
 }
 
@@ -380,7 +380,7 @@ void find_variance(Neighbourhood& around, const Model& model, const Sight& sight
 template <class Copy>
 CompressedRows put_together(const CompressedRows& before, const CompressedRows& now,
                             const std::vector<Index>& of, const std::vector<Index>& from,
-                            const std::vector<int>& name, const Copy& copy) {
+                            const Copy& copy) {
   CompressedRows rows;
   const auto count = static_cast<Index>(of.size());
   rows.offset.resize(count + 1);
@@ -400,17 +400,15 @@ CompressedRows put_together(const CompressedRows& before, const CompressedRows& 
     const auto [rows_of, row] = source(r);
     const Index to = rows.offset[r], first = rows_of.offset[row], n = rows_of.count(row);
     const bool is_now = of[static_cast<std::size_t>(r)] >= 0;
-    for (Index k = 0; k < n; ++k) {
-      const int member = rows_of.member[first + k];
-      rows.member[to + k] = is_now ? name[static_cast<std::size_t>(member)] : member;
-    }
+    rows.member.segment(to, n) = rows_of.member.segment(first, n);
     copy(to, first, n, is_now);
   });
   return rows;
 }
 
-std::vector<int> names_of(const std::vector<Index>& nodes) {
-  return {nodes.begin(), nodes.end()};
+// Members by their numbers in the whole.
+void name(CompressedRows& rows, const std::vector<Index>& node) {
+  for (int& member : rows.member) member = static_cast<int>(node[static_cast<std::size_t>(member)]);
 }
 
 void take_supports(const Model& before, const Neighbourhood& near, const std::vector<Index>& whole,
@@ -418,75 +416,116 @@ void take_supports(const Model& before, const Neighbourhood& near, const std::ve
   std::vector<Index> of(whole.size(), -1);
   for (std::size_t k = 0; k < near.point.size(); ++k)
     of[static_cast<std::size_t>(near.point[k])] = static_cast<Index>(k);
-  model.support = put_together(before.support, near.model.support, of, whole, names_of(near.node),
-                               [&](Index to, Index first, Index n, bool is_now) {
-                                 if (to < 0)
-                                   model.dphi.resize(3, n);
-                                 else
-                                   model.dphi.middleCols(to, n) =
-                                       (is_now ? near.model.dphi : before.dphi).middleCols(first, n);
-                               });
+  model.support = put_together(
+      before.support, near.model.support, of, whole, [&](Index to, Index first, Index n, bool is_now) {
+        if (to < 0)
+          model.dphi.resize(3, n);
+        else
+          model.dphi.middleCols(to, n) = (is_now ? near.model.dphi : before.dphi).middleCols(first, n);
+      });
 }
 
-// The nodes of some points, before and now, ascending.
-std::vector<Index> nodes_of(const Model& before, const Model& model, const std::vector<Index>& points) {
-  std::vector<char> is_one(static_cast<std::size_t>(model.node_count()), 0);
-  const auto take = [&](const CompressedRows& support, Index q) {
-    for (int k = support.offset[q]; k < support.offset[q + 1]; ++k)
-      is_one[static_cast<std::size_t>(support.member[k])] = 1;
-  };
-  for (const Index q : points) {
-    take(model.support, q);
-    if (q < before.point_count()) take(before.support, q);
-  }
-  std::vector<Index> result;
-  for (Index a = 0; a < model.node_count(); ++a)
-    if (is_one[static_cast<std::size_t>(a)] || a >= before.node_count()) result.push_back(a);
-  return result;
+const GradientVariance* of_tissue(const std::vector<GradientVariance>& all, int tissue) {
+  const auto its = std::find_if(all.begin(), all.end(),
+                                [&](const GradientVariance& v) { return v.tissue == tissue; });
+  return its == all.end() ? nullptr : &*its;
 }
 
-// All points that one of the nodes belongs to.
-std::vector<Index> points_around(const Model& model, const std::vector<Index>& nodes) {
-  std::vector<char> is_one(static_cast<std::size_t>(model.node_count()), 0);
-  for (const Index a : nodes) is_one[static_cast<std::size_t>(a)] = 1;
-  std::vector<Index> result;
-  for (Index q = 0; q < model.point_count(); ++q) {
-    const auto its = model.support.member.segment(model.support.offset[q], model.support.count(q));
-    if (std::any_of(its.begin(), its.end(), [&](int a) { return is_one[static_cast<std::size_t>(a)] != 0; }))
-      result.push_back(q);
-  }
-  return result;
-}
+// A row of the variance, some cells' shares taken out and others put in: exact, see find_supports().
+struct Row {
+  std::vector<int> member;
+  std::vector<double> K;
 
-// A row of the variance is a sum over all points of its node: those of nodes that lost or won one are summed
-// anew, in the same order as over the whole body.
-void take_variance(const Model& before, const Neighbourhood& near, const std::vector<Index>& nodes,
-                   Model& model) {
-  std::vector<Index> of(static_cast<std::size_t>(model.node_count()), -1), same(of.size());
-  std::iota(same.begin(), same.end(), Index{0});  // added nodes are all in `nodes`
-  std::vector<Index> of_nodes = of;
-  for (std::size_t k = 0; k < near.node.size(); ++k)
-    of_nodes[static_cast<std::size_t>(near.node[k])] = static_cast<Index>(k);
-  for (const Index a : nodes) of[static_cast<std::size_t>(a)] = of_nodes[static_cast<std::size_t>(a)];
-  for (const GradientVariance& old : before.variance) {
-    GradientVariance& now = model.variance.emplace_back();
-    now.tissue = old.tissue;
-    const auto found = std::find_if(near.model.variance.begin(), near.model.variance.end(),
-                                    [&](const GradientVariance& v) { return v.tissue == old.tissue; });
-    if (found == near.model.variance.end()) {
-      now = old;
-      const Index rows = now.rows.rows();
-      now.rows.offset.conservativeResize(model.node_count() + 1);
-      now.rows.offset.tail(model.node_count() - rows).setConstant(now.rows.offset[rows]);
-      continue;
+  // `v`: of a neighbourhood in which the row's node has the number `a`, if it is in it. What becomes zero
+  // stays where it `is_shared` with another cell.
+  template <class IsShared>
+  void add(const GradientVariance* v, Index a, double sign, const IsShared& is_shared) {
+    if (!v || a < 0 || v->rows.count(a) == 0) return;
+    Row sum;
+    sum.member.reserve(member.size() + static_cast<std::size_t>(v->rows.count(a)));
+    sum.K.reserve(sum.member.capacity());
+    int k = v->rows.offset[a];
+    const int last = v->rows.offset[a + 1];
+    for (std::size_t m = 0; m < member.size() || k < last;) {
+      const bool old = m < member.size() && (k == last || member[m] <= v->rows.member[k]);
+      const bool its = k < last && (m == member.size() || v->rows.member[k] <= member[m]);
+      const int column = old ? member[m] : v->rows.member[k];
+      double value = 0.0;
+      if (old) value += K[m++];
+      if (its) value += sign * v->K[k++];
+      if (its && value == 0.0 && !is_shared(column)) continue;
+      sum.member.push_back(column);
+      sum.K.push_back(value);
     }
-    now.rows = put_together(old.rows, found->rows, of, same, names_of(near.node),
-                            [&](Index to, Index first, Index n, bool is_now) {
-                              if (to < 0)
-                                now.K.resize(n);
-                              else
-                                now.K.segment(to, n) = (is_now ? found->K : old.K).segment(first, n);
-                            });
+    *this = std::move(sum);
+  }
+};
+
+// Numbers of all nodes in a neighbourhood; -1: not in it.
+std::vector<Index> numbers_in(const Neighbourhood& near, Index nodes) {
+  std::vector<Index> result(static_cast<std::size_t>(nodes), -1);
+  for (std::size_t k = 0; k < near.node.size(); ++k)
+    result[static_cast<std::size_t>(near.node[k])] = static_cast<Index>(k);
+  return result;
+}
+
+// Of the nodes of a neighbourhood, the points outside of it that they belong to.
+std::vector<std::vector<Index>> other_points(const Model& model, const Neighbourhood& near,
+                                             const std::vector<Index>& number) {
+  std::vector<std::vector<Index>> result(near.node.size());
+  for (Index q = 0; q < model.point_count(); ++q) {
+    if (contains(near.point, q)) continue;
+    for (int k = model.support.offset[q]; k < model.support.offset[q + 1]; ++k)
+      if (const Index a = number[static_cast<std::size_t>(model.support.member[k])]; a >= 0)
+        result[static_cast<std::size_t>(a)].push_back(q);
+  }
+  return result;
+}
+
+// A row is a sum over all points of its node: those that have changed are taken out as they were and put in
+// as they are. `was`, `now`: their variances, members by their numbers in the whole.
+void take_variance(const Model& before, const Neighbourhood& was, const Neighbourhood& now, Model& model) {
+  const Index nodes = model.node_count();
+  const std::vector<Index> then_number = numbers_in(was, nodes), number = numbers_in(now, nodes);
+  const std::vector<std::vector<Index>> others = other_points(before, was, then_number);
+  for (const GradientVariance& old : before.variance) {
+    const GradientVariance *less = of_tissue(was.model.variance, old.tissue),
+                           *more = of_tissue(now.model.variance, old.tissue);
+    const auto old_row = [&](Index a) {
+      if (a >= before.node_count()) return std::pair(Index{0}, Index{0});
+      return std::pair(Index{old.rows.offset[a]}, old.rows.count(a));
+    };
+    std::vector<Row> row(static_cast<std::size_t>(nodes));
+    GradientVariance& sum = model.variance.emplace_back();
+    sum.tissue = old.tissue;
+    sum.rows.offset = Eigen::VectorXi::Zero(nodes + 1);
+    const auto is_changed = [&](std::size_t k) { return then_number[k] >= 0 || number[k] >= 0; };
+    tbb::parallel_for(Index{0}, nodes, [&](Index a) {
+      const auto k = static_cast<std::size_t>(a);
+      const auto [first, n] = old_row(a);
+      Row& its = row[k];
+      if (is_changed(k)) {
+        its.member.assign(old.rows.member.data() + first, old.rows.member.data() + first + n);
+        its.K.assign(old.K.data() + first, old.K.data() + first + n);
+        its.add(less, then_number[k], -1.0, [&](int b) {
+          const auto& points = others[static_cast<std::size_t>(then_number[k])];
+          return std::any_of(points.begin(), points.end(), [&](Index q) { return has(before, q, b); });
+        });
+        its.add(more, number[k], 1.0, [](int) { return true; });
+      }
+      sum.rows.offset[a + 1] = static_cast<int>(is_changed(k) ? its.member.size() : static_cast<std::size_t>(n));
+    });
+    std::partial_sum(sum.rows.offset.begin(), sum.rows.offset.end(), sum.rows.offset.begin());
+    sum.rows.member.resize(sum.rows.offset[nodes]);
+    sum.K.resize(sum.rows.offset[nodes]);
+    tbb::parallel_for(Index{0}, nodes, [&](Index a) {
+      const auto k = static_cast<std::size_t>(a);
+      const Index first = old_row(a).first, n = sum.rows.count(a);
+      const int* member = is_changed(k) ? row[k].member.data() : old.rows.member.data() + first;
+      const double* K = is_changed(k) ? row[k].K.data() : old.K.data() + first;
+      std::copy(member, member + n, sum.rows.member.data() + sum.rows.offset[a]);
+      std::copy(K, K + n, sum.K.data() + sum.rows.offset[a]);
+    });
   }
 }
 
@@ -548,6 +587,7 @@ SheetCut cut_by_sheet(const Model& before, const std::shared_ptr<const Sheet>& s
 
   Neighbourhood near = neighbourhood_of(model, changed, looked);
   find_changed(near, before, model, *sheet, *sight);
+  name(near.model.support, near.node);
   take_supports(before, near, divided.whole, model);
   model.support_report = before.support_report;
   model.support_report.unseen += near.model.support_report.unseen;
@@ -559,11 +599,13 @@ SheetCut cut_by_sheet(const Model& before, const std::shared_ptr<const Sheet>& s
   model.consistency_report = before.consistency_report;
   refuse_parted(model, held);
 
-  const std::vector<Index> nodes = nodes_of(before, model, changed);
   if (!before.variance.empty()) {
-    Neighbourhood around = neighbourhood_of(model, points_around(model, nodes), looked);
-    find_variance(around, model, *sight);
-    take_variance(before, around, nodes, model);
+    const auto there = std::lower_bound(changed.begin(), changed.end(), before.point_count());
+    Neighbourhood was = neighbourhood_of(before, {changed.begin(), there}, looked);
+    find_shares(was, before);
+    for (GradientVariance& v : was.model.variance) name(v.rows, was.node);
+    for (GradientVariance& v : near.model.variance) name(v.rows, near.node);
+    take_variance(before, was, near, model);
   }
   if (before.patches.count() > 0) {
     model.patches = before.patches;

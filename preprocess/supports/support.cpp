@@ -89,9 +89,31 @@ struct Cloud {
   }
 };
 
-// `near`: all nodes that reach x ungrown, and perhaps others. `connected`, if given: is a node, by the
-// tissue?
-PlaceSupport support_of(const Vec3& x, const Cloud& cloud, std::span<const int> near,
+// Nodes that enlarged supports of places within `extent` of `middle` may take, looked for once for all of them.
+struct Around {
+  Vec3 middle;
+  double extent = 0.0;
+  std::vector<int> node, connected_node;
+  bool is_known = false;
+
+  // Those that reach x with radii `growth` times as large; ascending.
+  void reaching(const Vec3& x, const Cloud& cloud, double growth,
+                const std::function<bool(int)>& connected, bool only_connected, std::vector<int>& result) {
+    if (!is_known) {
+      cloud.reaching(middle, 1.001 * largest_growth, node, 1.001 * extent);
+      if (connected) std::copy_if(node.begin(), node.end(), std::back_inserter(connected_node), connected);
+      is_known = true;
+    }
+    result.clear();
+    const std::vector<int>& from = only_connected ? connected_node : node;
+    std::copy_if(from.begin(), from.end(), std::back_inserter(result),
+                 [&](int a) { return cloud.reaches(a, x, growth); });
+  }
+};
+
+// `near`: all nodes that reach x ungrown and are `connected` with it by the tissue, and perhaps others of
+// these. `around` holds x.
+PlaceSupport support_of(const Vec3& x, const Cloud& cloud, std::span<const int> near, Around& around,
                         const std::function<bool(int)>& connected = {}) {
   const std::size_t terms = cloud.options.basis == Basis::linear ? 4 : 10;
   PlaceSupport result;
@@ -100,8 +122,8 @@ PlaceSupport support_of(const Vec3& x, const Cloud& cloud, std::span<const int> 
   std::erase_if(result.nodes, [&](int a) { return !cloud.reaches(a, x, 1.0); });
   const auto find = [&](bool only_connected) {
     for (result.growth = 1.0; result.growth <= largest_growth; result.growth *= 1.1) {
-      if (result.growth > 1.0 || result.unconnected) cloud.reaching(x, result.growth, result.nodes);
-      if (only_connected) std::erase_if(result.nodes, [&](int a) { return !connected(a); });
+      if (result.growth > 1.0 || result.unconnected)
+        around.reaching(x, cloud, result.growth, connected, only_connected, result.nodes);
       if (result.nodes.size() < 2 * terms) continue;
       result.mls = mls_shape_functions(x, cloud.model.X, result.nodes, cloud.radius, result.growth,
                                        cloud.options, cloud.pinned, result.phi, result.dphi);
@@ -116,6 +138,13 @@ PlaceSupport support_of(const Vec3& x, const Cloud& cloud, std::span<const int> 
     result.ok = find(false);
   }
   return result;
+}
+
+// The same of a place by itself.
+PlaceSupport support_of(const Vec3& x, const Cloud& cloud, std::span<const int> near,
+                        const std::function<bool(int)>& connected = {}) {
+  Around around{x, 0.0, {}, {}};
+  return support_of(x, cloud, near, around, connected);
 }
 
 // Of each place the nodes near it, ascending.
@@ -228,10 +257,12 @@ bool surely_good(const MlsOfEight& eight, std::size_t place) {
 bool one_by_one(const Points& x, const Cloud& cloud, std::span<const int> near,
                 const std::function<bool(int)>& connected, PointSupport& result, MlsOfEight& gradients) {
   std::array<PlaceSupport, cell_places> at;
+  Around around{x.rowwise().mean(), 0.0, {}, {}};
+  around.extent = (x.colwise() - around.middle).colwise().norm().maxCoeff();
   std::vector<int>& nodes = gradients.nodes;
   nodes.clear();
   for (int k = 0; k < cell_places; ++k) {
-    PlaceSupport& place = at[static_cast<std::size_t>(k)] = support_of(x.col(k), cloud, near, connected);
+    PlaceSupport& place = at[static_cast<std::size_t>(k)] = support_of(x.col(k), cloud, near, around, connected);
     take(result, place);
     if (!result.ok) return false;
     nodes.insert(nodes.end(), place.nodes.begin(), place.nodes.end());
@@ -286,6 +317,10 @@ void over_cell(Index q, const Cloud& cloud, std::span<const int> near,
   result.variance.resize(static_cast<std::size_t>(n * (n + 1) / 2));
   lower_products(gradients.rows.data() + 3 * stride, 3 * (cell_places - 1), stride, n, weight / cell_places,
                  result.variance.data());
+  // To multiples of 2^-52 m, less than a billionth of what a node has: sums of these are exact (below 2 m), so
+  // that a cut can take a cell's share out again and nothing of it is left.
+  constexpr double coarse = 1.5;
+  for (double& k : result.variance) k = (k + coarse) - coarse;
 }
 
 // Row a of a symmetric matrix: columns b <= a, ascending.

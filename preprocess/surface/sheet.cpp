@@ -1,14 +1,17 @@
 #include "preprocess/surface/sheet.hpp"
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <array>
+#include <cmath>
 
 #include "preprocess/surface/surface_cells.hpp"
 
 namespace dimple {
 namespace {
 
-constexpr double on_sheet = 1e-9;  // of its size
+// Of its size: what counts as on it, and how far from it that is looked for.
+constexpr double on_sheet = 1e-9, beside_sheet = 1e-6;
 
 // On which side of an edge a line passes: by the edge's ends in the order of their numbers, so that the two
 // triangles at an edge are told the same.
@@ -28,11 +31,17 @@ Sheet::Sheet(Points vertex, Triangles triangles)
       upper_(vertex_.rowwise().maxCoeff()),
       boxes_(vertex_, triangles_) {
   size_ = (upper_ - lower_).norm();
+  Vec3 sum = Vec3::Zero();
   for (Index t = 0; t < triangles_.cols(); ++t) {
     const Vec3 a = vertex_.col(triangles_(0, t));
-    normal_.col(t) =
-        (vertex_.col(triangles_(1, t)) - a).cross(vertex_.col(triangles_(2, t)) - a).normalized();
+    const Vec3 twice = (vertex_.col(triangles_(1, t)) - a).cross(vertex_.col(triangles_(2, t)) - a);
+    normal_.col(t) = twice.normalized();
+    sum += twice;
   }
+  across_ = sum.normalized();  // of a sheet that closes any direction, or none
+  const Eigen::VectorXd along = vertex_.transpose() * across_;
+  lowest_ = along.minCoeff() - beside_sheet * size_;
+  highest_ = along.maxCoeff() + beside_sheet * size_;
 }
 
 bool Sheet::passes(Index t, const Vec3& x, const Vec3& y) const {
@@ -52,6 +61,15 @@ bool Sheet::between(const Vec3& x, const Vec3& y) const {
   if ((x.cwiseMin(y).array() > upper_.array() + slack).any() ||
       (x.cwiseMax(y).array() < lower_.array() - slack).any())
     return false;
+  // Blades are nearly plane: of the way only what lies within their thickness may meet them.
+  const double from = across_.dot(x), to = across_.dot(y);
+  if (std::max(from, to) < lowest_ || std::min(from, to) > highest_) return false;
+  double first = 0.0, last = 1.0;
+  if (const double rise = to - from; std::abs(rise) > slack) {
+    const auto [enters, leaves] = std::minmax({(lowest_ - from) / rise, (highest_ - from) / rise});
+    first = std::max(first, enters);
+    last = std::min(last, leaves);
+  }
   struct Visit {
     const Sheet& sheet;
     const Vec3 &x, &y;
@@ -59,8 +77,8 @@ bool Sheet::between(const Vec3& x, const Vec3& y) const {
     bool found = false;
     double reach() const { return found ? -1.0 : half; }
     void triangle(int t) { found = found || sheet.passes(t, x, y); }
-  } visit{*this, x, y, 0.5 * (y - x).norm() + slack};
-  boxes_.around(0.5 * (x + y), visit);
+  } visit{*this, x, y, 0.5 * (last - first) * (y - x).norm() + beside_sheet * size_};
+  boxes_.around(x + 0.5 * (first + last) * (y - x), visit);
   return visit.found;
 }
 

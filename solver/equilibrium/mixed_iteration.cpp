@@ -1,6 +1,7 @@
 #include "solver/equilibrium/mixed_iteration.hpp"
 
 #include <tbb/parallel_for.h>
+#include <tbb/parallel_sort.h>
 
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
@@ -101,24 +102,30 @@ std::shared_ptr<const Factor> factorised(Sparse matrix) {
 using Edges = std::vector<std::pair<int, int>>;
 
 Edges neighbours(const Model& model) {
-  Edges edge;
-  std::vector<std::pair<double, int>> near;
-  for (Index a = 0; a < model.node_count(); ++a) {
-    if (a % 4096 == 0) stop_if_asked();
-    near.clear();
-    for (const GradientVariance& v : model.variance)
-      for (int k = v.rows.offset[a]; k < v.rows.offset[a + 1]; ++k)
-        if (const int b = v.rows.member[k]; b != a)
-          near.emplace_back(
-              (model.X.col(a) - model.X.col(b)).norm() / (0.5 * (model.spacing[a] + model.spacing[b])), b);
-    std::sort(near.begin(), near.end());
-    for (std::size_t k = 0; k < near.size(); ++k) {
-      if (k >= fewest_neighbours && near[k].first > neighbour_distance) break;
-      edge.emplace_back(std::max(static_cast<int>(a), near[k].second),
-                        std::min(static_cast<int>(a), near[k].second));
+  constexpr Index each = 256;  // nodes
+  std::vector<Edges> of_block(static_cast<std::size_t>((model.node_count() + each - 1) / each));
+  tbb::parallel_for(std::size_t{0}, of_block.size(), [&](std::size_t block) {
+    stop_if_asked();
+    std::vector<std::pair<double, int>> near;
+    const Index first = static_cast<Index>(block) * each, last = std::min(first + each, model.node_count());
+    for (Index a = first; a < last; ++a) {
+      near.clear();
+      for (const GradientVariance& v : model.variance)
+        for (int k = v.rows.offset[a]; k < v.rows.offset[a + 1]; ++k)
+          if (const int b = v.rows.member[k]; b != a)
+            near.emplace_back(
+                (model.X.col(a) - model.X.col(b)).norm() / (0.5 * (model.spacing[a] + model.spacing[b])), b);
+      std::sort(near.begin(), near.end());
+      for (std::size_t k = 0; k < near.size(); ++k) {
+        if (k >= fewest_neighbours && near[k].first > neighbour_distance) break;
+        of_block[block].emplace_back(std::max(static_cast<int>(a), near[k].second),
+                                     std::min(static_cast<int>(a), near[k].second));
+      }
     }
-  }
-  std::sort(edge.begin(), edge.end());
+  });
+  Edges edge;
+  for (const Edges& its : of_block) edge.insert(edge.end(), its.begin(), its.end());
+  tbb::parallel_sort(edge.begin(), edge.end());
   edge.erase(std::unique(edge.begin(), edge.end()), edge.end());
   return edge;
 }
@@ -126,17 +133,26 @@ Edges neighbours(const Model& model) {
 // [N] Pa m^3 of shear modulus x volume that each node stands for.
 template <class Shear>
 Eigen::VectorXd shear_of_nodes(const Model& model, const Shear& mu) {
+  constexpr Index slab = 65536;  // points whose shares are held at a time
   Eigen::VectorXd sum = Eigen::VectorXd::Zero(model.node_count()), share;
-  for (Index q = 0; q < model.point_count(); ++q) {
-    if (q % 65536 == 0) stop_if_asked();
-    const int first = model.support.offset[q];
-    share.resize(model.support.count(q));
-    for (Index k = 0; k < share.size(); ++k) {
-      const int a = model.support.member[first + k];
-      share[k] = std::exp(-4.0 * (model.X.col(a) - model.point.col(q)).squaredNorm() /
-                          std::pow(model.spacing[a], 2));
-    }
-    share *= model.volume[q] * mu(q) / share.sum();
+  for (Index from = 0; from < model.point_count(); from += slab) {
+    stop_if_asked();
+    const Index to = std::min(from + slab, model.point_count());
+    const int first = model.support.offset[from];
+    share.resize(model.support.offset[to] - first);
+    tbb::parallel_for(tbb::blocked_range<Index>(from, to, 256), [&](const auto& range) {
+      for (Index q = range.begin(); q < range.end(); ++q) {
+        double* its = share.data() + model.support.offset[q] - first;
+        double all = 0.0;  // one by one: Eigen's sum hangs on where the numbers lie
+        for (Index k = 0; k < model.support.count(q); ++k) {
+          const int a = model.support.member[model.support.offset[q] + k];
+          its[k] = std::exp(-4.0 * (model.X.col(a) - model.point.col(q)).squaredNorm() /
+                            std::pow(model.spacing[a], 2));
+          all += its[k];
+        }
+        for (Index k = 0; k < model.support.count(q); ++k) its[k] *= model.volume[q] * mu(q) / all;
+      }
+    });
     for (Index k = 0; k < share.size(); ++k) sum[model.support.member[first + k]] += share[k];
   }
   return sum;
@@ -157,26 +173,33 @@ double stiffness(const Material& m, const Mat3& F) {
 
 // Which nodes the points of a patch see.
 CompressedRows nodes_of_patches(const Model& model, const CompressedRows& points) {
+  std::vector<std::vector<int>> nodes(static_cast<std::size_t>(points.rows()));
+  tbb::parallel_for(tbb::blocked_range<Index>(0, points.rows(), 64), [&](const auto& range) {
+    stop_if_asked();
+    std::vector<Index> seen(static_cast<std::size_t>(model.node_count()), -1);
+    for (Index b = range.begin(); b < range.end(); ++b) {
+      std::vector<int>& its = nodes[static_cast<std::size_t>(b)];
+      for (int k = points.offset[b]; k < points.offset[b + 1]; ++k) {
+        const int q = points.member[k];
+        for (int e = model.support.offset[q]; e < model.support.offset[q + 1]; ++e) {
+          const int a = model.support.member[e];
+          if (seen[static_cast<std::size_t>(a)] == b) continue;
+          seen[static_cast<std::size_t>(a)] = b;
+          its.push_back(a);
+        }
+      }
+      std::sort(its.begin(), its.end());
+    }
+  });
   CompressedRows result;
   result.offset = Eigen::VectorXi::Zero(points.rows() + 1);
-  std::vector<int> member;
-  std::vector<Index> seen(static_cast<std::size_t>(model.node_count()), -1);
-  for (Index b = 0; b < points.rows(); ++b) {
-    if (b % 4096 == 0) stop_if_asked();
-    const auto first = static_cast<std::ptrdiff_t>(member.size());
-    for (int k = points.offset[b]; k < points.offset[b + 1]; ++k) {
-      const int q = points.member[k];
-      for (int e = model.support.offset[q]; e < model.support.offset[q + 1]; ++e) {
-        const int a = model.support.member[e];
-        if (seen[static_cast<std::size_t>(a)] == b) continue;
-        seen[static_cast<std::size_t>(a)] = b;
-        member.push_back(a);
-      }
-    }
-    std::sort(member.begin() + first, member.end());
-    result.offset[b + 1] = static_cast<int>(member.size());
-  }
-  result.member = Eigen::Map<Eigen::VectorXi>(member.data(), static_cast<Index>(member.size()));
+  for (Index b = 0; b < points.rows(); ++b)
+    result.offset[b + 1] =
+        result.offset[b] + static_cast<int>(nodes[static_cast<std::size_t>(b)].size());
+  result.member.resize(result.offset[points.rows()]);
+  for (Index b = 0; b < points.rows(); ++b)
+    std::copy(nodes[static_cast<std::size_t>(b)].begin(), nodes[static_cast<std::size_t>(b)].end(),
+              result.member.data() + result.offset[b]);
   return result;
 }
 

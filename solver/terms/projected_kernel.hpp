@@ -190,6 +190,7 @@ class ProjectedKernel {
   void lay_out_supports(const Model& model);
   void lay_out_patches(const Model& model);
   void lay_out_points(const Model& model);
+  void lay_out_variance(const Model& model);
   void pointwise_forces(State& s, Index first, Index last, std::size_t from, std::size_t to) const;
   // Every place of what past() lists, in its order.
   template <class OfState, class Visit>

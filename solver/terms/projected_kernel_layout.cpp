@@ -1,5 +1,7 @@
 // Builds the layout that is drawn at the top of projected_kernel.cpp.
 
+#include <tbb/parallel_invoke.h>
+
 #include <algorithm>
 
 #include "io/error.hpp"
@@ -17,18 +19,13 @@ ProjectedKernel<Real>::ProjectedKernel(const Model& model, const Tissues& tissue
       blocks_((points_ + points_per_block - 1) / points_per_block),
       material_(tissues.material),
       tissue_(tissues.of_point.begin(), tissues.of_point.end()) {
-  lay_out_supports(model);
-  if (patches_ > 0) lay_out_patches(model);
   patch_volume_.assign(model.patches.volume.begin(), model.patches.volume.end());
-  lay_out_points(model);
-  for (const GradientVariance& v : model.variance) {
-    Variance& mine = variance_.emplace_back();
-    mine.tissue = v.tissue;
-    mine.rows.offset.assign(v.rows.offset.begin(), v.rows.offset.end());
-    mine.rows.share.reserve(static_cast<std::size_t>(v.K.size()));
-    for (Index k = 0; k < v.K.size(); ++k)
-      mine.rows.share.push_back({v.rows.member[k], static_cast<Real>(v.K[k])});
-  }
+  tbb::parallel_invoke([&] { lay_out_supports(model); },
+                       [&] {
+                         if (patches_ > 0) lay_out_patches(model);
+                         lay_out_points(model);
+                         lay_out_variance(model);
+                       });
   slope_ = is_as_printed(material_.front()) ? Real(0) : Real(1);
   smallest_J_ = static_cast<Real>(patches_ > 0 ? smallest_J : 1e-4);
 }
@@ -100,6 +97,7 @@ void ProjectedKernel<Real>::lay_out_patches(const Model& model) {
   std::vector<std::int32_t> local;
   number_blocks(of_point, patches_, patches_of_block_, local);
   octet_offset_.push_back(0);
+  octet_weight_.reserve(4 * local.size());  // as much as it takes, about: eight points share a good half
   for (Index q = 0; q < points_; q += 8) {
     if (q % 16384 == 0) stop_if_asked();
     const auto start = static_cast<std::ptrdiff_t>(octet_offset_.back());
@@ -119,11 +117,24 @@ void ProjectedKernel<Real>::lay_out_patches(const Model& model) {
   Eigen::VectorXi place;
   const CompressedRows members = transpose(of_point, patches_, &place);
   of_patch_.offset.assign(members.offset.begin(), members.offset.end());
+  of_patch_.share.reserve(static_cast<std::size_t>(members.member.size()));
   for (Index b = 0; b < patches_; ++b)
     for (int k = members.offset[b]; k < members.offset[b + 1]; ++k)
       of_patch_.share.push_back(
           {members.member[k], static_cast<Real>(model.patches.psi[place[k]] *
                                                 model.volume[members.member[k]] / model.patches.volume[b])});
+}
+
+template <class Real>
+void ProjectedKernel<Real>::lay_out_variance(const Model& model) {
+  for (const GradientVariance& v : model.variance) {
+    Variance& mine = variance_.emplace_back();
+    mine.tissue = v.tissue;
+    mine.rows.offset.assign(v.rows.offset.begin(), v.rows.offset.end());
+    mine.rows.share.reserve(static_cast<std::size_t>(v.K.size()));
+    for (Index k = 0; k < v.K.size(); ++k)
+      mine.rows.share.push_back({v.rows.member[k], static_cast<Real>(v.K[k])});
+  }
 }
 
 // What each point has of its own.
