@@ -43,7 +43,8 @@ Command add_shift(CLI::App& app, Invocation& shared) {
   command->add_option("--brain", shift_options.brain, "labels of the brain, comma-separated; else all are");
   command
       ->add_option("--skull", shift_options.skull,
-                   "label of the skull, or several, comma-separated; or derived: the outer hull of the brain, at --gap")
+                   "label of the skull, or several, comma-separated; or derived: the outer hull of the "
+                   "brain, at --gap")
       ->capture_default_str();
   command->add_option("--opening", shift_options.opening, "where the skull is open: x,y,z,radius in LPS mm")
       ->required();
@@ -61,6 +62,8 @@ Command add_shift(CLI::App& app, Invocation& shared) {
                    "a place x,y,z in LPS mm whose shift is asked for; several")
       ->expected(1)
       ->take_all();
+  command->add_flag("--tables", shift_options.tables_alone,
+                    "tables and summary alone, without images, pictures and page");
   command->add_flag("--explain", options->explain,
                     "then repeat the shift, changing one choice at a time, and show what it depends on");
   options->flags.add(*command, "shift");

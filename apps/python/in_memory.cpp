@@ -27,8 +27,8 @@ void members(Archive& io, T& film) {
 
 template <class Archive, Like<Config::Wall> T>
 void members(Archive& io, T& wall) {
-  auto& [shape, friction, gap, opening] = wall;
-  io(shape, friction, gap, opening);
+  auto& [shape, friction, gap, opening, places] = wall;
+  io(shape, friction, gap, opening, places);
 }
 
 template <class Archive, Like<Config::Held> T>

@@ -294,6 +294,8 @@ std::vector<Option> options_of(Config::Wall& w) {
                "everywhere; image: as the image has it"},
       {.key = "wall.opening", .value = &w.opening, .stage = "solve", .words = {"none"},
        .help = "x,y,z,radius in mm: there the wall is open; none"},
+      {.key = "wall.places", .value = &w.places, .least = 10, .most = 20000, .stage = "solve",
+       .help = "of the body's surface where it is looked for, at most: their pairs are a dense matrix"},
   };
 }
 

@@ -28,7 +28,6 @@ constexpr const char* wall_forms =
     "give label:NAME, a closed mesh such as skull.stl, plane:x,y,z,nx,ny,nz, or around:2mm";
 constexpr double hull_closes_mm = 12.0;  // gaps in the body narrower than this: its fissures
 constexpr double faces_wall = -0.3;      // outward normal of the body . that of the wall, at most
-constexpr Index most_wall_samples = 1500;
 // How far from the body a wall is looked for: of the body's size, and at least and at most [m].
 constexpr double reach_of_size = 0.15, least_reach = 10e-3, most_reach = 30e-3;
 constexpr double overlap_voxels = 1.0;    // that neighbouring labels may have
@@ -267,8 +266,8 @@ void check_walls(const Config& config, const LabelImage& image, const std::vecto
                          : fmt::format("the image has no label '{}' for the wall '{}'", label, name),
            .where = wall_key(name, "shape"),
            .why = there ? "a wall is rigid, and what is soft is another label" : "no voxel has it",
-           .remedy =
-               there ? "choose the labels of the body with --label" : "`dimple info IMAGE` shows the labels"});
+           .remedy = there ? "choose the labels of the body with --label"
+                           : "`dimple info IMAGE` shows the labels"});
     }
   }
 }
@@ -291,7 +290,7 @@ namespace {
 
 // What of the surface can come to it, by the place next to it on the wall.
 ContactSurface facing_surface(const Model& model, const Touch& wall, double reach,
-                              const std::optional<Eigen::Vector4d>& opening) {
+                              const std::optional<Eigen::Vector4d>& opening, Index most_places) {
   return wall_surface(
       model,
       [&](const Vec3& x, const Vec3& outward) {
@@ -300,7 +299,7 @@ ContactSurface facing_surface(const Model& model, const Touch& wall, double reac
         const Vec3 there = 1e3 * (x - to.distance * to.normal);
         return !opening || (there - opening->head<3>()).norm() > (*opening)[3];
       },
-      most_wall_samples);
+      most_places);
 }
 
 Eigen::VectorXd distances(const Touch& wall, const Points& places) {
@@ -414,7 +413,7 @@ Walls walls_beside(const Config& config, const Model& model, const LabelImage* i
     wall.name = name;
     wall.motion = Vec3::Zero().eval();
     wall.friction = friction_of(its.friction, wall_key(name, "friction"));
-    wall.surface = facing_surface(model, wall, reach, opening_of(name, its));
+    wall.surface = facing_surface(model, wall, reach, opening_of(name, its), its.places);
     if (wall.surface.count() == 0)
       throw ModelError(
           {.fact = fmt::format("nothing of the body can come to the wall '{}'", name),

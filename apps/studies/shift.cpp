@@ -221,7 +221,7 @@ Outcome shift(const Config& config, const ShiftOptions& options, const fs::path&
   write_tables(folder, now, scene);
   Json images;
   const Stopwatch warping;
-  warp_images(log, task, folder, now, images);
+  if (!options.tables_alone) warp_images(log, task, folder, now, images);
   const double images_s = warping.seconds();
   const Stopwatch drawing;
   Json summary = summary_of_image(config, result);
@@ -237,20 +237,23 @@ Outcome shift(const Config& config, const ShiftOptions& options, const fs::path&
   summary["images"] = images;
   const std::string options_text = to_toml(config, result.chosen);
   write_file(folder / "config.resolved.toml", options_text);
-  const std::string title = title_of(config, told);
-  std::string pictured;
-  const std::string picture = before_and_after(now, scene, config, task, folder, title, pictured);
-  told["pictured"] = pictured;
+  Json page;
+  if (!options.tables_alone) {
+    std::string pictured;
+    const std::string picture =
+        before_and_after(now, scene, config, task, folder, title_of(config, told), pictured);
+    told["pictured"] = pictured;
+    write_file(folder / "overview.png", picture);
+    page = page_of_shift(now, scene, config, options_text, command_of(options), picture);
+  }
   summary["shift"] = told;
-  write_file(folder / "overview.png", picture);
-  const Json page = page_of_shift(now, scene, config, options_text, command_of(options), picture);
   summary["solve_wall_s"] = now.solve_s;
   summary["total_wall_s"] = whole.seconds();
   summary["parts_wall_s"] = times_json(now, images_s, drawing.seconds(), whole.seconds());
   summary["warnings"] = result.warnings;
   Outcome outcome;
   outcome.summary_json = as_text(summary);
-  write_report(folder / "report.html", summary, page);
+  if (!options.tables_alone) write_report(folder / "report.html", summary, page);
   write_file(folder / "summary.json", outcome.summary_json);
   outcome.headline = fmt::format("largest shift at the opening {}, {} of it along gravity; no band is known",
                                  length_in_words(told["largest_at_opening_mm"].get<double>()),

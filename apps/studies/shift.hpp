@@ -17,6 +17,7 @@ struct ShiftOptions {
   std::string fluid_lost = "60%";   ///< of the brain's height
   std::string gap;                  ///< between brain and skull; empty: of a label as the image has it
   std::vector<std::string> target;  ///< x,y,z in mm each
+  bool tables_alone = false;        ///< no images, pictures and page
 };
 
 /// `config` with a skull around the brain that is open there, fluid lost down to that share of its height,

@@ -245,7 +245,7 @@ Config config_of_shift(Config config, const ShiftOptions& options) {
   config.load.depth_mm = fold_reach_mm;
   config.solver.time = "quasi-static";
   config.accuracy.band = "off";
-  config.output.write = {"images"};
+  config.output.write = {options.tables_alone ? "force" : "images"};
   return config;
 }
 

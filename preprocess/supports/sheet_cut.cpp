@@ -379,8 +379,7 @@ void find_shares(Neighbourhood& near, const Model& before) {
 // row `from[r]` of `before`. `copy`(to, from, count, is_now) takes what belongs to the members.
 template <class Copy>
 CompressedRows put_together(const CompressedRows& before, const CompressedRows& now,
-                            const std::vector<Index>& of, const std::vector<Index>& from,
-                            const Copy& copy) {
+                            const std::vector<Index>& of, const std::vector<Index>& from, const Copy& copy) {
   CompressedRows rows;
   const auto count = static_cast<Index>(of.size());
   rows.offset.resize(count + 1);
@@ -426,8 +425,8 @@ void take_supports(const Model& before, const Neighbourhood& near, const std::ve
 }
 
 const GradientVariance* of_tissue(const std::vector<GradientVariance>& all, int tissue) {
-  const auto its = std::find_if(all.begin(), all.end(),
-                                [&](const GradientVariance& v) { return v.tissue == tissue; });
+  const auto its =
+      std::find_if(all.begin(), all.end(), [&](const GradientVariance& v) { return v.tissue == tissue; });
   return its == all.end() ? nullptr : &*its;
 }
 
@@ -513,7 +512,8 @@ void take_variance(const Model& before, const Neighbourhood& was, const Neighbou
         });
         its.add(more, number[k], 1.0, [](int) { return true; });
       }
-      sum.rows.offset[a + 1] = static_cast<int>(is_changed(k) ? its.member.size() : static_cast<std::size_t>(n));
+      sum.rows.offset[a + 1] =
+          static_cast<int>(is_changed(k) ? its.member.size() : static_cast<std::size_t>(n));
     });
     std::partial_sum(sum.rows.offset.begin(), sum.rows.offset.end(), sum.rows.offset.begin());
     sum.rows.member.resize(sum.rows.offset[nodes]);

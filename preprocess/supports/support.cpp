@@ -89,7 +89,8 @@ struct Cloud {
   }
 };
 
-// Nodes that enlarged supports of places within `extent` of `middle` may take, looked for once for all of them.
+// Nodes that enlarged supports of places within `extent` of `middle` may take, looked for once for all of
+// them.
 struct Around {
   Vec3 middle;
   double extent = 0.0;
@@ -97,8 +98,8 @@ struct Around {
   bool is_known = false;
 
   // Those that reach x with radii `growth` times as large; ascending.
-  void reaching(const Vec3& x, const Cloud& cloud, double growth,
-                const std::function<bool(int)>& connected, bool only_connected, std::vector<int>& result) {
+  void reaching(const Vec3& x, const Cloud& cloud, double growth, const std::function<bool(int)>& connected,
+                bool only_connected, std::vector<int>& result) {
     if (!is_known) {
       cloud.reaching(middle, 1.001 * largest_growth, node, 1.001 * extent);
       if (connected) std::copy_if(node.begin(), node.end(), std::back_inserter(connected_node), connected);
@@ -262,7 +263,8 @@ bool one_by_one(const Points& x, const Cloud& cloud, std::span<const int> near,
   std::vector<int>& nodes = gradients.nodes;
   nodes.clear();
   for (int k = 0; k < cell_places; ++k) {
-    PlaceSupport& place = at[static_cast<std::size_t>(k)] = support_of(x.col(k), cloud, near, around, connected);
+    PlaceSupport& place = at[static_cast<std::size_t>(k)] =
+        support_of(x.col(k), cloud, near, around, connected);
     take(result, place);
     if (!result.ok) return false;
     nodes.insert(nodes.end(), place.nodes.begin(), place.nodes.end());
@@ -317,8 +319,8 @@ void over_cell(Index q, const Cloud& cloud, std::span<const int> near,
   result.variance.resize(static_cast<std::size_t>(n * (n + 1) / 2));
   lower_products(gradients.rows.data() + 3 * stride, 3 * (cell_places - 1), stride, n, weight / cell_places,
                  result.variance.data());
-  // To multiples of 2^-52 m, less than a billionth of what a node has: sums of these are exact (below 2 m), so
-  // that a cut can take a cell's share out again and nothing of it is left.
+  // To multiples of 2^-52 m, less than a billionth of what a node has: sums of these are exact (below 2 m),
+  // so that a cut can take a cell's share out again and nothing of it is left.
   constexpr double coarse = 1.5;
   for (double& k : result.variance) k = (k + coarse) - coarse;
 }

@@ -27,8 +27,8 @@ class Sheet {
   Points normal_;  // [3xT], unit vectors
   double size_ = 0.0;
   Vec3 lower_, upper_;
-  Vec3 across_;                   // the mean normal
-  double lowest_, highest_;       // of all vertices along it
+  Vec3 across_;              // the mean normal
+  double lowest_, highest_;  // of all vertices along it
   BoxTree boxes_;
 };
 

@@ -194,8 +194,7 @@ CompressedRows nodes_of_patches(const Model& model, const CompressedRows& points
   CompressedRows result;
   result.offset = Eigen::VectorXi::Zero(points.rows() + 1);
   for (Index b = 0; b < points.rows(); ++b)
-    result.offset[b + 1] =
-        result.offset[b] + static_cast<int>(nodes[static_cast<std::size_t>(b)].size());
+    result.offset[b + 1] = result.offset[b] + static_cast<int>(nodes[static_cast<std::size_t>(b)].size());
   result.member.resize(result.offset[points.rows()]);
   for (Index b = 0; b < points.rows(); ++b)
     std::copy(nodes[static_cast<std::size_t>(b)].begin(), nodes[static_cast<std::size_t>(b)].end(),

@@ -81,6 +81,30 @@ TEST(Shift, DrawsBeforeAndAfterAndAPageWithTheSameBytesForAnyThreads) {
   EXPECT_EQ(text_of(folder / "two" / "targets.csv"), text_of(folder / "two" / "again" / "targets.csv"));
 }
 
+TEST(Shift, WithTablesAloneIsTheSameShiftWithoutImagesPicturesAndPage) {
+  const fs::path folder = fresh_folder();
+  const Json all = shifted(folder, "-q", "all"), few = shifted(folder, "-q --tables", "few");
+  EXPECT_EQ(all["shift"]["largest_at_opening_mm"], few["shift"]["largest_at_opening_mm"]);
+  EXPECT_EQ(text_of(folder / "all" / "profile.csv"), text_of(folder / "few" / "profile.csv"));
+  for (const char* file : {"images", "overview.png", "report.html"}) {
+    EXPECT_TRUE(fs::exists(folder / "all" / file)) << file;
+    EXPECT_FALSE(fs::exists(folder / "few" / file)) << file;
+  }
+}
+
+// As many places as a wall may have: fewer of them leave more of the surface between.
+TEST(Shift, LooksForContactAtNoMorePlacesThanAsked) {
+  const fs::path folder = fresh_folder();
+  const auto places = [&](const char* most) {
+    return shifted(folder, std::string("-q --tables --set wall.skull.places=") + most,
+                   most)["walls"]["skull"]["places"]
+        .get<int>();
+  };
+  const int few = places("40"), many = places("400");
+  EXPECT_LE(few, 40);
+  EXPECT_GT(many, few);
+}
+
 TEST(Shift, IsExplainedByOneDoubtAtATimeInMillimetres) {
   const fs::path folder = fresh_folder();
   const Json summary = shifted(folder, "-q --explain", "out");

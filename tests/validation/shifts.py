@@ -1,0 +1,105 @@
+"""Brain shift in whole heads: what clouds of nodes change, and whether the band of `dimple shift` holds.
+
+    python3 tests/validation/shifts.py build/release/dimple HEADS TABLE.csv 02 03 04
+
+HEADS is the folder data/training_label_maps of SynthSeg (github.com/BBillot/SynthSeg, Apache-2.0): training_seg_01.nii.gz
+to training_seg_20.nii.gz, label images of whole heads, 1 mm. Brain is every label below 200 but 24 (fluid), skull the labels
+515 and 516. Each head is opened at three places, up being there, and 60 % of the fluid is lost.
+
+A row is a cloud of 4000 nodes (`seed`): its largest shift at the opening, how much half as many nodes change (that, or a
+displacement along the line into the brain, the largest), and how far it is from the reference, the mean of two clouds of
+16,000 nodes with 4000 places where contact is looked for (else at most 1500); `reference_doubt_mm` is half of their difference. Needs numpy.
+"""
+
+import csv
+import gzip
+import json
+import pathlib
+import struct
+import subprocess
+import sys
+import tempfile
+
+import numpy
+
+OPENINGS = {  # from the brain's middle, LPS; up
+    "frontal": ((0.55, -0.55, 0.63), "anterior"),
+    "parietal": ((-0.60, 0.35, 0.72), "superior"),
+    "temporal": ((0.95, -0.10, 0.30), "left"),
+}
+RADIUS_MM, NODES, REFERENCE, SEEDS, FLUID = 25, 4000, 16000, (1, 2), 24
+
+
+def labels_and_places(image):
+    data = gzip.open(image).read()
+    nx, ny, nz = struct.unpack("<3h", data[42:48])
+    kind = {4: "<i2", 8: "<i4", 16: "<f4", 512: "<u2"}[struct.unpack("<h", data[70:72])[0]]
+    first = int(struct.unpack("<f", data[108:112])[0])
+    label = numpy.frombuffer(data, kind, nx * ny * nz, first).reshape(nz, ny, nx).astype(int)
+    to_ras = numpy.array(struct.unpack("<12f", data[280:328])).reshape(3, 4)
+    return label, to_ras * numpy.array([[-1], [-1], [1]])
+
+
+def scenes_of(image):
+    label, to_lps = labels_and_places(image)
+    brain = (label > 0) & (label < 200) & (label != FLUID)
+    k, j, i = numpy.where(brain)
+    place = to_lps[:, :3] @ numpy.vstack([i, j, k]) + to_lps[:, 3:4]
+    middle = place.mean(axis=1)
+    names = ",".join(str(v) for v in numpy.unique(label[brain]))
+    for name, (way, up) in OPENINGS.items():
+        way = numpy.array(way) / numpy.linalg.norm(way)
+        along = way @ (place - middle[:, None])
+        beside = numpy.linalg.norm(place - middle[:, None] - numpy.outer(way, along), axis=0)
+        at = middle + along[beside < 3].max() * way
+        yield name, up, names, ",".join(f"{x:.1f}" for x in (*at, RADIUS_MM))
+
+
+def shift(program, image, brain, opening, up, nodes, seed):
+    """The largest at the opening, the displacements along the line [n x 3] and the largest of all; mm."""
+    places = "4000" if nodes == REFERENCE else "1500"
+    with tempfile.TemporaryDirectory() as folder:
+        words = [program, "shift", image, "-o", folder + "/out", "-q", "--tables", "--band", "off", "--brain", brain,
+                 "--skull", "515,516", "--opening=" + opening, "--up", up, "--nodes", str(nodes), "--set", f"cloud.seed={seed}",
+                 "--set", "wall.skull.places=" + places]
+        if subprocess.run(words, capture_output=True).returncode != 0:
+            return None
+        told = json.loads(pathlib.Path(folder, "out", "summary.json").read_text())["shift"]
+    return told["largest_at_opening_mm"], numpy.array([p["components_mm"] for p in told["profile"]]), told["largest_of_all_mm"]
+
+
+def apart(a, b):
+    return max(abs(a[0] - b[0]), numpy.linalg.norm(a[1] - b[1], axis=1).max())
+
+
+def rows_of(program, image, opening, up, brain, at):
+    fine = [shift(program, image, brain, at, up, REFERENCE, seed) for seed in SEEDS]
+    for seed in SEEDS:
+        here, coarse = (shift(program, image, brain, at, up, n, seed) for n in (NODES, NODES // 2))
+        row = {"image": image.name.split(".")[0], "opening": opening, "at_mm": at.replace(",", " "), "up": up, "seed": seed}
+        if None in (here, coarse, *fine):
+            yield {**row, "largest_at_opening_mm": "none"}
+            continue
+        mean = ((fine[0][0] + fine[1][0]) / 2, (fine[0][1] + fine[1][1]) / 2)
+        yield {**row, "largest_at_opening_mm": round(here[0], 3), "largest_mm": round(here[2], 3),
+               "change_mm": round(apart(here, coarse), 3), "error_mm": round(apart(here, mean), 3),
+               "reference_mm": round(mean[0], 3), "reference_doubt_mm": round(apart(*fine) / 2, 3)}
+
+
+def main(program, heads, table, *which):
+    header = ["image", "opening", "at_mm", "up", "seed", "largest_at_opening_mm", "largest_mm", "change_mm", "error_mm",
+              "reference_mm", "reference_doubt_mm"]
+    with open(table, "w", newline="") as file:
+        writer = csv.DictWriter(file, header, restval="", lineterminator="\n")
+        writer.writeheader()
+        for head in which:
+            image = pathlib.Path(heads, f"training_seg_{head}.nii.gz").resolve()
+            for opening, up, brain, at in scenes_of(image):
+                for row in rows_of(program, image, opening, up, brain, at):
+                    writer.writerow(row)
+                    file.flush()
+                    print(row, flush=True)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
