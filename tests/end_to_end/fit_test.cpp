@@ -121,7 +121,9 @@ TEST_F(Fit, OfATouchingToolFindsTheModulusThatItsOwnRunWasGivenWithFrictionAndWi
     good("run " + block + " -o made --force --write force --mu 1Pa --depth 2mm --band off" + scene);
     good("fit " + block + " -o out --curve made/force.csv" + scene);
     const Json s = summary("out");
-    EXPECT_NEAR(s["mu_Pa"].get<double>(), 1.0, 1e-6);
+    // The fit's own run has another modulus, no power of two of this one: its equilibria are others, within a
+    // tenth of their tolerance.
+    EXPECT_NEAR(s["mu_Pa"].get<double>(), 1.0, 1e-5);
     EXPECT_EQ(s["runs"], 1);
     // The force grows as the depth to the power of 1.5, so that a tenth of 2 mm is some 7 %.
     EXPECT_NEAR(s["first_touch"]["mu_if_earlier_Pa"].get<double>(), 0.92, 0.03);

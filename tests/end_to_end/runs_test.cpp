@@ -239,7 +239,9 @@ TEST_F(Run, ForAnAccuracyThatFinerCloudsCannotReachHasTheBandOfTheCoarserOnes) {
   const Ran ran = good("run small.nrrd -o out --accuracy 5% --write force");
   const Json told = summary("out"), levels = told.at("ladder");
   ASSERT_GE(levels.size(), 2u) << ran.err;
-  EXPECT_NE(ran.err.find("with 2000 nodes: the tissue gave way"), std::string::npos) << ran.err;
+  EXPECT_TRUE(ran.err.find("with 2000 nodes: the tissue gave way") != std::string::npos ||
+              ran.err.find("with 2000 nodes: no equilibrium was found") != std::string::npos)
+      << ran.err;
   EXPECT_NE(ran.err.find("was not reached: the error is +- "), std::string::npos) << ran.err;
   EXPECT_EQ(ran.err.find("half the error would take"), std::string::npos) << "finer clouds end";
   EXPECT_EQ(levels.back().at("force_N").get<double>(), last_force("out")) << "of the finest";
