@@ -430,7 +430,7 @@ const GradientVariance* of_tissue(const std::vector<GradientVariance>& all, int 
   return its == all.end() ? nullptr : &*its;
 }
 
-// A row of the variance, some cells' shares taken out and others put in: exact, see find_supports().
+// A row of the variance, some cells' shares taken out and others put in: exact, as over_cell() rounds them.
 struct Row {
   std::vector<int> member;
   std::vector<double> K;
@@ -508,7 +508,8 @@ void take_variance(const Model& before, const Neighbourhood& was, const Neighbou
         its.K.assign(old.K.data() + first, old.K.data() + first + n);
         its.add(less, then_number[k], -1.0, [&](int b) {
           const auto& points = others[static_cast<std::size_t>(then_number[k])];
-          return std::any_of(points.begin(), points.end(), [&](Index q) { return has(before, q, b); });
+          return std::any_of(points.begin(), points.end(),
+                             [&](Index q) { return before.tissue[q] == old.tissue && has(before, q, b); });
         });
         its.add(more, number[k], 1.0, [](int) { return true; });
       }

@@ -90,25 +90,28 @@ struct Cloud {
 };
 
 // Nodes that enlarged supports of places within `extent` of `middle` may take, looked for once for all of
-// them.
+// them; and whether each is connected, asked once where it is in reach.
 struct Around {
   Vec3 middle;
   double extent = 0.0;
-  std::vector<int> node, connected_node;
-  bool is_known = false;
+  std::vector<int> node;
+  enum class Known : char { no, connected, hidden };
+  std::vector<Known> known;
 
   // Those that reach x with radii `growth` times as large; ascending.
   void reaching(const Vec3& x, const Cloud& cloud, double growth, const std::function<bool(int)>& connected,
                 bool only_connected, std::vector<int>& result) {
-    if (!is_known) {
+    if (node.empty()) {
       cloud.reaching(middle, 1.001 * largest_growth, node, 1.001 * extent);
-      if (connected) std::copy_if(node.begin(), node.end(), std::back_inserter(connected_node), connected);
-      is_known = true;
+      known.assign(node.size(), Known::no);
     }
     result.clear();
-    const std::vector<int>& from = only_connected ? connected_node : node;
-    std::copy_if(from.begin(), from.end(), std::back_inserter(result),
-                 [&](int a) { return cloud.reaches(a, x, growth); });
+    for (std::size_t k = 0; k < node.size(); ++k) {
+      if (!cloud.reaches(node[k], x, growth)) continue;
+      if (only_connected && known[k] == Known::no)
+        known[k] = connected(node[k]) ? Known::connected : Known::hidden;
+      if (!only_connected || known[k] == Known::connected) result.push_back(node[k]);
+    }
   }
 };
 

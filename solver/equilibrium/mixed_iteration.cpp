@@ -1,5 +1,6 @@
 #include "solver/equilibrium/mixed_iteration.hpp"
 
+#include <tbb/enumerable_thread_specific.h>
 #include <tbb/parallel_for.h>
 #include <tbb/parallel_sort.h>
 
@@ -174,9 +175,11 @@ double stiffness(const Material& m, const Mat3& F) {
 // Which nodes the points of a patch see.
 CompressedRows nodes_of_patches(const Model& model, const CompressedRows& points) {
   std::vector<std::vector<int>> nodes(static_cast<std::size_t>(points.rows()));
+  tbb::enumerable_thread_specific<std::vector<Index>> stamps(
+      std::vector<Index>(static_cast<std::size_t>(model.node_count()), -1));
   tbb::parallel_for(tbb::blocked_range<Index>(0, points.rows(), 64), [&](const auto& range) {
     stop_if_asked();
-    std::vector<Index> seen(static_cast<std::size_t>(model.node_count()), -1);
+    std::vector<Index>& seen = stamps.local();
     for (Index b = range.begin(); b < range.end(); ++b) {
       std::vector<int>& its = nodes[static_cast<std::size_t>(b)];
       for (int k = points.offset[b]; k < points.offset[b + 1]; ++k) {

@@ -1,4 +1,4 @@
-"""Brain shift in whole heads: what clouds of nodes change, and whether the band of `dimple shift` holds.
+"""Brain shift in whole heads: what clouds of nodes change.
 
     python3 tests/validation/shifts.py build/release/dimple HEADS TABLE.csv 02 03 04
 
