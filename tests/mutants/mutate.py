@@ -271,11 +271,7 @@ MUTANTS = {
     185: ("preprocess/supports/support.cpp", "k = (k + coarse) - coarse;", "if (!{n}) k = (k + coarse) - coarse;"),
     186: ("preprocess/supports/sheet_cut.cpp", "if (its && value == 0.0 && !is_shared(column)) continue;",
           "if (its && value == 0.0 && !{n} && !is_shared(column)) continue;"),
-    189: ("preprocess/supports/sheet_cut.cpp", "return before.tissue[q] == old.tissue && has(before, q, b);",
-          "return !{n} && before.tissue[q] == old.tissue && has(before, q, b);"),
     187: ("preprocess/surface/sheet.cpp", "    last = std::min(last, leaves);", "    last = std::min(last, {n} ? enters : leaves);"),
-    188: ("preprocess/supports/support.cpp", "1.001 * largest_growth, node, 1.001 * extent)",
-          "1.001 * largest_growth, node, ({n} ? -1.0 : 1.001) * extent)"),
     181: ("apps/run/live.cpp", "    tool.fine.clear(), tool.coarse.clear();\n", "    if (!{n}) tool.fine.clear(), tool.coarse.clear();\n"),
     # ---- results and summary
     11: ("apps/run/results.cpp", "const std::array<double, 4> row = {s.t, 1e3 * s.depth, s.force,",

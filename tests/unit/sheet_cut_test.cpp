@@ -86,6 +86,28 @@ TEST(ASheet, IsPassedByEveryWayAcrossItAlsoThroughItsEdgesAndCorners) {
   EXPECT_FALSE(sheet->between(corner + Vec3(1.0, 1.0, 0.5), corner + Vec3(4.0, 3.0, 0.6)));
 }
 
+// A valley z = |x|, whose thickness along its mean normal is as large as itself.
+TEST(ASheet, ThatIsBentIsPassedWhereverAWayCrossesIt) {
+  constexpr int half = 8;
+  Points vertex(3, 2 * (2 * half + 1));
+  Triangles triangles(3, 4 * half);
+  for (int k = -half; k <= half; ++k)
+    for (int end = 0; end < 2; ++end)
+      vertex.col(2 * (k + half) + end) = Vec3(k, end == 0 ? -4.0 : 4.0, std::abs(k)) / half;
+  for (int k = 0; k < 2 * half; ++k) {
+    triangles.col(2 * k) << 2 * k, 2 * k + 2, 2 * k + 3;
+    triangles.col(2 * k + 1) << 2 * k, 2 * k + 3, 2 * k + 1;
+  }
+  const Sheet sheet(vertex, triangles);
+  for (const double x : {-0.93, -0.4, -0.07, 0.07, 0.31, 0.77}) {
+    EXPECT_TRUE(sheet.between(Vec3(x, 0.1, 2.0), Vec3(x, 0.1, -1.0))) << x;
+    EXPECT_TRUE(sheet.between(Vec3(x, 0.1, -1.0), Vec3(x, 0.1, 2.0))) << x;
+    EXPECT_FALSE(sheet.between(Vec3(x, 0.1, 2.0), Vec3(x, 0.1, std::abs(x) + 0.01))) << x;
+  }
+  EXPECT_TRUE(sheet.between(Vec3(0.0, 0.1, 0.5), Vec3(0.9, 0.1, 0.5)));
+  EXPECT_FALSE(sheet.between(Vec3(-0.3, 0.1, 0.5), Vec3(0.3, 0.1, 0.5)));
+}
+
 TEST(ASheet, HasAPlaceThatLiesOnItOnOneSideAlone) {
   const auto sheet = flat_sheet(Vec3::Zero(), {5.0, 0.0, 0.0}, {0.0, 4.0, 0.0});
   for (const Vec3& on : {Vec3(1.0, 1.0, 0.0), Vec3(2.3, 1.7, 0.0), Vec3(2.5, 0.5, 0.0)})
