@@ -39,7 +39,7 @@ struct PressurePatches {
 ///     sum over cells of V (mean(|F|^2) - |mean(F)|^2) = sum_ab K_ab u_a . u_b
 struct GradientVariance {
   int tissue = 0;
-  CompressedRows rows;  ///< row a: the nodes b that a cell has besides
+  CompressedRows rows;  ///< row a: the nodes that share a cell with a, itself too
   Eigen::VectorXd K;    ///< [rows.member] [m]; symmetric, no linear field has any
 };
 

@@ -284,7 +284,8 @@ std::vector<Option> options_of(Config::Film& m) {
 std::vector<Option> options_of(Config::Wall& w) {
   return {
       {.key = "wall.shape", .value = &w.shape, .stage = "solve",
-       .help = "label:NAME of the image, or several, as label:3,4; a closed mesh FILE.stl, .obj or .vtp in mm, LPS; "
+       .help = "label:NAME of the image, or several, as label:3,4; a closed mesh FILE.stl, .obj or .vtp in "
+               "mm, LPS; "
                "plane:x,y,z,nx,ny,nz, whose normal points to the body; or around:GAP, the outer hull of the "
                "body, folds closed, at that gap"},
       {.key = "wall.friction", .value = &w.friction, .stage = "solve",
