@@ -14,6 +14,7 @@
 
 #include "apps/run/folds.hpp"
 #include "apps/run/pipeline.hpp"
+#include "apps/run/steps.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/tool.hpp"
 #include "apps/run/tool_band.hpp"
@@ -57,6 +58,9 @@ struct CoarserMarch::Parts {
         go_on();
         complete(config, std::move(placed), log, coarse);
         coarse.loading.touch = touch_of(config, coarse.model);
+        if (coarse.loading.folds)
+          coarse.loading.folds = folds_of(config, coarse.facing_share, coarse.tissues, coarse.model,
+                                          deepest(config, coarse.model.tool));
         SolverOptions options = solver_options(config);
         options.frames = 1;  // nobody looks at them
         march(config, options,
@@ -127,7 +131,6 @@ std::string why_no_band(const Config& config, const std::vector<Material>& tissu
     return "it was measured for a circle to which the tissue is bonded";
   if (has_loads(config)) return "it was measured for bodies that bear no load but the tool's";
   if (has_membranes(config)) return "it was measured for bodies without a membrane";
-  if (folds_touch(config)) return "it was measured for bodies whose folds do not touch";
   if (has_walls(config)) return "it was measured for bodies that touch no walls";
   if (!config.step.empty()) return "it was measured for a tool that is pushed straight in, once";
   if (!has_tool_alone(config)) return "it was measured for bodies that nothing holds but their base";

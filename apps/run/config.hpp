@@ -64,11 +64,11 @@ struct Config {
     double rate_mm_per_s = 1.0;
     std::string contact = "bonded";
     std::string gravity = "none";
-    std::string membrane = "none";     ///< of the whole surface: "0.1mm:400kPa", see membranes.hpp
-    std::string self_contact = "off";  ///< of folds that close, see folds.hpp
-    std::string fluid_lost = "none";   ///< "anterior,60%", see loads.hpp
-    std::string wall = "none";         ///< one rigid wall beside the body, see walls.hpp
-    std::string poses;                 ///< a table of the tool's poses, which become steps; empty: none
+    std::string membrane = "none";      ///< of the whole surface: "0.1mm:400kPa", see membranes.hpp
+    std::string self_contact = "auto";  ///< of folds that close, see folds.hpp
+    std::string fluid_lost = "none";    ///< "anterior,60%", see loads.hpp
+    std::string wall = "none";          ///< one rigid wall beside the body, see walls.hpp
+    std::string poses;                  ///< a table of the tool's poses, which become steps; empty: none
   } load;
   struct Tool {
     std::string shape = "circle";  ///< see tool_of() in tool.hpp

@@ -2,9 +2,11 @@
 
 #include <fmt/format.h>
 
+#include "apps/run/band.hpp"
 #include "apps/run/words.hpp"
 #include "io/digits.hpp"
 #include "io/error.hpp"
+#include "solver/equilibrium/mixed_iteration.hpp"
 
 namespace dimple {
 namespace {
@@ -12,16 +14,25 @@ namespace {
 // Of the tool's way: both banks may come towards each other.
 constexpr double widest = 2.0;
 
+bool has_inertia(const Config& config) {
+  return config.solver.time == "explicit" || config.solver.time == "dynamic";
+}
+
+bool converges(const Config& config) {
+  return config.scheme.name == Config{}.scheme.name;
+}
+
 }  // namespace
 
-bool folds_touch(const Config& config) {
-  return config.load.self_contact == "on";
+bool folds_touch(const Config& config, double facing_share) {
+  if (config.load.self_contact != "auto") return config.load.self_contact == "on";
+  return facing_share > most_facing && !has_inertia(config) && converges(config);
 }
 
 void check_folds(const Config& config) {
-  if (!folds_touch(config)) return;
-  const bool by_time = config.solver.time == "explicit" || config.solver.time == "dynamic";
-  if (!by_time && config.scheme.name == Config{}.scheme.name) return;
+  if (config.load.self_contact != "on") return;
+  const bool by_time = has_inertia(config);
+  if (!by_time && converges(config)) return;
   throw UsageError(
       {.fact = fmt::format("folds are to touch, and {} is '{}'", by_time ? "the time" : "the scheme",
                            by_time ? config.solver.time : config.scheme.name),
@@ -32,15 +43,17 @@ void check_folds(const Config& config) {
 }
 
 void require_open_folds(const Config& config, const std::string& what) {
-  if (!folds_touch(config)) return;
+  if (config.load.self_contact != "on") return;
   throw UsageError({.fact = fmt::format("{} lets folds pass through each other", what),
                     .where = "--self-contact (load.self_contact)",
                     .why = "folds that touch are followed by `dimple run` alone",
                     .remedy = "leave --self-contact out, or use dimple run IMAGE --self-contact on"});
 }
 
-std::shared_ptr<const FoldBanks> folds_of(const Config& config, const Model& model, double deepest) {
-  if (!folds_touch(config)) return nullptr;
+std::shared_ptr<const FoldBanks> folds_of(const Config& config, double facing_share, const Tissues& tissues,
+                                          const Model& model, double deepest) {
+  if (!folds_touch(config, facing_share)) return nullptr;
+  if (config.load.self_contact == "auto" && !MixedIteration::serves(tissues.material, model)) return nullptr;
   auto banks = std::make_shared<const FoldBanks>(fold_banks(model, widest * deepest));
   return banks->count() > 0 ? banks : nullptr;
 }

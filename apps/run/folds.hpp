@@ -5,11 +5,14 @@
 
 #include "apps/run/config.hpp"
 #include "preprocess/supports/fold_banks.hpp"
+#include "solver/terms/internal_force.hpp"
 
 namespace dimple {
 
-/// Whether folds that close touch, instead of passing through each other (load.self_contact).
-bool folds_touch(const Config& config);
+/// Whether folds that close touch, instead of passing through each other (load.self_contact), in a body of
+/// which that share of the surface faces itself: "auto" has them touch in folded bodies (most_facing), unless
+/// the scheme or the time that is asked for looks for no contact.
+bool folds_touch(const Config& config, double facing_share);
 
 /// Before anything is built: throws UsageError where they are to touch in a way of marching that does not
 /// look for contact.
@@ -19,8 +22,9 @@ void check_folds(const Config& config);
 void require_open_folds(const Config& config, const std::string& what);
 
 /// Where the model's surface faces itself across gaps that the tool's way may close; null: nowhere, or they
-/// are not to touch.
-std::shared_ptr<const FoldBanks> folds_of(const Config& config, const Model& model, double deepest);
+/// do not touch. "auto" has them pass in tissues whose contact no equilibrium is solved for.
+std::shared_ptr<const FoldBanks> folds_of(const Config& config, double facing_share, const Tissues& tissues,
+                                          const Model& model, double deepest);
 
 /// "gaps up to 16 mm are watched at 321 places".
 std::string in_words(const FoldBanks& banks, double deepest);

@@ -153,9 +153,9 @@ std::vector<Option> load_options(Config& c) {
        .choices = {"bonded", "frictionless"}, .stage = "solve", .common = true,
        .help = "whether the circle's nodes move with it or slide under it"},
       {.key = "load.self_contact", .flag = "--self-contact", .value = &c.load.self_contact,
-       .choices = {"off", "on"}, .stage = "solve",
+       .choices = {"auto", "off", "on"}, .stage = "solve",
        .help = "on: folds and cuts that close touch without friction, in equilibrium; off: their walls pass "
-               "through each other"},
+               "through each other; auto: on in folded bodies"},
       {.key = "load.wall", .flag = "--wall", .value = &c.load.wall, .stage = "solve", .words = {"none"},
        .help = "what is rigid beside or around the body, and touches it without friction: label:NAME of "
                "the image, a closed mesh FILE.stl, plane:x,y,z,nx,ny,nz, or around:2mm, its outer hull at "

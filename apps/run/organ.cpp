@@ -171,8 +171,8 @@ void warn_of_narrow_gaps(const Config& config, double share, const RunLog& log) 
       "these folds, which touch in life, {}; --close {:.0f}mm closes such folds: compare "
       "the two forces, which may differ much",
       100.0 * share, narrow_gap_mm,
-      folds_touch(config) ? "touch here without friction where they close"
-                          : "move freely here and pass through each other, but with --self-contact on",
+      folds_touch(config, share) ? "touch here without friction where they close"
+                                 : "move freely here and pass through each other",
       narrow_gap_mm));
 }
 

@@ -246,6 +246,8 @@ Placed place(const Case& given, const std::optional<Organ>& organ, const RunLog&
     for (const std::string& note : given.model->notes) log.warn(note);
     say_default_stiffness(log, given.config);
     result.provenance = given.model->provenance;
+    if (const Surface& drawn = given.model->places.surface; !drawn.empty())
+      result.facing_share = facing_share(BodySurface(drawn.vertex_mm, drawn.triangles), narrow_gap_mm);
     return {given.model->places, given.model->scheme, given.model->label_names};
   }
   ModelOptions options = organ->options;
@@ -338,9 +340,9 @@ void make_ready(const Case& given, Placed placed, const RunLog& log, Result& res
       given.change.tool ? touch_of(config, model, *given.change.tool) : touch_of(config, model);
   result.loading.walls = std::move(others.touch);
   const double down = deepest(config, model.tool);
-  if ((result.loading.folds = folds_of(config, model, down)))
+  if ((result.loading.folds = folds_of(config, result.facing_share, result.tissues, model, down)))
     log.say("folds    " + in_words(*result.loading.folds, down));
-  else if (folds_touch(config))
+  else if (config.load.self_contact == "on")
     log.say(
         "folds    nothing can touch: the surface nowhere faces itself across twice the tool's way or less");
   stand_walls(given, log, result);
@@ -360,6 +362,10 @@ void make_ready(const Case& given, Placed placed, const RunLog& log, Result& res
   if (const std::string loads = in_words(loading.loads); !loads.empty())
     log.say("loads    " + loads + "; the body comes to rest under it first");
   result.time = time_of(config, log, result);
+  if (result.loading.folds && result.time != TimeMode::quasi_static && config.load.self_contact == "auto") {
+    result.loading.folds = nullptr;
+    log.say("folds    pass through each other: with inertia no contact is looked for");
+  }
   log.detail(fmt::format("load     {} at {} mm/s: {} s, {}, {}", length_in_words(config.load.depth_mm),
                          plain(config.load.rate_mm_per_s), three_digits(loading.duration()),
                          !loading.touch                   ? config.load.contact

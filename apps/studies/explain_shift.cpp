@@ -162,13 +162,13 @@ class Trials {
     if (!(config_.image.close_mm > 0.0)) return;
     const std::string all =
         fmt::format("open instead of filled below {} mm, touching or not", plain(config_.image.close_mm));
-    add("sulci", all, "open, and their walls pass through each other", Kind::doubt,
-        [](Config& c) { c.image.close_mm = 0.0; });
-    if (!folds_touch(config_))
-      add("sulci", all, "open, and their walls touch", Kind::doubt, [](Config& c) {
-        c.image.close_mm = 0.0;
-        c.load.self_contact = "on";
-      });
+    for (const bool touch : {false, true})
+      add("sulci", all,
+          touch ? "open, and their walls touch" : "open, and their walls pass through each other",
+          Kind::doubt, [touch](Config& c) {
+            c.image.close_mm = 0.0;
+            c.load.self_contact = touch ? "on" : "off";
+          });
   }
 
   const Config& config_;

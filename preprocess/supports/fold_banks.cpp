@@ -38,7 +38,7 @@ class Walls {
   std::optional<Ahead> ahead(const Vec3& x, const Vec3& along, double length) const {
     thread_local std::vector<SurfaceCells::Crossing> crossings;
     const Vec3 from = own(x), way = 1e3 * length * (axes_.transpose() * along);
-    cells_.pass(from, from + way, crossings);
+    cells_.pass(from, from + way, crossings, true);
     for (const SurfaceCells::Crossing& crossing : crossings) {
       if (crossing.leave) continue;
       return Ahead{axes_ * (1e-3 * (from + crossing.t * way)) + centre_,
@@ -57,25 +57,27 @@ class Walls {
   Points own(const Points& x) const { return 1e3 * (axes_.transpose() * (x.colwise() - centre_)); }
 };
 
-// The wall that each piece stands before, straight ahead.
-std::vector<std::optional<Walls::Ahead>> walls_ahead(const SurfacePieces& pieces, const Walls& walls,
-                                                     double widest) {
-  std::vector<std::optional<Walls::Ahead>> result(static_cast<std::size_t>(pieces.place.cols()));
-  tbb::parallel_for(Index{0}, pieces.place.cols(), [&](Index k) {
-    if (k % 256 == 0) stop_if_asked();
-    const Vec3 normal = pieces.area.col(k).normalized();
-    const std::optional<Walls::Ahead> ahead = walls.ahead(pieces.place.col(k), normal, widest);
-    if (ahead && ahead->normal.dot(normal) < faces) result[static_cast<std::size_t>(k)] = ahead;
-  });
-  return result;
+// The nearest node that is not of the other bank, which begins `gap` in front of x: most often the nearest.
+int own_node(const Model& model, const Neighbours& nodes, const Vec3& x, const Vec3& normal, double gap) {
+  const auto is_own = [&](int a) { return (model.X.col(a) - x).dot(normal) < 0.5 * gap; };
+  if (const int nearest = nodes.nearest(x, 1).front(); is_own(nearest)) return nearest;
+  const std::vector<int> near = nodes.nearest(x, asked_nodes);
+  const auto own = std::find_if(near.begin(), near.end(), is_own);
+  return own == near.end() ? near.front() : *own;
 }
 
-// The nearest node that is not of the other bank, which begins `gap` in front of x.
-int own_node(const Model& model, const Neighbours& nodes, const Vec3& x, const Vec3& normal, double gap) {
-  const std::vector<int> near = nodes.nearest(x, asked_nodes);
-  for (const int a : near)
-    if ((model.X.col(a) - x).dot(normal) < 0.5 * gap) return a;
-  return near.front();
+// The node of each piece that has a wall straight ahead; -1: it has none.
+std::vector<int> nodes_before_walls(const Model& model, const Neighbours& nodes, const SurfacePieces& pieces,
+                                    const Walls& walls, double widest) {
+  std::vector<int> result(static_cast<std::size_t>(pieces.place.cols()), -1);
+  tbb::parallel_for(Index{0}, pieces.place.cols(), [&](Index k) {
+    if (k % 256 == 0) stop_if_asked();
+    const Vec3 x = pieces.place.col(k), normal = pieces.area.col(k).normalized();
+    const std::optional<Walls::Ahead> ahead = walls.ahead(x, normal, widest);
+    if (ahead && ahead->normal.dot(normal) < faces)
+      result[static_cast<std::size_t>(k)] = own_node(model, nodes, x, normal, ahead->gap);
+  });
+  return result;
 }
 
 // A part of the surface that stands before a wall of the same body, and the wall.
@@ -88,12 +90,10 @@ struct Bank {
 
 std::vector<Bank> banks_of(const Model& model, const Neighbours& nodes, const SurfacePieces& pieces,
                            const Walls& walls, double widest) {
-  const std::vector<std::optional<Walls::Ahead>> ahead = walls_ahead(pieces, walls, widest);
+  const std::vector<int> before = nodes_before_walls(model, nodes, pieces, walls, widest);
   std::map<int, std::vector<Index>> cell;
   for (Index k = 0; k < pieces.place.cols(); ++k)
-    if (const auto& its = ahead[static_cast<std::size_t>(k)])
-      cell[own_node(model, nodes, pieces.place.col(k), pieces.area.col(k).normalized(), its->gap)].push_back(
-          k);
+    if (const int node = before[static_cast<std::size_t>(k)]; node >= 0) cell[node].push_back(k);
   std::vector<Bank> result;
   for (auto& [node, own] : cell) {
     // Around the bottom of a gap a node may have some of both banks: those of the lesser one are left out.

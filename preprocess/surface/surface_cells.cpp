@@ -296,7 +296,8 @@ std::optional<bool> SurfaceCells::farther(const Vec3& x, double d) const {
   return nearer.least < d - slack ? std::optional<bool>(false) : std::nullopt;
 }
 
-void SurfaceCells::pass(const Vec3& from, const Vec3& to, std::vector<Crossing>& crossings) const {
+void SurfaceCells::pass(const Vec3& from, const Vec3& to, std::vector<Crossing>& crossings,
+                        bool to_first_entry) const {
   crossings.clear();
   const Vec3 way = to - from;
   const double length = way.norm();
@@ -343,6 +344,9 @@ void SurfaceCells::pass(const Vec3& from, const Vec3& to, std::vector<Crossing>&
     for (int d = 0; d < 3; ++d)
       if (way[d] != 0.0) next = std::min(next, ((way[d] > 0.0 ? high[d] : low[d]) - from[d]) / way[d]);
     if (next <= t && !in_grid(at)) break;  // away from the body
+    if (to_first_entry && std::any_of(crossings.begin(), crossings.end(),
+                                      [&](const Crossing& one) { return !one.leave && one.t <= next; }))
+      break;
     t = std::max(next, t) + least;
   }
   std::sort(crossings.begin(), crossings.end(), [](const Crossing& a, const Crossing& b) {

@@ -46,8 +46,10 @@ class SurfaceCells {
     bool leave;  ///< outwards through the triangle, otherwise inwards
   };
   /// Triangles that the straight way between two places passes through, in its order. Where it passes an edge
-  /// or a corner, one or several of those that meet there.
-  void pass(const Vec3& from, const Vec3& to, std::vector<Crossing>& crossings) const;
+  /// or a corner, one or several of those that meet there. `to_first_entry`: none need be told of that lie
+  /// behind the first inwards.
+  void pass(const Vec3& from, const Vec3& to, std::vector<Crossing>& crossings,
+            bool to_first_entry = false) const;
 
   /// Is there a triangle, some of it within d of x, above whose plane x lies by more than `height`?
   bool any_above(const Vec3& x, double d, double height) const;

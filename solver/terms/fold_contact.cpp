@@ -100,6 +100,14 @@ void FoldContact::add_force(const Nodal& u, const Instant&, Nodal& f) {
   spread(force_, f);
 }
 
+// Banks need not be parallel: at rest the way from one to the other is along neither.
+double FoldContact::way_along(Index s) const {
+  const int ahead = ahead_[static_cast<std::size_t>(s)];
+  const Vec3 way = apart_.col(s) - banks_->sample.place.col(s) +
+                   (ahead >= 0 ? banks_->sample.place.col(ahead) : banks_->opposite.col(s));
+  return (way - way.dot(normal_.col(s)) * normal_.col(s)).norm();
+}
+
 // The nearest sample of a bank that faces it, across the gap between them.
 int FoldContact::find_ahead(Index s, const Points& place, const Points& normal) const {
   int best = beyond;
@@ -122,9 +130,7 @@ void FoldContact::accept(const Nodal& u, const Instant&) {
   if (apart_.cols() == 0) return;
   std::vector<Index> slid;
   for (Index s = 0; s < count(); ++s)
-    if (ahead_[static_cast<std::size_t>(s)] != at_rest ||
-        (apart_.col(s) - apart_.col(s).dot(normal_.col(s)) * normal_.col(s)).norm() >
-            slides * banks_->spacing[s])
+    if (ahead_[static_cast<std::size_t>(s)] != at_rest || way_along(s) > slides * banks_->spacing[s])
       slid.push_back(s);
   if (slid.empty()) return;
   const Points place = banks_->sample.place + banks_->sample.at_place(u.topRows<3>());
@@ -154,10 +160,7 @@ FoldContact::Audit FoldContact::audit() const {
     ++sum.touching;
     sum.area += 0.5 * banks_->sample.area[s];
     sum.force += force_[s];
-    const int ahead = ahead_[static_cast<std::size_t>(s)];
-    Vec3 way = apart_.col(s);
-    if (ahead >= 0) way += banks_->sample.place.col(ahead) - banks_->opposite.col(s);
-    sum.slid = std::max(sum.slid, (way - way.dot(normal_.col(s)) * normal_.col(s)).norm());
+    sum.slid = std::max(sum.slid, way_along(s));
   }
   return sum;
 }

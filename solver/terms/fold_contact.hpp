@@ -59,6 +59,7 @@ class FoldContact : public ContactTerm {
 
   static Turning turning(const std::vector<Index>& point, const ForceSystem& tissue);
   static Vec3 turned(const Turning& by, Index s, const Nodal& u, const Vec3& normal);
+  double way_along(Index s) const;  // of the sample along the bank ahead since rest [m]
   int find_ahead(Index s, const Points& place, const Points& normal) const;
   void pair_up();
 };

@@ -417,6 +417,25 @@ void write_comb(const fs::path& file) {
   write_label_image(file, image);
 }
 
+TEST_F(Run, HasTheFoldsOfAFoldedBodyTouchUnlessTheyAreToPassOrInertiaTakesPart) {
+  write_comb(folder / "comb.nrrd");
+  const std::string scene = " --depth 1mm --frames 2";
+  good("run comb.nrrd -o touching --nodes 4000 --write model" + scene);
+  const Json touching = summary("touching");
+  EXPECT_GT(touching.at("self_contact").at("places").get<int>(), 100);
+  EXPECT_LT(touching.at("band").at("low_N").get<double>(), touching.at("force_N").get<double>());
+  good("solve touching/model -o solved --write force" + scene);
+  EXPECT_EQ(summary("solved").at("force_N"), touching.at("force_N"));
+  EXPECT_EQ(summary("solved").at("self_contact"), touching.at("self_contact"));
+  for (const char* otherwise :
+       {"--self-contact off", "--rate 1000", "--scheme horton2007", "--close 4mm", "--nu 0.3"}) {
+    const std::string out = "other";
+    good("run comb.nrrd --force -o " + out +
+         " --nodes 1000 --band off --write force --depth 0.1mm --frames 1 " + otherwise);
+    EXPECT_FALSE(summary(out).contains("self_contact")) << otherwise;
+  }
+}
+
 TEST_F(Run, TellsOfNarrowFoldsAndClosesThemOnRequest) {
   write_comb(folder / "comb.nrrd");
   // With 600 nodes every second or third cloud of the open comb finds no equilibrium.
@@ -430,6 +449,7 @@ TEST_F(Run, TellsOfNarrowFoldsAndClosesThemOnRequest) {
   EXPECT_TRUE(warns(open)) << open.err;
   EXPECT_GT(summary("open").at("model").at("facing_share").get<double>(), 0.2);
   EXPECT_EQ(summary("open").at("model").at("closed_volume_mm3"), 0.0);
+  EXPECT_NE(open.err.find("touch here without friction"), std::string::npos) << open.err;
 
   const Ran closed = good("run comb.nrrd -o closed --close 4mm" + scene);
   EXPECT_FALSE(warns(closed)) << closed.err;

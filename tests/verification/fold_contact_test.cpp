@@ -237,6 +237,40 @@ TEST(FoldsThatClose, GoOnFromAStateThatWasKeptToTheSameBits) {
   EXPECT_GT(whole.folds.force, 0.0);
 }
 
+// A wedge of air between two blocks, open by 25 degrees: the way to the bank ahead is along neither bank.
+TEST(FoldsThatClose, OfBanksThatAreNotParallelMeetTheSamePlacesAsLongAsNothingSlides) {
+  Discretisation below = testing_bodies::block_places(6, 0.15, 1.8),
+                 above = testing_bodies::block_places(7, 0.15, 1.8, 11);
+  for (Discretisation* one : {&below, &above}) {
+    one->second_moments = SecondMoments::Zero(6, one->point_count());
+    one->second_moments.topRows<3>().setConstant(std::pow(one->volume[0], 2.0 / 3.0) / 12.0);
+  }
+  const Vec3 edge(side, 0.0, 0.0), lift(0.0, 0.0, height + 0.5e-3);
+  const Mat3 turn = Eigen::AngleAxisd(25.0 * 3.14159265358979 / 180.0, Vec3::UnitY()).toRotationMatrix();
+  const auto open = [&](const Points& x) {
+    return Points((turn * (x.colwise() - edge)).colwise() + Vec3(edge + lift));
+  };
+  above.X = open(above.X);
+  above.point = open(above.point);
+  above.surface.vertex_mm = 1e3 * open(1e-3 * above.surface.vertex_mm);
+  const Model model = two_bodies(below, above, {0});
+  const ForceSystem tissue(model, {{neo_hookean(1000.0, 0.49, 1000.0)}, model.tissue});
+  const auto banks = std::make_shared<const FoldBanks>(fold_banks(model, 12e-3));
+  ASSERT_GT(banks->count(), 20);
+  FoldContact folds(banks, tissue);
+  Nodal u = Nodal::Zero(4, model.node_count()), f = u;
+  const int at_first = folds.pairing();
+  const auto moved_along = [&](double way) {
+    for (Index a = below.node_count(); a < model.node_count(); ++a) u.col(a).head<3>() = way * Vec3::UnitY();
+    folds.add_force(u, {}, f);
+    folds.accept(u, {});
+    return folds.pairing() != at_first;
+  };
+  EXPECT_FALSE(moved_along(0.0));
+  EXPECT_FALSE(moved_along(0.3 * banks->spacing.minCoeff()));
+  EXPECT_TRUE(moved_along(0.7 * banks->spacing.maxCoeff()));
+}
+
 TEST(FoldsThatClose, AreWatchedWhereTheSurfaceFacesItselfAndNowhereElse) {
   const BesideASlit scene(true);
   for (const FoldBanks& banks : {*scene.loading.folds}) {
