@@ -517,9 +517,7 @@ Discretisation place_nodes(const Config& config, const Organ& organ, const Model
       !bends.empty() && options.boundary.is_pressed)
     log.warn(bends);
   result.build_s += building.seconds();
-  log.say(fmt::format("model    {}; {} integration points",
-                      nodes_in_words(places.node_count(), report,
-                                     options.boundary.is_pressed ? "at the tool" : "at the opening"),
+  log.say(fmt::format("model    {}; {} integration points", nodes_in_words(places.node_count(), report),
                       places.point_count()));
   log.detail(fmt::format(
       "nodes    {} on the surface; nearest node {:.2f} +- {:.2f}, at least {:.2f}, largest gap {:.2f} "

@@ -30,10 +30,10 @@ std::string force_title(double force_N, double depth_mm, std::optional<double> h
                      half_N ? from_to(force_N, *half_N, "discretisation") : "");
 }
 
-std::string nodes_in_words(Index nodes, const ModelReport& report, const char* fine) {
+std::string nodes_in_words(Index nodes, const ModelReport& report) {
   const std::string near = length_in_words(report.rim_spacing_mm);
   return report.rim_spacing_mm < report.spacing_mm
-             ? fmt::format("{} nodes: {} apart {}, {} far from it", nodes, near, fine,
+             ? fmt::format("{} nodes: {} apart at the tool, {} far from it", nodes, near,
                            length_in_words(report.largest_spacing_mm))
              : fmt::format("{} nodes: {} apart", nodes, near);
 }

@@ -23,8 +23,7 @@ std::string force_title(double force_N, double depth_mm, std::optional<double> h
 std::string from_to(double force_N, double half_N, const std::string& by);
 
 /// "1500 nodes: 0.55 mm apart at the tool, 24.46 mm far from it".
-/// `fine`: where they are closest.
-std::string nodes_in_words(Index nodes, const ModelReport& report, const char* fine = "at the tool");
+std::string nodes_in_words(Index nodes, const ModelReport& report);
 
 double poisson_ratio(const Material& m);
 

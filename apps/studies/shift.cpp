@@ -15,6 +15,7 @@
 #include "apps/run/summary.hpp"
 #include "apps/run/walls.hpp"
 #include "apps/run/words.hpp"
+#include "apps/studies/shift_band.hpp"
 #include "apps/studies/shift_page.hpp"
 #include "apps/studies/shift_run.hpp"
 #include "io/digits.hpp"
@@ -33,19 +34,13 @@ constexpr double least_shift_mm = 2.5, most_shift_mm = 21.0;  // published: 16 c
 
 const char* shift_leaves_out =
     "Left out: the falx and the tentorium, vessels, drugs and swelling, flow in the tissue, what is "
-    "resected, and adhesion to the skull (no cohesion). Folds pass through each other unless --self-contact "
-    "is "
-    "on.";
-const char* no_band =
-    "unknown: bands were measured for forces under a tool, and none for displacements beside walls; "
-    "--explain says what other clouds of nodes change";
-
+    "resected, and adhesion to the skull (no cohesion).";
 Json json_of(const Vec3& v) {
   return Json::array({v.x(), v.y(), v.z()});
 }
 
-// [3xM] mm, at rest and how they moved, with the component along gravity.
-Table table_of(const Points& place_mm, const Points& shift_mm, const Vec3& up) {
+// [3xM] mm, at rest and how they moved, with the component along gravity and the band, where it is known.
+Table table_of(const Points& place_mm, const Points& shift_mm, const Vec3& up, const ShiftBand& band) {
   Table table{.header = {"x_mm", "y_mm", "z_mm", "shift_x_mm", "shift_y_mm", "shift_z_mm", "shift_mm",
                          "along_gravity_mm"},
               .column = std::vector<std::vector<double>>(8)};
@@ -56,6 +51,10 @@ Table table_of(const Points& place_mm, const Points& shift_mm, const Vec3& up) {
     }
     table.column[6].push_back(shift_mm.col(k).norm());
     table.column[7].push_back(-shift_mm.col(k).dot(up));
+  }
+  if (band.known()) {
+    table.header.push_back("band_mm");
+    table.column.emplace_back(static_cast<std::size_t>(place_mm.cols()), band.half_mm);
   }
   return table;
 }
@@ -114,7 +113,7 @@ void write_fields(const fs::path& folder, const Shifted& now) {
 }
 
 Json shift_json(const ShiftOptions& options, const ShiftScene& scene, const Config& config,
-                const Shifted& now) {
+                const Shifted& now, const ShiftBand& band) {
   const Index largest = now.largest_in(scene.opening);
   const Vec3 most = largest < 0 ? Vec3::Zero().eval() : Vec3(now.surface_mm.col(largest));
   const Points targets = points_of(scene.targets);
@@ -132,15 +131,17 @@ Json shift_json(const ShiftOptions& options, const ShiftScene& scene, const Conf
           {"opening_mm", {scene.opening[0], scene.opening[1], scene.opening[2], scene.opening[3]}},
           {"mu_Pa", config.material.mu_Pa},
           {"base", now.result.report.boundary.base_reason},
-          {"band", no_band},
+          {"band", in_words(band)},
+          {"band_mm", band.known() ? Json(band.half_mm) : Json()},
           {"left_out", shift_leaves_out}};
 }
 
 // The shift at the targets, and along a line into the brain.
-void write_tables(const fs::path& folder, const Shifted& now, const ShiftScene& scene) {
+void write_tables(const fs::path& folder, const Shifted& now, const ShiftScene& scene,
+                  const ShiftBand& band) {
   const Points targets = points_of(scene.targets);
-  write_csv(folder / "targets.csv", table_of(targets, now.at(targets), scene.up));
-  write_csv(folder / "profile.csv", table_of(now.line, now.at(now.line), scene.up));
+  write_csv(folder / "targets.csv", table_of(targets, now.at(targets), scene.up, band));
+  write_csv(folder / "profile.csv", table_of(now.line, now.at(now.line), scene.up, band));
 }
 
 void warp_images(const RunLog& log, const ImageTask& task, const fs::path& folder, Shifted& now, Json& told) {
@@ -179,7 +180,7 @@ std::string title_of(const Config& config, const Json& shift) {
                      length_in_words(shift["along_gravity_mm"].get<double>()));
 }
 
-Json times_json(const Shifted& now, double images_s, double pictures_s, double total_s) {
+Json times_json(const Shifted& now, double band_s, double images_s, double pictures_s, double total_s) {
   double surface_s = 0.0;
   for (const auto& [stage, s] : now.result.stages.seconds())
     if (stage == "surface" || stage == "close gaps") surface_s += s;
@@ -189,6 +190,7 @@ Json times_json(const Shifted& now, double images_s, double pictures_s, double t
                 {"cloud", std::max(0.0, result.build_s - surface_s)},
                 {"supports and walls", result.complete_s},
                 {"solving", now.solve_s},
+                {"band", band_s},
                 {"images", images_s},
                 {"pictures and tables", pictures_s}};
   double rest_s = total_s;
@@ -216,9 +218,13 @@ Outcome shift(const Config& config, const ShiftOptions& options, const fs::path&
   for (std::size_t k = 0; k < result.history.walls.size(); ++k)
     log.say("wall     " + in_words(result.loading.walls[k].name, result.history.walls[k]));
 
+  const Stopwatch comparing;
+  const ShiftBand band = band_of_shift(config, scene, now);
+  const double band_s = comparing.seconds();
+
   results.prepare();
   write_fields(folder, now);
-  write_tables(folder, now, scene);
+  write_tables(folder, now, scene, band);
   Json images;
   const Stopwatch warping;
   if (!options.tables_alone) warp_images(log, task, folder, now, images);
@@ -227,7 +233,7 @@ Outcome shift(const Config& config, const ShiftOptions& options, const fs::path&
   Json summary = summary_of_image(config, result);
   summary["status"] = "finished";
   summary["version"] = DIMPLE_VERSION;
-  Json told = shift_json(options, scene, config, now);
+  Json told = shift_json(options, scene, config, now, band);
   warn_of_shift(log, now, told["largest_at_opening_mm"]);
   const std::vector<std::string> assumed = assumptions_of(config, options);
   log.say("assumed  " + fmt::format("{}", fmt::join(assumed, "; ")));
@@ -249,15 +255,19 @@ Outcome shift(const Config& config, const ShiftOptions& options, const fs::path&
   summary["shift"] = told;
   summary["solve_wall_s"] = now.solve_s;
   summary["total_wall_s"] = whole.seconds();
-  summary["parts_wall_s"] = times_json(now, images_s, drawing.seconds(), whole.seconds());
+  summary["parts_wall_s"] = times_json(now, band_s, images_s, drawing.seconds(), whole.seconds());
   summary["warnings"] = result.warnings;
   Outcome outcome;
   outcome.summary_json = as_text(summary);
   if (!options.tables_alone) write_report(folder / "report.html", summary, page);
   write_file(folder / "summary.json", outcome.summary_json);
-  outcome.headline = fmt::format("largest shift at the opening {}, {} of it along gravity; no band is known",
-                                 length_in_words(told["largest_at_opening_mm"].get<double>()),
-                                 length_in_words(told["along_gravity_mm"].get<double>()));
+  const double largest = told["largest_at_opening_mm"];
+  outcome.headline =
+      fmt::format("largest shift at the opening {}{}, {} of it along gravity", length_in_words(largest),
+                  band.known() ? fmt::format(" ({:.1f} to {:.1f} mm)", std::max(0.0, largest - band.half_mm),
+                                             largest + band.half_mm)
+                               : ", band " + in_words(band),
+                  length_in_words(told["along_gravity_mm"].get<double>()));
   return outcome;
 }
 

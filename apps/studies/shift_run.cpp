@@ -28,11 +28,12 @@ namespace {
 constexpr double usual_gap_mm = 2.0;    // where a skull is derived and nobody says one
 constexpr double usual_mu_Pa = 1000.0;  // of brain, where no material is given
 constexpr double usual_nodes = 4000;
-constexpr double usual_close_mm = 4.0;  // sulci narrower than this hold together
-constexpr double held_share = 0.15;     // of the brain's smallest extent, and at most that
-constexpr double held_depth_mm = 20.0;  // of the brain's lowest part
-constexpr double finest_mm = 5.0;       // spacing of the nodes around the opening
-constexpr double fold_reach_mm = 5.0;   // half of the widest gap that is watched with --self-contact
+constexpr double usual_close_mm = 4.0;       // sulci narrower than this hold together
+constexpr double held_share = 0.15;          // of the brain's smallest extent, and at most that
+constexpr double held_depth_mm = 20.0;       // of the brain's lowest part
+constexpr double unheld_mm = 5.0;            // around the place of no tool, where no node is held
+constexpr std::int64_t usual_places = 4000;  // where contact with the skull is looked for, at most
+constexpr double fold_reach_mm = 5.0;        // half of the widest gap that is watched with --self-contact
 constexpr double profile_step_mm = 5.0;
 constexpr const char* by_shift = "dimple shift";
 
@@ -101,20 +102,16 @@ void require_on_brain(const Organ& organ, const Eigen::Vector4d& opening, const 
            .remedy = "give a place of the brain at rest, in LPS mm"});
 }
 
-// Nodes are as fine around the opening as opposite to the base, where a tool would stand: none presses here,
-// and no node is held.
-void grade_around(const Eigen::Vector4d& opening, Organ& organ) {
+// No tool presses and no node is held: what touches the skull decides the shift, and that may be anywhere.
+void spread_evenly(Organ& organ) {
   BoundaryOptions& boundary = organ.options.boundary;
   const BodySurface& surface = organ.body->surface;
   if (!(boundary.base_depth_mm > 0.0))
     boundary.base_depth_mm =
         std::min(held_depth_mm, held_share * (surface.upper() - surface.lower()).minCoeff());
   boundary.is_pressed = false;
-  boundary.contact_radius_mm = finest_mm;
-  boundary.other_tools = {Vec3(opening.head<3>())};
-  GradingOptions& grading = organ.options.cloud.grading;
-  grading.whole_circle = true;
-  grading.least = 1.0;  // the spacing there is that radius
+  boundary.contact_radius_mm = unheld_mm;
+  organ.options.cloud.grading.rim = 1.0;
 }
 
 // From the brain's surface at the opening towards its middle, as far as its middle.
@@ -175,7 +172,7 @@ void come_to_rest(const Config& config, const ShiftScene& scene, const ShiftHook
   const Case given{.config = config, .change = hooks.change};
   Organ organ = read_organ(given, model_options(config), log, result);
   require_on_brain(organ, scene.opening, scene.targets);
-  grade_around(scene.opening, organ);
+  spread_evenly(organ);
   result.provenance = {{"image", name_of_image(config)},
                        {"image_sha256", sha256_of_image(config, result.image)}};
   find_site(config, log, organ, result);
@@ -232,6 +229,7 @@ Config config_of_shift(Config config, const ShiftOptions& options) {
   const bool derived = options.skull == "derived";
   skull.shape = derived ? fmt::format("around:{}mm", plain(gap)) : "label:" + options.skull;
   if (!derived && !options.gap.empty()) skull.gap = plain(gap);
+  if (!was_given(config, "wall.skull.places")) skull.places = usual_places;
   skull.opening = fmt::format("{},{},{},{}", opening[0], opening[1], opening[2], opening[3]);
   config.load.fluid_lost = fmt::format("{},{},{},{}", up.x(), up.y(), up.z(), options.fluid_lost);
   fluid_lost_of(config);
@@ -244,7 +242,6 @@ Config config_of_shift(Config config, const ShiftOptions& options) {
     set_option(config, "image.close_mm", plain(usual_close_mm), by_shift);
   config.load.depth_mm = fold_reach_mm;
   config.solver.time = "quasi-static";
-  config.accuracy.band = "off";
   config.output.write = {options.tables_alone ? "force" : "images"};
   return config;
 }

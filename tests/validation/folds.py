@@ -4,7 +4,7 @@
 
 HEADS is the folder data/training_label_maps of SynthSeg (github.com/BBillot/SynthSeg, Apache-2.0): training_seg_01.nii.gz
 to training_seg_20.nii.gz, label images of whole heads, 1 mm. The brain is every label below 200 but 24 (fluid). A circle
-of 10 mm presses 8 mm deep at two places of each, which no run has chosen.
+of 10 mm presses 8 mm deep, opposite to the side that is held, which are two.
 
 A row is a cloud of the 4000 nodes that such a body takes by default (`seed`), with the band that the run states; `reference_mN` is the mean
 of two clouds of 16,000 nodes, `doubt_mN` half of their difference, `passing_mN` the force where folds pass through each other
@@ -22,40 +22,30 @@ import numpy
 
 from shifts import FLUID, labels_and_places
 
-PLACES = {"frontal": (0.45, -0.55, 0.7), "parietal": (-0.50, 0.35, 0.8)}  # from the brain's middle, LPS
+HELD = "posterior", "right"  # sides
 SEEDS, REFERENCE = (1, 2), 16000
 
 
-def scenes_of(image):
-    label, to_lps = labels_and_places(image)
-    brain = (label > 0) & (label < 200) & (label != FLUID)
-    k, j, i = numpy.where(brain)
-    place = to_lps[:, :3] @ numpy.vstack([i, j, k]) + to_lps[:, 3:4]
-    middle = place.mean(axis=1)
-    names = ",".join(str(v) for v in numpy.unique(label[brain]))
-    for name, way in PLACES.items():
-        way = numpy.array(way) / numpy.linalg.norm(way)
-        along = way @ (place - middle[:, None])
-        beside = numpy.linalg.norm(place - middle[:, None] - numpy.outer(way, along), axis=0)
-        at = middle + along[beside < 3].max() * way
-        yield name, names, ",".join(f"{x:.1f}" for x in at)
+def brain_of(image):
+    label, _ = labels_and_places(image)
+    return ",".join(str(v) for v in numpy.unique(label[(label > 0) & (label < 200) & (label != FLUID)]))
 
 
-def press(program, image, names, at, *options):
+def press(program, image, names, held, *options):
     with tempfile.TemporaryDirectory() as folder:
-        words = [program, "run", image, "-o", folder + "/out", "-q", "--write", "force", "--label", names, "--indent-at=" + at, *options]
+        words = [program, "run", image, "-o", folder + "/out", "-q", "--write", "force", "--label", names, "--base", held, *options]
         ran = subprocess.run(words, capture_output=True, text=True)
         if ran.returncode != 0:
             return None, next((line for line in ran.stderr.splitlines() if line.startswith("dimple:")), "")
         return json.loads(pathlib.Path(folder, "out", "summary.json").read_text()), ""
 
 
-def rows_of(program, image, place, names, at):
-    fine = [press(program, image, names, at, "--nodes", str(REFERENCE), "--band", "off", "--set", f"cloud.seed={s}") for s in SEEDS]
-    passing, _ = press(program, image, names, at, "--nodes", str(REFERENCE), "--band", "off", "--self-contact", "off")
+def rows_of(program, image, names, held):
+    fine = [press(program, image, names, held, "--nodes", str(REFERENCE), "--band", "off", "--set", f"cloud.seed={s}") for s in SEEDS]
+    passing, _ = press(program, image, names, held, "--nodes", str(REFERENCE), "--band", "off", "--self-contact", "off")
     for seed in SEEDS:
-        row = {"image": image.name.split(".")[0], "place": place, "at_mm": at.replace(",", " "), "seed": seed}
-        here, why = press(program, image, names, at, "--set", f"cloud.seed={seed}")
+        row = {"image": image.name.split(".")[0], "held": held, "seed": seed}
+        here, why = press(program, image, names, held, "--set", f"cloud.seed={seed}")
         if here:
             row |= {"force_mN": 1e3 * here["force_N"], "touching": here["self_contact"]["places_that_touch"]}
             why = here["band"].get("unknown", "")
@@ -71,15 +61,16 @@ def rows_of(program, image, place, names, at):
 
 
 def main(program, heads, table, *which):
-    header = ["image", "place", "at_mm", "seed", "force_mN", "low_mN", "high_mN", "reference_mN", "doubt_mN", "passing_mN", "touching",
+    header = ["image", "held", "seed", "force_mN", "low_mN", "high_mN", "reference_mN", "doubt_mN", "passing_mN", "touching",
               "reason"]
     with open(table, "w", newline="") as file:
         writer = csv.DictWriter(file, header, restval="", lineterminator="\n")
         writer.writeheader()
         for head in which:
             image = pathlib.Path(heads, f"training_seg_{head}.nii.gz").resolve()
-            for place, names, at in scenes_of(image):
-                for row in rows_of(program, image, place, names, at):
+            names = brain_of(image)
+            for held in HELD:
+                for row in rows_of(program, image, names, held):
                     writer.writerow(row)
                     file.flush()
                     print(row, flush=True)

@@ -1,0 +1,80 @@
+#include "apps/studies/shift_band.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "apps/run/unless_stopped.hpp"
+#include "apps/run/words.hpp"
+#include "io/error.hpp"
+
+namespace dimple {
+namespace {
+
+// Chosen on whole heads, and proved on others: tests/bench/README.md. What half as many nodes change says
+// little there, and clouds of 4000 nodes err by up to a fifth, most often to too large a shift; more nodes by
+// less.
+constexpr double least_share = 0.25;
+constexpr Index fewest_nodes = 4000;
+
+std::string why_unknown(const Config& config, const Shifted& shifted) {
+  if (config.accuracy.band == "off") return "it was not asked for";
+  if (config.scheme.name != Config{}.scheme.name) return "it was measured for the converging scheme alone";
+  if (const Index nodes = shifted.result.model.node_count(); nodes < fewest_nodes)
+    return fmt::format("it was measured from {} nodes on", fewest_nodes);
+  if (shifted.result.loading.folds) return "it was measured for brains whose sulci are filled";
+  if (shifted.sweep.inverted > 0) return "integration points are inverted";
+  return {};
+}
+
+Points places_of(const ShiftScene& scene, const Shifted& shifted) {
+  Points places(3, shifted.line.cols() + static_cast<Index>(scene.targets.size()));
+  places.leftCols(shifted.line.cols()) = shifted.line;
+  for (std::size_t k = 0; k < scene.targets.size(); ++k)
+    places.col(shifted.line.cols() + static_cast<Index>(k)) = scene.targets[k];
+  return places;
+}
+
+double largest_at_opening(const ShiftScene& scene, const Shifted& shifted) {
+  const Index largest = shifted.largest_in(scene.opening);
+  return largest < 0 ? 0.0 : shifted.surface_mm.col(largest).norm();
+}
+
+}  // namespace
+
+ShiftBand band_of_shift(const Config& config, const ShiftScene& scene, const Shifted& shifted) {
+  ShiftBand band{.unknown = why_unknown(config, shifted)};
+  if (!band.known()) return band;
+  band.coarser_nodes = shifted.result.model.node_count() / 2;
+  Config coarse = config;
+  coarse.cloud.nodes = static_cast<double>(band.coarser_nodes);
+  coarse.cloud.spacing_mm = 0.0;
+  Shifted other;
+  try {
+    unless_stopped([&] { come_to_rest(coarse, scene, {}, other); });
+  } catch (const Stopped&) {
+    throw;
+  } catch (const Error& error) {
+    band.unknown =
+        fmt::format("with {} nodes, with which it is compared, {}", band.coarser_nodes, error.report.fact);
+    return band;
+  }
+  const double here = largest_at_opening(scene, shifted);
+  const Points places = places_of(scene, shifted);
+  band.change_mm = std::abs(here - largest_at_opening(scene, other));
+  if (places.cols() > 0)
+    band.change_mm =
+        std::max(band.change_mm, (shifted.at(places) - other.at(places)).colwise().norm().maxCoeff());
+  const double nodes = static_cast<double>(shifted.result.model.node_count());
+  band.half_mm = std::max(band.change_mm, least_share * std::sqrt(fewest_nodes / nodes) * here);
+  return band;
+}
+
+std::string in_words(const ShiftBand& band) {
+  if (!band.known()) return "unknown: " + band.unknown;
+  return fmt::format("at most {} by its nodes: half as many change it by up to {}",
+                     length_in_words(band.half_mm), length_in_words(band.change_mm));
+}
+
+}  // namespace dimple

@@ -1,0 +1,26 @@
+#pragma once
+
+#include <string>
+
+#include "apps/studies/shift_run.hpp"
+
+namespace dimple {
+
+/// What a shift may be off by because its nodes are finite: half the width of the band around each
+/// displacement at the opening, of the targets and in depth.
+struct ShiftBand {
+  double half_mm = 0.0;
+  double change_mm = 0.0;  ///< with half as many nodes, the largest of them
+  Index coarser_nodes = 0;
+  std::string unknown;  ///< why it is not known; empty: it is
+  bool known() const { return unknown.empty(); }
+};
+
+/// From the same shift with half as many nodes, which takes about half as long again. `config`: as
+/// config_of_shift() returns it. Throws Stopped.
+ShiftBand band_of_shift(const Config& config, const ShiftScene& scene, const Shifted& shifted);
+
+/// A sentence's end: "at most 2.3 mm: ..." or "unknown: ...".
+std::string in_words(const ShiftBand& band);
+
+}  // namespace dimple
