@@ -95,7 +95,7 @@ struct Config {
     std::string friction = "0";    ///< as a tool's
     std::string gap = "image";     ///< [mm] at the nearest place; image: as it is there
     std::string opening = "none";  ///< x,y,z,radius in mm: what is nearest to the wall there is free
-    std::int64_t places = 1500;    ///< of the body's surface where it is looked for, at most
+    std::int64_t places = 4000;    ///< of the body's surface where it is looked for, at most
   };
   std::map<std::string, Wall> wall;
   /// A part of the body that is held beside the base, or moved beside the tool: [support.NAME]. The numbers

@@ -19,7 +19,7 @@ constexpr double least_share = 0.25;
 constexpr Index fewest_nodes = 4000;
 
 std::string why_unknown(const Config& config, const Shifted& shifted) {
-  if (config.accuracy.band == "off") return "it was not asked for";
+  if (config.accuracy.band == "off") return "accuracy.band is off";
   if (config.scheme.name != Config{}.scheme.name) return "it was measured for the converging scheme alone";
   if (const Index nodes = shifted.result.model.node_count(); nodes < fewest_nodes)
     return fmt::format("it was measured from {} nodes on", fewest_nodes);

@@ -32,7 +32,6 @@ constexpr double usual_close_mm = 4.0;       // sulci narrower than this hold to
 constexpr double held_share = 0.15;          // of the brain's smallest extent, and at most that
 constexpr double held_depth_mm = 20.0;       // of the brain's lowest part
 constexpr double unheld_mm = 5.0;            // around the place of no tool, where no node is held
-constexpr std::int64_t usual_places = 4000;  // where contact with the skull is looked for, at most
 constexpr double fold_reach_mm = 5.0;        // half of the widest gap that is watched with --self-contact
 constexpr double profile_step_mm = 5.0;
 constexpr const char* by_shift = "dimple shift";
@@ -229,7 +228,6 @@ Config config_of_shift(Config config, const ShiftOptions& options) {
   const bool derived = options.skull == "derived";
   skull.shape = derived ? fmt::format("around:{}mm", plain(gap)) : "label:" + options.skull;
   if (!derived && !options.gap.empty()) skull.gap = plain(gap);
-  if (!was_given(config, "wall.skull.places")) skull.places = usual_places;
   skull.opening = fmt::format("{},{},{},{}", opening[0], opening[1], opening[2], opening[3]);
   config.load.fluid_lost = fmt::format("{},{},{},{}", up.x(), up.y(), up.z(), options.fluid_lost);
   fluid_lost_of(config);

@@ -19,6 +19,7 @@ namespace {
 constexpr double faces = -0.5;      // cosine between outward normals of two banks, at most
 constexpr double least_flat = 0.5;  // of a sample: its vector of area over its area; less lies around an edge
 constexpr int asked_points = 12, asked_nodes = 8;
+constexpr double enough_pieces = 12.0;  // of the surface, on a spacing of the nodes squared
 
 // The surface in the body's own axes, where lengths are in mm as SurfaceCells wants them.
 class Walls {
@@ -66,13 +67,19 @@ int own_node(const Model& model, const Neighbours& nodes, const Vec3& x, const V
   return own == near.end() ? near.front() : *own;
 }
 
-// The node of each piece that has a wall straight ahead; -1: it has none.
-std::vector<int> nodes_before_walls(const Model& model, const Neighbours& nodes, const SurfacePieces& pieces,
-                                    const Walls& walls, double widest) {
+// The node of each piece that has a wall straight ahead; -1: it has none. Where pieces are many beside the
+// nodes one stands for several, and has their area.
+std::vector<int> nodes_before_walls(const Model& model, const Neighbours& nodes, const Walls& walls,
+                                    double widest, SurfacePieces& pieces) {
   std::vector<int> result(static_cast<std::size_t>(pieces.place.cols()), -1);
   tbb::parallel_for(Index{0}, pieces.place.cols(), [&](Index k) {
     if (k % 256 == 0) stop_if_asked();
     const Vec3 x = pieces.place.col(k), normal = pieces.area.col(k).normalized();
+    const double spacing = model.spacing[nodes.nearest(x, 1).front()];
+    const auto for_several =
+        static_cast<Index>(std::max(1.0, spacing * spacing / (enough_pieces * pieces.area.col(k).norm())));
+    if (k % for_several != 0) return;
+    pieces.area.col(k) *= static_cast<double>(for_several);
     const std::optional<Walls::Ahead> ahead = walls.ahead(x, normal, widest);
     if (ahead && ahead->normal.dot(normal) < faces)
       result[static_cast<std::size_t>(k)] = own_node(model, nodes, x, normal, ahead->gap);
@@ -88,9 +95,9 @@ struct Bank {
   Walls::Ahead ahead;
 };
 
-std::vector<Bank> banks_of(const Model& model, const Neighbours& nodes, const SurfacePieces& pieces,
-                           const Walls& walls, double widest) {
-  const std::vector<int> before = nodes_before_walls(model, nodes, pieces, walls, widest);
+std::vector<Bank> banks_of(const Model& model, const Neighbours& nodes, const Walls& walls, double widest,
+                           SurfacePieces& pieces) {
+  const std::vector<int> before = nodes_before_walls(model, nodes, walls, widest, pieces);
   std::map<int, std::vector<Index>> cell;
   for (Index k = 0; k < pieces.place.cols(); ++k)
     if (const int node = before[static_cast<std::size_t>(k)]; node >= 0) cell[node].push_back(k);
@@ -140,9 +147,9 @@ Index point_behind(const Model& model, const Neighbours& points, const Vec3& pla
 FoldBanks fold_banks(const Model& model, double widest) {
   FoldBanks result;
   if (model.surface.empty()) return result;
-  const SurfacePieces pieces = pieces_of(model);
+  SurfacePieces pieces = pieces_of(model);
   const Neighbours nodes(model.X);
-  std::vector<Bank> banks = banks_of(model, nodes, pieces, Walls(model), widest);
+  std::vector<Bank> banks = banks_of(model, nodes, Walls(model), widest, pieces);
   take_mean_normals(model, nodes, banks);
   std::vector<Index> used;
   std::vector<std::vector<Index>> cell;

@@ -92,6 +92,39 @@ TEST(Shift, WithTablesAloneIsTheSameShiftWithoutImagesPicturesAndPage) {
   }
 }
 
+TEST(Shift, SaysByHowMuchItsNodesMayPutItOff) {
+  const fs::path folder = fresh_folder();
+  const auto with = [&](const std::string& nodes, const std::string& more = "") {
+    const Ran ran = dimple(
+        folder, "shift " + block_of_brain + " -q --tables --force -o " + nodes +
+                    " --opening 0,0,30,15 --up superior --mu 300 --target 0,0,25 --nodes " + nodes + more);
+    EXPECT_EQ(ran.code, 0) << ran.err;
+    return Json::parse(text_of(folder / nodes / "summary.json"))["shift"];
+  };
+  const Json shift = with("4000");
+  const std::string table = text_of(folder / "4000" / "targets.csv");
+  const Json half = with("2000"), off = with("4000", " --set accuracy.band=off");
+  const double largest = shift["largest_at_opening_mm"];
+  double change = std::abs(largest - half["largest_at_opening_mm"].get<double>());
+  for (const char* list : {"targets", "profile"})
+    for (std::size_t k = 0; k < shift[list].size(); ++k) {
+      double sum = 0.0;
+      for (int d = 0; d < 3; ++d)
+        sum += std::pow(shift[list][k]["components_mm"][d].get<double>() -
+                            half[list][k]["components_mm"][d].get<double>(),
+                        2);
+      change = std::max(change, std::sqrt(sum));
+    }
+  EXPECT_GT(change, 0.0);
+  EXPECT_NEAR(shift["band_mm"].get<double>(), std::max(change, 0.25 * largest), 1e-3 * largest);
+  EXPECT_NE(table.find(",band_mm"), std::string::npos) << table;
+  EXPECT_EQ(half["band"], "unknown: it was measured from 4000 nodes on");
+  EXPECT_TRUE(half["band_mm"].is_null());
+  EXPECT_EQ(text_of(folder / "2000" / "targets.csv").find("band_mm"), std::string::npos);
+  EXPECT_EQ(off["band"], "unknown: accuracy.band is off");
+  EXPECT_EQ(off["largest_at_opening_mm"], largest);
+}
+
 // As many places as a wall may have: fewer of them leave more of the surface between.
 TEST(Shift, LooksForContactAtNoMorePlacesThanAsked) {
   const fs::path folder = fresh_folder();

@@ -70,6 +70,14 @@ TEST(Sight, PassesTheSurfaceWhereALineDoes) {
       EXPECT_NEAR(crossings[c].t, known[c], 1e-9);
       EXPECT_EQ(crossings[c].leave, body.contains(from) == (c % 2 == 0));
     }
+    const auto first_entry = [&] {
+      const auto entry =
+          std::find_if(crossings.begin(), crossings.end(), [](const auto& one) { return !one.leave; });
+      return entry == crossings.end() ? std::pair(Index{-1}, 0.0) : std::pair(entry->triangle, entry->t);
+    };
+    const auto of_all = first_entry();
+    cells.pass(from, to, crossings, true);
+    EXPECT_EQ(first_entry(), of_all);
   }
 }
 

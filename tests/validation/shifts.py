@@ -1,14 +1,14 @@
-"""Brain shift in whole heads: what clouds of nodes change.
+"""Brain shift in whole heads, and its band.
 
-    python3 tests/validation/shifts.py build/release/dimple HEADS TABLE.csv 02 03 04
+    python3 tests/validation/shifts.py build/release/dimple HEADS TABLE.csv 03 04 05
 
 HEADS is the folder data/training_label_maps of SynthSeg (github.com/BBillot/SynthSeg, Apache-2.0): training_seg_01.nii.gz
 to training_seg_20.nii.gz, label images of whole heads, 1 mm. Brain is every label below 200 but 24 (fluid), skull the labels
 515 and 516. Each head is opened at three places, up being there, and 60 % of the fluid is lost.
 
-A row is a cloud of 4000 nodes (`seed`): its largest shift at the opening, how much half as many nodes change (that, or a
-displacement along the line into the brain, the largest), and how far it is from the reference, the mean of two clouds of
-16,000 nodes with 4000 places where contact is looked for (else at most 1500); `reference_doubt_mm` is half of their difference. Needs numpy.
+A row is a cloud of 4000 nodes (`seed`): its largest shift at the opening, the band that the run states, how much half as
+many nodes change (that, or a displacement along the line into the brain, the largest), and how far it is from a cloud of 16,000
+nodes. Needs numpy.
 """
 
 import csv
@@ -24,8 +24,8 @@ import numpy
 
 OPENINGS = {  # from the brain's middle, LPS; up
     "frontal": ((0.55, -0.55, 0.63), "anterior"),
-    "parietal": ((-0.60, 0.35, 0.72), "superior"),
     "temporal": ((0.95, -0.10, 0.30), "left"),
+    "occipital": ((0.30, 0.85, 0.30), "posterior"),
 }
 RADIUS_MM, NODES, REFERENCE, SEEDS, FLUID = 25, 4000, 16000, (1, 2), 24
 
@@ -55,17 +55,15 @@ def scenes_of(image):
         yield name, up, names, ",".join(f"{x:.1f}" for x in (*at, RADIUS_MM))
 
 
-def shift(program, image, brain, opening, up, nodes, seed):
-    """The largest at the opening, the displacements along the line [n x 3] and the largest of all; mm."""
-    places = "4000" if nodes == REFERENCE else "1500"
+def shift(program, image, brain, opening, up, nodes, seed, band):
+    """The largest at the opening, the displacements along the line [n x 3] and the band; mm."""
     with tempfile.TemporaryDirectory() as folder:
-        words = [program, "shift", image, "-o", folder + "/out", "-q", "--tables", "--band", "off", "--brain", brain,
-                 "--skull", "515,516", "--opening=" + opening, "--up", up, "--nodes", str(nodes), "--set", f"cloud.seed={seed}",
-                 "--set", "wall.skull.places=" + places]
+        words = [program, "shift", image, "-o", folder + "/out", "-q", "--tables", "--brain", brain, "--skull", "515,516",
+                 "--opening=" + opening, "--up", up, "--nodes", str(nodes), "--set", f"cloud.seed={seed}", "--set", "accuracy.band=" + band]
         if subprocess.run(words, capture_output=True).returncode != 0:
             return None
         told = json.loads(pathlib.Path(folder, "out", "summary.json").read_text())["shift"]
-    return told["largest_at_opening_mm"], numpy.array([p["components_mm"] for p in told["profile"]]), told["largest_of_all_mm"]
+    return told["largest_at_opening_mm"], numpy.array([p["components_mm"] for p in told["profile"]]), told["band_mm"]
 
 
 def apart(a, b):
@@ -73,22 +71,24 @@ def apart(a, b):
 
 
 def rows_of(program, image, opening, up, brain, at):
-    fine = [shift(program, image, brain, at, up, REFERENCE, seed) for seed in SEEDS]
+    fine = shift(program, image, brain, at, up, REFERENCE, 1, "off")
     for seed in SEEDS:
-        here, coarse = (shift(program, image, brain, at, up, n, seed) for n in (NODES, NODES // 2))
+        here, coarse = (shift(program, image, brain, at, up, n, seed, band) for n, band in ((NODES, "on"), (NODES // 2, "off")))
         row = {"image": image.name.split(".")[0], "opening": opening, "at_mm": at.replace(",", " "), "up": up, "seed": seed}
-        if None in (here, coarse, *fine):
-            yield {**row, "largest_at_opening_mm": "none"}
-            continue
-        mean = ((fine[0][0] + fine[1][0]) / 2, (fine[0][1] + fine[1][1]) / 2)
-        yield {**row, "largest_at_opening_mm": round(here[0], 3), "largest_mm": round(here[2], 3),
-               "change_mm": round(apart(here, coarse), 3), "error_mm": round(apart(here, mean), 3),
-               "reference_mm": round(mean[0], 3), "reference_doubt_mm": round(apart(*fine) / 2, 3)}
+        if here:
+            row |= {"largest_at_opening_mm": here[0], "band_mm": here[2] if here[2] else "unknown"}
+        if here and coarse:
+            row["change_mm"] = apart(here, coarse)
+        if here and fine:
+            row |= {"error_mm": apart(here, fine), "inside": "" if here[2] is None else int(apart(here, fine) <= here[2])}
+        if fine:
+            row["reference_mm"] = fine[0]
+        yield {key: round(value, 3) if isinstance(value, float) else value for key, value in row.items()}
 
 
 def main(program, heads, table, *which):
-    header = ["image", "opening", "at_mm", "up", "seed", "largest_at_opening_mm", "largest_mm", "change_mm", "error_mm",
-              "reference_mm", "reference_doubt_mm"]
+    header = ["image", "opening", "at_mm", "up", "seed", "largest_at_opening_mm", "band_mm", "change_mm", "error_mm", "reference_mm",
+              "inside"]
     with open(table, "w", newline="") as file:
         writer = csv.DictWriter(file, header, restval="", lineterminator="\n")
         writer.writeheader()
