@@ -59,8 +59,8 @@ struct CoarserMarch::Parts {
         complete(config, std::move(placed), log, coarse);
         coarse.loading.touch = touch_of(config, coarse.model);
         if (coarse.loading.folds)
-          coarse.loading.folds = folds_of(config, coarse.facing_share, coarse.tissues, coarse.model,
-                                          deepest(config, coarse.model.tool));
+          coarse.loading.folds =
+              folds_of(config, coarse.facing_share, coarse.model, deepest(config, coarse.model.tool));
         SolverOptions options = solver_options(config);
         options.frames = 1;  // nobody looks at them
         march(config, options,

@@ -26,7 +26,8 @@ bool converges(const Config& config) {
 
 bool folds_touch(const Config& config, double facing_share) {
   if (config.load.self_contact != "auto") return config.load.self_contact == "on";
-  return facing_share > most_facing && !has_inertia(config) && converges(config);
+  return facing_share > most_facing && !has_inertia(config) && converges(config) &&
+         MixedIteration::serves(materials_of(config));
 }
 
 void check_folds(const Config& config) {
@@ -50,10 +51,9 @@ void require_open_folds(const Config& config, const std::string& what) {
                     .remedy = "leave --self-contact out, or use dimple run IMAGE --self-contact on"});
 }
 
-std::shared_ptr<const FoldBanks> folds_of(const Config& config, double facing_share, const Tissues& tissues,
-                                          const Model& model, double deepest) {
+std::shared_ptr<const FoldBanks> folds_of(const Config& config, double facing_share, const Model& model,
+                                          double deepest) {
   if (!folds_touch(config, facing_share)) return nullptr;
-  if (config.load.self_contact == "auto" && !MixedIteration::serves(tissues.material, model)) return nullptr;
   auto banks = std::make_shared<const FoldBanks>(fold_banks(model, widest * deepest));
   return banks->count() > 0 ? banks : nullptr;
 }

@@ -5,7 +5,6 @@
 
 #include "apps/run/config.hpp"
 #include "preprocess/supports/fold_banks.hpp"
-#include "solver/terms/internal_force.hpp"
 
 namespace dimple {
 
@@ -22,9 +21,9 @@ void check_folds(const Config& config);
 void require_open_folds(const Config& config, const std::string& what);
 
 /// Where the model's surface faces itself across gaps that the tool's way may close; null: nowhere, or they
-/// do not touch. "auto" has them pass in tissues whose contact no equilibrium is solved for.
-std::shared_ptr<const FoldBanks> folds_of(const Config& config, double facing_share, const Tissues& tissues,
-                                          const Model& model, double deepest);
+/// do not touch.
+std::shared_ptr<const FoldBanks> folds_of(const Config& config, double facing_share, const Model& model,
+                                          double deepest);
 
 /// "gaps up to 16 mm are watched at 321 places".
 std::string in_words(const FoldBanks& banks, double deepest);

@@ -88,7 +88,8 @@ LiveOrgan read_live_organ(const Config& config, const RunObserver& observer) {
   check_tool(config);
   require_no_past(config);
   require_no_cuts(config, "a tool that is moved by hand");
-  live.organ.emplace(read_organ({.config = config}, model_options(config), log, live.result));
+  live.config.load.self_contact = "off";
+  live.organ.emplace(read_organ({.config = live.config}, model_options(config), log, live.result));
   live.materials = materials_of(config);
   live.base = find_boundary(live.organ->body->surface, live.organ->options.boundary);
   for (const std::string& warning : live.base->warnings) log.warn(warning);

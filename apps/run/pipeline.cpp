@@ -340,7 +340,7 @@ void make_ready(const Case& given, Placed placed, const RunLog& log, Result& res
       given.change.tool ? touch_of(config, model, *given.change.tool) : touch_of(config, model);
   result.loading.walls = std::move(others.touch);
   const double down = deepest(config, model.tool);
-  if ((result.loading.folds = folds_of(config, result.facing_share, result.tissues, model, down)))
+  if ((result.loading.folds = folds_of(config, result.facing_share, model, down)))
     log.say("folds    " + in_words(*result.loading.folds, down));
   else if (config.load.self_contact == "on")
     log.say(

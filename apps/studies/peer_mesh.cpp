@@ -126,7 +126,9 @@ ElementModel element_model(const Config& config, const std::string& format, cons
          .remedy = "leave them out here, and add them to the file in the other program's own words"});
   Result unused;
   const RunLog log{observer, unused};
-  const Organ organ = read_organ({.config = config}, model_options(config), log, unused);
+  Config passing = config;
+  passing.load.self_contact = "off";  // the file knows no folds that touch
+  const Organ organ = read_organ({.config = passing}, model_options(config), log, unused);
   const BodySurface& surface = organ.body->surface;
   const bool mixed = elements == "hexahedra" && format == "febio";
   const Mesh mesh = elements == "hexahedra" ? hexahedra(config, surface, organ.options, mixed)

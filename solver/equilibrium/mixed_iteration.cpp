@@ -905,8 +905,11 @@ Eigen::VectorXd pressures_of_volumes(const System& system) {
   return patches.dilation.cwiseProduct(patches.bulk).cwiseProduct(system.model().patches.volume);
 }
 
-bool MixedIteration::serves(const std::vector<Material>& tissues, const Model& model) {
-  if (!model.scheme.pressure_patches || !model.scheme.averaged_gradients) return false;
+bool MixedIteration::serves(const ForceSystem& system, const Model& model) {
+  return model.scheme.pressure_patches && model.scheme.averaged_gradients && serves(system.materials());
+}
+
+bool MixedIteration::serves(const std::vector<Material>& tissues) {
   return std::all_of(tissues.begin(), tissues.end(),
                      [](const Material& m) { return m.kappa - pointwise_bulk_modulus(m) > 1e-2 * m.mu; });
 }

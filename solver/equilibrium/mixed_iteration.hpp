@@ -108,10 +108,8 @@ class MixedIteration {
   void restore(const Memory& memory);
 
   /// Whether this model has what is needed: patches, each with a bulk modulus of its own.
-  static bool serves(const std::vector<Material>& tissues, const Model& model);
-  static bool serves(const ForceSystem& system, const Model& model) {
-    return serves(system.materials(), model);
-  }
+  static bool serves(const ForceSystem& system, const Model& model);
+  static bool serves(const std::vector<Material>& tissues);  ///< whether they have
 
  private:
   bool prepare(const ForceSystem::Nodal& u, const Eigen::VectorXd& bulk, bool anew, const Inertia* inertia,
