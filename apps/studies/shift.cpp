@@ -30,8 +30,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double least_shift_mm = 2.5, most_shift_mm = 21.0;  // published: 16 craniotomies, PMC4834281
-
 const char* shift_leaves_out =
     "Left out: the falx and the tentorium, vessels, drugs and swelling, flow in the tissue, what is "
     "resected, and adhesion to the skull (no cohesion).";
@@ -91,11 +89,11 @@ void warn_of_shift(const RunLog& log, const Shifted& now, double shift_mm) {
                       "looked for, which are {} apart; give more --nodes",
                       length_in_words(1e3 * in), wall.name, length_in_words(1e3 * apart)));
   }
-  if (shift_mm < least_shift_mm || shift_mm > most_shift_mm)
+  if (shift_mm < least_measured_mm || shift_mm > most_measured_mm)
     log.warn(fmt::format(
         "the largest shift at the opening, {}, is outside of what was measured in 16 craniotomies, "
         "{:g} to {:g} mm: the fluid lost, the stiffness, the gap or the part that is held decide it",
-        length_in_words(shift_mm), least_shift_mm, most_shift_mm));
+        length_in_words(shift_mm), least_measured_mm, most_measured_mm));
 }
 
 void write_fields(const fs::path& folder, const Shifted& now) {

@@ -18,13 +18,24 @@ namespace {
 constexpr double least_share = 0.25;
 constexpr Index fewest_nodes = 4000;
 
-std::string why_unknown(const Config& config, const Shifted& shifted) {
+double largest_at_opening(const ShiftScene& scene, const Shifted& shifted) {
+  const Index largest = shifted.largest_in(scene.opening);
+  return largest < 0 ? 0.0 : shifted.surface_mm.col(largest).norm();
+}
+
+std::string why_unknown(const Config& config, const ShiftScene& scene, const Shifted& shifted) {
   if (config.accuracy.band == "off") return "accuracy.band is off";
   if (config.scheme.name != Config{}.scheme.name) return "it was measured for the converging scheme alone";
   if (const Index nodes = shifted.result.model.node_count(); nodes < fewest_nodes)
     return fmt::format("it was measured from {} nodes on", fewest_nodes);
   if (shifted.result.loading.folds) return "it was measured for brains whose sulci are filled";
   if (shifted.sweep.inverted > 0) return "integration points are inverted";
+  if (largest_at_opening(scene, shifted) > most_measured_mm)
+    return fmt::format(
+        "the shift is above the {:g} mm that were measured, and where a brain falls so far clouds may differ "
+        "by a "
+        "factor of two",
+        most_measured_mm);
   return {};
 }
 
@@ -36,15 +47,10 @@ Points places_of(const ShiftScene& scene, const Shifted& shifted) {
   return places;
 }
 
-double largest_at_opening(const ShiftScene& scene, const Shifted& shifted) {
-  const Index largest = shifted.largest_in(scene.opening);
-  return largest < 0 ? 0.0 : shifted.surface_mm.col(largest).norm();
-}
-
 }  // namespace
 
 ShiftBand band_of_shift(const Config& config, const ShiftScene& scene, const Shifted& shifted) {
-  ShiftBand band{.unknown = why_unknown(config, shifted)};
+  ShiftBand band{.unknown = why_unknown(config, scene, shifted)};
   if (!band.known()) return band;
   band.coarser_nodes = shifted.result.model.node_count() / 2;
   Config coarse = config;

@@ -6,6 +6,9 @@
 
 namespace dimple {
 
+/// In 16 craniotomies: PMC4834281.
+inline constexpr double least_measured_mm = 2.5, most_measured_mm = 21.0;
+
 /// What a shift may be off by because its nodes are finite: half the width of the band around each
 /// displacement at the opening, of the targets and in depth.
 struct ShiftBand {

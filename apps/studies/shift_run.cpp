@@ -28,11 +28,11 @@ namespace {
 constexpr double usual_gap_mm = 2.0;    // where a skull is derived and nobody says one
 constexpr double usual_mu_Pa = 1000.0;  // of brain, where no material is given
 constexpr double usual_nodes = 4000;
-constexpr double usual_close_mm = 4.0;       // sulci narrower than this hold together
-constexpr double held_share = 0.15;          // of the brain's smallest extent, and at most that
-constexpr double held_depth_mm = 20.0;       // of the brain's lowest part
-constexpr double unheld_mm = 5.0;            // around the place of no tool, where no node is held
-constexpr double fold_reach_mm = 5.0;        // half of the widest gap that is watched with --self-contact
+constexpr double usual_close_mm = 4.0;  // sulci narrower than this hold together
+constexpr double held_share = 0.15;     // of the brain's smallest extent, and at most that
+constexpr double held_depth_mm = 20.0;  // of the brain's lowest part
+constexpr double unheld_mm = 5.0;       // around the place of no tool, where no node is held
+constexpr double fold_reach_mm = 5.0;   // half of the widest gap that is watched with --self-contact
 constexpr double profile_step_mm = 5.0;
 constexpr const char* by_shift = "dimple shift";
 
