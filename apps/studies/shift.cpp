@@ -260,12 +260,14 @@ Outcome shift(const Config& config, const ShiftOptions& options, const fs::path&
   if (!options.tables_alone) write_report(folder / "report.html", summary, page);
   write_file(folder / "summary.json", outcome.summary_json);
   const double largest = told["largest_at_opening_mm"];
+  const std::string along = length_in_words(told["along_gravity_mm"].get<double>());
   outcome.headline =
-      fmt::format("largest shift at the opening {}{}, {} of it along gravity", length_in_words(largest),
-                  band.known() ? fmt::format(" ({:.1f} to {:.1f} mm)", std::max(0.0, largest - band.half_mm),
-                                             largest + band.half_mm)
-                               : ", band " + in_words(band),
-                  length_in_words(told["along_gravity_mm"].get<double>()));
+      band.known()
+          ? fmt::format("largest shift at the opening {} ({:.1f} to {:.1f} mm), {} of it along gravity",
+                        length_in_words(largest), std::max(0.0, largest - band.half_mm),
+                        largest + band.half_mm, along)
+          : fmt::format("largest shift at the opening {}, {} of it along gravity; band {}",
+                        length_in_words(largest), along, in_words(band));
   return outcome;
 }
 

@@ -32,9 +32,7 @@ std::string why_unknown(const Config& config, const ShiftScene& scene, const Shi
   if (shifted.sweep.inverted > 0) return "integration points are inverted";
   if (largest_at_opening(scene, shifted) > most_measured_mm)
     return fmt::format(
-        "the shift is above the {:g} mm that were measured, and where a brain falls so far clouds may differ "
-        "by a "
-        "factor of two",
+        "clouds were found to differ by a factor of two above {:g} mm, the largest shift that was measured",
         most_measured_mm);
   return {};
 }
