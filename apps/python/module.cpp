@@ -35,6 +35,7 @@
 #include "apps/run/summary.hpp"
 #include "apps/run/supports.hpp"
 #include "apps/run/tool.hpp"
+#include "apps/run/unloaded.hpp"
 #include "apps/run/walls.hpp"
 #include "apps/run/words.hpp"
 #include "io/digits.hpp"
@@ -493,6 +494,7 @@ std::unique_ptr<Solved> solve_model(const ModelHolder& built, const Settings& se
                            .scheme = built->model.scheme,
                            .label_names = built->label_names,
                            .provenance = built->provenance,
+                           .facing_share = built->origin ? built->origin->facts.facing_share : 0.0,
                            .notes = {}};
   given.origin = built->origin;
   return solved(
@@ -542,6 +544,7 @@ class LiveSession {
       require_no_walls(config, "a Session");
       require_one_tool(config, "a Session");
       require_circle(config, "a Session");
+      require_unloaded(config, "a Session");
       require_open_folds(config, "a Session");
       const std::vector<Material> materials = materials_of(config);
       check_materials(materials, built.model.scheme);

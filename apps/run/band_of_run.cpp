@@ -172,6 +172,8 @@ std::string why_no_band(const Config& config, const Organ& organ, const Boundary
                         const Result& result) {
   if (result.time != TimeMode::quasi_static) return not_for_dynamics;
   if (const std::string none = why_no_band(config, in_use(result.tissues)); !none.empty()) return none;
+  if (result.loading.folds && (!(result.facing_share > most_facing) || result.cut.area_mm2 > 0.0))
+    return "where folds touch it was measured for folded bodies that are not cut";
   const BodyUnderCircle body =
       body_under_circle(organ.body->surface, boundary, organ.options.boundary.voxel_mm);
   if (!tool_of(config)) return why_no_band(body);

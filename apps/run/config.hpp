@@ -64,6 +64,7 @@ struct Config {
     double rate_mm_per_s = 1.0;
     std::string contact = "bonded";
     std::string gravity = "none";
+    std::string imaged = "unloaded";    ///< how gravity and pressures found the body, see unloaded.hpp
     std::string membrane = "none";      ///< of the whole surface: "0.1mm:400kPa", see membranes.hpp
     std::string self_contact = "auto";  ///< of folds that close, see folds.hpp
     std::string fluid_lost = "none";    ///< "anterior,60%", see loads.hpp

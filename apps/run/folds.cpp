@@ -45,15 +45,17 @@ void check_folds(const Config& config) {
 
 void require_open_folds(const Config& config, const std::string& what) {
   if (config.load.self_contact != "on") return;
-  throw UsageError({.fact = fmt::format("{} lets folds pass through each other", what),
-                    .where = "--self-contact (load.self_contact)",
-                    .why = "folds that touch are followed by `dimple run` alone",
-                    .remedy = "leave --self-contact out, or use dimple run IMAGE --self-contact on"});
+  throw UsageError(
+      {.fact = fmt::format("{} lets folds pass through each other", what),
+       .where = "--self-contact (load.self_contact)",
+       .why = "folds that touch are followed in equilibrium by `dimple run`, `solve` and `shift`",
+       .remedy = "leave --self-contact out, or use dimple run IMAGE --self-contact on"});
 }
 
 std::shared_ptr<const FoldBanks> folds_of(const Config& config, double facing_share, const Model& model,
                                           double deepest) {
   if (!folds_touch(config, facing_share)) return nullptr;
+  if (config.load.self_contact == "auto" && !model.scheme.pressure_patches) return nullptr;
   auto banks = std::make_shared<const FoldBanks>(fold_banks(model, widest * deepest));
   return banks->count() > 0 ? banks : nullptr;
 }

@@ -20,6 +20,7 @@
 #include "apps/run/supports.hpp"
 #include "apps/run/tool.hpp"
 #include "apps/run/tool_band.hpp"
+#include "apps/run/unloaded.hpp"
 #include "apps/run/walls.hpp"
 #include "apps/run/words.hpp"
 #include "io/digits.hpp"
@@ -84,6 +85,7 @@ LiveOrgan read_live_organ(const Config& config, const RunObserver& observer) {
   require_one_tool(config, "a tool that is moved by hand");
   require_no_membranes(config, "a tool that is moved by hand");
   require_no_walls(config, "a tool that is moved by hand");
+  require_unloaded(config, "a tool that is moved by hand");
   require_open_folds(config, "a tool that is moved by hand");
   check_tool(config);
   require_no_past(config);

@@ -350,7 +350,7 @@ std::string_view weight_word(Weight weight) {
 }
 
 void write_model(const fs::path& folder, const Discretisation& model, const Scheme& scheme,
-                 const std::map<std::string, std::string>& provenance) {
+                 const std::map<std::string, std::string>& provenance, double facing_share) {
   using Type = Field::Type;
   make_folder(folder);
   write_vtu(folder / "nodes.vtu",
@@ -396,6 +396,9 @@ void write_model(const fs::path& folder, const Discretisation& model, const Sche
       "indenter)\n"
       "points = \"points.vtu\"  # or a .csv with columns x_mm,y_mm,z_mm (and volume_mm3)\n";
   if (!model.surface.empty()) text += "surface = \"surface.vtp\"\n";
+  text +=
+      fmt::format("facing_share = {}  # of the surface: what faces another part of it across 4 mm or less\n",
+                  facing_share);
   const Vec3 centre = to_mm(model.tool.centre);
   if (!model.axes.isIdentity(0.0))
     text += fmt::format("axes = [{}, {}, {}]  # of the image, as unit vectors\n", list(model.axes.col(0)),
@@ -431,6 +434,7 @@ ModelFiles read_model(const fs::path& path) {
   take_tool(file, table, model.tool);
   take_sets(node_file, nodes, files);
   files.scheme = scheme_in(file, table, scheme);
+  files.facing_share = table["facing_share"].value_or(0.0);
   if (const auto surface = table["surface"].value<std::string>()) {
     SurfaceFile read = read_vtp(file.parent_path() / *surface);
     model.surface = {std::move(read.position_mm), std::move(read.triangles)};

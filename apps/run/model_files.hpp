@@ -24,12 +24,13 @@ struct ModelFiles {
   Scheme scheme = horton2007;  ///< a list of locations is the paper's, unless model.toml says more
   std::map<std::string, int> label_names;         ///< of the image; not kept in the files
   std::map<std::string, std::string> provenance;  ///< image, sha256, labels, reasons
+  double facing_share = 0.0;                      ///< see ImageFacts; not known: 0
   std::vector<std::string> notes;                 ///< what had to be assumed on reading
 };
 
 /// Writes all but label.vti. Throws OutputError.
 void write_model(const std::filesystem::path& folder, const Discretisation& places, const Scheme& scheme,
-                 const std::map<std::string, std::string>& provenance);
+                 const std::map<std::string, std::string>& provenance, double facing_share);
 
 /// `model` is the folder or its model.toml. Throws InputError: what is missing or makes no sense.
 ModelFiles read_model(const std::filesystem::path& model);

@@ -164,6 +164,9 @@ std::vector<Option> load_options(Config& c) {
        .words = with_sides({"none"}),
        .help = "none; the side towards which it pulls with 9.81 m/s2; or x,y,z in LPS, in m/s2: the body "
                "comes to rest under it before the tool touches"},
+      {.key = "load.imaged", .value = &c.load.imaged, .choices = {"unloaded", "loaded"}, .stage = "solve",
+       .help = "what the image shows: the body before gravity, pressures and membranes act, or as they have it, "
+               "so that the shape without them is looked for"},
       {.key = "load.fluid_lost", .value = &c.load.fluid_lost, .stage = "solve", .words = {"none"},
        .help = "fluid around the body whose level has fallen: the side that is up (or x,y,z) and the share "
                "of the body's height that lies above the level, as anterior,60%; there its buoyancy is "

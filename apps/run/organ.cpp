@@ -171,7 +171,7 @@ void warn_of_narrow_gaps(const Config& config, double share, const RunLog& log) 
       "these folds, which touch in life, {}; --close {:.0f}mm closes such folds: compare "
       "the two forces, which may differ much",
       100.0 * share, narrow_gap_mm,
-      folds_touch(config, share) ? "touch here without friction where they close"
+      folds_touch(config, share) ? "touch here in equilibrium, without friction"
                                  : "move freely here and pass through each other",
       narrow_gap_mm));
 }

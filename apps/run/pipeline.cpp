@@ -17,6 +17,7 @@
 #include "apps/run/supports.hpp"
 #include "apps/run/tool.hpp"
 #include "apps/run/unless_stopped.hpp"
+#include "apps/run/unloaded.hpp"
 #include "apps/run/walls.hpp"
 #include "apps/run/words.hpp"
 #include "io/error.hpp"
@@ -246,8 +247,7 @@ Placed place(const Case& given, const std::optional<Organ>& organ, const RunLog&
     for (const std::string& note : given.model->notes) log.warn(note);
     say_default_stiffness(log, given.config);
     result.provenance = given.model->provenance;
-    if (const Surface& drawn = given.model->places.surface; !drawn.empty())
-      result.facing_share = facing_share(BodySurface(drawn.vertex_mm, drawn.triangles), narrow_gap_mm);
+    result.facing_share = given.model->facing_share;
     return {given.model->places, given.model->scheme, given.model->label_names};
   }
   ModelOptions options = organ->options;
@@ -321,11 +321,14 @@ void make_ready(const Case& given, Placed placed, const RunLog& log, Result& res
   Supports supports = supports_of(config, placed.places, placed.label_names);
   for (const std::string& words : supports.words) log.say("support  " + words);
   const Stopwatch preparing;
+  const std::map<std::string, int> names = placed.label_names;
   complete(config, std::move(placed), log, result);
   if (!has_base(config)) {
     result.model.base.clear();
     log.say("base     is not held: the body lies on its walls, by contact alone");
   }
+  take_loads_off(config, supports.sets, tissues_of(config, names, result.model, result.cut.labels).density,
+                 log, result);
   const Model& model = result.model;
   const Loading& loading = result.loading = loading_of(config);
   result.loading.further = std::move(supports.sets);
@@ -339,8 +342,11 @@ void make_ready(const Case& given, Placed placed, const RunLog& log, Result& res
   result.loading.touch =
       given.change.tool ? touch_of(config, model, *given.change.tool) : touch_of(config, model);
   result.loading.walls = std::move(others.touch);
+  result.time = time_of(config, log, result);
   const double down = deepest(config, model.tool);
-  if ((result.loading.folds = folds_of(config, result.facing_share, model, down)))
+  if (result.time == TimeMode::quasi_static || config.load.self_contact == "on")
+    result.loading.folds = folds_of(config, result.facing_share, model, down);
+  if (result.loading.folds)
     log.say("folds    " + in_words(*result.loading.folds, down));
   else if (config.load.self_contact == "on")
     log.say(
@@ -361,11 +367,6 @@ void make_ready(const Case& given, Placed placed, const RunLog& log, Result& res
   for (const Membrane& film : loading.loads.membrane) log.say("membrane " + in_words(film));
   if (const std::string loads = in_words(loading.loads); !loads.empty())
     log.say("loads    " + loads + "; the body comes to rest under it first");
-  result.time = time_of(config, log, result);
-  if (result.loading.folds && result.time != TimeMode::quasi_static && config.load.self_contact == "auto") {
-    result.loading.folds = nullptr;
-    log.say("folds    pass through each other: with inertia no contact is looked for");
-  }
   log.detail(fmt::format("load     {} at {} mm/s: {} s, {}, {}", length_in_words(config.load.depth_mm),
                          plain(config.load.rate_mm_per_s), three_digits(loading.duration()),
                          !loading.touch                   ? config.load.contact

@@ -570,7 +570,9 @@ Outcome record_run(const Config& config, const fs::path& folder, Existing existi
   how.write_model = [&](Result& result) {
     results.prepare();
     const Wanted wanted = result.history.interrupted ? tables_alone : wanted_of(config);
-    if (wanted.model) write_model(folder / "model", result.model, result.model.scheme, result.provenance);
+    if (wanted.model)
+      write_model(folder / "model", result.model, result.model.scheme, result.provenance,
+                  result.facing_share);
     if (wanted.label) write_vti(folder / "label.vti", result.image);
   };
   how.summary = [&](const Result& result) { return summary_of_image(config, result); };
@@ -669,7 +671,7 @@ Outcome record_model(const Config& config, const fs::path& folder, Existing exis
   std::error_code ignored;
   fs::remove(folder / "model.toml", ignored);  // it comes last: with it the model is complete
   write_vti(folder / "label.vti", result.image);
-  write_model(folder, result.model, result.model.scheme, result.provenance);
+  write_model(folder, result.model, result.model.scheme, result.provenance, result.facing_share);
   auto times = times_of(result, 0.0);
   times.emplace_back("writing", whole.seconds() - before_writing_s);
   return {.summary_json = as_text(summary_of_model(config, result)),

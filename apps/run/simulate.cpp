@@ -20,6 +20,7 @@
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/supports.hpp"
 #include "apps/run/tool.hpp"
+#include "apps/run/unloaded.hpp"
 #include "apps/run/walls.hpp"
 #include "io/error.hpp"
 #include "io/stop.hpp"
@@ -183,6 +184,7 @@ void simulate(const Case& given, const RunObserver& observer, Result& result) {
   check_other_tools(given.config);
   check_folds(given.config);
   check_walls(given.config);
+  check_imaged(given.config);
   if (given.model) {
     require_circle(given.config, "a model that was made before");
     require_no_cut_steps(given.config, "a model that was made before");

@@ -93,6 +93,13 @@ struct CutMade {
   double work_of_blade() const { return std::max(0.0, 1e-6 * toughness_J_m2 * area_mm2 - released); }
 };
 
+/// Of a body that was imaged under its loads: see take_loads_off().
+struct Unloaded {
+  int rounds = 0;
+  double taken_back = 0.0;  ///< of a node, from the image to the shape without loads, at most [m]
+  double within = 0.0;      ///< how far from the image the loads bring the body back to, at most [m]
+};
+
 /// What came of it. Each part is there as soon as it is known: also when simulate() throws later.
 struct Result : ImageFacts {
   LabelImage image;                      ///< until the march has begun, where the case began with one
@@ -114,6 +121,7 @@ struct Result : ImageFacts {
   std::vector<Vec3> on_support;
   double on_support_at = 0.0;
   Band band;
+  std::optional<Unloaded> unloaded;  ///< where the body was imaged under its loads
   std::optional<Followed> followed;  ///< where a displacement is asked for
   double spread = 0.0;               ///< of the force by its material: +- this share of it; 0: not asked for
   std::vector<CutMade> cuts;         ///< by steps that have been done

@@ -369,6 +369,10 @@ void add_loads_and_supports(Json& summary, const Result& result) {
     summary["loads"] = {{"gravity_m_per_s2", {loads.gravity.x(), loads.gravity.y(), loads.gravity.z()}},
                         {"pressure_Pa", pressures},
                         {"settled_mm", 1e3 * history.settled}};
+    if (const auto& unloaded = result.unloaded)
+      summary["loads"]["unloaded"] = {{"rounds", unloaded->rounds},
+                                      {"taken_back_mm", 1e3 * unloaded->taken_back},
+                                      {"within_mm", 1e3 * unloaded->within}};
     if (loads.fluid)
       summary["loads"]["fluid_lost"] = {{"up", three(loads.fluid->up)},
                                         {"level_mm", 1e3 * loads.fluid->level},

@@ -124,6 +124,7 @@ Config pinned(Config config, const Result& found, const Vec3& down) {
   config.boundary.base = vector_text(down);
   if (config.solver.time == "auto")
     config.solver.time = found.time == TimeMode::quasi_static ? "quasi-static" : "explicit";
+  if (config.load.self_contact == "auto") config.load.self_contact = found.loading.folds ? "on" : "off";
   return config;
 }
 
@@ -246,7 +247,7 @@ void add_folds(std::vector<Trial>& trials, const Unchanged& u) {
     add(trials, u, "folds", "", fmt::format("closed below {} mm", plain(narrow_gap_mm)), Kind::doubt,
         [](Case& c) { c.config.image.close_mm = narrow_gap_mm; });
   if (!(u.found.facing_share > most_facing) || u.found.time != TimeMode::quasi_static) return;
-  const bool touch = folds_touch(u.config, u.found.facing_share);
+  const bool touch = u.found.loading.folds != nullptr;
   add(trials, u, "walls of folds", "",
       touch ? "pass through each other" : "touch where they close, without friction", Kind::doubt,
       [touch](Case& c) { c.config.load.self_contact = touch ? "off" : "on"; });
@@ -309,7 +310,7 @@ void add_walls(std::vector<Trial>& trials, const Unchanged& u) {
 }
 
 void add_inertia(std::vector<Trial>& trials, const Unchanged& u) {
-  if (u.touch() || has_walls(u.config)) return;
+  if (u.touch() || has_walls(u.config) || u.found.loading.folds) return;
   const bool dynamic = u.found.time != TimeMode::quasi_static;
   add(trials, u, "inertia", "", dynamic ? "neglected" : "included",
       dynamic ? Kind::simplification : Kind::doubt,

@@ -32,7 +32,9 @@ namespace fs = std::filesystem;
 
 const char* shift_leaves_out =
     "Left out: the falx and the tentorium, vessels, drugs and swelling, flow in the tissue, what is "
-    "resected, and adhesion to the skull (no cohesion).";
+    "resected, and adhesion to the skull (no cohesion). Sulci that stay open pass through each other, unless "
+    "they are "
+    "many or --self-contact is on.";
 Json json_of(const Vec3& v) {
   return Json::array({v.x(), v.y(), v.z()});
 }
@@ -219,17 +221,18 @@ Outcome shift(const Config& config, const ShiftOptions& options, const fs::path&
   const Stopwatch comparing;
   const ShiftBand band = band_of_shift(config, scene, now);
   const double band_s = comparing.seconds();
+  const bool tables_alone = options.tables_alone || band.stopped;
 
   results.prepare();
   write_fields(folder, now);
   write_tables(folder, now, scene, band);
   Json images;
   const Stopwatch warping;
-  if (!options.tables_alone) warp_images(log, task, folder, now, images);
+  if (!tables_alone) warp_images(log, task, folder, now, images);
   const double images_s = warping.seconds();
   const Stopwatch drawing;
   Json summary = summary_of_image(config, result);
-  summary["status"] = "finished";
+  summary["status"] = band.stopped ? "interrupted" : "finished";
   summary["version"] = DIMPLE_VERSION;
   Json told = shift_json(options, scene, config, now, band);
   warn_of_shift(log, now, told["largest_at_opening_mm"]);
@@ -242,7 +245,7 @@ Outcome shift(const Config& config, const ShiftOptions& options, const fs::path&
   const std::string options_text = to_toml(config, result.chosen);
   write_file(folder / "config.resolved.toml", options_text);
   Json page;
-  if (!options.tables_alone) {
+  if (!tables_alone) {
     std::string pictured;
     const std::string picture =
         before_and_after(now, scene, config, task, folder, title_of(config, told), pictured);
@@ -256,8 +259,9 @@ Outcome shift(const Config& config, const ShiftOptions& options, const fs::path&
   summary["parts_wall_s"] = times_json(now, band_s, images_s, drawing.seconds(), whole.seconds());
   summary["warnings"] = result.warnings;
   Outcome outcome;
+  outcome.interrupted = band.stopped;
   outcome.summary_json = as_text(summary);
-  if (!options.tables_alone) write_report(folder / "report.html", summary, page);
+  if (!tables_alone) write_report(folder / "report.html", summary, page);
   write_file(folder / "summary.json", outcome.summary_json);
   const double largest = told["largest_at_opening_mm"];
   const std::string along = length_in_words(told["along_gravity_mm"].get<double>());

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <new>
 
 #include "apps/run/unless_stopped.hpp"
 #include "apps/run/words.hpp"
@@ -23,12 +24,30 @@ double largest_at_opening(const ShiftScene& scene, const Shifted& shifted) {
   return largest < 0 ? 0.0 : shifted.surface_mm.col(largest).norm();
 }
 
-std::string why_unknown(const Config& config, const ShiftScene& scene, const Shifted& shifted) {
+// What it was measured with, but for the brain, the opening, the gap and the fluid.
+std::string why_unknown(const Config& config) {
+  const Config usual;
   if (config.accuracy.band == "off") return "accuracy.band is off";
-  if (config.scheme.name != Config{}.scheme.name) return "it was measured for the converging scheme alone";
+  if (config.scheme.name != usual.scheme.name) return "it was measured for the converging scheme alone";
+  if (!config.tissue.empty() || has_membranes(config) || config.material.nu != usual.material.nu)
+    return "it was measured for one tissue of the default's Poisson's ratio, without a membrane";
+  if (config.wall.size() != 1 || config.load.wall != usual.load.wall ||
+      config.wall.begin()->second.friction != Config::Wall{}.friction)
+    return "it was measured for a skull without friction alone";
+  if (config.cloud.jitter != usual.cloud.jitter || config.grid.points != usual.grid.points ||
+      config.grid.ratio != usual.grid.ratio || config.support.basis != usual.support.basis ||
+      config.support.weight != usual.support.weight ||
+      config.support.radius_factor != usual.support.radius_factor ||
+      config.solver.tolerance > usual.solver.tolerance)
+    return "it was measured for the default points, supports and tolerance alone";
+  return {};
+}
+
+std::string why_unknown(const Config& config, const ShiftScene& scene, const Shifted& shifted) {
+  if (const std::string why = why_unknown(config); !why.empty()) return why;
   if (const Index nodes = shifted.result.model.node_count(); nodes < fewest_nodes)
     return fmt::format("it was measured from {} nodes on", fewest_nodes);
-  if (shifted.result.loading.folds) return "it was measured for brains whose sulci are filled";
+  if (shifted.result.facing_share > most_facing) return "it was measured for brains whose sulci are filled";
   if (shifted.sweep.inverted > 0) return "integration points are inverted";
   if (largest_at_opening(scene, shifted) > most_measured_mm)
     return fmt::format(
@@ -58,7 +77,12 @@ ShiftBand band_of_shift(const Config& config, const ShiftScene& scene, const Shi
   try {
     unless_stopped([&] { come_to_rest(coarse, scene, {}, other); });
   } catch (const Stopped&) {
-    throw;
+    band.stopped = true;
+    band.unknown = "the run was stopped before";
+    return band;
+  } catch (const std::bad_alloc&) {
+    band.unknown = "memory is short for the cloud with which it is compared";
+    return band;
   } catch (const Error& error) {
     band.unknown =
         fmt::format("with {} nodes, with which it is compared, {}", band.coarser_nodes, error.report.fact);

@@ -15,12 +15,14 @@ struct ShiftBand {
   double half_mm = 0.0;
   double change_mm = 0.0;  ///< with half as many nodes, the largest of them
   Index coarser_nodes = 0;
-  std::string unknown;  ///< why it is not known; empty: it is
+  bool stopped = false;  ///< while it was compared
+  std::string unknown;   ///< why it is not known; empty: it is
   bool known() const { return unknown.empty(); }
 };
 
 /// From the same shift with half as many nodes, which takes about half as long again. `config`: as
-/// config_of_shift() returns it. Throws Stopped.
+/// config_of_shift() returns it. Unknown, too, where it is
+/// stopped.
 ShiftBand band_of_shift(const Config& config, const ShiftScene& scene, const Shifted& shifted);
 
 /// A sentence's end: "at most 2.3 mm: ..." or "unknown: ...".

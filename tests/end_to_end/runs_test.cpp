@@ -449,7 +449,7 @@ TEST_F(Run, TellsOfNarrowFoldsAndClosesThemOnRequest) {
   EXPECT_TRUE(warns(open)) << open.err;
   EXPECT_GT(summary("open").at("model").at("facing_share").get<double>(), 0.2);
   EXPECT_EQ(summary("open").at("model").at("closed_volume_mm3"), 0.0);
-  EXPECT_NE(open.err.find("touch here without friction"), std::string::npos) << open.err;
+  EXPECT_NE(open.err.find("touch here in equilibrium"), std::string::npos) << open.err;
 
   const Ran closed = good("run comb.nrrd -o closed --close 4mm" + scene);
   EXPECT_FALSE(warns(closed)) << closed.err;

@@ -18,6 +18,9 @@
 #include "io/error.hpp"
 #include "io/stop.hpp"
 #include "preprocess/image/phantom.hpp"
+#include "preprocess/make_model.hpp"
+#include "preprocess/supports/support.hpp"
+#include "solver/system.hpp"
 #include "tests/helpers/folder.hpp"
 #include "tests/helpers/image.hpp"
 
@@ -53,6 +56,58 @@ TEST(Simulate, PrintsNothingAndWritesNoFile) {
   EXPECT_EQ(result.model.tissue.size(), result.model.point_count());
 }
 
+// A block of 50 x 50 x 30 mm that its weight shortens by 1 mm, and sponge that it shortens by more.
+TEST(Simulate, FindsTheShapeWithoutLoadsFromWhichTheyBringABodyBackToItsImage) {
+  for (const double nu : {0.499, 0.3}) {
+    Case given = small_case();
+    given.config.material.mu_Pa = 600.0;
+    given.config.material.nu = nu;
+    given.config.load.gravity = "inferior";
+    given.config.cloud.nodes = 800;
+    const Result as_it_is = simulate(given);
+    given.config.load.imaged = "loaded";
+    const Result unloaded = simulate(given);
+    ASSERT_TRUE(unloaded.unloaded);
+    EXPECT_FALSE(as_it_is.unloaded);
+    // The march has taken the gradients with it.
+    const Model model = make_model(unloaded.model, unloaded.model.scheme, unloaded.model.tissue, {1000.0});
+    const ForceSystem tissue(model, unloaded.tissues);
+    const auto system =
+        make_system(tissue, model, Contact::bonded, {}, {.gravity = {0.0, 0.0, -9.81}, .pressure = {}});
+    const Points u = system->step_start().u.topRows<3>();
+    const Points x = model.X + node_interpolation(model)(u),
+                 vertex = model.surface.vertex_mm + 1e3 * surface_interpolation(model)(u);
+    EXPECT_LT((x - as_it_is.model.X).colwise().norm().maxCoeff(), 0.02e-3) << nu;
+    EXPECT_LT((vertex - as_it_is.model.surface.vertex_mm).colwise().norm().maxCoeff(), 0.02) << nu;
+    EXPECT_GT((model.X - as_it_is.model.X).colwise().norm().maxCoeff(), 0.5e-3) << nu;
+    EXPECT_GT(model.surface.vertex_mm.row(2).maxCoeff(),
+              as_it_is.model.surface.vertex_mm.row(2).maxCoeff() + 0.5);
+    // The same tissue, without what weighs on it.
+    const double mass = as_it_is.model.mass.sum();
+    if (nu > 0.49) {
+      EXPECT_NEAR(model.mass.sum(), mass, 2e-3 * mass);
+    } else {
+      EXPECT_GT(model.volume.sum(), 1.005 * as_it_is.model.volume.sum());
+    }
+    EXPECT_NE(unloaded.history.force.back().force, as_it_is.history.force.back().force);
+  }
+}
+
+TEST(Simulate, RefusesWhatStandsInTheImageOfABodyThatWasImagedUnderItsLoads) {
+  Case given = small_case();
+  given.config.load.imaged = "loaded";
+  EXPECT_THROW(simulate(given), UsageError) << "nothing acts";
+  given.config.load.gravity = "inferior";
+  for (const char* option : {"load.wall=plane:0,0,-5,0,0,1", "image.cut=plane:10,0,20,1,0,0,radius=5mm",
+                             "load.self_contact=on", "output.write=images", "output.warp=mri.nrrd"}) {
+    Case beside = given;
+    const std::string text = option;
+    const auto at = text.find('=');
+    set_option(beside.config, text.substr(0, at), text.substr(at + 1), "a test");
+    EXPECT_THROW(simulate(beside), UsageError) << option;
+  }
+}
+
 TEST(Simulate, TellsItsObserverWhatItDoesInOrder) {
   std::vector<std::string> heard;
   std::vector<int> frames;
@@ -83,7 +138,7 @@ TEST(Simulate, AModelFromFilesGivesTheForceOfItsImageToTheBit) {
   const Case from_image = small_case();
   Result built;
   build_case(from_image, {}, built);
-  write_model(test_folder() / "model", built.model, built.model.scheme, built.provenance);
+  write_model(test_folder() / "model", built.model, built.model.scheme, built.provenance, 0.0);
   const Result first = simulate(from_image);
   const Result second = simulate({.config = from_image.config, .model = read_model(test_folder() / "model")});
   ASSERT_EQ(first.history.force.size(), second.history.force.size());

@@ -1,0 +1,175 @@
+#include "apps/run/unloaded.hpp"
+
+#include <fmt/format.h>
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <limits>
+
+#include "apps/run/cuts.hpp"
+#include "apps/run/loads.hpp"
+#include "apps/run/walls.hpp"
+#include "apps/run/words.hpp"
+#include "io/error.hpp"
+#include "io/stop.hpp"
+#include "preprocess/make_model.hpp"
+#include "preprocess/supports/support.hpp"
+#include "solver/system.hpp"
+
+namespace dimple {
+namespace {
+
+constexpr int most_rounds = 30;
+constexpr double close_enough = 2e-4;  // of the body's size; and nothing is drawn finer than a voxel
+constexpr double comes_closer = 0.9;   // each round, at least
+constexpr const char* by_imaged = "load.imaged";
+
+bool was_loaded(const Config& config) {
+  return config.load.imaged == "loaded";
+}
+
+bool cuts(const Config& config) {
+  return has_cuts(config) || std::any_of(config.step.begin(), config.step.end(),
+                                         [](const auto& step) { return !step.second.cut.empty(); });
+}
+
+bool warps(const Config& config) {
+  const auto& write = config.output.write;
+  return !config.output.warp.empty() || !config.output.warp_labels.empty() ||
+         std::find(write.begin(), write.end(), "images") != write.end();
+}
+
+[[noreturn]] void refuse(const std::string& fact, const std::string& why, const std::string& remedy) {
+  throw UsageError({.fact = fact, .where = by_imaged, .why = why, .remedy = remedy});
+}
+
+// Where everything that the image has comes to lie, beside where it has it.
+struct Beside {
+  Points node, point, vertex;
+  double largest() const {
+    return std::max(node.colwise().norm().maxCoeff(),
+                    vertex.cols() > 0 ? vertex.colwise().norm().maxCoeff() : 0.0);
+  }
+};
+
+struct Equilibrium {
+  Nodal u;
+  Points node, point, vertex;  // displacements [m]
+  std::vector<Mat3> F;         // at the points
+};
+
+Equilibrium under_loads(const Config& config, const std::vector<HeldSet>& further, const Result& result) {
+  const Model& model = result.model;
+  const ForceSystem tissue(model, result.tissues, precision_of(config));
+  const auto system = make_system(tissue, model, loading_of(config).contact, further, loads_of(config, model),
+                                  config.solver.tolerance);
+  Equilibrium found{.u = system->step_start().u};
+  const Points u = found.u.topRows<3>();
+  found.node = node_interpolation(model)(u);
+  found.point = point_interpolation(model)(u);
+  found.vertex = surface_interpolation(model)(u);
+  std::vector<int> near;
+  Points dphi;
+  for (Index q = 0; q < model.point_count(); ++q) {
+    tissue.gradients_at(q, near, dphi);
+    Mat3 F = Mat3::Identity();
+    for (std::size_t k = 0; k < near.size(); ++k)
+      F += u.col(near[k]) * dphi.col(static_cast<Index>(k)).transpose();
+    found.F.push_back(F);
+  }
+  return found;
+}
+
+// The cells of the image, as they are without the loads.
+void unload_cells(const Discretisation& imaged, const std::vector<Mat3>& F, Discretisation& places) {
+  for (Index q = 0; q < imaged.point_count(); ++q) {
+    const Mat3& loaded = F[static_cast<std::size_t>(q)];
+    const double J = loaded.determinant();
+    if (!(J > 0.0)) continue;  // turned inside out: as the image has it
+    places.volume[q] = imaged.volume[q] / J;
+    if (imaged.second_moments.cols() == 0) continue;
+    const auto m = imaged.second_moments.col(q);
+    Mat3 spread;
+    spread << m[0], m[3], m[4], m[3], m[1], m[5], m[4], m[5], m[2];
+    const Mat3 back = loaded.inverse();
+    spread = back * spread * back.transpose();
+    places.second_moments.col(q) << spread(0, 0), spread(1, 1), spread(2, 2), spread(0, 1), spread(0, 2),
+        spread(1, 2);
+  }
+}
+
+}  // namespace
+
+void require_unloaded(const Config& config, const char* by) {
+  if (!was_loaded(config)) return;
+  refuse(fmt::format("{} takes the image's shape for that without loads", by),
+         "the shape without them is looked for by `dimple run` and `dimple solve` alone",
+         "leave load.imaged out");
+}
+
+void check_imaged(const Config& config) {
+  if (!was_loaded(config)) return;
+  if (!has_loads(config) && !has_membranes(config))
+    refuse("the body was imaged under its loads, and there are none", "nothing would be taken off",
+           "give --gravity or a pressure");
+  const char* beside = fluid_lost_of(config) ? "lost fluid, which changes the equilibrium that was imaged,"
+                       : has_walls(config)   ? "a wall"
+                       : !config.other_tool.empty()       ? "a further tool"
+                       : !has_base(config)                ? "a base that is not held"
+                       : cuts(config)                     ? "a cut"
+                       : warps(config)                    ? "an image that is deformed"
+                       : config.load.self_contact == "on" ? "folds that touch"
+                                                          : nullptr;
+  if (beside)
+    refuse(fmt::format("{} stands beside a body that was imaged under its loads", beside),
+           "it has its place in the image, and the shape without loads is another",
+           "leave one of the two out");
+}
+
+void take_loads_off(const Config& config, const std::vector<HeldSet>& further,
+                    const std::vector<double>& density, const RunLog& log, Result& result) {
+  if (!was_loaded(config)) return;
+  log.doing("taking the loads off");
+  const Discretisation imaged = result.model;
+  const Points vertex = 1e-3 * imaged.surface.vertex_mm;
+  const double size = (imaged.X.rowwise().maxCoeff() - imaged.X.rowwise().minCoeff()).norm();
+  double before = std::numeric_limits<double>::infinity();
+  Unloaded& unloaded = result.unloaded.emplace();
+  for (;;) {
+    stop_if_asked();
+    const Equilibrium now = under_loads(config, further, result);
+    const Model& model = result.model;
+    const Beside beside{model.X + now.node - imaged.X, model.point + now.point - imaged.point,
+                        1e-3 * model.surface.vertex_mm + now.vertex - vertex};
+    unloaded.within = beside.largest();
+    unloaded.taken_back = (model.X - imaged.X).colwise().norm().maxCoeff();
+    if (unloaded.within <= close_enough * size) break;
+    if (++unloaded.rounds > most_rounds || !(unloaded.within < comes_closer * before))
+      throw SolveError(
+          {.fact =
+               fmt::format("the shape without loads was not found: after {} rounds the body comes to lie {} "
+                           "beside the image",
+                           unloaded.rounds, length_in_words(1e3 * unloaded.within)),
+           .where = "before the tool touches, load.imaged",
+           .why = "the loads deform the body so much that going back by as much comes no closer",
+           .remedy =
+               "lower gravity or the pressures, raise the stiffness, or take the image's shape for that "
+               "without loads",
+           .code = "unloaded"});
+    before = unloaded.within;
+    Discretisation places = model;
+    places.X -= beside.node;
+    places.point -= beside.point;
+    places.surface.vertex_mm -= 1e3 * beside.vertex;
+    unload_cells(imaged, now.F, places);
+    Eigen::VectorXi tissue = model.tissue;
+    const Scheme scheme = model.scheme;
+    result.model = make_model(std::move(places), scheme, std::move(tissue), density);
+  }
+  log.say(fmt::format(
+      "unloaded the shape without loads lies up to {} beside the image's; from it they bring the body "
+      "back to within {} of that, in {} rounds",
+      length_in_words(1e3 * unloaded.taken_back), length_in_words(1e3 * unloaded.within), unloaded.rounds));
+}
+
+}  // namespace dimple

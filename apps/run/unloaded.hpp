@@ -1,0 +1,29 @@
+#pragma once
+
+#include <vector>
+
+#include "apps/run/pipeline.hpp"
+
+namespace dimple {
+
+/// Before anything is built: throws UsageError where a body that was imaged under its loads (load.imaged)
+/// goes with something that needs the image's shape to be that at rest, or where no load acts.
+void check_imaged(const Config& config);
+
+/// Throws UsageError: the body was imaged under its loads, in something that takes the image's shape for that
+/// at rest.
+void require_unloaded(const Config& config, const char* by);
+
+/// Of a body that was imaged under its loads: makes result.model that of the shape without them, from which
+/// they bring it back to the image's. Nodes, points with their cells, and the surface go back by as much as
+/// they come to lie beside where the image has them, and the model is completed anew, until they do not:
+///
+///     X <- X - (X + u(X) - x),   x the place in the image, u the equilibrium under the loads from X.
+///
+/// Throws SolveError: it does not come closer, or the body does not carry its loads.
+///
+/// Source:   Sellier, Comput. Methods Appl. Mech. Eng. 200 (2011) 1843 (the inverse problem by fixed points).
+void take_loads_off(const Config& config, const std::vector<HeldSet>& further,
+                    const std::vector<double>& density, const RunLog& log, Result& result);
+
+}  // namespace dimple
