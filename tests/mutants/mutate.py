@@ -268,6 +268,8 @@ MUTANTS = {
     179: ("preprocess/output/carry_back.cpp", "into.normalized(), above + 0.1 * step",
           "({n} ? -1.0 : 1.0) * into.normalized(), above + 0.1 * step"),
     180: ("preprocess/supports/sheet_cut.cpp", "if (!place || distance_to(ends", "if (!place || {n} || distance_to(ends"),
+    192: ("apps/run/unloaded.cpp", "places.X -= share * beside.node;", "places.X -= ({n} ? -0.2 : 1.0) * share * beside.node;"),
+    193: ("apps/run/unloaded.cpp", "places.volume[q] = imaged.volume[q] / J;", "places.volume[q] = imaged.volume[q] / ({n} ? 1.0 : J);"),
     188: ("solver/terms/fold_contact.cpp", "const Vec3 way = apart_.col(s) - banks_->sample.place.col(s) +",
           "const Vec3 way = apart_.col(s) - ({n} ? 0.0 : 1.0) * (banks_->sample.place.col(s)) +"),
     189: ("apps/studies/shift_band.cpp", "band.half_mm = std::max(band.change_mm,",

@@ -77,8 +77,8 @@ TEST(Simulate, FindsTheShapeWithoutLoadsFromWhichTheyBringABodyBackToItsImage) {
     const Points u = system->step_start().u.topRows<3>();
     const Points x = model.X + node_interpolation(model)(u),
                  vertex = model.surface.vertex_mm + 1e3 * surface_interpolation(model)(u);
-    EXPECT_LT((x - as_it_is.model.X).colwise().norm().maxCoeff(), 0.02e-3) << nu;
-    EXPECT_LT((vertex - as_it_is.model.surface.vertex_mm).colwise().norm().maxCoeff(), 0.02) << nu;
+    EXPECT_LT((x - as_it_is.model.X).colwise().norm().maxCoeff(), 0.08e-3) << nu;
+    EXPECT_LT((vertex - as_it_is.model.surface.vertex_mm).colwise().norm().maxCoeff(), 0.08) << nu;
     EXPECT_GT((model.X - as_it_is.model.X).colwise().norm().maxCoeff(), 0.5e-3) << nu;
     EXPECT_GT(model.surface.vertex_mm.row(2).maxCoeff(),
               as_it_is.model.surface.vertex_mm.row(2).maxCoeff() + 0.5);
