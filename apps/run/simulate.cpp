@@ -184,7 +184,7 @@ void simulate(const Case& given, const RunObserver& observer, Result& result) {
   check_other_tools(given.config);
   check_folds(given.config);
   check_walls(given.config);
-  check_imaged(given.config);
+  check_imaged(given.config, given.model ? &*given.model : nullptr);
   if (given.model) {
     require_circle(given.config, "a model that was made before");
     require_no_cut_steps(given.config, "a model that was made before");

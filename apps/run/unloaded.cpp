@@ -28,6 +28,7 @@ constexpr double close_enough = 1e-3, closest = 1e-4;
 // its neighbours comes to lie beside its place by up to twice that.
 constexpr double comes_closer = 0.5, least_share = 0.25;
 constexpr const char* by_imaged = "load.imaged";
+constexpr const char* taken_off = "taken_off";  // of a model's provenance
 
 bool was_loaded(const Config& config) {
   return config.load.imaged == "loaded";
@@ -112,8 +113,11 @@ void require_unloaded(const Config& config, const char* by) {
          "leave load.imaged out");
 }
 
-void check_imaged(const Config& config) {
+void check_imaged(const Config& config, const ModelFiles* model) {
   if (!was_loaded(config)) return;
+  if (model && model->provenance.contains(taken_off))
+    refuse("the body was imaged under its loads, and this model is without them already",
+           "they were taken off when it was made", "leave load.imaged out, and give the loads");
   if (!has_loads(config) && !has_membranes(config))
     refuse("the body was imaged under its loads, and there are none", "nothing would be taken off",
            "give --gravity or a pressure");
@@ -173,6 +177,8 @@ void take_loads_off(const Config& config, const std::vector<HeldSet>& further,
     const Scheme scheme = model.scheme;
     result.model = make_model(std::move(places), scheme, std::move(tissue), density);
   }
+  result.provenance[taken_off] =
+      fmt::format("the loads, from {} beside the image", length_in_words(1e3 * unloaded.taken_back));
   log.say(fmt::format(
       "unloaded the shape without loads lies up to {} beside the image's; from it they bring the body "
       "back to within {} of that, in {} rounds",

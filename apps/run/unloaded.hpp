@@ -8,7 +8,8 @@ namespace dimple {
 
 /// Before anything is built: throws UsageError where a body that was imaged under its loads (load.imaged)
 /// goes with something that needs the image's shape to be that at rest, or where no load acts.
-void check_imaged(const Config& config);
+/// `model`: one that was made before; from it they may have been taken off already.
+void check_imaged(const Config& config, const ModelFiles* model);
 
 /// Throws UsageError: the body was imaged under its loads, in something that takes the image's shape for that
 /// at rest.

@@ -89,6 +89,15 @@ TEST(Simulate, FindsTheShapeWithoutLoadsFromWhichTheyBringABodyBackToItsImage) {
     } else {
       EXPECT_GT(model.volume.sum(), 1.005 * as_it_is.model.volume.sum());
     }
+    Case again = given;
+    again.model = ModelFiles{.places = model,
+                             .scheme = model.scheme,
+                             .label_names = {},
+                             .provenance = unloaded.provenance,
+                             .notes = {}};
+    EXPECT_THROW(simulate(again), UsageError) << "they would be taken off twice";
+    again.config.load.imaged = "unloaded";
+    EXPECT_EQ(simulate(again).history.force.back().force, unloaded.history.force.back().force);
     EXPECT_NE(unloaded.history.force.back().force, as_it_is.history.force.back().force);
   }
 }
