@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <limits>
 
+#include "apps/run/config.hpp"
 #include "apps/run/cuts.hpp"
 #include "apps/run/loads.hpp"
 #include "apps/run/walls.hpp"
@@ -127,6 +128,7 @@ void check_imaged(const Config& config, const ModelFiles* model) {
                        : !has_base(config)                ? "a base that is not held"
                        : cuts(config)                     ? "a cut"
                        : warps(config)                    ? "an image that is deformed"
+                       : followed_place(config)           ? "a place whose displacement is asked for"
                        : config.load.self_contact == "on" ? "folds that touch"
                                                           : nullptr;
   if (beside)
