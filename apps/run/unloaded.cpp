@@ -128,6 +128,8 @@ void check_imaged(const Config& config, const ModelFiles* model) {
                        : !has_base(config)                ? "a base that is not held"
                        : cuts(config)                     ? "a cut"
                        : warps(config)                    ? "an image that is deformed"
+                       : config.tool.shape != "circle"    ? "a tool that touches"
+                       : !config.step.empty()             ? "a scene of steps"
                        : followed_place(config)           ? "a place whose displacement is asked for"
                        : config.load.self_contact == "on" ? "folds that touch"
                                                           : nullptr;
@@ -179,6 +181,10 @@ void take_loads_off(const Config& config, const std::vector<HeldSet>& further,
     const Scheme scheme = model.scheme;
     result.model = make_model(std::move(places), scheme, std::move(tissue), density);
   }
+  // The circle goes back with its nodes, from where the loads bring it to its place in the image.
+  Vec3 back = Vec3::Zero();
+  for (const Index a : imaged.circle) back += result.model.X.col(a) - imaged.X.col(a);
+  if (!imaged.circle.empty()) result.model.tool.centre += back / static_cast<double>(imaged.circle.size());
   result.provenance[taken_off] =
       fmt::format("the loads, from {} beside the image", length_in_words(1e3 * unloaded.taken_back));
   log.say(fmt::format(

@@ -14,6 +14,7 @@
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/supports.hpp"
 #include "apps/run/tool.hpp"
+#include "apps/run/unloaded.hpp"
 #include "apps/run/walls.hpp"
 #include "apps/run/words.hpp"
 #include "io/digits.hpp"
@@ -162,6 +163,7 @@ void come_to_rest(const Config& config, const ShiftScene& scene, const ShiftHook
   require_one_tool(config, by_shift);
   require_no_steps(config, by_shift);
   require_no_goal(config, by_shift);
+  require_unloaded(config, by_shift);
   check_loads(config);
   check_supports(config);
   check_folds(config);
