@@ -481,7 +481,8 @@ std::unique_ptr<Solved> solved(const Case& given, const std::function<Json(const
     add_run(all, given.config, result, {.solve_s = result.solve_s, .total_s = whole.seconds()}, "finished",
             ExitCode::ok, nullptr);
     kept->summary_json = as_text(all);
-    const bool is_built = built && result.levels.empty() && !result.unloaded;  // an accuracy takes other nodes
+    const bool is_built =
+        built && result.levels.empty() && !result.unloaded;  // an accuracy takes other nodes
     take(*kept, result, result.origin ? result.origin->config : given.config, is_built ? built : nullptr);
     return kept;
   });
