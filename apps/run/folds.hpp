@@ -10,7 +10,7 @@ namespace dimple {
 
 /// Whether folds that close touch, instead of passing through each other (load.self_contact), in a body of
 /// which that share of the surface faces itself: "auto" has them touch in folded bodies (most_facing), unless
-/// the scheme or the time that is asked for looks for no contact.
+/// the scheme or the time that is asked for, or such a tissue, has no contact looked for.
 bool folds_touch(const Config& config, double facing_share);
 
 /// Before anything is built: throws UsageError where they are to touch in a way of marching that does not

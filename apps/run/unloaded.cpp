@@ -8,6 +8,7 @@
 
 #include "apps/run/config.hpp"
 #include "apps/run/cuts.hpp"
+#include "apps/run/folds.hpp"
 #include "apps/run/loads.hpp"
 #include "apps/run/walls.hpp"
 #include "apps/run/words.hpp"
@@ -142,6 +143,9 @@ void check_imaged(const Config& config, const ModelFiles* model) {
 void take_loads_off(const Config& config, const std::vector<HeldSet>& further,
                     const std::vector<double>& density, const RunLog& log, Result& result) {
   if (!was_loaded(config)) return;
+  if (folds_touch(config, result.facing_share))
+    refuse("folds that touch stand beside a body that was imaged under its loads",
+           "the shape without loads is looked for without their contact", "give --self-contact off");
   log.doing("taking the loads off");
   const Discretisation imaged = result.model;
   const Points vertex = 1e-3 * imaged.surface.vertex_mm;

@@ -21,7 +21,8 @@ void require_unloaded(const Config& config, const char* by);
 ///
 ///     X <- X - (X + u(X) - x),   x the place in the image, u the equilibrium under the loads from X.
 ///
-/// Throws SolveError: it does not come closer, or the body does not carry its loads.
+/// Throws UsageError: folds of the body touch. Throws SolveError: it does not come closer, or the body does
+/// not carry its loads.
 ///
 /// Source:   Sellier, Comput. Methods Appl. Mech. Eng. 200 (2011) 1843 (the inverse problem by fixed points).
 void take_loads_off(const Config& config, const std::vector<HeldSet>& further,
