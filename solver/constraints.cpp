@@ -76,10 +76,16 @@ bool Constraints::let_drift() const {
   return Eigen::SelfAdjointEigenSolver<Mat3>(held_parts, Eigen::EigenvaluesOnly).eigenvalues()[0] < 1e-6;
 }
 
-Eigen::Vector4d Constraints::sliding_direction() const {
+std::vector<Eigen::Vector4d> Constraints::sliding_directions() const {
+  std::vector<Eigen::Vector4d> all;
+  const auto is_known = [&](const Eigen::Vector4d& direction) {
+    return std::any_of(all.begin(), all.end(), [&](const Eigen::Vector4d& one) {
+      return std::abs(one.dot(direction)) > std::sqrt(0.5);
+    });
+  };
   for (const Held& held : held_)
-    if (held.hold == HeldSet::Hold::along) return held.direction;
-  return Eigen::Vector4d::Zero();
+    if (held.hold == HeldSet::Hold::along && !is_known(held.direction)) all.push_back(held.direction);
+  return all;
 }
 
 Constraints make_constraints(const Model& model, Contact contact, std::vector<HeldSet> further) {

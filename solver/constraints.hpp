@@ -88,8 +88,12 @@ class Constraints {
   /// still.
   Vec3 motion(std::string_view name) const;
 
-  /// Along which the first set that slides across it is held; zero where none does.
-  Eigen::Vector4d sliding_direction() const;
+  /// Along which sets are held that slide across it: no two of them closer than 45 degrees.
+  std::vector<Eigen::Vector4d> sliding_directions() const;
+  /// Whether a node is free to move along a unit vector, rather than held.
+  bool moves_along(Index a, const Eigen::Vector4d& direction) const {
+    return project(a, direction).squaredNorm() > 0.5;
+  }
   /// Whether the body may move as a whole in some direction: nothing is held there.
   bool let_drift() const;
   Index node_count() const { return static_cast<Index>(of_node_.size()); }

@@ -220,13 +220,13 @@ struct MixedIteration::Parts {
   CompressedRows points;                   // of each patch
   CompressedRows nodes;                    // of each patch
   Eigen::Matrix4Xf gradient;               // [4 x nodes.member]
-  bool slides = false;
-  Eigen::Vector4d sliding;  // sets that slide along others are only nearly inverted
-  NodalInverse across,
-      along;  // of nodes that move freely across the push, and along it; the same if none slides
-  NodalInverse soft_across, soft_along;  // the same without what resists in some directions alone
-  Eigen::VectorXd soft_diagonal;         // [N] N/m, of those; empty: there is nothing of that kind
-  NodeStiffness soft_part;               // [9xN] Q, see laplacian_solve()
+  std::vector<Eigen::Vector4d> sliding;  // along which sets are held that slide across; one inverse for each
+  NodalInverse across;                   // of nodes that move in some direction,
+  std::vector<NodalInverse> along;       // and of those that move along each of `sliding`
+  NodalInverse soft_across;              // the same without what resists in some directions alone
+  std::vector<NodalInverse> soft_along;
+  Eigen::VectorXd soft_diagonal;  // [N] N/m, of those; empty: there is nothing of that kind
+  NodeStiffness soft_part;        // [9xN] Q, see laplacian_solve()
   MassInverse schur;
   std::shared_ptr<const Factor> schur_of_inertia;
   Eigen::VectorXd inertia;                    // [N] N/m or empty, for which `across` was made
@@ -249,8 +249,7 @@ struct MixedIteration::Parts {
         edge(neighbours(model)),
         points(transpose(model.patches.of_point, model.patches.count(), &slot)),
         nodes(nodes_of_patches(model, points)) {
-    sliding = constraints.sliding_direction();
-    slides = !sliding.isZero(0.0);
+    sliding = constraints.sliding_directions();
     const Eigen::VectorXd shear = shear_of_nodes(model, [&](Index q) { return mu(q); });
     scale = (shear.array() / model.spacing.array().square()).sqrt();
     // The Laplacian's energy of any linear field is that of the shear.
@@ -355,11 +354,11 @@ struct MixedIteration::Parts {
   bool invert_laplacian() {
     const StiffnessBound bound = body.stiffness_bound();
     const double own = constraints.let_drift() ? own_of_drift : own_of_piece;
-    const auto invert = [&](NodalInverse& inverse, bool sliding_too, bool directed) {
+    const auto invert = [&](NodalInverse& inverse, const Eigen::Vector4d* direction, bool directed) {
       std::vector<int> place(static_cast<std::size_t>(weight.size()), -1);
       inverse.node.clear();
       for (Index a = 0; a < weight.size(); ++a) {
-        if (!constraints.is_free(a) && !(sliding_too && constraints.slides(a))) continue;
+        if (direction ? !constraints.moves_along(a, *direction) : constraints.is_held_wholly(a)) continue;
         place[static_cast<std::size_t>(a)] = static_cast<int>(inverse.node.size());
         inverse.node.push_back(a);
       }
@@ -391,10 +390,15 @@ struct MixedIteration::Parts {
     };
     compliance.resize(0, 0);
     soft_diagonal.resize(0);
-    if (!bound.directed.empty() &&
-        !(invert(soft_across, true, false) && (!slides || invert(soft_along, false, false))))
-      return false;
-    return invert(across, true, true) && (!slides || invert(along, false, true));
+    const auto invert_all = [&](NodalInverse& to_the_side, std::vector<NodalInverse>& down, bool directed) {
+      down.resize(sliding.size());
+      bool positive = invert(to_the_side, nullptr, directed);
+      for (std::size_t d = 0; positive && d < sliding.size(); ++d)
+        positive = invert(down[d], &sliding[d], directed);
+      return positive;
+    };
+    return (bound.directed.empty() || invert_all(soft_across, soft_along, false)) &&
+           invert_all(across, along, true);
   }
 
   // Where the gradient is that of.
@@ -553,12 +557,15 @@ struct MixedIteration::Parts {
     u_of_gradient = u;
   }
 
-  void solve_with(NodalInverse& to_the_side, NodalInverse& down, const Nodal& r, Nodal& z) const {
+  // Exact where the directions are orthogonal.
+  void solve_with(NodalInverse& to_the_side, std::vector<NodalInverse>& down, const Nodal& r,
+                  Nodal& z) const {
     to_the_side.solve(r, z);
-    if (!slides) return;
     Nodal normal(4, r.cols());
-    down.solve(r, normal);
-    for (Index a = 0; a < z.cols(); ++a) z.col(a) += sliding * sliding.dot(normal.col(a) - z.col(a));
+    for (std::size_t d = 0; d < sliding.size(); ++d) {
+      down[d].solve(r, normal);
+      for (Index a = 0; a < z.cols(); ++a) z.col(a) += sliding[d] * sliding[d].dot(normal.col(a) - z.col(a));
+    }
   }
 
   // A membrane is stiff within its plane and hardly so across it, and a scalar matrix has one stiffness for

@@ -215,6 +215,14 @@ TEST_F(ASupport, ThatSlidesLetsAColumnSettleAlongIt) {
   EXPECT_GT(run(column)["loads"]["settled_mm"].get<double>(), 1.2 * expected_mm);
 }
 
+// Before each direction had its own inverse it took nine times as many, and none was found at larger depths.
+TEST_F(ASupport, ThatSlidesBesideASlidingCircleTakesNoMoreEvaluationsThanTheCircleAlone) {
+  const std::string alone = " --nodes 600 --depth 1mm --band off --write force --contact frictionless";
+  const double of_circle = run(alone)["force_evaluations"].get<double>();
+  EXPECT_LT(run(alone + " --set support.r.on=left --set support.r.hold=sliding")["force_evaluations"],
+            1.5 * of_circle);
+}
+
 TEST_F(ASupport, ThatMovesFurtherThanTheToolArrives) {
   const Json summary =
       run(" --nodes 1000 --depth 0.5mm --write force --set support.r.on=left --set support.r.move=6,0,0");

@@ -55,6 +55,26 @@ TEST(Constraints, LetABodyDriftThatIsNotHeldInSomeDirection) {
   EXPECT_FALSE(Constraints(4, {{.name = "fixed", .node = {3}}}).let_drift());
 }
 
+TEST(Constraints, HaveADirectionOfTheirOwnForEachWayInWhichSetsAreHeldAndSlide) {
+  const auto along = [](const char* name, Index node, const Vec3& direction) {
+    return HeldSet{
+        .name = name, .node = {node}, .hold = HeldSet::Hold::along, .direction = direction.normalized()};
+  };
+  const Constraints held(5, {along("x", 0, Vec3::UnitX()),
+                             along("nearly -x", 1, {-1.0, 0.2, 0.0}),
+                             along("z", 2, Vec3::UnitZ()),
+                             {.name = "fixed", .node = {3}}});
+  const auto directions = held.sliding_directions();
+  ASSERT_EQ(directions.size(), 2u);
+  EXPECT_EQ(directions[0], padded(Vec3::UnitX()));
+  EXPECT_EQ(directions[1], padded(Vec3::UnitZ()));
+  const std::vector<bool> x = {false, false, true, false, true}, z = {true, true, false, false, true};
+  for (Index a = 0; a < 5; ++a) {
+    EXPECT_EQ(held.moves_along(a, directions[0]), x[static_cast<std::size_t>(a)]) << a;
+    EXPECT_EQ(held.moves_along(a, directions[1]), z[static_cast<std::size_t>(a)]) << a;
+  }
+}
+
 TEST(Constraints, PutEachSetWhereItsShareOfTheWayHasBroughtIt) {
   const Constraints c(4, {{.name = "fixed", .node = {1}},
                           {.name = "half", .node = {2}, .direction = Vec3::UnitX(), .share = 0.5},

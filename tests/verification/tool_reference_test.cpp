@@ -207,9 +207,12 @@ std::vector<std::pair<Scene, Index>> scenes_with_friction() {
   std::vector<std::pair<Scene, Index>> all = {
       {sticks, 1500}, {rubs, 1500}, {layer_rubs, 1500}, {layer_rubs, 4000}};
   if (std::getenv("DIMPLE_ALL_SCENES"))
-    all.insert(
-        all.end(),
-        {{layer_sticks, 1500}, {sticks, 4000}, {rubs, 4000}, {layer_sticks, 4000}, {under_gravity, 4000}});
+    all.insert(all.end(), {{layer_sticks, 1500},
+                           {sticks, 4000},
+                           {rubs, 4000},
+                           {layer_sticks, 4000},
+                           {under_gravity, 4000},
+                           {on_film, 4000}});
   return all;
 }
 INSTANTIATE_TEST_SUITE_P(WithFriction, ToolOnACylinder, testing::ValuesIn(scenes_with_friction()), name_of);
