@@ -4,6 +4,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <map>
 #include <optional>
 
@@ -142,6 +143,50 @@ Index point_behind(const Model& model, const Neighbours& points, const Vec3& pla
   return near.front();
 }
 
+// A quarter of a sample's pieces, and the wall ahead of it.
+struct Part {
+  std::vector<Index> pieces;
+  Vec3 opposite = Vec3::Zero();
+};
+
+Vec3 middle_of(const std::vector<Index>& own, const SurfacePieces& pieces) {
+  Vec3 middle = Vec3::Zero();
+  double sum = 0.0;
+  for (const Index k : own) {
+    const double A = pieces.area.col(k).norm();
+    sum += A, middle += A * pieces.place.col(k);
+  }
+  return middle / sum;
+}
+
+// Of the quarters about its middle those that are nearer to the wall than the whole.
+std::vector<Part> nearer_parts(const Bank& bank, double spacing, const SurfacePieces& pieces,
+                               const Walls& walls, double widest) {
+  const Vec3 middle = middle_of(bank.pieces, pieces), one = bank.normal.unitOrthogonal(),
+             other = bank.normal.cross(one);
+  std::array<Part, 4> quarter;
+  for (const Index k : bank.pieces) {
+    const Vec3 d = pieces.place.col(k) - middle;
+    quarter[(d.dot(one) > 0.0 ? 1 : 0) + (d.dot(other) > 0.0 ? 2 : 0)].pieces.push_back(k);
+  }
+  const auto gap = [&](const Vec3& place, const Vec3& opposite) {
+    return (place - opposite).dot(bank.ahead.normal);
+  };
+  const double of_whole = gap(middle, bank.ahead.place);
+  std::vector<Part> parts;
+  for (Part& part : quarter) {
+    if (part.pieces.empty()) continue;
+    const Vec3 its_middle = middle_of(part.pieces, pieces);
+    const std::optional<Walls::Ahead> ahead = walls.ahead(its_middle, bank.normal, widest);
+    if (!ahead || ahead->normal.dot(bank.normal) > faces ||
+        gap(its_middle, ahead->place) > of_whole - FoldBanks::bulges * spacing)
+      continue;
+    part.opposite = ahead->place;
+    parts.push_back(std::move(part));
+  }
+  return parts;
+}
+
 }  // namespace
 
 FoldBanks fold_banks(const Model& model, double widest) {
@@ -149,33 +194,51 @@ FoldBanks fold_banks(const Model& model, double widest) {
   if (model.surface.empty()) return result;
   SurfacePieces pieces = pieces_of(model);
   const Neighbours nodes(model.X);
-  std::vector<Bank> banks = banks_of(model, nodes, Walls(model), widest, pieces);
+  const Walls walls(model);
+  std::vector<Bank> banks = banks_of(model, nodes, walls, widest, pieces);
   take_mean_normals(model, nodes, banks);
-  std::vector<Index> used;
-  std::vector<std::vector<Index>> cell;
   const auto count = static_cast<Index>(banks.size());
-  result.opposite.resize(3, count);
+  std::vector<Index> used, place_in_used(static_cast<std::size_t>(pieces.place.cols()));
+  std::vector<std::vector<Index>> cell;
+  std::vector<Vec3> opposite;
   result.opposite_normal.resize(3, count);
   result.spacing.resize(count);
   const Neighbours points(model.point);
+  const auto put = [&](const std::vector<Index>& own, const Vec3& ahead) {
+    opposite.push_back(ahead);
+    cell.emplace_back();
+    for (const Index k : own) cell.back().push_back(place_in_used[static_cast<std::size_t>(k)]);
+  };
   for (Index c = 0; c < count; ++c) {
     const Bank& bank = banks[static_cast<std::size_t>(c)];
-    result.opposite.col(c) = bank.ahead.place;
-    result.opposite_normal.col(c) = bank.ahead.normal;
     result.spacing[c] = model.spacing[bank.node];
+    result.opposite_normal.col(c) = bank.ahead.normal;
     result.point.push_back(point_behind(model, points, bank.ahead.place, bank.ahead.normal));
-    cell.emplace_back();
     for (const Index k : bank.pieces) {
-      cell.back().push_back(static_cast<Index>(used.size()));
+      place_in_used[static_cast<std::size_t>(k)] = static_cast<Index>(used.size());
       used.push_back(k);
     }
+    put(bank.pieces, bank.ahead.place);
   }
+  for (Index c = 0; c < count; ++c) {
+    const Bank& bank = banks[static_cast<std::size_t>(c)];
+    for (const Part& part : nearer_parts(bank, result.spacing[c], pieces, walls, widest))
+      put(part.pieces, part.opposite);
+    result.part_end.push_back(static_cast<Index>(cell.size()));
+  }
+  result.opposite = Eigen::Map<const Points>(opposite.empty() ? nullptr : opposite.front().data(), 3,
+                                             static_cast<Index>(opposite.size()));
   const Points place = pieces.place(Eigen::all, used), area = pieces.area(Eigen::all, used);
   result.sample = means_of(cell, place, area, surface_interpolation(model, place, area), model.node_count());
   for (Index c = 0; c < count; ++c)
     result.own_point.push_back(
         point_behind(model, points, result.sample.place.col(c), result.sample.normal.col(c)));
-  result.at_opposite = surface_interpolation(model, result.opposite, result.opposite_normal);
+  Points outward(3, result.opposite.cols());
+  outward.leftCols(count) = result.opposite_normal;
+  for (Index c = 0; c < count; ++c)
+    for (Index row = result.part_begin(c); row < result.part_end[static_cast<std::size_t>(c)]; ++row)
+      outward.col(row) = result.opposite_normal.col(c);
+  result.at_opposite = surface_interpolation(model, result.opposite, outward);
   return result;
 }
 

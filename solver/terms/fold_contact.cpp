@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <map>
+#include <numeric>
 
 #include "solver/material.hpp"
 
@@ -25,6 +26,8 @@ FoldContact::FoldContact(std::shared_ptr<const FoldBanks> banks, const ForceSyst
   force_.setZero(count());
   gap_.setZero(count());
   normal_ = banks_->opposite_normal;
+  row_.resize(static_cast<std::size_t>(count()));
+  std::iota(row_.begin(), row_.end(), Index{0});
   pair_up();
 }
 
@@ -65,11 +68,12 @@ void FoldContact::pair_up() {
         sum[one.rows.member[k]] += sign * one.weight[k];
     };
     const int ahead = ahead_[static_cast<std::size_t>(s)];
-    add(banks_->sample.at_place, s, 1.0);
+    const Index row = row_[static_cast<std::size_t>(s)];
+    add(banks_->sample.at_place, row, 1.0);
     if (ahead >= 0)
       add(banks_->sample.at_place, ahead, -1.0);
     else
-      add(banks_->at_opposite, s, -1.0);
+      add(banks_->at_opposite, row, -1.0);
     for (const auto& [node, w] : sum) {
       member.push_back(node);
       weight.push_back(w);
@@ -86,7 +90,9 @@ void FoldContact::add_force(const Nodal& u, const Instant&, Nodal& f) {
   apart_.resize(3, count());
   for (Index s = 0; s < count(); ++s) {
     const int ahead = ahead_[static_cast<std::size_t>(s)];
-    apart_.col(s) = sample.place.col(s) - (ahead >= 0 ? sample.place.col(ahead) : banks_->opposite.col(s));
+    const Index row = row_[static_cast<std::size_t>(s)];
+    apart_.col(s) =
+        sample.place.col(row) - (ahead >= 0 ? sample.place.col(ahead) : banks_->opposite.col(row));
     for (int k = moves_.rows.offset[s]; k < moves_.rows.offset[s + 1]; ++k)
       apart_.col(s) += moves_.weight[k] * u.col(moves_.rows.member[k]).head<3>();
     normal_.col(s) = ahead >= 0 ? turned(of_own_, ahead, u, sample.normal.col(ahead))
@@ -103,9 +109,34 @@ void FoldContact::add_force(const Nodal& u, const Instant&, Nodal& f) {
 // Banks need not be parallel: at rest the way from one to the other is along neither.
 double FoldContact::way_along(Index s) const {
   const int ahead = ahead_[static_cast<std::size_t>(s)];
-  const Vec3 way = apart_.col(s) - banks_->sample.place.col(s) +
-                   (ahead >= 0 ? banks_->sample.place.col(ahead) : banks_->opposite.col(s));
+  const Index row = row_[static_cast<std::size_t>(s)];
+  const Vec3 way = apart_.col(s) - banks_->sample.place.col(row) +
+                   (ahead >= 0 ? banks_->sample.place.col(ahead) : banks_->opposite.col(row));
   return (way - way.dot(normal_.col(s)) * normal_.col(s)).norm();
+}
+
+double FoldContact::gap_of(Index row, Index s, const Nodal& u) const {
+  Vec3 apart = banks_->sample.place.col(row) - banks_->opposite.col(row);
+  const auto add = [&](const Interpolation& one, double sign) {
+    for (int k = one.rows.offset[row]; k < one.rows.offset[row + 1]; ++k)
+      apart += sign * one.weight[k] * u.col(one.rows.member[k]).head<3>();
+  };
+  add(banks_->sample.at_place, 1.0);
+  add(banks_->at_opposite, -1.0);
+  return turned(of_opposite_, s, u, banks_->opposite_normal.col(s)).dot(apart);
+}
+
+// What stands for a sample whose place ahead is the one at rest.
+Index FoldContact::nearest_row(Index s, const Nodal& u) const {
+  Index best = s;
+  double nearest = gap_of(s, s, u) - FoldBanks::bulges * banks_->spacing[s];
+  for (Index row = banks_->part_begin(s); row < banks_->part_end[static_cast<std::size_t>(s)]; ++row) {
+    if (const double gap = gap_of(row, s, u); gap < nearest) {
+      nearest = gap;
+      best = row;
+    }
+  }
+  return best;
 }
 
 // The nearest sample of a bank that faces it, across the gap between them.
@@ -128,27 +159,37 @@ int FoldContact::find_ahead(Index s, const Points& place, const Points& normal) 
 
 void FoldContact::accept(const Nodal& u, const Instant&) {
   if (apart_.cols() == 0) return;
-  std::vector<Index> slid;
-  for (Index s = 0; s < count(); ++s)
-    if (ahead_[static_cast<std::size_t>(s)] != at_rest || way_along(s) > slides * banks_->spacing[s])
+  std::vector<Index> slid, row = row_;
+  for (Index s = 0; s < count(); ++s) {
+    if (ahead_[static_cast<std::size_t>(s)] != at_rest || way_along(s) > slides * banks_->spacing[s]) {
       slid.push_back(s);
-  if (slid.empty()) return;
-  const Points place = banks_->sample.place + banks_->sample.at_place(u.topRows<3>());
-  Points normal(3, count());
-  for (Index s = 0; s < count(); ++s) normal.col(s) = turned(of_own_, s, u, banks_->sample.normal.col(s));
+      row[static_cast<std::size_t>(s)] = s;
+    } else if (gap_[s] < banks_->spacing[s]) {
+      row[static_cast<std::size_t>(s)] = nearest_row(s, u);
+    }
+  }
   std::vector<int> ahead = ahead_;
-  for (const Index s : slid) ahead[static_cast<std::size_t>(s)] = find_ahead(s, place, normal);
-  if (ahead == ahead_) return;
+  if (!slid.empty()) {
+    const Points place = (banks_->sample.place + banks_->sample.at_place(u.topRows<3>())).leftCols(count());
+    Points normal(3, count());
+    for (Index s = 0; s < count(); ++s) normal.col(s) = turned(of_own_, s, u, banks_->sample.normal.col(s));
+    for (const Index s : slid) ahead[static_cast<std::size_t>(s)] = find_ahead(s, place, normal);
+  }
+  if (ahead == ahead_ && row == row_) return;
   ahead_ = std::move(ahead);
+  row_ = std::move(row);
   pair_up();
 }
 
 std::vector<double> FoldContact::past() const {
-  return {ahead_.begin(), ahead_.end()};
+  std::vector<double> all(ahead_.begin(), ahead_.end());
+  all.insert(all.end(), row_.begin(), row_.end());
+  return all;
 }
 
 void FoldContact::restore_past(const std::vector<double>& past) {
-  ahead_.assign(past.begin(), past.end());
+  ahead_.assign(past.begin(), past.begin() + count());
+  row_.assign(past.begin() + count(), past.end());
   pair_up();
 }
 

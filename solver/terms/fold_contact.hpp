@@ -13,9 +13,11 @@ namespace dimple {
 ///     d_s = n_s . (x_s - y_s),   n_s along cof(F) N,   x = X + u at the sample, y = Y + u at the place
 ///     ahead,
 ///
-/// and its force pushes both banks, in opposite directions. The place ahead is the one at rest until the
-/// sample has slid half a spacing of the nodes along the bank; then it is that of the nearest sample of the
-/// bank, at each accepted state anew. What has slid beyond the bank's samples touches nothing.
+/// and its force pushes both banks, in opposite directions. Of a bank that bulges the part of the sample
+/// stands for it that is nearest to the bank ahead, chosen at each accepted state. The place ahead is the one
+/// at rest until the sample has slid half a spacing of the nodes along the bank; then it is that of the
+/// nearest sample of the bank, at each accepted state anew. What has slid beyond the bank's samples touches
+/// nothing.
 class FoldContact : public ContactTerm {
  public:
   /// `tissue` is asked for the gradients that turn the banks.
@@ -54,12 +56,15 @@ class FoldContact : public ContactTerm {
   Interpolation moves_;  // at the sample, less those at the place ahead
   Turning of_opposite_, of_own_;
   std::vector<int> ahead_;  // [M] the sample that lies ahead now, or one of the two words above
+  std::vector<Index> row_;  // [M] of the sample in `banks_`, or of the part that stands for it
   int pairing_ = 0;
   Points apart_;  // [3xM] x_s - y_s
 
   static Turning turning(const std::vector<Index>& point, const ForceSystem& tissue);
   static Vec3 turned(const Turning& by, Index s, const Nodal& u, const Vec3& normal);
   double way_along(Index s) const;  // of the sample along the bank ahead since rest [m]
+  double gap_of(Index row, Index s, const Nodal& u) const;
+  Index nearest_row(Index s, const Nodal& u) const;
   int find_ahead(Index s, const Points& place, const Points& normal) const;
   void pair_up();
 };
