@@ -143,7 +143,7 @@ SheetCut cut_model(const SessionGiven& given, const Model& model, const std::sha
 }  // namespace
 
 Session session_on(const SessionGiven& given, Model model) {
-  Loads loads = loads_of(given.config, model);
+  Loads loads = loads_of(given.config, model, model.surface);
   std::shared_ptr<const Touch> its_touch = touch_of(given.config, model);
   std::vector<HeldSet> supports = supports_of(given.config, model, given.label_names).sets;
   return Session(std::move(model), given.materials,

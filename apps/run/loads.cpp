@@ -105,9 +105,10 @@ void check_loads(const Config& config, const Surface& surface) {
   check_membranes(config, surface);
 }
 
-Loads loads_of(const Config& config, const Model& model) {
-  check_loads(config, model.surface);
-  Loads loads{.gravity = gravity_of(config), .pressure = {}, .membrane = membranes_on(config, model)};
+Loads loads_of(const Config& config, const Model& model, const Surface& chosen_on) {
+  check_loads(config, chosen_on);
+  Loads loads{
+      .gravity = gravity_of(config), .pressure = {}, .membrane = membranes_on(config, model, chosen_on)};
   if (const auto fluid = fluid_lost_of(config)) {
     const Eigen::VectorXd height = model.X.transpose() * fluid->up;
     loads.fluid = FluidLost{
@@ -115,7 +116,7 @@ Loads loads_of(const Config& config, const Model& model) {
   }
   for (const auto& [name, pressure] : config.pressure)
     loads.pressure.push_back({.name = name,
-                              .patch = surface_patch(model, triangles_on(name, pressure, model.surface)),
+                              .patch = surface_patch(model, triangles_on(name, pressure, chosen_on)),
                               .pressure = pressure.pressure_Pa,
                               .follows = pressure.follows == "yes"});
   return loads;

@@ -12,8 +12,9 @@ namespace dimple {
 void check_loads(const Config& config);
 void check_loads(const Config& config, const Surface& surface);
 
-/// What `config` says of gravity, pressures and membranes, on the model's surface. Throws as check_loads().
-Loads loads_of(const Config& config, const Model& model);
+/// What `config` says of gravity, pressures and membranes, on the model's surface; the parts of it are chosen
+/// on `chosen_on`, the same triangles as the image has them. Throws as check_loads().
+Loads loads_of(const Config& config, const Model& model, const Surface& chosen_on);
 
 /// "gravity 9.81 m/s2 (inferior), pressure csf 500 Pa"; of membranes nothing.
 std::string in_words(const Loads& loads);

@@ -87,12 +87,12 @@ void check_membranes(const Config& config, const Surface& surface) {
   for (const auto& [name, film] : films_of(config)) triangles_of(name, film, surface);
 }
 
-std::vector<Membrane> membranes_on(const Config& config, const Model& model) {
+std::vector<Membrane> membranes_on(const Config& config, const Model& model, const Surface& chosen_on) {
   std::vector<Membrane> membranes;
   if (!has_membranes(config)) return membranes;
   for (const auto& [name, film] : films_of(config))
     membranes.push_back({.name = name,
-                         .patch = surface_patch(model, triangles_of(name, film, model.surface)),
+                         .patch = surface_patch(model, triangles_of(name, film, chosen_on)),
                          .thickness = 1e-3 * film.thickness_mm,
                          .shear_modulus = film.mu_Pa,
                          .wrinkles = film.wrinkles == "yes",

@@ -10,8 +10,9 @@ namespace dimple {
 void check_membranes(const Config& config);
 void check_membranes(const Config& config, const Surface& surface);
 
-/// All membranes by name; that of --membrane is called "surface". Throws as check_membranes().
-std::vector<Membrane> membranes_on(const Config& config, const Model& model);
+/// All membranes by name; that of --membrane is called "surface". Parts as of loads_of(). Throws as
+/// check_membranes().
+std::vector<Membrane> membranes_on(const Config& config, const Model& model, const Surface& chosen_on);
 
 /// "pia: 0.1 mm of 400 kPa (40 N/m) on 5600 mm2".
 std::string in_words(const Membrane& film);

@@ -332,7 +332,8 @@ void make_ready(const Case& given, Placed placed, const RunLog& log, Result& res
   const Model& model = result.model;
   const Loading& loading = result.loading = loading_of(config);
   result.loading.further = std::move(supports.sets);
-  result.loading.loads = loads_of(config, model);
+  result.loading.loads =
+      loads_of(config, model, result.unloaded ? result.unloaded->imaged_surface : model.surface);
   OtherTools others = other_tools_of(config, model);
   for (const std::string& words : others.words) log.say("tool     " + words);
   std::map<std::string, Vec3> push_of_others;

@@ -96,8 +96,10 @@ struct CutMade {
 /// Of a body that was imaged under its loads: see take_loads_off().
 struct Unloaded {
   int rounds = 0;
-  double taken_back = 0.0;  ///< of a node, from the image to the shape without loads, at most [m]
-  double within = 0.0;      ///< how far from the image the loads bring the body back to, at most [m]
+  double taken_back = 0.0;      ///< of a node, from the image to the shape without loads, at most [m]
+  double within = 0.0;          ///< how far from the image the loads bring the body back to, at most [m]
+  Surface imaged_surface = {};  ///< as the image has it
+  Vec3 imaged_centre = Vec3::Zero();  ///< of the circle, likewise [m]
 };
 
 /// What came of it. Each part is there as soon as it is known: also when simulate() throws later.

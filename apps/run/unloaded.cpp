@@ -66,11 +66,12 @@ struct Equilibrium {
   std::vector<Mat3> F;         // at the points
 };
 
-Equilibrium under_loads(const Config& config, const std::vector<HeldSet>& further, const Result& result) {
+Equilibrium under_loads(const Config& config, const std::vector<HeldSet>& further, const Result& result,
+                        const Surface& imaged) {
   const Model& model = result.model;
   const ForceSystem tissue(model, result.tissues, precision_of(config));
-  const auto system = make_system(tissue, model, loading_of(config).contact, further, loads_of(config, model),
-                                  config.solver.tolerance);
+  const auto system = make_system(tissue, model, loading_of(config).contact, further,
+                                  loads_of(config, model, imaged), config.solver.tolerance);
   Equilibrium found{.u = system->step_start().u};
   const Points u = found.u.topRows<3>();
   found.node = node_interpolation(model)(u);
@@ -152,9 +153,11 @@ void take_loads_off(const Config& config, const std::vector<HeldSet>& further,
   const double size = (imaged.X.rowwise().maxCoeff() - imaged.X.rowwise().minCoeff()).norm();
   double before = std::numeric_limits<double>::infinity(), first = before, share = 1.0;
   Unloaded& unloaded = result.unloaded.emplace();
+  unloaded.imaged_surface = imaged.surface;
+  unloaded.imaged_centre = imaged.tool.centre;
   for (;;) {
     stop_if_asked();
-    const Equilibrium now = under_loads(config, further, result);
+    const Equilibrium now = under_loads(config, further, result, imaged.surface);
     const Model& model = result.model;
     const Beside beside{model.X + now.node - imaged.X, model.point + now.point - imaged.point,
                         1e-3 * model.surface.vertex_mm + now.vertex - vertex};

@@ -116,10 +116,15 @@ std::string vector_text(const Vec3& v) {
   return fmt::format("{:.9g},{:.9g},{:.9g}", v.x(), v.y(), v.z());
 }
 
+// [m]
+Vec3 centre_in_image(const Result& found) {
+  return found.unloaded ? found.unloaded->imaged_centre : found.model.tool.centre;
+}
+
 // The scene as it was found, with its places as numbers: a change of the body does not move the tool.
 Config pinned(Config config, const Result& found, const Vec3& down) {
   const auto& tool = found.model.tool;
-  config.boundary.indent_at = vector_text(1e3 * tool.centre);
+  config.boundary.indent_at = vector_text(1e3 * centre_in_image(found));
   config.boundary.direction = vector_text(tool.push);
   config.boundary.base = vector_text(down);
   if (config.solver.time == "auto")
@@ -208,6 +213,7 @@ void add_base(std::vector<Trial>& trials, const Unchanged& u) {
 
 void add_tool_place(std::vector<Trial>& trials, const Unchanged& unchanged) {
   const auto& tool = unchanged.found.model.tool;
+  const Vec3 centre = centre_in_image(unchanged.found);
   Index axis = 0;
   tool.push.cwiseAbs().minCoeff(&axis);
   const Vec3 u = (Vec3::Unit(axis) - tool.push[axis] * tool.push).normalized(), v = tool.push.cross(u);
@@ -218,7 +224,7 @@ void add_tool_place(std::vector<Trial>& trials, const Unchanged& unchanged) {
         fmt::format("moved by {:g} mm along ({:+.1f}, {:+.1f}, {:+.1f})", tool_step_mm, shown.x(), shown.y(),
                     shown.z()),
         Kind::doubt,
-        [&](Case& c) { c.config.boundary.indent_at = vector_text(1e3 * tool.centre + tool_step_mm * step); });
+        [&](Case& c) { c.config.boundary.indent_at = vector_text(1e3 * centre + tool_step_mm * step); });
   }
 }
 
@@ -242,7 +248,11 @@ void add_shape(std::vector<Trial>& trials, const Unchanged& u) {
 void add_folds(std::vector<Trial>& trials, const Unchanged& u) {
   if (const double closed_mm = u.config.image.close_mm; closed_mm > 0.0)
     add(trials, u, "folds", "", fmt::format("open instead of closed below {} mm", plain(closed_mm)),
-        Kind::doubt, [](Case& c) { c.config.image.close_mm = 0.0; });
+        Kind::doubt, [&](Case& c) {
+          c.config.image.close_mm = 0.0;
+          c.config.load.self_contact =
+              u.config.load.self_contact;  // by the open folds, not by the closed ones
+        });
   else
     add(trials, u, "folds", "", fmt::format("closed below {} mm", plain(narrow_gap_mm)), Kind::doubt,
         [](Case& c) { c.config.image.close_mm = narrow_gap_mm; });

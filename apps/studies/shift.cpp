@@ -72,12 +72,6 @@ Json json_of(const Points& place_mm, const Points& shift_mm, const Vec3& up, boo
   return list;
 }
 
-Points points_of(const std::vector<Vec3>& list) {
-  Points places(3, static_cast<Index>(list.size()));
-  for (Index k = 0; k < places.cols(); ++k) places.col(k) = list[static_cast<std::size_t>(k)];
-  return places;
-}
-
 void warn_of_shift(const RunLog& log, const Shifted& now, double shift_mm) {
   if (now.sweep.inverted > 0)
     log.warn(fmt::format("{} of {} integration points are inverted: the shift is not to be trusted there",
@@ -122,8 +116,8 @@ Json shift_json(const ShiftOptions& options, const ShiftScene& scene, const Conf
           {"components_mm", json_of(most)},
           {"at_mm", largest < 0 ? Json() : json_of(Vec3(now.result.model.surface.vertex_mm.col(largest)))},
           {"largest_of_all_mm", now.surface_mm.colwise().norm().maxCoeff()},
-          {"targets", json_of(targets, now.at(targets), scene.up, false)},
-          {"profile", json_of(now.line, now.at(now.line), scene.up, true)},
+          {"targets", json_of(targets, now.targets_mm, scene.up, false)},
+          {"profile", json_of(now.line, now.line_mm, scene.up, true)},
           {"up", json_of(scene.up)},
           {"fluid_lost", options.fluid_lost},
           {"fluid_level_mm", 1e3 * now.result.loading.loads.fluid->level},
@@ -139,9 +133,8 @@ Json shift_json(const ShiftOptions& options, const ShiftScene& scene, const Conf
 // The shift at the targets, and along a line into the brain.
 void write_tables(const fs::path& folder, const Shifted& now, const ShiftScene& scene,
                   const ShiftBand& band) {
-  const Points targets = points_of(scene.targets);
-  write_csv(folder / "targets.csv", table_of(targets, now.at(targets), scene.up, band));
-  write_csv(folder / "profile.csv", table_of(now.line, now.at(now.line), scene.up, band));
+  write_csv(folder / "targets.csv", table_of(points_of(scene.targets), now.targets_mm, scene.up, band));
+  write_csv(folder / "profile.csv", table_of(now.line, now.line_mm, scene.up, band));
 }
 
 void warp_images(const RunLog& log, const ImageTask& task, const fs::path& folder, Shifted& now, Json& told) {

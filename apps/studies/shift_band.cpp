@@ -59,8 +59,7 @@ std::string why_unknown(const Config& config, const ShiftScene& scene, const Shi
 Points places_of(const ShiftScene& scene, const Shifted& shifted) {
   Points places(3, shifted.line.cols() + static_cast<Index>(scene.targets.size()));
   places.leftCols(shifted.line.cols()) = shifted.line;
-  for (std::size_t k = 0; k < scene.targets.size(); ++k)
-    places.col(shifted.line.cols() + static_cast<Index>(k)) = scene.targets[k];
+  places.rightCols(places.cols() - shifted.line.cols()) = points_of(scene.targets);
   return places;
 }
 
@@ -73,9 +72,14 @@ ShiftBand band_of_shift(const Config& config, const ShiftScene& scene, const Shi
   Config coarse = config;
   coarse.cloud.nodes = static_cast<double>(band.coarser_nodes);
   coarse.cloud.spacing_mm = 0.0;
+  const Points places = places_of(scene, shifted);
   Shifted other;
+  Points there_mm;
   try {
-    unless_stopped([&] { come_to_rest(coarse, scene, {}, other); });
+    unless_stopped([&] {
+      come_to_rest(coarse, scene, {}, other);
+      there_mm = other.at(places);
+    });
   } catch (const Stopped&) {
     band.stopped = true;
     band.unknown = "the run was stopped before";
@@ -89,11 +93,13 @@ ShiftBand band_of_shift(const Config& config, const ShiftScene& scene, const Shi
     return band;
   }
   const double here = largest_at_opening(scene, shifted);
-  const Points places = places_of(scene, shifted);
   band.change_mm = std::abs(here - largest_at_opening(scene, other));
-  if (places.cols() > 0)
-    band.change_mm =
-        std::max(band.change_mm, (shifted.at(places) - other.at(places)).colwise().norm().maxCoeff());
+  if (places.cols() > 0) {
+    Points here_mm(3, places.cols());
+    here_mm.leftCols(shifted.line_mm.cols()) = shifted.line_mm;
+    here_mm.rightCols(shifted.targets_mm.cols()) = shifted.targets_mm;
+    band.change_mm = std::max(band.change_mm, (here_mm - there_mm).colwise().norm().maxCoeff());
+  }
   const double nodes = static_cast<double>(shifted.result.model.node_count());
   band.half_mm = std::max(band.change_mm, least_share * std::sqrt(fewest_nodes / nodes) * here);
   return band;

@@ -153,6 +153,12 @@ Index Shifted::largest_in(const Eigen::Vector4d& ball) const {
   return largest;
 }
 
+Points points_of(const std::vector<Vec3>& list) {
+  Points places(3, static_cast<Index>(list.size()));
+  for (Index k = 0; k < places.cols(); ++k) places.col(k) = list[static_cast<std::size_t>(k)];
+  return places;
+}
+
 Points Shifted::at(const Points& places_mm) const {
   if (places_mm.cols() == 0) return Points(3, 0);
   return 1e3 * inner_interpolation(result.model, 1e-3 * places_mm)(u().topRows<3>());
@@ -196,6 +202,8 @@ void come_to_rest(const Config& config, const ShiftScene& scene, const ShiftHook
   now.system->set({});
   now.sweep = now.system->force_at(rest.u, rest.lambda, now.f);
   now.surface_mm = 1e3 * surface_interpolation(result.model)(rest.u.topRows<3>());
+  now.line_mm = now.at(now.line);
+  now.targets_mm = now.at(points_of(scene.targets));
   for (const TouchingTool* wall : now.system->walls()) {
     TouchingTool::Touched& touched = result.history.walls.emplace_back(wall->touched());
     touched.penetration = std::max(touched.penetration, wall->audit(rest.u, now.system->now()).penetration);

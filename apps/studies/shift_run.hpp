@@ -32,8 +32,9 @@ struct Shifted {
   std::unique_ptr<System> system;
   Nodal f;
   ForceSystem::Sweep sweep;
-  Points surface_mm;  ///< [3xV] the shift of the surface's vertices
-  Points line;        ///< [3xL] LPS mm, from the brain's surface at the opening towards its middle
+  Points surface_mm;           ///< [3xV] the shift of the surface's vertices
+  Points line;                 ///< [3xL] LPS mm, from the brain's surface at the opening towards its middle
+  Points line_mm, targets_mm;  ///< the shift there and at the scene's targets
   double solve_s = 0.0;
 
   const Nodal& u() const { return system->step_start().u; }
@@ -42,6 +43,9 @@ struct Shifted {
   /// [3 x places] mm.
   Points at(const Points& places_mm) const;
 };
+
+/// [3 x places]
+Points points_of(const std::vector<Vec3>& list);
 
 /// What else a run of one choice changed has.
 struct ShiftHooks {

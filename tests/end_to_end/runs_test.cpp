@@ -434,6 +434,9 @@ TEST_F(Run, HasTheFoldsOfAFoldedBodyTouchUnlessTheyAreToPassOrInertiaTakesPart) 
          " --nodes 1000 --band off --write force --depth 0.1mm --frames 1 " + otherwise);
     EXPECT_FALSE(summary(out).contains("self_contact")) << otherwise;
   }
+  // A phantom has one fissure, of which a body is not folded.
+  good("run brain.nrrd -o phantom --nodes 600 --band off --write force --depth 4mm --frames 1");
+  EXPECT_FALSE(summary("phantom").contains("self_contact"));
 }
 
 TEST_F(Run, TellsOfNarrowFoldsAndClosesThemOnRequest) {

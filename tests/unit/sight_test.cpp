@@ -81,6 +81,33 @@ TEST(Sight, PassesTheSurfaceWhereALineDoes) {
   }
 }
 
+// A long triangle that a way meets at its far end, after a small one that stands in its way.
+TEST(Sight, FindsTheFirstEntryThoughAFartherOneIsInReachBefore) {
+  Points vertex(3, 6 + 3 * 400);
+  vertex.leftCols(6) << 0, 100, 0, 50, 50, 50,  //
+      -30, 0, 30, -1, 1, 0,                     //
+      0.9, -0.1, 0.9, -1, -1, 1;
+  Triangles triangles(3, 402);
+  triangles.leftCols(2) << 0, 5, 2, 4, 1, 3;
+  for (int k = 0; k < 400; ++k) {  // small ones beside, by which cells are small
+    triangles.col(2 + k) << 6 + 3 * k, 7 + 3 * k, 8 + 3 * k;
+    const Vec3 at(0.25 * k, 40.0, 0.0);
+    vertex.col(6 + 3 * k) = at;
+    vertex.col(7 + 3 * k) = at + Vec3(1.0, 0.0, 0.0);
+    vertex.col(8 + 3 * k) = at + Vec3(0.0, 1.0, 0.0);
+  }
+  const SurfaceCells cells(vertex, triangles);
+  std::vector<SurfaceCells::Crossing> crossings;
+  const Vec3 from(0.0, 0.0, 0.0), to(100.0, 0.0, 0.0);
+  cells.pass(from, to, crossings);
+  ASSERT_EQ(crossings.size(), 2u);
+  EXPECT_FALSE(crossings[0].leave || crossings[1].leave);
+  EXPECT_EQ(crossings[0].triangle, 1);
+  cells.pass(from, to, crossings, true);
+  ASSERT_FALSE(crossings.empty());
+  EXPECT_EQ(crossings[0].triangle, 1);
+}
+
 // No support has nodes on both banks, but about the end of the slit; every node is in some support.
 TEST(Sight, KeepsTheBanksOfASlitApartInAModel) {
   ModelOptions options;

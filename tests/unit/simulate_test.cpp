@@ -80,6 +80,13 @@ TEST(Simulate, FindsTheShapeWithoutLoadsFromWhichTheyBringABodyBackToItsImage) {
     EXPECT_LT((x - as_it_is.model.X).colwise().norm().maxCoeff(), 0.08e-3) << nu;
     EXPECT_LT((vertex - as_it_is.model.surface.vertex_mm).colwise().norm().maxCoeff(), 0.08) << nu;
     EXPECT_GT((model.X - as_it_is.model.X).colwise().norm().maxCoeff(), 0.5e-3) << nu;
+    // The circle goes with its nodes: moments are about its middle.
+    Vec3 way = Vec3::Zero();
+    for (const Index a : model.circle) way += model.X.col(a) - as_it_is.model.X.col(a);
+    way /= static_cast<double>(model.circle.size());
+    EXPECT_GT(way.norm(), 0.3e-3);
+    EXPECT_LT((model.tool.centre - as_it_is.model.tool.centre - way).norm(), 1e-9);
+    EXPECT_EQ(unloaded.unloaded->imaged_centre, as_it_is.model.tool.centre);
     EXPECT_GT(model.surface.vertex_mm.row(2).maxCoeff(),
               as_it_is.model.surface.vertex_mm.row(2).maxCoeff() + 0.5);
     // The same tissue, without what weighs on it.
@@ -102,13 +109,36 @@ TEST(Simulate, FindsTheShapeWithoutLoadsFromWhichTheyBringABodyBackToItsImage) {
   }
 }
 
+TEST(Simulate, ChoosesWhereLoadsActOnTheImageOfABodyThatWasImagedUnderThem) {
+  Case given = small_case();
+  given.config.material.mu_Pa = 600.0;
+  given.config.load.gravity = "inferior";
+  // Half a millimetre of the ball reaches below the image's top, and the top of the shape without loads is
+  // above the ball.
+  for (const auto& [key, value] : {std::pair{"load.pressure.pad.pressure_Pa", "1"},
+                                   {"load.pressure.pad.on", "0,0,19.7,11"},
+                                   {"membrane.film.on", "0,0,19.7,11"},
+                                   {"membrane.film.tension_N_per_m", "0.001"}})
+    set_option(given.config, key, value, "a test");
+  const Loads as_it_is = simulate(given).loading.loads;
+  given.config.load.imaged = "loaded";
+  const Result unloaded = simulate(given);
+  EXPECT_GT(unloaded.unloaded->taken_back, 0.5e-3);
+  EXPECT_EQ(unloaded.loading.loads.pressure.at(0).patch.triangles.cols(),
+            as_it_is.pressure.at(0).patch.triangles.cols());
+  EXPECT_EQ(unloaded.loading.loads.membrane.at(0).patch.triangles.cols(),
+            as_it_is.membrane.at(0).patch.triangles.cols());
+}
+
 TEST(Simulate, RefusesWhatStandsInTheImageOfABodyThatWasImagedUnderItsLoads) {
   Case given = small_case();
   given.config.load.imaged = "loaded";
   EXPECT_THROW(simulate(given), UsageError) << "nothing acts";
   given.config.load.gravity = "inferior";
-  for (const char* option : {"load.wall=plane:0,0,-5,0,0,1", "image.cut=plane:10,0,20,1,0,0,radius=5mm",
-                             "load.self_contact=on", "output.write=images", "output.warp=mri.nrrd"}) {
+  for (const char* option :
+       {"load.wall=plane:0,0,-5,0,0,1", "image.cut=plane:10,0,20,1,0,0,radius=5mm", "load.self_contact=on",
+        "output.write=images", "output.warp=mri.nrrd", "tool.shape=sphere:5mm", "step.press.move=1mm",
+        "tool.other.shape=sphere:4mm", "boundary.base_hold=none", "accuracy.quantity=displacement@0,0,15"}) {
     Case beside = given;
     const std::string text = option;
     const auto at = text.find('=');

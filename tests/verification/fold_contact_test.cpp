@@ -51,6 +51,17 @@ Model two_bodies(const Discretisation& below, const Discretisation& above, std::
   return make_model(std::move(both), converging, std::move(tissue), {1000.0});
 }
 
+// At a plane across z [m].
+Discretisation mirrored(const Discretisation& one, double at) {
+  Discretisation above = one;
+  for (auto* z : {&above.X, &above.point}) z->row(2) = 2.0 * at - z->row(2).array();
+  above.surface.vertex_mm.row(2) = 2e3 * at - above.surface.vertex_mm.row(2).array();
+  above.surface.triangles.row(0).swap(above.surface.triangles.row(1));
+  above.second_moments.row(4) *= -1.0;
+  above.second_moments.row(5) *= -1.0;
+  return above;
+}
+
 // Of other nodes above than below.
 Model column_of_two(Index n_below, Index n_above, double gap) {
   Discretisation below = testing_bodies::block_places(n_below, 0.15, 1.8),
@@ -144,13 +155,7 @@ TEST(FoldsThatClose, OfTwoEqualDomesPressEachOtherAsAPlatePressesOneByHalf) {
   History history;
   solve(TimeMode::quasi_static, tissue_of_one, one, loading, {.frames = 1}, {}, history);
 
-  Discretisation above = one;
-  const double top = one.tool.centre.z();
-  for (auto* z : {&above.X, &above.point}) z->row(2) = (2.0 * top + gap) - z->row(2).array();
-  above.surface.vertex_mm.row(2) = 1e3 * (2.0 * top + gap) - above.surface.vertex_mm.row(2).array();
-  above.surface.triangles.row(0).swap(above.surface.triangles.row(1));
-  above.second_moments.row(4) *= -1.0;
-  above.second_moments.row(5) *= -1.0;
+  const Discretisation above = mirrored(one, 0.5 * (2.0 * one.tool.centre.z() + gap));
   const Model both = two_bodies(one, above, one.base);
   const ForceSystem tissue(both, {{material}, both.tissue});
   const Pressed pressed = pressed_together(tissue, both, one.node_count(), {}, way);
@@ -166,12 +171,7 @@ TEST(FoldsThatClose, OfTwoSpheresPressEachOtherAsHertzFound) {
   const double gap = 0.02e-3, approach = 0.3e-3;
   const Discretisation below = hertz::half_sphere(nodes);
   const Index centre = hertz::centre_of(below), count = below.node_count();
-  Discretisation above = below;
-  for (auto* z : {&above.X, &above.point}) z->row(2) = (2.0 * hertz::radius + gap) - z->row(2).array();
-  above.surface.vertex_mm.row(2) = 1e3 * (2.0 * hertz::radius + gap) - above.surface.vertex_mm.row(2).array();
-  above.surface.triangles.row(0).swap(above.surface.triangles.row(1));
-  above.second_moments.row(4) *= -1.0;
-  above.second_moments.row(5) *= -1.0;
+  const Discretisation above = mirrored(below, 0.5 * (2.0 * hertz::radius + gap));
   HeldSet still{
       .name = "still", .node = below.base, .hold = HeldSet::Hold::along, .direction = Vec3::UnitZ()};
   std::erase(still.node, centre);
@@ -249,13 +249,7 @@ TEST(FoldsThatClose, OfTwoParallelCylindersPressEachOtherAsHertzFound) {
   options.boundary = {.base = "inferior", .indent_at = "0,0,top", .contact_radius_mm = 2.5};
   const Discretisation below = build_model(cylinders::upper_half(), options).model;
   const Index count = below.node_count(), centre = hertz::centre_of(below);
-  Discretisation above = below;
-  for (auto* z : {&above.X, &above.point}) z->row(2) = (2.0 * cylinders::radius + gap) - z->row(2).array();
-  above.surface.vertex_mm.row(2) =
-      1e3 * (2.0 * cylinders::radius + gap) - above.surface.vertex_mm.row(2).array();
-  above.surface.triangles.row(0).swap(above.surface.triangles.row(1));
-  above.second_moments.row(4) *= -1.0;
-  above.second_moments.row(5) *= -1.0;
+  const Discretisation above = mirrored(below, 0.5 * (2.0 * cylinders::radius + gap));
   HeldSet still{
       .name = "still", .node = below.base, .hold = HeldSet::Hold::along, .direction = Vec3::UnitZ()};
   std::erase(still.node, centre);
@@ -367,6 +361,43 @@ TEST(FoldsThatClose, OfBanksThatAreNotParallelMeetTheSamePlacesAsLongAsNothingSl
   EXPECT_FALSE(moved_along(0.0));
   EXPECT_FALSE(moved_along(0.3 * banks->spacing.minCoeff()));
   EXPECT_TRUE(moved_along(0.7 * banks->spacing.maxCoeff()));
+}
+
+// Two domes, top to top: of a place beside the tops the part that is nearer to them is nearer to the other
+// dome.
+TEST(FoldsThatClose, OfBanksThatBulgeHaveThePartsThatAreNearest) {
+  ModelOptions options;
+  options.cloud.count = 400;
+  options.boundary = {.base = "inferior", .indent_at = "0,0,top", .contact_radius_mm = 4.0};
+  const Model one = build_model(cut_ellipsoid_surface({20, 20, 20}, 0.0), options).model;
+  const Discretisation above = mirrored(one, 20e-3 + 0.1e-3);
+  const Model model = two_bodies(one, above, one.base);
+  const ForceSystem tissue(model, {{neo_hookean(1000.0, 0.49, 1000.0)}, model.tissue});
+  const auto banks = std::make_shared<const FoldBanks>(fold_banks(model, 12e-3));
+  ASSERT_GT(banks->part_end.back(), banks->count());
+  FoldContact folds(banks, tissue);
+  const auto gaps_at = [&](FoldContact& of, const Mat3& turn, const Vec3& way) {
+    const Nodal u = to_nodal(((turn - Mat3::Identity()) * model.X).colwise() + way);
+    Nodal f = Nodal::Zero(4, u.cols());
+    of.add_force(u, {}, f);
+    return of.gaps();
+  };
+  const Nodal at_rest = Nodal::Zero(4, model.node_count());
+  const Eigen::VectorXd wholes = gaps_at(folds, Mat3::Identity(), Vec3::Zero());
+  folds.accept(at_rest, {});
+  const Eigen::VectorXd parts = gaps_at(folds, Mat3::Identity(), Vec3::Zero());
+  Index nearer = 0;
+  for (Index s = 0; s < parts.size(); ++s) {
+    EXPECT_LE(parts[s], wholes[s]) << s;
+    nearer += parts[s] < wholes[s] - 0.02 * banks->spacing[s];
+  }
+  EXPECT_GT(nearer, 10);
+  const Mat3 turn = Eigen::AngleAxisd(1.0, Vec3(1.0, 2.0, -1.0).normalized()).toRotationMatrix();
+  EXPECT_LT((gaps_at(folds, turn, {0.01, -0.02, 0.03}) - parts).cwiseAbs().maxCoeff(), 1e-9)
+      << "no rigid motion changes them";
+  FoldContact again(banks, tissue);
+  again.restore_past(folds.past());
+  EXPECT_EQ(gaps_at(again, Mat3::Identity(), Vec3::Zero()), parts);
 }
 
 TEST(FoldsThatClose, AreWatchedWhereTheSurfaceFacesItselfAndNowhereElse) {
