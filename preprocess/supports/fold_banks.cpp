@@ -19,6 +19,8 @@ namespace {
 
 constexpr double faces = -0.5;      // cosine between outward normals of two banks, at most
 constexpr double least_flat = 0.5;  // of a sample: its vector of area over its area; less lies around an edge
+// Of a sample's gap a part's, at least: less is the bank's own edge, which the way ahead grazes.
+constexpr double least_of_whole = 0.25;
 constexpr int asked_points = 12, asked_nodes = 8;
 constexpr double enough_pieces = 12.0;  // of the surface, on a spacing of the nodes squared
 
@@ -143,7 +145,7 @@ Index point_behind(const Model& model, const Neighbours& points, const Vec3& pla
   return near.front();
 }
 
-// A quarter of a sample's pieces, and the wall ahead of it.
+// Some of a sample's pieces, and the wall ahead of them.
 struct Part {
   std::vector<Index> pieces;
   Vec3 opposite = Vec3::Zero();
@@ -159,28 +161,32 @@ Vec3 middle_of(const std::vector<Index>& own, const SurfacePieces& pieces) {
   return middle / sum;
 }
 
-// Of the quarters about its middle those that are nearer to the wall than the whole.
+// Of squares of a third of the spacing, nine about its middle, those that are nearer to the wall than the
+// whole.
 std::vector<Part> nearer_parts(const Bank& bank, double spacing, const SurfacePieces& pieces,
                                const Walls& walls, double widest) {
   const Vec3 middle = middle_of(bank.pieces, pieces), one = bank.normal.unitOrthogonal(),
              other = bank.normal.cross(one);
-  std::array<Part, 4> quarter;
+  const auto third = [&](double x) {
+    return static_cast<std::size_t>(std::clamp(std::floor(3.0 * x / spacing + 1.5), 0.0, 2.0));
+  };
+  std::array<Part, 9> square;
   for (const Index k : bank.pieces) {
     const Vec3 d = pieces.place.col(k) - middle;
-    quarter[(d.dot(one) > 0.0 ? 1 : 0) + (d.dot(other) > 0.0 ? 2 : 0)].pieces.push_back(k);
+    square[third(d.dot(one)) + 3 * third(d.dot(other))].pieces.push_back(k);
   }
   const auto gap = [&](const Vec3& place, const Vec3& opposite) {
     return (place - opposite).dot(bank.ahead.normal);
   };
   const double of_whole = gap(middle, bank.ahead.place);
   std::vector<Part> parts;
-  for (Part& part : quarter) {
+  for (Part& part : square) {
     if (part.pieces.empty()) continue;
     const Vec3 its_middle = middle_of(part.pieces, pieces);
     const std::optional<Walls::Ahead> ahead = walls.ahead(its_middle, bank.normal, widest);
-    if (!ahead || ahead->normal.dot(bank.normal) > faces ||
-        gap(its_middle, ahead->place) > of_whole - FoldBanks::bulges * spacing)
-      continue;
+    if (!ahead || ahead->normal.dot(bank.normal) > faces) continue;
+    const double its_gap = gap(its_middle, ahead->place);
+    if (its_gap < least_of_whole * of_whole || its_gap > of_whole - FoldBanks::bulges * spacing) continue;
     part.opposite = ahead->place;
     parts.push_back(std::move(part));
   }
