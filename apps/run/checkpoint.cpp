@@ -11,7 +11,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* format = "dimple checkpoint 11";
+constexpr const char* format = "dimple checkpoint 12";
 
 }  // namespace
 

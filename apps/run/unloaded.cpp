@@ -36,6 +36,17 @@ bool was_loaded(const Config& config) {
   return config.load.imaged == "loaded";
 }
 
+// Whether a load, a film or a support is on a side or in a ball.
+bool names_parts(const Config& config) {
+  const auto named = [](const auto& all) {
+    return std::any_of(all.begin(), all.end(), [](const auto& one) {
+      const auto part = surface_part_named(one.second.on);
+      return part && (part->side || part->ball);
+    });
+  };
+  return named(config.pressure) || named(config.membrane) || named(config.held);
+}
+
 bool cuts(const Config& config) {
   return has_cuts(config) || std::any_of(config.step.begin(), config.step.end(),
                                          [](const auto& step) { return !step.second.cut.empty(); });
@@ -117,6 +128,11 @@ void require_unloaded(const Config& config, const char* by) {
 }
 
 void check_imaged(const Config& config, const ModelFiles* model) {
+  if (model && model->provenance.contains(taken_off) && names_parts(config))
+    refuse(
+        "the body was imaged under its loads, this model is without them, and something acts on a part of it",
+        "which part a side or a ball names was decided on the image's shape, and is another here",
+        "take the label image with --set load.imaged=loaded, or put it on all of the surface");
   if (!was_loaded(config)) return;
   if (model && model->provenance.contains(taken_off))
     refuse("the body was imaged under its loads, and this model is without them already",
@@ -126,10 +142,9 @@ void check_imaged(const Config& config, const ModelFiles* model) {
            "give --gravity or a pressure");
   const char* beside = fluid_lost_of(config) ? "lost fluid, which changes the equilibrium that was imaged,"
                        : has_walls(config)   ? "a wall"
-                       : !config.other_tool.empty()       ? "a further tool"
-                       : !has_base(config)                ? "a base that is not held"
-                       : cuts(config)                     ? "a cut"
-                       : warps(config)                    ? "an image that is deformed"
+                       : !has_base(config)   ? "a base that is not held"
+                       : cuts(config)        ? "a cut"
+                       : warps(config)       ? "an image that is deformed"
                        : config.tool.shape != "circle"    ? "a tool that touches"
                        : !config.step.empty()             ? "a scene of steps"
                        : followed_place(config)           ? "a place whose displacement is asked for"

@@ -246,16 +246,20 @@ void add_shape(std::vector<Trial>& trials, const Unchanged& u) {
 }
 
 void add_folds(std::vector<Trial>& trials, const Unchanged& u) {
+  const auto change = [&](double close_mm) {
+    return [&u, close_mm](Case& c) {
+      c.config.image.close_mm = close_mm;
+      // Whether they touch is decided by the folds that are left; a body that was imaged under its loads has
+      // them pass.
+      if (!u.found.unloaded) c.config.load.self_contact = u.config.load.self_contact;
+    };
+  };
   if (const double closed_mm = u.config.image.close_mm; closed_mm > 0.0)
     add(trials, u, "folds", "", fmt::format("open instead of closed below {} mm", plain(closed_mm)),
-        Kind::doubt, [&](Case& c) {
-          c.config.image.close_mm = 0.0;
-          c.config.load.self_contact =
-              u.config.load.self_contact;  // by the open folds, not by the closed ones
-        });
+        Kind::doubt, change(0.0));
   else
     add(trials, u, "folds", "", fmt::format("closed below {} mm", plain(narrow_gap_mm)), Kind::doubt,
-        [](Case& c) { c.config.image.close_mm = narrow_gap_mm; });
+        change(narrow_gap_mm));
   if (!(u.found.facing_share > most_facing) || u.found.time != TimeMode::quasi_static) return;
   const bool touch = u.found.loading.folds != nullptr;
   add(trials, u, "walls of folds", "",
@@ -284,7 +288,7 @@ void add_far_tissue(std::vector<Trial>& trials, const Unchanged& u) {
       [&](Case& c) {
         const std::vector<int> labels = u.found.segment.labels;
         const Boundary& boundary = u.found.report.boundary;
-        const Vec3 centre = 1e3 * u.found.model.tool.centre, push = u.found.model.tool.push;
+        const Vec3 centre = 1e3 * centre_in_image(u.found), push = u.found.model.tool.push;
         const LabelImage near = without_far_tissue(u.found.image, centre, push, away);
         // Without its lowest part the body is held as far up as before.
         if (!boundary.flat_base)

@@ -21,6 +21,8 @@ constexpr double faces = -0.5;      // cosine between outward normals of two ban
 constexpr double least_flat = 0.5;  // of a sample: its vector of area over its area; less lies around an edge
 // Of a sample's gap a part's, at least: less is the bank's own edge, which the way ahead grazes.
 constexpr double least_of_whole = 0.25;
+constexpr double same_wall =
+    0.7;  // cosine between the normals of the places ahead of a part and of the whole
 constexpr int asked_points = 12, asked_nodes = 8;
 constexpr double enough_pieces = 12.0;  // of the surface, on a spacing of the nodes squared
 
@@ -184,7 +186,9 @@ std::vector<Part> nearer_parts(const Bank& bank, double spacing, const SurfacePi
     if (part.pieces.empty()) continue;
     const Vec3 its_middle = middle_of(part.pieces, pieces);
     const std::optional<Walls::Ahead> ahead = walls.ahead(its_middle, bank.normal, widest);
-    if (!ahead || ahead->normal.dot(bank.normal) > faces) continue;
+    if (!ahead || ahead->normal.dot(bank.ahead.normal) < same_wall) continue;
+    const Vec3 aside = ahead->place - bank.ahead.place;
+    if ((aside - aside.dot(bank.ahead.normal) * bank.ahead.normal).norm() > spacing) continue;
     const double its_gap = gap(its_middle, ahead->place);
     if (its_gap < least_of_whole * of_whole || its_gap > of_whole - FoldBanks::bulges * spacing) continue;
     part.opposite = ahead->place;

@@ -11,6 +11,7 @@ namespace dimple {
 namespace {
 
 constexpr double slides = 0.5;  // spacings along the bank ahead, from where another place of it is looked for
+constexpr double soon = 0.5;    // spacings: a gap that may close in the next step
 constexpr double past_all = 1.5;  // spacings beside all samples of the bank
 constexpr double behind =
     -0.25;  // spacings: a bank that is deeper below another is the far side of thin tissue
@@ -87,32 +88,25 @@ void FoldContact::pair_up() {
 
 void FoldContact::add_force(const Nodal& u, const Instant&, Nodal& f) {
   const CellMeans& sample = banks_->sample;
-  apart_.resize(3, count());
+  way_.resize(count());
   for (Index s = 0; s < count(); ++s) {
     const int ahead = ahead_[static_cast<std::size_t>(s)];
     const Index row = row_[static_cast<std::size_t>(s)];
-    apart_.col(s) =
-        sample.place.col(row) - (ahead >= 0 ? sample.place.col(ahead) : banks_->opposite.col(row));
+    Vec3 way = Vec3::Zero();
     for (int k = moves_.rows.offset[s]; k < moves_.rows.offset[s + 1]; ++k)
-      apart_.col(s) += moves_.weight[k] * u.col(moves_.rows.member[k]).head<3>();
-    normal_.col(s) = ahead >= 0 ? turned(of_own_, ahead, u, sample.normal.col(ahead))
-                                : turned(of_opposite_, s, u, banks_->opposite_normal.col(s));
-    gap_[s] = normal_.col(s).dot(apart_.col(s));
+      way += moves_.weight[k] * u.col(moves_.rows.member[k]).head<3>();
+    const Vec3 apart =
+        sample.place.col(row) - (ahead >= 0 ? sample.place.col(ahead) : banks_->opposite.col(row)) + way;
+    const Vec3 n = normal_.col(s) = ahead >= 0 ? turned(of_own_, ahead, u, sample.normal.col(ahead))
+                                               : turned(of_opposite_, s, u, banks_->opposite_normal.col(s));
+    gap_[s] = n.dot(apart);
+    // Banks need not be parallel: at rest the way from one to the other is along neither.
+    way_[s] = (way - way.dot(n) * n).norm();
     // The plane stands for the bank near its place alone.
     const double near = past_all * std::max(banks_->spacing[s], ahead >= 0 ? banks_->spacing[ahead] : 0.0);
-    if (ahead == beyond || (apart_.col(s) - gap_[s] * normal_.col(s)).norm() > near)
-      gap_[s] = banks_->spacing[s];
+    if (ahead == beyond || (apart - gap_[s] * n).norm() > near) gap_[s] = banks_->spacing[s];
   }
   spread(force_, f);
-}
-
-// Banks need not be parallel: at rest the way from one to the other is along neither.
-double FoldContact::way_along(Index s) const {
-  const int ahead = ahead_[static_cast<std::size_t>(s)];
-  const Index row = row_[static_cast<std::size_t>(s)];
-  const Vec3 way = apart_.col(s) - banks_->sample.place.col(row) +
-                   (ahead >= 0 ? banks_->sample.place.col(ahead) : banks_->opposite.col(row));
-  return (way - way.dot(normal_.col(s)) * normal_.col(s)).norm();
 }
 
 double FoldContact::gap_of(Index row, Index s, const Nodal& u) const {
@@ -126,12 +120,15 @@ double FoldContact::gap_of(Index row, Index s, const Nodal& u) const {
   return turned(of_opposite_, s, u, banks_->opposite_normal.col(s)).dot(apart);
 }
 
-// What stands for a sample whose place ahead is the one at rest.
+// What stands for a sample whose place ahead is the one at rest: a part where that is nearer than the whole,
+// and another than now where it is nearer by half as much.
 Index FoldContact::nearest_row(Index s, const Nodal& u) const {
+  const double less = FoldBanks::bulges * banks_->spacing[s];
+  const Index now = row_[static_cast<std::size_t>(s)];
   Index best = s;
-  double nearest = gap_of(s, s, u) - FoldBanks::bulges * banks_->spacing[s];
+  double nearest = gap_of(s, s, u) - less;
   for (Index row = banks_->part_begin(s); row < banks_->part_end[static_cast<std::size_t>(s)]; ++row) {
-    if (const double gap = gap_of(row, s, u); gap < nearest) {
+    if (const double gap = gap_of(row, s, u) - (row == now ? 0.5 * less : 0.0); gap < nearest) {
       nearest = gap;
       best = row;
     }
@@ -158,13 +155,13 @@ int FoldContact::find_ahead(Index s, const Points& place, const Points& normal) 
 }
 
 void FoldContact::accept(const Nodal& u, const Instant&) {
-  if (apart_.cols() == 0) return;
+  if (way_.size() == 0) return;
   std::vector<Index> slid, row = row_;
   for (Index s = 0; s < count(); ++s) {
-    if (ahead_[static_cast<std::size_t>(s)] != at_rest || way_along(s) > slides * banks_->spacing[s]) {
+    if (ahead_[static_cast<std::size_t>(s)] != at_rest || way_[s] > slides * banks_->spacing[s]) {
       slid.push_back(s);
       row[static_cast<std::size_t>(s)] = s;
-    } else if (gap_[s] < banks_->spacing[s]) {
+    } else if (gap_[s] < soon * banks_->spacing[s]) {
       row[static_cast<std::size_t>(s)] = nearest_row(s, u);
     }
   }
@@ -201,7 +198,7 @@ FoldContact::Audit FoldContact::audit() const {
     ++sum.touching;
     sum.area += 0.5 * banks_->sample.area[s];
     sum.force += force_[s];
-    sum.slid = std::max(sum.slid, way_along(s));
+    sum.slid = std::max(sum.slid, way_[s]);
   }
   return sum;
 }

@@ -58,11 +58,10 @@ class FoldContact : public ContactTerm {
   std::vector<int> ahead_;  // [M] the sample that lies ahead now, or one of the two words above
   std::vector<Index> row_;  // [M] of the sample in `banks_`, or of the part that stands for it
   int pairing_ = 0;
-  Points apart_;  // [3xM] x_s - y_s
+  Eigen::VectorXd way_;  // [M] of the sample along the bank ahead since rest [m]
 
   static Turning turning(const std::vector<Index>& point, const ForceSystem& tissue);
   static Vec3 turned(const Turning& by, Index s, const Nodal& u, const Vec3& normal);
-  double way_along(Index s) const;  // of the sample along the bank ahead since rest [m]
   double gap_of(Index row, Index s, const Nodal& u) const;
   Index nearest_row(Index s, const Nodal& u) const;
   int find_ahead(Index s, const Points& place, const Points& normal) const;

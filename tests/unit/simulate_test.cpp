@@ -105,6 +105,8 @@ TEST(Simulate, FindsTheShapeWithoutLoadsFromWhichTheyBringABodyBackToItsImage) {
     EXPECT_THROW(simulate(again), UsageError) << "they would be taken off twice";
     again.config.load.imaged = "unloaded";
     EXPECT_EQ(simulate(again).history.force.back().force, unloaded.history.force.back().force);
+    set_option(again.config, "support.strap.on", "left", "a test");
+    EXPECT_THROW(simulate(again), UsageError) << "which part is on the left was decided on the image";
     EXPECT_NE(unloaded.history.force.back().force, as_it_is.history.force.back().force);
   }
 }
@@ -138,12 +140,19 @@ TEST(Simulate, RefusesWhatStandsInTheImageOfABodyThatWasImagedUnderItsLoads) {
   for (const char* option :
        {"load.wall=plane:0,0,-5,0,0,1", "image.cut=plane:10,0,20,1,0,0,radius=5mm", "load.self_contact=on",
         "output.write=images", "output.warp=mri.nrrd", "tool.shape=sphere:5mm", "step.press.move=1mm",
-        "tool.other.shape=sphere:4mm", "boundary.base_hold=none", "accuracy.quantity=displacement@0,0,15"}) {
+        "boundary.base_hold=none", "accuracy.quantity=displacement@0,0,15"}) {
     Case beside = given;
     const std::string text = option;
     const auto at = text.find('=');
     set_option(beside.config, text.substr(0, at), text.substr(at + 1), "a test");
-    EXPECT_THROW(simulate(beside), UsageError) << option;
+    if (text.starts_with("boundary.base_hold")) set_option(beside.config, "support.s.on", "left", "a test");
+    try {
+      simulate(beside);
+      ADD_FAILURE() << option;
+    } catch (const UsageError& error) {
+      EXPECT_THAT(error.report.fact, HasSubstr("stands beside a body that was imaged under its loads"))
+          << option;
+    }
   }
 }
 
