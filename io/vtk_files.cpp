@@ -736,7 +736,7 @@ void write_vtp(const fs::path& file, const SurfaceFile& surface, double time_s, 
     set_polygons(*mesh, surface);
   add_fields(*mesh, surface.fields, time_s);
   for (const Field& fact : surface.facts) mesh->GetFieldData()->AddArray(vtk_array(fact, 1));
-  write_xml<vtkXMLPolyDataWriter>(file, *mesh, surface.small);
+  write_xml<vtkXMLPolyDataWriter>(file, *mesh, surface.small, surface.even_if_stopped);
 }
 
 void write_vti(const fs::path& file, const LabelImage& image) {

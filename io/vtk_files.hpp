@@ -38,6 +38,7 @@ struct SurfaceFile {
   /// As triangle strips where triangles follow each other as in one (triangle_strips.hpp), and packed by
   /// zlib: half as long as polygons packed by LZ4 where numbers are rounded, and slower.
   bool small = false;
+  bool even_if_stopped = false;  ///< see PointFile
 };
 
 /// All writers here write inline base64 data packed by LZ4 (or zlib), beside the final name, then rename;

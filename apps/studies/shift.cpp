@@ -100,10 +100,12 @@ void write_fields(const fs::path& folder, const Shifted& now) {
   write_vtp(folder / "surface.vtp",
             {.position_mm = model.surface.vertex_mm,
              .triangles = model.surface.triangles,
-             .fields = {field(now.surface_mm)}},
+             .fields = {field(now.surface_mm)},
+             .even_if_stopped = true},
             0.0);
   const Points u_mm = 1e3 * now.u().topRows<3>();
-  write_vtu(folder / "nodes.vtu", {.position_mm = 1e3 * model.X, .fields = {field(u_mm)}}, 0.0);
+  write_vtu(folder / "nodes.vtu",
+            {.position_mm = 1e3 * model.X, .fields = {field(u_mm)}, .even_if_stopped = true}, 0.0);
 }
 
 Json shift_json(const ShiftOptions& options, const ShiftScene& scene, const Config& config,

@@ -3,10 +3,13 @@
 
 #include <gtest/gtest.h>
 
+#include <chrono>
+#include <csignal>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <regex>
 #include <sstream>
+#include <thread>
 
 #include "tests/end_to_end/program.hpp"
 
@@ -123,6 +126,28 @@ TEST(Shift, SaysByHowMuchItsNodesMayPutItOff) {
   EXPECT_EQ(text_of(folder / "2000" / "targets.csv").find("band_mm"), std::string::npos);
   EXPECT_EQ(off["band"], "unknown: accuracy.band is off");
   EXPECT_EQ(off["largest_at_opening_mm"], largest);
+}
+
+TEST(Shift, ThatIsStoppedWhileItsNodesAreComparedKeepsWhatItHasFound) {
+  const fs::path folder = fresh_folder();
+  const std::string scene =
+      "shift " + block_of_brain +
+      " --tables --opening 0,0,30,15 --up superior --mu 300 --target 0,0,25 --nodes 4000 ";
+  const auto told = [&](const char* out) { return Json::parse(text_of(folder / out / "summary.json")); };
+  ASSERT_EQ(dimple(folder, scene + "-q -o whole --set accuracy.band=off").code, 0);
+  {
+    Program program(folder, words_of(scene + "-o out"));
+    while (program.running() && program.err_so_far().find("pushed with") == std::string::npos)
+      std::this_thread::sleep_for(std::chrono::milliseconds(2));
+    ASSERT_TRUE(program.running()) << program.err_so_far();
+    program.send(SIGINT);
+    EXPECT_EQ(program.wait().code, 130);
+  }
+  EXPECT_EQ(told("out")["status"], "interrupted");
+  EXPECT_EQ(told("out")["shift"]["band"], "unknown: the run was stopped before");
+  for (const char* list : {"targets", "profile"})
+    EXPECT_EQ(told("out")["shift"][list], told("whole")["shift"][list]) << list;
+  EXPECT_EQ(text_of(folder / "out" / "targets.csv"), text_of(folder / "whole" / "targets.csv"));
 }
 
 // As many places as a wall may have: fewer of them leave more of the surface between.

@@ -109,7 +109,8 @@ Pressed pressed_together(const ForceSystem& tissue, const Model& model, Index pa
   const Relaxation relax(*pressed.system);
   EXPECT_TRUE(relax.from_near(pressed.rest.u, pressed.rest.lambda, f, {}).converged);
   pressed.force = pressed.system->along_push(f);
-  // Parts of banks are chosen where a state is accepted: both forces are those of the test, within a per cent.
+  // Parts of banks are chosen where a state is accepted: both forces are those of the test, within a per
+  // cent.
   pressed.system->accept_step(pressed.rest.u);
   EXPECT_TRUE(relax.from_near(pressed.rest.u, pressed.rest.lambda, f, {}).converged);
   EXPECT_NEAR(pressed.system->along_push(f), pressed.force, 0.01 * pressed.force);
