@@ -289,7 +289,8 @@ void take_poses(Config& config) {
           config,
           fmt::format("row {} is at {:g} s, the one before at {:g} s", k + 1, (*time)[k], (*time)[k - 1]),
           "time rises along a way", "sort the rows, and leave out those that stand twice");
-    Config::Step step{.order = static_cast<int>(k)};
+    Config::Step step;
+    step.order = static_cast<int>(k);
     const Vec3 way((*x)[k] - (*x)[k - 1], (*y)[k] - (*y)[k - 1], (*z)[k] - (*z)[k - 1]);
     const Eigen::AngleAxisd by(turn_of(config, turn, k) * turn_of(config, turn, k - 1).conjugate());
     const Vec3 degrees = by.angle() * 180.0 / std::numbers::pi * by.axis();

@@ -83,7 +83,8 @@ Equilibrium under_loads(const Config& config, const std::vector<HeldSet>& furthe
   const ForceSystem tissue(model, result.tissues, precision_of(config));
   const auto system = make_system(tissue, model, loading_of(config).contact, further,
                                   loads_of(config, model, imaged), config.solver.tolerance);
-  Equilibrium found{.u = system->step_start().u};
+  Equilibrium found;
+  found.u = system->step_start().u;
   const Points u = found.u.topRows<3>();
   found.node = node_interpolation(model)(u);
   found.point = point_interpolation(model)(u);

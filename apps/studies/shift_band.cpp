@@ -70,7 +70,7 @@ ShiftBand band_of_shift(const Config& config, const ShiftScene& scene, const Shi
   if (!band.known()) return band;
   band.coarser_nodes = shifted.result.model.node_count() / 2;
   Config coarse = config;
-  coarse.cloud.nodes = static_cast<double>(band.coarser_nodes);
+  coarse.cloud.nodes = band.coarser_nodes;
   coarse.cloud.spacing_mm = 0.0;
   const Points places = places_of(scene, shifted);
   Shifted other;

@@ -13,8 +13,9 @@ namespace {
 constexpr double slides = 0.5;  // spacings along the bank ahead, from where another place of it is looked for
 constexpr double soon = 0.5;    // spacings: a gap that may close in the next step
 constexpr double past_all = 1.5;  // spacings beside all samples of the bank
-constexpr double behind =
-    -0.25;  // spacings: a bank that is deeper below another is the far side of thin tissue
+// Spacings: a bank that is deeper below another is the far side of thin tissue; and what touches nothing does
+// not begin to touch deep inside, which no step of the load, however short, could follow.
+constexpr double behind = -0.25, behind_at_first = -0.05;
 constexpr double faces = -0.5;  // cosine between the outward normals of two banks, at most
 
 }  // namespace
@@ -121,14 +122,14 @@ double FoldContact::gap_of(Index row, Index s, const Nodal& u) const {
 }
 
 // What stands for a sample whose place ahead is the one at rest: a part where that is nearer than the whole,
-// and another than now where it is nearer by half as much.
+// and another than now where it is nearer by as much.
 Index FoldContact::nearest_row(Index s, const Nodal& u) const {
   const double less = FoldBanks::bulges * banks_->spacing[s];
   const Index now = row_[static_cast<std::size_t>(s)];
   Index best = s;
   double nearest = gap_of(s, s, u) - less;
   for (Index row = banks_->part_begin(s); row < banks_->part_end[static_cast<std::size_t>(s)]; ++row) {
-    if (const double gap = gap_of(row, s, u) - (row == now ? 0.5 * less : 0.0); gap < nearest) {
+    if (const double gap = gap_of(row, s, u) - (row == now ? less : 0.0); gap < nearest) {
       nearest = gap;
       best = row;
     }
@@ -144,7 +145,7 @@ int FoldContact::find_ahead(Index s, const Points& place, const Points& normal) 
     const Vec3 d = place.col(s) - place.col(t);
     const double distance = d.squaredNorm(), height = d.dot(normal.col(t));
     if ((best >= 0 && distance >= nearest) || normal.col(t).dot(normal.col(s)) > faces ||
-        height < behind * banks_->spacing[t])
+        height < (force_[s] > 0.0 ? behind : behind_at_first) * banks_->spacing[t])
       continue;
     if ((d - height * normal.col(t)).norm() > past_all * std::max(banks_->spacing[s], banks_->spacing[t]))
       continue;
