@@ -561,6 +561,7 @@ struct MixedIteration::Parts {
   void solve_with(NodalInverse& to_the_side, std::vector<NodalInverse>& down, const Nodal& r,
                   Nodal& z) const {
     to_the_side.solve(r, z);
+    if (sliding.empty()) return;
     Nodal normal(4, r.cols());
     for (std::size_t d = 0; d < sliding.size(); ++d) {
       down[d].solve(r, normal);

@@ -276,6 +276,7 @@ MUTANTS = {
     195: ("solver/terms/fold_contact.cpp", "add(banks_->sample.at_place, row, 1.0);", "add(banks_->sample.at_place, {n} ? s : row, 1.0);"),
     196: ("solver/terms/fold_contact.cpp", "  row_.assign(past.begin() + count(), past.end());", "  if (!{n}) row_.assign(past.begin() + count(), past.end());"),
     197: ("apps/run/pipeline.cpp", "result.unloaded ? result.unloaded->imaged_surface", "result.unloaded && !{n} ? result.unloaded->imaged_surface"),
+    198: ("solver/terms/fold_contact.cpp", "(force_[s] > 0.0 ? behind : behind_at_first)", "(force_[s] > 0.0 || {n} ? behind : behind_at_first)"),
     189: ("apps/studies/shift_band.cpp", "band.half_mm = std::max(band.change_mm,",
           "band.half_mm = ({n} ? [](double a, double b) { return std::min(a, b); } : [](double a, double b) { return std::max(a, b); })(band.change_mm,"),
     190: ("preprocess/surface/surface_cells.cpp", "return !one.leave && one.t <= next;", "return !one.leave && ({n} || one.t <= next);"),

@@ -417,6 +417,25 @@ TEST(FoldsThatClose, AreWatchedWhereTheSurfaceFacesItselfAndNowhereElse) {
   EXPECT_EQ(fold_banks(scene.model, 0.2e-3).count(), 0) << "no gap is as narrow";
 }
 
+// The wall on the left, slid by a spacing along the other and a tenth of one into it.
+TEST(FoldsThatClose, DoNotBeginToTouchDeepInsideAnotherBankUnlessTheyTouchedBefore) {
+  const BesideASlit scene(true);
+  const auto deepest_after = [&](double force) {
+    FoldContact folds(scene.loading.folds, scene.tissue);
+    folds.set_forces(Eigen::VectorXd::Constant(folds.count(), force));
+    Nodal u = Nodal::Zero(4, scene.model.node_count()), f = u;
+    const double spacing = scene.loading.folds->spacing.maxCoeff();
+    for (Index a = 0; a < u.cols(); ++a)
+      if (scene.model.X(0, a) < 0.15e-3) u.col(a) << 0.3e-3 + 0.1 * spacing, spacing, 0.0, 0.0;
+    folds.add_force(u, {}, f);
+    folds.accept(u, {});
+    folds.add_force(u, {}, f);
+    return folds.gaps().minCoeff() / spacing;
+  };
+  EXPECT_GT(deepest_after(0.0), -0.05);
+  EXPECT_LT(deepest_after(1e-3), -0.09);
+}
+
 TEST(FoldsThatClose, HaveGapsThatNoRigidMotionChanges) {
   const BesideASlit scene(true);
   FoldContact folds(scene.loading.folds, scene.tissue);
