@@ -149,7 +149,7 @@ void check_imaged(const Config& config, const ModelFiles* model) {
                        : config.tool.shape != "circle"    ? "a tool that touches"
                        : !config.step.empty()             ? "a scene of steps"
                        : followed_place(config)           ? "a place whose displacement is asked for"
-                       : config.load.self_contact == "on" ? "folds that touch"
+                       : config.load.self_contact == "on" ? "contact between folds"
                                                           : nullptr;
   if (beside)
     refuse(fmt::format("{} stands beside a body that was imaged under its loads", beside),

@@ -294,6 +294,12 @@ TEST_F(Block, SaysAtTheStartWhatHoldsIt) {
               HasSubstr("band unknown: it was measured for bodies that nothing holds but their base"));
 }
 
+TEST_F(Block, WithoutTheLoadsUnderWhichItWasImagedIsNotSolvedWithAnythingOnAPartOfIt) {
+  run(" --nodes 600 --depth 0.5mm --write model --gravity inferior --set load.imaged=loaded");
+  refused(2, "solve out/model -o no -q --depth 0.5mm --gravity inferior --set support.r.on=left",
+          {"this model is without them, and something acts on a part of it", "decided on the image's shape"});
+}
+
 TEST_F(Block, RefusesLoadsAndSupportsThatItDoesNotUnderstand) {
   const std::string start =
       "run block.nrrd -o no -q --base inferior --indent-at 0,0,top --nodes 600 --depth 1mm ";
@@ -307,6 +313,9 @@ TEST_F(Block, RefusesLoadsAndSupportsThatItDoesNotUnderstand) {
   refused(2, support + "lleft", {"'r'", "'lleft'", "label:NAME"});
   refused(2, start + "--set support.r.hold=fixed", {"'r' is nowhere", "support.r.on"});
   refused(2, support + "left --set support.r.hold=loose", {"hold = loose", "fixed, sliding"});
+  refused(2, start + "--gravity inferior --set load.imaged=loaded --self-contact on",
+          {"contact between folds stands beside a body that was imaged under its loads"});
+  refused(2, start + "--set load.imaged=loaded", {"imaged under its loads, and there are none"});
   refused(2, support + "left --set support.r.move=1,2", {"2 numbers", "x,y,z in mm"});
   refused(2, support + "label:1 --set support.r.hold=sliding", {"slides, and is the tissue of a label"});
   refused(2, start + "--set support.r.om=left", {"there is no option 'support.r.om'"});
