@@ -19,6 +19,9 @@ namespace {
 
 constexpr double faces_tool = 0.5;  // outward normal . push, at most: folds over the edge may turn to it
 constexpr double looked_at = 2.0;   // reaches from the axis: what is farther cannot come under the tool
+// Squares of the node spacing: of a sample of less surface the force is hardly determined, and its pressure
+// was up to twenty times that of its neighbours.
+constexpr double least_area = 0.5;
 
 Vec3 across(const ToolPlace& tool, const Vec3& d) {
   return d - d.dot(tool.push) * tool.push;
@@ -51,6 +54,24 @@ SurfacePieces pieces_around(const Model& model, const ToolPlace& tool, const std
   return pieces_of(model, model.surface.triangles(Eigen::all, near));
 }
 
+using Cells = std::map<int, std::vector<Index>>;  // the pieces that are nearest to a node
+
+// Pieces whose node has too few of them go to the nearest of the other nodes.
+Cells without_small(const Model& model, const Points& place, const Points& area, Cells cells) {
+  std::vector<int> large;
+  for (const auto& [node, own] : cells) {
+    double size = 0.0;
+    for (const Index k : own) size += area.col(k).norm();
+    if (size >= least_area * std::pow(model.spacing[node], 2)) large.push_back(node);
+  }
+  if (large.empty() || large.size() == cells.size()) return cells;
+  const Neighbours nodes(model.X(Eigen::all, large));
+  Cells result;
+  for (Index k = 0; k < place.cols(); ++k)
+    result[large[static_cast<std::size_t>(nodes.nearest(place.col(k), 1).front())]].push_back(k);
+  return result;
+}
+
 [[noreturn]] void refuse(const std::string& fact) {
   throw ModelError({.fact = fact,
                     .where = "surface beneath the tool",
@@ -72,7 +93,7 @@ ContactSurface contact_surface(const Model& model, const ToolPlace& tool, double
   const std::vector<Vec3> axes = axes_along(tool, way, 0.25 * reach);
   const SurfacePieces pieces = pieces_around(model, tool, axes, looked_at * reach);
   const Neighbours nodes(model.X);
-  std::map<int, std::vector<Index>> cell;  // the pieces that are nearest to a node
+  Cells cell;
   std::vector<Index> touched, beyond;
   for (Index k = 0; k < pieces.place.cols(); ++k) {
     const Vec3 x = pieces.place.col(k), area = pieces.area.col(k);
@@ -95,6 +116,7 @@ ContactSurface contact_surface(const Model& model, const ToolPlace& tool, double
   const Points area = pieces.area(Eigen::all, touched);
   result.at_between = surface_interpolation(model, result.between, area);
   std::vector<std::vector<Index>> cells;
+  cell = without_small(model, result.between, area, std::move(cell));
   result.spacing.resize(static_cast<Index>(cell.size()));
   for (auto& [node, own] : cell) {
     result.spacing[static_cast<Index>(cells.size())] = model.spacing[node];

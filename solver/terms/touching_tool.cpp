@@ -5,6 +5,8 @@
 #include <cmath>
 #include <limits>
 
+#include "preprocess/cloud/neighbours.hpp"
+
 namespace dimple {
 namespace {
 
@@ -12,6 +14,8 @@ namespace {
 // tool's normal.
 constexpr double nearly = 1e-3;
 constexpr double rounding = 1e-6;  // of the tool's radius: where it has come back to its first touch
+
+constexpr double around = 1.5;  // node spacings, from which the mean pressure at a sample is taken
 
 // The tool on its axis, where it first touches any of these places.
 ToolPose first_touch(const ToolShape& shape, const ToolPose& axis, const Points& places,
@@ -50,7 +54,8 @@ Eigen::VectorXd roundness(const Touch& touch) {
   return mean;
 }
 
-TouchingTool::TouchingTool(Touch touch) : touch_(std::move(touch)), roundness_(roundness(touch_)) {
+TouchingTool::TouchingTool(Touch touch)
+    : touch_(std::move(touch)), roundness_(roundness(touch_)), around_(touch_.surface) {
   way_.motion = touch_.motion.value_or(touch_.pose.points_at);
   force_.setZero(count());
   gap_.setZero(count());
@@ -58,9 +63,54 @@ TouchingTool::TouchingTool(Touch touch) : touch_(std::move(touch)), roundness_(r
   if (!rubs()) return;
   friction_.setZero(3, count());
   slip_ = slid_ = anchor_ = friction_;
+  slid_along_.setZero(count());
   last_ = before_last_ = touch_.surface.place.colwise() - touch_.pose.tip;
   touched_.assign(static_cast<std::size_t>(count()), 0);
   if (!is_measured()) gone_before_ = -1.0;  // what stands is there before anything moves
+}
+
+// A hat around each sample, over those whose surface faces the same way.
+TouchingTool::Around::Around(const ContactSurface& surface) {
+  const Neighbours samples(surface.place);
+  rows.offset = Eigen::VectorXi::Zero(surface.count() + 1);
+  std::vector<int> near, member;
+  std::vector<double> all;
+  for (Index s = 0; s < surface.count(); ++s) {
+    const double wide = around * surface.spacing[s];
+    samples.within(surface.place.col(s), wide, near);
+    for (const int t : near) {
+      if (!(surface.normal.col(t).dot(surface.normal.col(s)) > 0.0)) continue;
+      member.push_back(t);
+      all.push_back(1.0 - (surface.place.col(t) - surface.place.col(s)).norm() / wide);
+    }
+    rows.offset[s + 1] = static_cast<int>(member.size());
+  }
+  rows.member = Eigen::Map<Eigen::VectorXi>(member.data(), static_cast<Index>(member.size()));
+  weight = Eigen::Map<Eigen::VectorXd>(all.data(), static_cast<Index>(all.size()));
+}
+
+Eigen::VectorXd TouchingTool::pressures() const {
+  Eigen::VectorXd mean = Eigen::VectorXd::Zero(count());
+  for (Index s = 0; s < count(); ++s) {
+    if (!(force_[s] > 0.0)) continue;
+    double force = 0.0, area = 0.0;
+    for (int k = around_.rows.offset[s]; k < around_.rows.offset[s + 1]; ++k) {
+      const Index t = around_.rows.member[k];
+      force += around_.weight[k] * force_[t];
+      area += around_.weight[k] * touch_.surface.area[t];
+    }
+    mean[s] = force / area;
+  }
+  return mean;
+}
+
+Points TouchingTool::forces_on_body() const {
+  Points all = normal_;
+  for (Index s = 0; s < count(); ++s) {
+    all.col(s) *= force_[s];
+    if (rubs()) all.col(s) += friction_.col(s);
+  }
+  return all;
 }
 
 // All of the tool's way, and of what stands the share of the loads besides, which move the body as well.
@@ -168,7 +218,10 @@ void TouchingTool::accept(const Nodal&, const Instant& now) {
   const Vec3 tip = pose_at(now.depth).tip;
   const Mat3 back = turned_.transpose();
   for (Index s = 0; s < count(); ++s) {
-    touched_[static_cast<std::size_t>(s)] = force_[s] > 0.0;
+    char& touched = touched_[static_cast<std::size_t>(s)];
+    const double slid = touched ? (slip_.col(s) - turned_ * slid_.col(s)).norm() : 0.0;
+    touched = force_[s] > 0.0;
+    slid_along_[s] = touched ? slid_along_[s] + slid : 0.0;
     // What sticks is held where it was first, so that its slip within the tolerance does not add up.
     slid_.col(s) = back * slip_.col(s);
     if (bound(s, force_[s]) > 0.0 && !slides(s)) continue;
@@ -186,6 +239,7 @@ std::vector<double> TouchingTool::past() const {
   std::vector<double> all = {last_gone_, gone_before_};
   for (const Points* part : {&anchor_, &last_, &before_last_, &slid_})
     all.insert(all.end(), part->data(), part->data() + part->size());
+  all.insert(all.end(), slid_along_.begin(), slid_along_.end());
   for (const char touched : touched_) all.push_back(touched);
   return all;
 }
@@ -198,6 +252,7 @@ void TouchingTool::restore_past(const std::vector<double>& past) {
     std::copy_n(next, part->size(), part->data());
     next += part->size();
   }
+  for (double& slid : slid_along_) slid = *next++;
   for (char& touched : touched_) touched = *next++ != 0.0;
   foreseen_for_ = -1.0;
 }
@@ -229,13 +284,13 @@ double TouchingTool::working_force(const Instant& now) const {
 TouchingTool::Touched TouchingTool::touched() const {
   const Eigen::VectorXd& area = touch_.surface.area;
   Touched all;
+  if (count() > 0) all.pressure = pressures().maxCoeff();
   for (Index s = 0; s < count(); ++s) {
     all.penetration = std::max(all.penetration, -gap_[s]);
     if (!(force_[s] > 0.0)) continue;
     ++all.samples;
     all.area += area[s];
     if (rubs() && !slides(s)) all.sticks += area[s];
-    all.pressure = std::max(all.pressure, force_[s] / area[s]);
     all.force -= force_[s] * normal_.col(s);
     if (rubs()) all.force -= friction_.col(s);
   }

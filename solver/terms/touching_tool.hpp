@@ -112,8 +112,8 @@ class TouchingTool : public ContactTerm {
   Wrench on_tool(const Instant& now) const;
 
   /// At the last add_force(): the force on the tool [N]; the area that touches and what of it friction holds,
-  /// both at rest [m^2]; the largest pressure [Pa]; the samples that touch; and how far the surface reaches
-  /// into the tool, at samples [m].
+  /// both at rest [m^2]; the largest of pressures() [Pa]; the samples that touch; and how far the surface
+  /// reaches into the tool, at samples [m].
   struct Touched {
     Vec3 force = Vec3::Zero();
     double area = 0.0, sticks = 0.0, pressure = 0.0;
@@ -121,6 +121,15 @@ class TouchingTool : public ContactTerm {
     double penetration = 0.0;
   };
   Touched touched() const;
+  /// [M] Pa at rest, likewise: of the normal forces around each sample, weighted by a hat one and a half node
+  /// spacings wide. Single samples' forces scatter where their parts of the surface differ; their sums do
+  /// not.
+  Eigen::VectorXd pressures() const;
+  /// [3xM] N on the body, likewise.
+  Points forces_on_body() const;
+  /// [M] m: of what touches, how far it has slid along the tool since it did, all its ways added; empty
+  /// without friction, which alone knows.
+  const Eigen::VectorXd& slid_along() const { return slid_along_; }
 
   /// How far the body's surface reaches into the tool anywhere between the samples [m]; and where the tool
   /// has come to parts of the surface that have no samples.
@@ -149,6 +158,13 @@ class TouchingTool : public ContactTerm {
   double foreseen_for_ = -1.0;  // the way for which anchors of what has not touched were looked for
 
   Eigen::VectorXd roundness_;
+  Eigen::VectorXd slid_along_;
+  // Of pressures(): the samples around each, and their weights.
+  struct Around {
+    explicit Around(const ContactSurface& surface);
+    CompressedRows rows;
+    Eigen::VectorXd weight;
+  } around_;
 
   double set_back(Index s) const {
     return roundness_[s] + (touch_.set_back.size() > 0 ? touch_.set_back[s] : 0.0);
