@@ -113,6 +113,7 @@ struct Frame {
   Vec3 aside = Vec3::Zero();    ///< how far the tool has come across its push [m]
   double contact_force = 0.0;   ///< of a tool that touches, along its push, which no held node bears [N]
   Vec3 turned = Vec3::Zero();   ///< by which rotation vector the tool has turned [rad]
+  const TouchingTool* tool = nullptr;  ///< that touches, with the forces that belong to f; null: the circle
 };
 
 struct History {

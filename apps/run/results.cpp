@@ -86,9 +86,26 @@ struct ResultWriter::Packing {
   Vec3 aside, turned;           // [m], [rad]
   Points u, reaction = {};      // [mm], [N]
   Eigen::MatrixXd J = {}, sigma = {}, mises = {};
+  PointFile contact = {};
 };
 
 namespace {
+
+// Where a tool may touch, and how it does.
+PointFile contact_of(const TouchingTool& tool, const Points& u_mm) {
+  const ContactSurface& surface = tool.touch().surface;
+  PointFile file{.position_mm = surface.place * 1e3 + surface.at_place(u_mm), .fields = {}};
+  Eigen::RowVectorXd contact(tool.count());
+  for (Index s = 0; s < contact.size(); ++s) contact[s] = static_cast<int>(tool.contact(s));
+  file.fields = {
+      {.name = "contact", .unit = "", .values = contact, .type = Field::Type::int32},
+      {.name = "pressure_Pa", .unit = "Pa", .values = tool.pressures().transpose()},
+      {.name = "force_N", .unit = "N", .values = tool.forces_on_body(), .components = {"X", "Y", "Z"}},
+      {.name = "area_mm2", .unit = "mm^2", .values = surface.area.transpose() * 1e6}};
+  if (tool.rubs())
+    file.fields.push_back({.name = "slid_mm", .unit = "mm", .values = tool.slid_along().transpose() * 1e3});
+  return file;
+}
 
 // A frame's numbers at 200,000 points take 20 MB, and twice that while they are packed.
 constexpr Index most_points_beside = 200'000;
@@ -117,6 +134,7 @@ ResultWriter::ResultWriter(fs::path folder, const Model& model, const Wanted& wa
       surface_series_(folder_ / "surface.pvd", ".vtp"),
       section_series_(folder_ / "section.pvd", ".vtp"),
       tool_series_(folder_ / "tool.pvd", ".vtp"),
+      contact_series_(folder_ / "contact.pvd", ".vtu"),
       end_s_(end_s) {
   wanted_.surface = wanted.surface && !model.surface.empty();
   if (wanted_.nodes) to_nodes_ = node_interpolation(model);
@@ -182,8 +200,7 @@ void ResultWriter::resume(const std::vector<double>& frame_time_s) {
                          : ended      ? std::vector{frame_time_s.back()}
                                       : std::vector<double>{});
   if (wanted_.surface)
-    for (TimeSeries* series : {&surface_series_, &section_series_, &tool_series_})
-      series->resume(frame_time_s);
+    for (TimeSeries* series : view_series()) series->resume(frame_time_s);
   if (!wanted_.nodes || shown_.body.empty()) return;
   for (std::size_t k = 0; k < frame_time_s.size(); ++k) try {
       const PointFile nodes = read_vtu(folder_ / "nodes" / fmt::format("nodes_{:04d}.vtu", k));
@@ -198,8 +215,7 @@ void ResultWriter::go_on_after_cut(const std::vector<double>& frame_time_s) {
   if (wanted_.nodes) node_series_.resume(frame_time_s);
   if (wanted_.points) point_series_.resume(wanted_.fine ? frame_time_s : std::vector<double>{});
   if (wanted_.surface)
-    for (TimeSeries* series : {&surface_series_, &section_series_, &tool_series_})
-      series->resume(frame_time_s);
+    for (TimeSeries* series : view_series()) series->resume(frame_time_s);
 }
 
 PointStress stress_at_points(const Frame& frame) {
@@ -244,6 +260,10 @@ void ResultWriter::frame(const Frame& frame) {
       packing.sigma = std::move(at_points.sigma);
     }
     packing.mises = std::move(at_points.mises);
+  }
+  if (wanted_.surface && touch_) {
+    packing.contact = contact_of(*frame.tool, u);
+    packing.contact.small = !wanted_.fine;
   }
   finish_frames();
   last_u_mm_ = u;
@@ -295,7 +315,13 @@ void ResultWriter::write(Packing frame) {
   if (wanted_.nodes) node_series_.add(time_s);
   if (points_now) point_series_.add(time_s);
   if (wanted_.surface)
-    for (TimeSeries* series : {&surface_series_, &section_series_, &tool_series_}) series->add(time_s);
+    for (TimeSeries* series : view_series()) series->add(time_s);
+}
+
+std::vector<TimeSeries*> ResultWriter::view_series() {
+  std::vector<TimeSeries*> all = {&surface_series_, &section_series_, &tool_series_};
+  if (touch_) all.push_back(&contact_series_);
+  return all;
 }
 
 void ResultWriter::end_frames() {
@@ -384,6 +410,7 @@ void ResultWriter::write_view(const Packing& frame) {
                        fact("front", "", section_.front)},
              .small = small},
             frame.time_s);
+  if (touch_) write_vtu(contact_series_.next_frame(), frame.contact, frame.time_s);
 }
 
 void ResultWriter::tables(const History& history, const Band& band, double spread) const {
@@ -549,10 +576,10 @@ constexpr std::array files_of_a_run = {
     checkpoint_file, "summary.json", "model/model.toml", "nodes.pvd",    "points.pvd",
     "surface.pvd",   "force.csv",    "energy.csv",       "overview.png", "config.resolved.toml",
     "compare.csv",   "explain.md",   "explain.csv",      "explain.png",  "explain.svg",
-    "report.html",   "section.pvd",  "tool.pvd",         view_file};
+    "report.html",   "section.pvd",  "tool.pvd",         "contact.pvd",  view_file};
 constexpr std::array files_of_a_model = {"model.toml", "nodes.vtu", "points.vtu", "surface.vtp", "label.vti"};
-constexpr std::array folders_of_a_run = {"nodes", "points", "surface", "section",
-                                         "tool",  "model",  "images",  "cuts"};
+constexpr std::array folders_of_a_run = {"nodes",   "points", "surface", "section", "tool",
+                                         "contact", "model",  "images",  "cuts"};
 
 template <std::size_t count>
 bool is_among(const fs::path& file, const std::array<const char*, count>& names) {
@@ -560,7 +587,7 @@ bool is_among(const fs::path& file, const std::array<const char*, count>& names)
 }
 
 bool is_frame(const fs::path& file) {
-  static const std::regex frame(R"((nodes|points|surface|section|tool)_\d{4,}\.vt[up])");
+  static const std::regex frame(R"((nodes|points|surface|section|tool|contact)_\d{4,}\.vt[up])");
   return std::regex_match(file.filename().string(), frame);
 }
 
@@ -646,7 +673,7 @@ bool holds_a_model(const fs::path& folder) {
 // What a run leaves that somebody may want to keep. A model is made again in a moment.
 constexpr std::array worth_keeping = {checkpoint_file, "nodes.pvd",  "points.pvd",   "surface.pvd",
                                       "force.csv",     "energy.csv", "overview.png", "report.html",
-                                      "section.pvd",   "tool.pvd"};
+                                      "section.pvd",   "tool.pvd",   "contact.pvd"};
 
 // The summary of a run that has no results.
 bool is_a_word(const Json& summary) {
@@ -747,7 +774,7 @@ namespace {
 // A run writes through no link, and deletes behind none.
 void refuse_links(const fs::path& folder) {
   for (const char* name :
-       {"nodes", "points", "surface", "section", "tool", "model", "images", "cuts", "window"}) {
+       {"nodes", "points", "surface", "section", "tool", "contact", "model", "images", "cuts", "window"}) {
     std::error_code ignored;
     if (fs::symlink_status(folder / name, ignored).type() == fs::file_type::symlink)
       throw OutputError({.fact = fmt::format("{} is a link", (folder / name).string()),

@@ -121,6 +121,7 @@ class ResultWriter {
   void write(Packing frame);
   void write_points(Packing frame, bool of_stopped = false);
   void write_view(const Packing& frame);
+  std::vector<TimeSeries*> view_series();
   bool is_last(double time_s) const { return time_s >= end_s_ * (1.0 - 1e-9); }
   Overview body_of(double depth, const Vec3& aside = Vec3::Zero(), const Vec3& turned = Vec3::Zero()) const;
   Overview picture_of(const History& history, const Band& band) const;
@@ -146,7 +147,7 @@ class ResultWriter {
   Points nodes_mm_, points_mm_;
   Eigen::MatrixXd node_set_;
   Eigen::MatrixXd label_;  // [1 x section triangles]; empty: there is no image
-  TimeSeries node_series_, point_series_, surface_series_, section_series_, tool_series_;
+  TimeSeries node_series_, point_series_, surface_series_, section_series_, tool_series_, contact_series_;
   std::vector<double> frame_time_s_;
   Points last_u_mm_;
   GapAt walls_;

@@ -35,6 +35,15 @@ double work_of_last(const std::vector<double>& depth, const std::vector<double>&
   return line - h * h * h / 6.0 * (slope - slope_before) / (depth[k] - depth[k - 2]);
 }
 
+Frame frame_of(const System& system, int number, const Moment& at, const Nodal& u, const Nodal& f) {
+  Frame frame{number, at.t, at.depth, u, f, system.tissue()};
+  frame.aside = system.aside();
+  frame.turned = system.turned();
+  frame.tool = system.touching();
+  if (frame.tool) frame.contact_force = system.along_push(f);
+  return frame;
+}
+
 // How far the tool, or what moves in its place, has come in this step of a scene is its travel [m], which is
 // an Instant's depth; a Moment's depth counts the steps before, too.
 
@@ -68,9 +77,7 @@ struct FramesBetween {
         history.force.push_back(ledger.force(at, now.u, f));
       else
         tell_of_line(at.depth);
-      if (observer.frame)
-        observer.frame({loading.begun.frame + last + 1, at.t, at.depth, now.u, f, system.tissue(),
-                        system.aside(), system.touching() ? system.along_push(f) : 0.0, system.turned()});
+      if (observer.frame) observer.frame(frame_of(system, loading.begun.frame + last + 1, at, now.u, f));
       if (found && !ledger.show_force()) return false;
     }
     return true;
@@ -221,7 +228,7 @@ void QuasiStaticMarch::begin_at_rest() {
     history_.force.push_back({0.0, 0.0, 0.0, 0.0});
   }
   ledger_.write(ledger_.energy({}, 0.0, stored));
-  if (observer_.frame) observer_.frame({0, 0.0, 0.0, now_.u, f_, system_.tissue()});
+  if (observer_.frame) observer_.frame(frame_of(system_, 0, {}, now_.u, f_));
 }
 
 // A later step of a scene, whose curve and books go on.
@@ -476,9 +483,7 @@ void QuasiStaticMarch::show_frame_at(const Increment& increment) {
     return;
   ++state_.frame;
   if (observer_.frame)
-    observer_.frame({loading_.begun.frame + state_.frame, increment.end.t, increment.end.depth, now_.u, f_,
-                     system_.tissue(), system_.aside(), system_.touching() ? system_.along_push(f_) : 0.0,
-                     system_.turned()});
+    observer_.frame(frame_of(system_, loading_.begun.frame + state_.frame, increment.end, now_.u, f_));
 }
 
 // Nothing moves: what the tissue gives off has gone with the cut.
@@ -498,8 +503,7 @@ AfterCut QuasiStaticMarch::settle(double t) {
   ledger_.write(ledger_.energy(now, 0.0, stored, 0.0, result.released));
   if (observer_.frame)
     // A frame of its own, which the caller has counted.
-    observer_.frame({loading_.begun.frame, now.t, now.depth, now_.u, f_, system_.tissue(), system_.aside(),
-                     system_.touching() ? system_.along_push(f_) : 0.0, system_.turned()});
+    observer_.frame(frame_of(system_, loading_.begun.frame, now, now_.u, f_));
   if (!ledger_.show_force()) history_.interrupted = true;
   system_.accept_step(now_.u);
   return result;

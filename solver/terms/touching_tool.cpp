@@ -188,6 +188,22 @@ bool TouchingTool::slides(Index s) const {
   return most > 0.0 && friction_.col(s).norm() >= (1.0 - nearly) * most;
 }
 
+TouchingTool::Contact TouchingTool::contact(Index s) const {
+  if (!(force_[s] > 0.0)) return Contact::none;
+  return rubs() && !slides(s) ? Contact::sticks : Contact::slides;
+}
+
+Eigen::VectorXd TouchingTool::slid_along() const {
+  Eigen::VectorXd all = slid_along_;
+  for (Index s = 0; s < all.size(); ++s) {
+    if (!(force_[s] > 0.0))
+      all[s] = 0.0;
+    else if (touched_[static_cast<std::size_t>(s)])
+      all[s] += (slip_.col(s) - turned_ * slid_.col(s)).norm();
+  }
+  return all;
+}
+
 double TouchingTool::heat() const {
   // Of all that touches: what is just below its bound, by the tolerance of the search, slips too.
   double sum = 0.0;
@@ -215,13 +231,11 @@ void TouchingTool::foresee(double gone) {
 
 void TouchingTool::accept(const Nodal&, const Instant& now) {
   if (!rubs()) return;
+  slid_along_ = slid_along();
   const Vec3 tip = pose_at(now.depth).tip;
   const Mat3 back = turned_.transpose();
   for (Index s = 0; s < count(); ++s) {
-    char& touched = touched_[static_cast<std::size_t>(s)];
-    const double slid = touched ? (slip_.col(s) - turned_ * slid_.col(s)).norm() : 0.0;
-    touched = force_[s] > 0.0;
-    slid_along_[s] = touched ? slid_along_[s] + slid : 0.0;
+    touched_[static_cast<std::size_t>(s)] = force_[s] > 0.0;
     // What sticks is held where it was first, so that its slip within the tolerance does not add up.
     slid_.col(s) = back * slip_.col(s);
     if (bound(s, force_[s]) > 0.0 && !slides(s)) continue;
@@ -290,7 +304,7 @@ TouchingTool::Touched TouchingTool::touched() const {
     if (!(force_[s] > 0.0)) continue;
     ++all.samples;
     all.area += area[s];
-    if (rubs() && !slides(s)) all.sticks += area[s];
+    if (contact(s) == Contact::sticks) all.sticks += area[s];
     all.force -= force_[s] * normal_.col(s);
     if (rubs()) all.force -= friction_.col(s);
   }

@@ -127,9 +127,12 @@ class TouchingTool : public ContactTerm {
   Eigen::VectorXd pressures() const;
   /// [3xM] N on the body, likewise.
   Points forces_on_body() const;
-  /// [M] m: of what touches, how far it has slid along the tool since it did, all its ways added; empty
-  /// without friction, which alone knows.
-  const Eigen::VectorXd& slid_along() const { return slid_along_; }
+  /// [M] m, likewise: of what touches, how far it has slid along the tool since it did, all its ways added;
+  /// empty without friction, which alone knows.
+  Eigen::VectorXd slid_along() const;
+  /// Of a sample, likewise.
+  enum class Contact { none, slides, sticks };
+  Contact contact(Index s) const;
 
   /// How far the body's surface reaches into the tool anywhere between the samples [m]; and where the tool
   /// has come to parts of the surface that have no samples.

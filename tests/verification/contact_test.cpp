@@ -560,14 +560,22 @@ TEST(ToolInSteps, LosesByFrictionWhatTheToolHasDoneMoreThanTheTissueGivesBack) {
   EXPECT_LT(missing[1], 0.7 * missing[0]);
 }
 
+// What comes to touch begins to slip from where it was foreseen, which follows the states that were accepted:
+// of one cloud the heat differs by some 2 % either way.
 TEST(ToolInSteps, WithFrictionGoesOnAfterAStepAsIfThereWereNone) {
-  const Vec3 down(0, 0, -0.75e-3), aside(0.5e-3, 0, 0);
-  History once, twice;
-  const Vec3 whole = forces_after({2.0 * (down + aside)}, 0.3, Vec3(-2, 0, 20), 1000, &once).back(),
-             parts = forces_after({down + aside, down + aside}, 0.3, Vec3(-2, 0, 20), 1000, &twice).back();
-  EXPECT_LT((whole - parts).norm(), 2e-3 * whole.norm());
-  EXPECT_NEAR(once.energy.back().dissipated, twice.energy.back().dissipated,
-              0.02 * once.energy.back().dissipated);
+  const Vec3 down(0, 0, -0.75e-3), aside(0.5e-3, 0, 0), place(-2, 0, 20);
+  double mean = 0.0;
+  for (const Index nodes : {1000, 1500, 2000}) {
+    SCOPED_TRACE(nodes);
+    History once, twice;
+    const Vec3 whole = forces_after({2.0 * (down + aside)}, 0.3, place, nodes, &once).back(),
+               parts = forces_after({down + aside, down + aside}, 0.3, place, nodes, &twice).back();
+    EXPECT_LT((whole - parts).norm(), 2e-3 * whole.norm());
+    const double more = twice.energy.back().dissipated / once.energy.back().dissipated - 1.0;
+    EXPECT_LT(std::abs(more), 0.03);
+    mean += more / 3.0;
+  }
+  EXPECT_LT(std::abs(mean), 0.01);
 }
 
 TEST(ToolInSteps, HasNodesAsFineAlongItsWayAsWhereItBegins) {
