@@ -15,7 +15,7 @@ namespace {
 constexpr double nearly = 1e-3;
 constexpr double rounding = 1e-6;  // of the tool's radius: where it has come back to its first touch
 
-constexpr double around = 1.5;  // node spacings, from which the mean pressure at a sample is taken
+constexpr double around = 2.0;  // node spacings, from which the mean pressure at a sample is taken
 
 // The tool on its axis, where it first touches any of these places.
 ToolPose first_touch(const ToolShape& shape, const ToolPose& axis, const Points& places,
@@ -92,7 +92,6 @@ TouchingTool::Around::Around(const ContactSurface& surface) {
 Eigen::VectorXd TouchingTool::pressures() const {
   Eigen::VectorXd mean = Eigen::VectorXd::Zero(count());
   for (Index s = 0; s < count(); ++s) {
-    if (!(force_[s] > 0.0)) continue;
     double force = 0.0, area = 0.0;
     for (int k = around_.rows.offset[s]; k < around_.rows.offset[s + 1]; ++k) {
       const Index t = around_.rows.member[k];

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <fstream>
 #include <nlohmann/json.hpp>
@@ -43,6 +44,57 @@ TEST(ToolThatTouches, ARodIsSofterThanASphereAndASphereThanTheBondedCircle) {
     EXPECT_TRUE(summary["band"].contains("unknown"));
     const Table curve = read_csv(folder / "out" / "force.csv");
     for (const double f : *curve.find("force_N")) EXPECT_GE(f, 0.0);
+  }
+}
+
+// Beside the curve, of which it is another witness.
+TEST(ToolThatTouches, SaysAtEachFrameWhatItDoesToEachPartOfTheSurface) {
+  const fs::path folder = with_phantom();
+  for (const bool rubs : {false, true}) {
+    ASSERT_EQ(
+        dimple(folder,
+               std::string("run brain.nrrd -o out --force --write surface --tool sphere:5mm --band off") +
+                   (rubs ? " --friction 0.2" : "") + quick)
+            .code,
+        0);
+    const auto tool = nlohmann::json::parse(text_of(folder / "out" / "summary.json")).at("tool");
+    const Table curve = read_csv(folder / "out" / "force.csv");
+    ASSERT_TRUE(fs::exists(folder / "out" / "contact.pvd"));
+    double before = 0.0, slid_before = 0.0;
+    for (const int frame : {0, 1, 2}) {
+      SCOPED_TRACE(frame);
+      const PointFile file = read_vtu(folder / "out" / "contact" / fmt::format("contact_{:04d}.vtu", frame));
+      const auto of = [&](const char* name) { return file.find(name)->values; };
+      const Vec3 on_body = of("force_N").rowwise().sum();
+      const std::vector<double>&depth = *curve.find("indentation_mm"), &z = *curve.find("force_z_N");
+      const auto at = std::find_if(depth.begin(), depth.end(), [&](double d) { return d > frame - 1e-6; });
+      EXPECT_NEAR(on_body.z(), -z[static_cast<std::size_t>(at - depth.begin())], 1e-5 * std::abs(z.back()));
+      const Index touching = (of("contact").array() > 0.0).count();
+      EXPECT_EQ(touching == 0, frame == 0);
+      EXPECT_GE(of("pressure_Pa").minCoeff(), 0.0);
+      EXPECT_GE(of("pressure_Pa").maxCoeff(), before);
+      before = of("pressure_Pa").maxCoeff();
+      EXPECT_EQ((of("contact").array() == 2.0).any(), rubs && frame > 0);
+      EXPECT_EQ(file.find("slid_mm") != nullptr, rubs);
+      if (rubs) {
+        const double slid = of("slid_mm").maxCoeff();
+        EXPECT_EQ(slid > slid_before, frame > 0) << slid;
+        EXPECT_LT(slid, frame + 1e-9) << "than the tool's own way";
+        slid_before = slid;
+        for (Index s = 0; s < file.position_mm.cols(); ++s)
+          if (of("contact")(0, s) == 0.0) EXPECT_EQ(of("slid_mm")(0, s), 0.0);
+      }
+      if (frame < 2) continue;
+      EXPECT_EQ(file.position_mm.cols(), tool.at("contact_samples"));
+      EXPECT_EQ(touching, tool.at("samples_in_contact"));
+      EXPECT_NEAR(before, tool.at("largest_pressure_Pa").get<double>(), 1e-5 * before);
+      double area = 0.0;
+      for (Index s = 0; s < file.position_mm.cols(); ++s)
+        area += of("contact")(0, s) > 0.0 ? of("area_mm2")(0, s) : 0.0;
+      EXPECT_NEAR(area, tool.at("contact_area_mm2").get<double>(), 1e-5 * area);
+      EXPECT_LT(before, 4.0 * on_body.norm() / (1e-6 * area))
+          << "the middle of a contact bears some twice its mean";
+    }
   }
 }
 

@@ -53,6 +53,32 @@ double kernel(double y, const Bed& bed) {
 
 struct OnLayer {
   double depth, force;
+  double a = 0.0;
+  Eigen::VectorXd phi = {};  // at equal distances from 0 to a
+
+  // The contact's pressure at r in units of E*: phi is an Abel transform of it,
+  // p(r) = -int_r^a phi'(t) dt / sqrt(t^2 - r^2), here over s = sqrt(t^2 - r^2).
+  double pressure(double r) const {
+    if (r >= a) return 0.0;
+    const Index last = phi.size() - 1;
+    const double h = a / static_cast<double>(last);
+    const auto slope =
+        [&](double t) {  // in the middle between two of them their difference; 0 in the middle of all
+          const double at = std::min(t / h + 0.5, static_cast<double>(last) - 1e-9);
+          const auto i = static_cast<Index>(at);
+          const double share = at - static_cast<double>(i);
+          const auto piece = [&](Index k) { return k == 0 ? phi[0] - phi[1] : phi[k] - phi[k - 1]; };
+          return ((1.0 - share) * piece(i) + share * piece(std::min(i + 1, last))) / h;
+        };
+    constexpr int count = 2000;
+    const double end = std::sqrt(a * a - r * r), ds = end / count;
+    double sum = 0.0;
+    for (int k = 0; k < count; ++k) {
+      const double t = std::hypot(r, (k + 0.5) * ds);
+      sum -= slope(t) / t * ds;
+    }
+    return sum;
+  }
 };
 
 // The depth and the force at which contact reaches to `a`; of the function g alone, by Simpson's rule.
@@ -72,7 +98,8 @@ OnLayer on_layer(double a, const Bed& bed, const Shape& g) {
     right.row(i) << 1.0 / std::numbers::pi, -g(h * i) / std::numbers::pi;
   }
   const Eigen::MatrixXd phi = matrix.partialPivLu().solve(right);
-  OnLayer result{.depth = -phi(n - 1, 1) / phi(n - 1, 0), .force = 0.0};
+  OnLayer result{.depth = -phi(n - 1, 1) / phi(n - 1, 0), .force = 0.0, .a = a};
+  result.phi = result.depth * phi.col(0) + phi.col(1);
   for (int j = 0; j < n; ++j)
     result.force += 2.0 * std::numbers::pi * weight(j) * (result.depth * phi(j, 0) + phi(j, 1));
   return result;
@@ -80,13 +107,17 @@ OnLayer on_layer(double a, const Bed& bed, const Shape& g) {
 
 // The same at a depth.
 template <class Shape>
-double force_at(double depth, double least, const Bed& bed, const Shape& g) {
+OnLayer at_depth(double depth, double least, const Bed& bed, const Shape& g) {
   double low = least, high = 4.0;
   for (int k = 0; k < 40; ++k) {
     const double a = 0.5 * (low + high);
     (on_layer(a, bed, g).depth < depth ? low : high) = a;
   }
-  return on_layer(0.5 * (low + high), bed, g).force;
+  return on_layer(0.5 * (low + high), bed, g);
+}
+template <class Shape>
+double force_at(double depth, double least, const Bed& bed, const Shape& g) {
+  return at_depth(depth, least, bed, g).force;
 }
 
 auto paraboloid(double radius) {
@@ -279,6 +310,8 @@ struct Touched {
   History history;
   std::shared_ptr<const Touch> touch;
   Index nodes = 0;
+  Eigen::VectorXd pressure = {};  // of the samples, at the end [Pa]
+  Points on_body = {};            // their forces [N]
   double force() const { return history.force.back().force; }
 };
 
@@ -316,7 +349,12 @@ Touched touched(const BodySurface& body, const ToolShape& shape, double depth_mm
   if (loose) let_slide(built.model, loading);
   const Tissues tissues{{neo_hookean(mu, nu, 1000.0)}, built.model.tissue};
   const ForceSystem system(built.model, tissues, Precision::single_);
-  solve(TimeMode::quasi_static, system, built.model, loading, {.frames = frames}, {}, result.history);
+  Observer observer;
+  observer.frame = [&](const Frame& frame) {
+    result.pressure = frame.tool->pressures();
+    result.on_body = frame.tool->forces_on_body();
+  };
+  solve(TimeMode::quasi_static, system, built.model, loading, {.frames = frames}, observer, result.history);
   return result;
 }
 
@@ -338,6 +376,93 @@ void is_true(const Touched& found, double truth, double share) {
   bool told = false;
   for (const Finding& finding : found.history.guards) told = told || finding.report.code == "penetration";
   EXPECT_EQ(told, found.history.penetration > 1e-3 * found.touch->shape.radius);
+}
+
+// Of half-space and sphere the phi of this integral equation is known, and so is the pressure: Hertz.
+TEST(TouchingTruth, ThePressureOnAThickLayerIsThatOfHertz) {
+  const double radius = 0.5, a = 0.002;
+  const OnLayer thick = on_layer(a, {nu}, paraboloid(radius));
+  for (const double r : {0.0, 0.5, 0.9}) {
+    const double hertz = 2.0 * a / (std::numbers::pi * radius) * std::sqrt(1.0 - r * r);
+    EXPECT_NEAR(thick.pressure(r * a), hertz, 0.003 * hertz) << r;
+  }
+  // What is under it adds up to the force, on a thin layer too.
+  const OnLayer thin = on_layer(0.8, {nu}, paraboloid(8.0));
+  double sum = 0.0;
+  for (int k = 0; k < 400; ++k) {
+    const double r = 0.8 * (k + 0.5) / 400;
+    sum += 2.0 * std::numbers::pi * r * thin.pressure(r) * 0.8 / 400;
+  }
+  EXPECT_NEAR(sum, thin.force, 0.003 * thin.force);
+}
+
+// Within `share` of the contact's radius, in parts of the truth in its middle.
+struct PressureError {
+  double mean_square = 0.0, largest = 0.0;
+  int count = 0;
+};
+PressureError pressure_error(const Touched& found, const OnLayer& truth, double thickness_mm, double share) {
+  PressureError error;
+  const ContactSurface& surface = found.touch->surface;
+  const double middle = plane_modulus * truth.pressure(0.0);
+  for (Index s = 0; s < surface.count(); ++s) {
+    const Vec3 from = surface.place.col(s) - found.touch->pose.tip;
+    const double r = from.head<2>().norm() * 1e3 / thickness_mm;
+    if (r > share * truth.a) continue;
+    const double off = found.pressure[s] / middle - plane_modulus * truth.pressure(r) / middle;
+    error.mean_square += off * off;
+    error.largest = std::max(error.largest, std::abs(off));
+    ++error.count;
+  }
+  error.mean_square = std::sqrt(error.mean_square / error.count);
+  std::printf(
+      "%td nodes: pressure in %d places off by %.1f %% in the mean square, %.1f %% at most; largest %.3f of "
+      "the "
+      "truth in the middle\n",
+      found.nodes, error.count, 100.0 * error.mean_square, 100.0 * error.largest,
+      found.pressure.maxCoeff() / middle);
+  return error;
+}
+
+class PressureUnderATool : public testing::TestWithParam<Index> {};
+INSTANTIATE_TEST_SUITE_P(Touching, PressureUnderATool, testing::Values(1000, 4000, 8000));
+
+TEST_P(PressureUnderATool, OfASphereIsThatOfTheIntegralEquation) {
+  const ToolShape sphere{.kind = ToolShape::Kind::sphere, .radius = 40e-3};
+  for (const auto& [thickness, depth] : {std::pair{10.0, 0.225}, {5.0, 0.15}}) {
+    SCOPED_TRACE(testing::Message() << thickness << " mm thick");
+    const Touched found =
+        touched(block_surface({-30, -30, 0}, {30, 30, thickness}), sphere, depth, GetParam());
+    const OnLayer truth = at_depth(depth / thickness, 0.0, {nu}, paraboloid(40.0 / thickness));
+    const PressureError error = pressure_error(found, truth, thickness, 0.9);
+    EXPECT_GT(error.count, 50);
+    EXPECT_LT(error.mean_square, 0.05);
+    EXPECT_LT(error.largest, 0.25)
+        << "at single places; without means around them it is up to twenty times as much";
+    EXPECT_NEAR(found.history.contact_pressure, plane_modulus * truth.pressure(0.0),
+                0.25 * plane_modulus * truth.pressure(0.0));
+    // Nothing pulls, far from the contact there is no pressure, and what touches adds up to the tool's force.
+    EXPECT_GE(found.pressure.minCoeff(), 0.0);
+    EXPECT_EQ(found.pressure.maxCoeff(), found.history.contact_pressure);
+    for (Index s = 0; s < found.pressure.size(); ++s) {
+      const double r = 1e3 * (found.touch->surface.place.col(s) - found.touch->pose.tip).head<2>().norm();
+      if (r > 1.1 * truth.a * thickness + 3e3 * found.touch->surface.spacing[s])
+        EXPECT_EQ(found.pressure[s], 0.0);
+    }
+    EXPECT_NEAR(-found.on_body.row(2).sum(), found.force(), 1e-9 * found.force());
+  }
+}
+
+// With as many nodes as are taken by itself, and more.
+TEST_P(PressureUnderATool, OfAPunchIsThatOfTheIntegralEquation) {
+  if (GetParam() < 4000) GTEST_SKIP() << "skipped: a punch takes 4000 nodes";
+  const ToolShape punch{.kind = ToolShape::Kind::punch, .radius = 5e-3, .edge = 1e-3};
+  const Touched found = touched(block_surface({-30, -30, 0}, {30, 30, 10}), punch, 0.1059, GetParam());
+  const OnLayer truth = at_depth(0.01059, 0.4, {nu}, rounded_punch(0.4, 0.1));
+  const PressureError error = pressure_error(found, truth, 10.0, 0.5);
+  EXPECT_GT(error.count, 5);
+  EXPECT_LT(error.mean_square, 0.05);
+  EXPECT_LT(error.largest, 0.2);
 }
 
 class SphereOnLayer : public testing::TestWithParam<std::pair<Index, double>> {};
@@ -477,7 +602,8 @@ TEST(TouchingTool, FindsItsFirstTouchOfANodeThatIsManyTimesAsStiffAsItsNeighbour
 
 // On a block, along one axis: the force on the tool at the end of each step.
 std::vector<Vec3> forces_after(const std::vector<Vec3>& ways, double friction, const Vec3& place, Index nodes,
-                               History* whole = nullptr, double step_radii = 0.1) {
+                               History* whole = nullptr, double step_radii = 0.1,
+                               Eigen::VectorXd* slid = nullptr) {
   ModelOptions options;
   options.cloud.count = nodes;
   options.cloud.grading.whole_circle = true;
@@ -499,7 +625,12 @@ std::vector<Vec3> forces_after(const std::vector<Vec3>& ways, double friction, c
   for (const Vec3& way : ways) loading.steps.push_back({.name = "", .moves = "", .way = way});
   const ForceSystem system(model, {{neo_hookean(mu, 0.49, 1000.0)}, model.tissue}, Precision::double_);
   History history;
-  solve(TimeMode::quasi_static, system, model, loading, {.frames = 1, .step_radii = step_radii}, {}, history);
+  Observer observer;
+  observer.frame = [&](const Frame& frame) {
+    if (slid) *slid = frame.tool->slid_along();
+  };
+  solve(TimeMode::quasi_static, system, model, loading, {.frames = 1, .step_radii = step_radii}, observer,
+        history);
   std::vector<Vec3> result;
   double until = 0.0;
   for (const Vec3& way : ways) {
@@ -546,6 +677,20 @@ TEST(ToolInSteps, IsDraggedBackByFrictionAndLosesItsForceAsItIsLifted) {
 }
 
 // What friction has taken is summed over the steps of the load: the balance closes with their length.
+// All of a contact that is drawn far enough slides, by the tool's way less what the tissue goes along with
+// it.
+TEST(ToolInSteps, SlidesAlongTheTissueByItsWayButForWhatThatGoesAlong) {
+  Eigen::VectorXd pressed, drawn;
+  const Vec3 down(0, 0, -1.5e-3), aside(4e-3, 0, 0);
+  forces_after({down}, 0.1, Vec3(-2, 0, 20), 1500, nullptr, 0.1, &pressed);
+  forces_after({down, aside}, 0.1, Vec3(-2, 0, 20), 1500, nullptr, 0.1, &drawn);
+  EXPECT_GT(pressed.maxCoeff(), 0.0);
+  EXPECT_LT(pressed.maxCoeff(), 0.5e-3);
+  // Nothing that touches can have slid farther; what has come beneath the tool last has hardly.
+  EXPECT_GT(drawn.maxCoeff(), 0.5 * aside.x());
+  EXPECT_LT(drawn.maxCoeff(), aside.x() + pressed.maxCoeff());
+}
+
 TEST(ToolInSteps, LosesByFrictionWhatTheToolHasDoneMoreThanTheTissueGivesBack) {
   const std::vector<Vec3> ways = {{0, 0, -1.5e-3}, {3e-3, 0, 0}};
   std::vector<double> missing;
@@ -687,9 +832,15 @@ TEST(TouchingTool, WithFrictionGoesOnFromAStateThatWasKeptToTheSameBits) {
   Observer observer;
   observer.between_steps = [&](const std::function<MarchState()>& state) { kept.push_back(state()); };
   History whole, again;
+  Eigen::VectorXd slid, slid_again;
+  observer.frame = [&](const Frame& frame) { slid = frame.tool->slid_along(); };
   solve(TimeMode::quasi_static, system, model, loading, {.frames = 1}, observer, whole);
   ASSERT_GE(kept.size(), 3u);
-  solve(TimeMode::quasi_static, system, model, loading, {.frames = 1}, {}, again, &kept[1]);
+  observer = {};
+  observer.frame = [&](const Frame& frame) { slid_again = frame.tool->slid_along(); };
+  solve(TimeMode::quasi_static, system, model, loading, {.frames = 1}, observer, again, &kept[1]);
+  EXPECT_EQ(slid_again, slid);
+  EXPECT_GT(slid.maxCoeff(), 0.0);
   EXPECT_EQ(again.force.back().force, whole.force.back().force);
   EXPECT_EQ(again.energy.back().dissipated, whole.energy.back().dissipated);
   EXPECT_GT(whole.energy.back().dissipated, 0.0);
