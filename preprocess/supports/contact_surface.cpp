@@ -22,6 +22,7 @@ constexpr double looked_at = 2.0;   // reaches from the axis: what is farther ca
 // Squares of the node spacing: of a sample of less surface the force is hardly determined, and its pressure
 // was up to twenty times that of its neighbours.
 constexpr double least_area = 0.5;
+constexpr double hat_wide = 2.0;  // node spacings
 
 Vec3 across(const ToolPlace& tool, const Vec3& d) {
   return d - d.dot(tool.push) * tool.push;
@@ -83,6 +84,25 @@ Cells without_small(const Model& model, const Points& place, const Points& area,
 
 }  // namespace
 
+void look_around(ContactSurface& surface) {
+  const Neighbours samples(surface.place);
+  surface.around.offset = Eigen::VectorXi::Zero(surface.count() + 1);
+  std::vector<int> near, member;
+  std::vector<double> weight;
+  for (Index s = 0; s < surface.count(); ++s) {
+    const double wide = hat_wide * surface.spacing[s];
+    samples.within(surface.place.col(s), wide, near);
+    for (const int t : near) {
+      if (t != s && !(surface.normal.col(t).dot(surface.normal.col(s)) > 0.0)) continue;
+      member.push_back(t);
+      weight.push_back(1.0 - (surface.place.col(t) - surface.place.col(s)).norm() / wide);
+    }
+    surface.around.offset[s + 1] = static_cast<int>(member.size());
+  }
+  surface.around.member = Eigen::Map<Eigen::VectorXi>(member.data(), static_cast<Index>(member.size()));
+  surface.hat = Eigen::Map<Eigen::VectorXd>(weight.data(), static_cast<Index>(weight.size()));
+}
+
 ContactSurface contact_surface(const Model& model, double reach, const std::vector<Vec3>& way) {
   return contact_surface(model, model.tool, reach, way);
 }
@@ -126,6 +146,7 @@ ContactSurface contact_surface(const Model& model, const ToolPlace& tool, double
       means_of(cells, result.between, area, result.at_between, model.node_count());
   result.beyond = pieces.place(Eigen::all, beyond);
   result.at_beyond = surface_interpolation(model, result.beyond, pieces.area(Eigen::all, beyond));
+  look_around(result);
   return result;
 }
 

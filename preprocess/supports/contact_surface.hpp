@@ -18,11 +18,18 @@ struct ContactSurface : CellMeans {
   /// [K] the sample that each piece belongs to, and its share in that one's area; empty: nobody asks.
   Eigen::VectorXi sample_of;
   Eigen::VectorXd share;
+  /// [M] the samples around each whose surface faces the same way, itself among them, and their weights: a
+  /// hat two node spacings wide, for means of pressures.
+  CompressedRows around;
+  Eigen::VectorXd hat;  ///< [around.member]
   /// The body's surface around that part, which has no samples: the tool must not come there.
   Points beyond;  ///< [3xL] at rest [m]
   Interpolation at_beyond;
   Index count() const { return place.cols(); }
 };
+
+/// Fills in `around` and `hat` of what has samples and spacing.
+void look_around(ContactSurface& surface);
 
 /// What lies within `reach` [m] of the tool's axis and faces the tool, but for the base. Throws ModelError:
 /// the model has no surface, or none of it is there. `way`: how far the tool comes after each of its steps

@@ -112,6 +112,7 @@ ContactSurface wall_surface(const Model& model, const MayTouch& may_touch, Index
   result.spacing = Eigen::Map<Eigen::VectorXd>(spacing.data(), static_cast<Index>(spacing.size()));
   result.beyond.resize(3, 0);
   result.at_beyond = surface_interpolation(model, result.beyond, result.beyond);
+  look_around(result);
   return result;
 }
 

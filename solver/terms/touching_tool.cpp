@@ -5,8 +5,6 @@
 #include <cmath>
 #include <limits>
 
-#include "preprocess/cloud/neighbours.hpp"
-
 namespace dimple {
 namespace {
 
@@ -14,8 +12,6 @@ namespace {
 // tool's normal.
 constexpr double nearly = 1e-3;
 constexpr double rounding = 1e-6;  // of the tool's radius: where it has come back to its first touch
-
-constexpr double around = 2.0;  // node spacings, from which the mean pressure at a sample is taken
 
 // The tool on its axis, where it first touches any of these places.
 ToolPose first_touch(const ToolShape& shape, const ToolPose& axis, const Points& places,
@@ -54,8 +50,7 @@ Eigen::VectorXd roundness(const Touch& touch) {
   return mean;
 }
 
-TouchingTool::TouchingTool(Touch touch)
-    : touch_(std::move(touch)), roundness_(roundness(touch_)), around_(touch_.surface) {
+TouchingTool::TouchingTool(Touch touch) : touch_(std::move(touch)), roundness_(roundness(touch_)) {
   way_.motion = touch_.motion.value_or(touch_.pose.points_at);
   force_.setZero(count());
   gap_.setZero(count());
@@ -69,34 +64,15 @@ TouchingTool::TouchingTool(Touch touch)
   if (!is_measured()) gone_before_ = -1.0;  // what stands is there before anything moves
 }
 
-// A hat around each sample, over those whose surface faces the same way.
-TouchingTool::Around::Around(const ContactSurface& surface) {
-  const Neighbours samples(surface.place);
-  rows.offset = Eigen::VectorXi::Zero(surface.count() + 1);
-  std::vector<int> near, member;
-  std::vector<double> all;
-  for (Index s = 0; s < surface.count(); ++s) {
-    const double wide = around * surface.spacing[s];
-    samples.within(surface.place.col(s), wide, near);
-    for (const int t : near) {
-      if (!(surface.normal.col(t).dot(surface.normal.col(s)) > 0.0)) continue;
-      member.push_back(t);
-      all.push_back(1.0 - (surface.place.col(t) - surface.place.col(s)).norm() / wide);
-    }
-    rows.offset[s + 1] = static_cast<int>(member.size());
-  }
-  rows.member = Eigen::Map<Eigen::VectorXi>(member.data(), static_cast<Index>(member.size()));
-  weight = Eigen::Map<Eigen::VectorXd>(all.data(), static_cast<Index>(all.size()));
-}
-
 Eigen::VectorXd TouchingTool::pressures() const {
+  const ContactSurface& surface = touch_.surface;
   Eigen::VectorXd mean = Eigen::VectorXd::Zero(count());
   for (Index s = 0; s < count(); ++s) {
     double force = 0.0, area = 0.0;
-    for (int k = around_.rows.offset[s]; k < around_.rows.offset[s + 1]; ++k) {
-      const Index t = around_.rows.member[k];
-      force += around_.weight[k] * force_[t];
-      area += around_.weight[k] * touch_.surface.area[t];
+    for (int k = surface.around.offset[s]; k < surface.around.offset[s + 1]; ++k) {
+      const Index t = surface.around.member[k];
+      force += surface.hat[k] * force_[t];
+      area += surface.hat[k] * surface.area[t];
     }
     mean[s] = force / area;
   }

@@ -162,12 +162,6 @@ class TouchingTool : public ContactTerm {
 
   Eigen::VectorXd roundness_;
   Eigen::VectorXd slid_along_;
-  // Of pressures(): the samples around each, and their weights.
-  struct Around {
-    explicit Around(const ContactSurface& surface);
-    CompressedRows rows;
-    Eigen::VectorXd weight;
-  } around_;
 
   double set_back(Index s) const {
     return roundness_[s] + (touch_.set_back.size() > 0 ? touch_.set_back[s] : 0.0);
