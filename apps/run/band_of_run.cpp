@@ -148,7 +148,6 @@ std::string why_no_band(const Config& config, const std::vector<Material>& tissu
       config.support.radius_factor != usual.support.radius_factor)
     return "it was measured for the default nodes, points and supports alone";
   if (const std::optional<ToolShape> tool = tool_of(config)) {
-    if (friction_of(config) > 0.0) return "it was measured for tools without friction";
     if (tool->mesh) return "it was measured for spheres, rods and punches, not for a tool that was drawn";
     if (1e-3 * config.load.depth_mm <= deepest_with_tool_band * tool->radius * (1.0 + 1e-9)) return {};
     return fmt::format("of a tool that touches it was measured down to {:g} of its radius",

@@ -3,12 +3,15 @@
 
     tool_band_coverage.py PROGRAM DATA > results/tool_band_coverage.csv
     tool_band_coverage.py PROGRAM DATA held-out > results/tool_band_held_out.csv
+    tool_band_coverage.py PROGRAM DATA friction > results/tool_band_friction.csv
 
 DATA: the folder with the label images. A band holds if the finer force lies in it at all depths that both have.
-The first scenes widened the band; those held out were written down afterwards, and run once.
+The first scenes widened the band; those held out were written down afterwards, and run once. So were those with friction, which
+are drawn at random, for the same form: it knows nothing of friction.
 """
 import csv
 import os
+import random
 import subprocess
 import sys
 import tempfile
@@ -28,10 +31,19 @@ HELD_OUT = [("heart", "sphere:7mm", "anterior"), ("heart", "sphere:4mm", "left")
             ("brain", "sphere:12mm", "anterior")]
 
 
+def with_friction(count=20, seed=36):
+    draw = random.Random(seed)
+    for _ in range(count):
+        tool = draw.choice([f"sphere:{draw.randint(4, 12)}mm", f"sphere:{draw.randint(4, 12)}mm",
+                            f"capsule:{draw.randint(3, 5)}mm,length=25mm", f"punch:{draw.randint(4, 7)}mm,edge=1.5mm"])
+        side = draw.choice(["anterior", "posterior", "left", "right", "superior", "inferior"])
+        yield draw.choice(sorted(IMAGES)), tool, side, "--friction", draw.choice(["0.1", "0.3", "0.6", "stick"])
+
+
 def run(program, data, image, tool, folder, *more):
     args = [os.path.join(data, IMAGES[image][0]), *IMAGES[image][1:]]
     subprocess.run([program, "run", *args, "--tool", tool, "-o", folder, "--write", "force", "-q", *more],
-                   stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+                   timeout=600, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
         return list(csv.DictReader(open(os.path.join(folder, "force.csv"))))
     except FileNotFoundError:
@@ -40,11 +52,12 @@ def run(program, data, image, tool, folder, *more):
 
 def main(program, data, scenes):
     out = csv.writer(sys.stdout, lineterminator="\n")
-    out.writerow(["image", "tool", "side", "depth_mm", "force_N", "low_N", "high_N", "force_of_12000_N", "off_percent",
+    out.writerow(["image", "tool", "side", "friction", "depth_mm", "force_N", "low_N", "high_N", "force_of_12000_N", "off_percent",
                   "most_of_half_band", "holds"])
-    for image, tool, *side in scenes:
-        at = ["--indent-at", *side] if side else []
-        which = [image, tool, *(side or [""])]
+    for image, tool, *rest in scenes:
+        side, friction = rest[:1], rest[1:]
+        at = [*(["--indent-at", *side] if side else []), *friction]
+        which = [image, tool, *(side or [""]), *(friction[1:] or ["0"])]
         with tempfile.TemporaryDirectory() as folder:
             ours = run(program, data, image, tool, folder + "/a", *at)
             fine = {round(float(r["indentation_mm"]), 6): float(r["force_N"])
@@ -65,4 +78,4 @@ def main(program, data, scenes):
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], sys.argv[2], HELD_OUT if sys.argv[3:] == ["held-out"] else SCENES)
+    main(sys.argv[1], sys.argv[2], {"held-out": HELD_OUT, "friction": with_friction()}.get("".join(sys.argv[3:]), SCENES))
