@@ -140,14 +140,8 @@ struct Session::Parts {
       path.extrapolate(to, u, lambda);
     else if (depth == 0.0 && !options.touch)  // contact grows from a point
       first_guess(model, model.tool.push, way, u);
-    bring_back(lambda);
+    system->bring_back(lambda);
     system->set({.depth = to}, u);
-  }
-
-  // Contact forces that were extrapolated do not pull.
-  void bring_back(Eigen::VectorXd& l) const {
-    if (TouchingTool* touching = system->touching())
-      touching->bring_back(l.segment(model.patches.count(), touching->unknowns()));
   }
 
   // The force on the tool along its push at a state [N]; the contact is of there from now on.
@@ -207,7 +201,7 @@ struct Session::Parts {
       l = lambda + (to - depth) * slope.lambda;
     } else {
       known.guess(to, next, l);
-      bring_back(l);
+      system->bring_back(l);
     }
     system->set({.depth = to}, next);
   }

@@ -79,6 +79,11 @@ System::Sweep System::force_at(const Nodal& u, const Eigen::VectorXd& lambda, No
   return force(u, f);
 }
 
+void System::bring_back(Eigen::VectorXd& lambda) const {
+  for (const OneContact& one : contacts_)
+    one.term->bring_back(lambda.segment(model_.patches.count() + one.first, one.term->unknowns()));
+}
+
 void System::gather(const Nodal& u, Nodal& f, const std::function<void(Index first, Index last)>& then) {
   if (tissue_alone()) return tissue_.gather_sweep(f, then);
   tissue_.gather_sweep(f, {});

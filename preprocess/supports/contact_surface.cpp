@@ -22,6 +22,8 @@ constexpr double looked_at = 2.0;   // reaches from the axis: what is farther ca
 // Squares of the node spacing: of a sample of less surface the force is hardly determined, and its pressure
 // was up to twenty times that of its neighbours.
 constexpr double least_area = 0.5;
+constexpr double farthest = 2.0;  // node spacings from a piece, of a node that it may go to
+constexpr int most_asked = 8;
 constexpr double hat_wide = 2.0;  // node spacings
 
 Vec3 across(const ToolPlace& tool, const Vec3& d) {
@@ -57,19 +59,42 @@ SurfacePieces pieces_around(const Model& model, const ToolPlace& tool, const std
 
 using Cells = std::map<int, std::vector<Index>>;  // the pieces that are nearest to a node
 
-// Pieces whose node has too few of them go to the nearest of the other nodes.
-Cells without_small(const Model& model, const Points& place, const Points& area, Cells cells) {
+// Pieces whose node has too few of them go to the nearest other node that has enough and whose pieces face
+// the same way, as the other bank of a gap does not; where none is near they stay.
+Cells without_small(const Model& model, const Points& place, const Points& area, const Cells& cells) {
   std::vector<int> large;
+  std::vector<Vec3> faces;
   for (const auto& [node, own] : cells) {
     double size = 0.0;
-    for (const Index k : own) size += area.col(k).norm();
-    if (size >= least_area * std::pow(model.spacing[node], 2)) large.push_back(node);
+    Vec3 sum = Vec3::Zero();
+    for (const Index k : own) {
+      size += area.col(k).norm();
+      sum += area.col(k);
+    }
+    if (size < least_area * std::pow(model.spacing[node], 2)) continue;
+    large.push_back(node);
+    faces.push_back(sum.normalized());
   }
-  if (large.empty() || large.size() == cells.size()) return cells;
+  if (large.empty()) return cells;
   const Neighbours nodes(model.X(Eigen::all, large));
   Cells result;
-  for (Index k = 0; k < place.cols(); ++k)
-    result[large[static_cast<std::size_t>(nodes.nearest(place.col(k), 1).front())]].push_back(k);
+  for (const auto& [node, own] : cells) {
+    const bool stays = std::binary_search(large.begin(), large.end(), node);
+    for (const Index k : own) {
+      int to = node;
+      if (!stays)
+        for (const int other :
+             nodes.nearest(place.col(k), std::min<int>(most_asked, static_cast<int>(large.size())))) {
+          const int its = large[static_cast<std::size_t>(other)];
+          if ((model.X.col(its) - place.col(k)).norm() > farthest * model.spacing[its]) continue;
+          if (!(faces[static_cast<std::size_t>(other)].dot(area.col(k)) > 0.5 * area.col(k).norm())) continue;
+          to = its;
+          break;
+        }
+      result[to].push_back(k);
+    }
+  }
+  for (auto& [node, own] : result) std::sort(own.begin(), own.end());
   return result;
 }
 
@@ -136,7 +161,7 @@ ContactSurface contact_surface(const Model& model, const ToolPlace& tool, double
   const Points area = pieces.area(Eigen::all, touched);
   result.at_between = surface_interpolation(model, result.between, area);
   std::vector<std::vector<Index>> cells;
-  cell = without_small(model, result.between, area, std::move(cell));
+  cell = without_small(model, result.between, area, cell);
   result.spacing.resize(static_cast<Index>(cell.size()));
   for (auto& [node, own] : cell) {
     result.spacing[static_cast<Index>(cells.size())] = model.spacing[node];

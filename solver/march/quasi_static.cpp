@@ -70,6 +70,7 @@ struct FramesBetween {
       system.begin_step((travel - from) / loading.rate);
       const std::int64_t swept = system.tissue().sweeps();
       path.extrapolate(travel, now.u, now.lambda);
+      system.bring_back(now.lambda);
       system.set({.t = at.t, .depth = travel}, now.u);
       const bool found = find(now, f);
       history.extra_evaluations += system.tissue().sweeps() - swept;

@@ -11,6 +11,8 @@ namespace {
 // Of its bound, which friction that slides has but for the tolerance of the search and for turning with the
 // tool's normal.
 constexpr double nearly = 1e-3;
+// Likewise of what has slid: what friction holds moves by the tolerance of the search, which must not add up.
+constexpr double almost = 0.9;
 constexpr double rounding = 1e-6;  // of the tool's radius: where it has come back to its first touch
 
 // The tool on its axis, where it first touches any of these places.
@@ -165,7 +167,7 @@ bool TouchingTool::slides(Index s) const {
 
 TouchingTool::Contact TouchingTool::contact(Index s) const {
   if (!(force_[s] > 0.0)) return Contact::none;
-  return rubs() && !slides(s) ? Contact::sticks : Contact::slides;
+  return bound(s, force_[s]) > 0.0 && !slides(s) ? Contact::sticks : Contact::slides;
 }
 
 Eigen::VectorXd TouchingTool::slid_along() const {
@@ -173,7 +175,7 @@ Eigen::VectorXd TouchingTool::slid_along() const {
   for (Index s = 0; s < all.size(); ++s) {
     if (!(force_[s] > 0.0))
       all[s] = 0.0;
-    else if (touched_[static_cast<std::size_t>(s)])
+    else if (friction_.col(s).norm() > almost * bound(s, force_[s]))
       all[s] += (slip_.col(s) - turned_ * slid_.col(s)).norm();
   }
   return all;

@@ -127,8 +127,8 @@ class TouchingTool : public ContactTerm {
   Eigen::VectorXd pressures() const;
   /// [3xM] N on the body, likewise.
   Points forces_on_body() const;
-  /// [M] m, likewise: of what touches, how far it has slid along the tool since it did, all its ways added;
-  /// empty without friction, which alone knows.
+  /// [M] m, likewise: of what touches, how far it has slid along the tool since it did, all its ways added
+  /// but those before a scene's first accepted state; empty without friction, which alone knows.
   Eigen::VectorXd slid_along() const;
   /// Of a sample, likewise.
   enum class Contact { none, slides, sticks };

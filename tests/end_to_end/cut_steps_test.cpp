@@ -160,8 +160,10 @@ TEST_F(StepsThatCut, ThatCrossAreTheSameBitsEachTime) {
 
 TEST_F(StepsThatCut, ShowTheCutBodyInEachFrameFromThenOnAtATimeOfItsOwn) {
   run("out", " --frames 4 --write all" + press + "--set step.slit.cut=" + disc + "" + deeper);
-  for (const char* series : {"nodes", "surface", "section", "tool"}) {
-    const std::string pvd = text_of(folder / "out" / (std::string(series) + ".pvd"));
+  run("touching",
+      " --frames 4 --write all --tool sphere:5mm" + press + "--set step.slit.cut=" + disc + "" + deeper);
+  for (const char* series : {"out/nodes", "out/surface", "out/section", "out/tool", "touching/contact"}) {
+    const std::string pvd = text_of(folder / (std::string(series) + ".pvd"));
     double before = -1.0;
     int frames = 0;
     const std::regex listed("timestep=\"([^\"]+)\".*file=\"([^\"]+)\"");

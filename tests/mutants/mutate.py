@@ -277,7 +277,7 @@ MUTANTS = {
     196: ("solver/terms/fold_contact.cpp", "  row_.assign(past.begin() + count(), past.end());", "  if (!{n}) row_.assign(past.begin() + count(), past.end());"),
     197: ("apps/run/pipeline.cpp", "result.unloaded ? result.unloaded->imaged_surface", "result.unloaded && !{n} ? result.unloaded->imaged_surface"),
     198: ("solver/terms/fold_contact.cpp", "(force_[s] > 0.0 ? behind : behind_at_first)", "(force_[s] > 0.0 || {n} ? behind : behind_at_first)"),
-    199: ("preprocess/supports/contact_surface.cpp", "if (large.empty() || large.size()", "if ({n} || large.empty() || large.size()"),
+    199: ("preprocess/supports/contact_surface.cpp", "if (large.empty()) return cells;", "if ({n} || large.empty()) return cells;"),
     200: ("solver/terms/touching_tool.cpp", "      force += surface.hat[k] * force_[t];",
           "      force += ({n} ? 1.0 : surface.hat[k]) * force_[t];"),
     201: ("solver/terms/touching_tool.cpp", "for (double& slid : slid_along_) slid = *next++;",

@@ -329,6 +329,7 @@ TEST(TurningSphere, AboutItsPushStuckHasTheTorqueOfABondedDisc) {
     const Spun sphere_spun = spun(std::numeric_limits<double>::infinity(), angle, nodes);
     const double bonded = 16.0 / 3.0 * mu * std::pow(sphere_spun.a, 3) * angle * degree;
     mean -= sphere_spun.moment / bonded / 3.0;
+    EXPECT_NEAR(-sphere_spun.moment / bonded, 1.0, 0.07) << nodes;
     const EnergySample &end = sphere_spun.ran.energy_at(1), &before = sphere_spun.ran.energy_at(0);
     const double work = 0.5 * bonded * angle * degree;
     EXPECT_NEAR(end.stored - before.stored, work, 0.1 * work);
