@@ -170,7 +170,7 @@ TEST_F(StepsThatCut, ShowTheCutBodyInEachFrameFromThenOnAtATimeOfItsOwn) {
     for (std::sregex_iterator it(pvd.begin(), pvd.end(), listed), end; it != end; ++it, ++frames) {
       EXPECT_GT(std::stod((*it)[1]), before) << series;
       before = std::stod((*it)[1]);
-      EXPECT_TRUE(fs::exists(folder / "out" / (*it)[2].str())) << (*it)[2];
+      EXPECT_TRUE(fs::exists(folder / fs::path(series).parent_path() / (*it)[2].str())) << (*it)[2];
     }
     EXPECT_EQ(frames, 6) << series;
   }
