@@ -424,6 +424,26 @@ PressureError pressure_error(const Touched& found, const OnLayer& truth, double 
   return error;
 }
 
+// Its force would be anything. What is far from all others, or faces another way, stays by itself.
+TEST(SamplesOfContact, HaveEnoughSurfaceOfTheirOwnAndBetweenThemAllOfIt) {
+  for (const Index nodes : {1000, 4000}) {
+    ModelOptions options;
+    options.cloud.count = nodes;
+    options.boundary = {.base = "inferior", .indent_at = "0,0,top", .contact_radius_mm = 4.0};
+    const Model model = build_model(cylinder_surface(30, 30), options).model;
+    const ContactSurface surface = contact_surface(model, 8e-3);
+    double area = 0.0;
+    Index small = 0;
+    for (Index s = 0; s < surface.count(); ++s) {
+      area += surface.area[s];
+      small += surface.area[s] < 0.5 * std::pow(surface.spacing[s], 2);
+    }
+    EXPECT_LE(small, surface.count() / 100) << "of " << surface.count() << " with " << nodes << " nodes";
+    // Whole triangles' pieces within the reach: the flat end's disc but for their size.
+    EXPECT_NEAR(area, std::numbers::pi * 64e-6, 0.02 * std::numbers::pi * 64e-6);
+  }
+}
+
 class PressureUnderATool : public testing::TestWithParam<Index> {};
 INSTANTIATE_TEST_SUITE_P(Touching, PressureUnderATool, testing::Values(1000, 4000, 8000));
 
