@@ -199,6 +199,7 @@ struct Session::Parts {
       const KnownStates::Slope slope = known.slope(depth);
       next = u + (to - depth) * slope.u;
       l = lambda + (to - depth) * slope.lambda;
+      system->bring_back(l);
     } else {
       known.guess(to, next, l);
       system->bring_back(l);

@@ -65,11 +65,11 @@ class System {
   bool viscoelastic() const { return tissue_.system().viscoelastic(); }
   bool loaded() const { return !terms_.empty(); }
   /// The measured tool, if it is one that touches, whether it does so now or not; null: it holds nodes.
+  TouchingTool* touching() { return touching_; }
+  const TouchingTool* touching() const { return touching_; }
   /// Takes from contact forces that were extrapolated what no contact could bear: see
   /// ContactTerm::bring_back().
   void bring_back(Eigen::VectorXd& lambda) const;
-  TouchingTool* touching() { return touching_; }
-  const TouchingTool* touching() const { return touching_; }
   /// What is rigid beside it: walls, and tools that are not measured.
   const std::vector<const TouchingTool*>& walls() const { return walls_; }
   /// Null: folds pass through each other.

@@ -77,22 +77,24 @@ Cells without_small(const Model& model, const Points& place, const Points& area,
   }
   if (large.empty()) return cells;
   const Neighbours nodes(model.X(Eigen::all, large));
+  const int asked = std::min<int>(most_asked, static_cast<int>(large.size()));
+  const auto neighbour = [&](Index k) {  // -1: none
+    for (const int other : nodes.nearest(place.col(k), asked)) {
+      const int its = large[static_cast<std::size_t>(other)];
+      if ((model.X.col(its) - place.col(k)).norm() <= farthest * model.spacing[its] &&
+          faces[static_cast<std::size_t>(other)].dot(area.col(k)) > 0.5 * area.col(k).norm())
+        return its;
+    }
+    return -1;
+  };
   Cells result;
   for (const auto& [node, own] : cells) {
-    const bool stays = std::binary_search(large.begin(), large.end(), node);
-    for (const Index k : own) {
-      int to = node;
-      if (!stays)
-        for (const int other :
-             nodes.nearest(place.col(k), std::min<int>(most_asked, static_cast<int>(large.size())))) {
-          const int its = large[static_cast<std::size_t>(other)];
-          if ((model.X.col(its) - place.col(k)).norm() > farthest * model.spacing[its]) continue;
-          if (!(faces[static_cast<std::size_t>(other)].dot(area.col(k)) > 0.5 * area.col(k).norm())) continue;
-          to = its;
-          break;
-        }
-      result[to].push_back(k);
+    std::vector<int> to(own.size(), node);
+    if (!std::binary_search(large.begin(), large.end(), node)) {
+      std::transform(own.begin(), own.end(), to.begin(), neighbour);
+      if (std::count(to.begin(), to.end(), -1) > 0) std::fill(to.begin(), to.end(), node);
     }
+    for (std::size_t i = 0; i < own.size(); ++i) result[to[i]].push_back(own[i]);
   }
   for (auto& [node, own] : result) std::sort(own.begin(), own.end());
   return result;

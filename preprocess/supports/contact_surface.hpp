@@ -8,8 +8,8 @@
 namespace dimple {
 
 /// The part of a body's surface that a tool may touch, as samples that move with the body: each of the small
-/// flat pieces (pieces_of()) that are nearest to one of the nodes, where these have enough surface between
-/// them.
+/// flat pieces (pieces_of()) that are nearest to one of the nodes, a neighbour's where these have hardly any
+/// surface between them.
 struct ContactSurface : CellMeans {
   Eigen::VectorXd spacing;  ///< [M] of the nodes there [m]
   /// The pieces themselves, where nothing is enforced: for how far the body's surface comes into the tool.
