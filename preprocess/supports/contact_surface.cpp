@@ -24,7 +24,7 @@ constexpr double looked_at = 2.0;   // reaches from the axis: what is farther ca
 constexpr double least_area = 0.5;
 constexpr double farthest = 2.0;  // node spacings from a piece, of a node that it may go to
 constexpr int most_asked = 8;
-constexpr double hat_wide = 2.0;  // node spacings
+constexpr double hat_wide = 2.0;  // node spacings to each side
 
 Vec3 across(const ToolPlace& tool, const Vec3& d) {
   return d - d.dot(tool.push) * tool.push;
@@ -60,7 +60,7 @@ SurfacePieces pieces_around(const Model& model, const ToolPlace& tool, const std
 using Cells = std::map<int, std::vector<Index>>;  // the pieces that are nearest to a node
 
 // Pieces whose node has too few of them go to the nearest other node that has enough and whose pieces face
-// the same way, as the other bank of a gap does not; where none is near they stay.
+// the same way, as the other bank of a gap does not; where one of them finds none near, all stay.
 Cells without_small(const Model& model, const Points& place, const Points& area, const Cells& cells) {
   std::vector<int> large;
   std::vector<Vec3> faces;

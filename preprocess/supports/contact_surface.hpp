@@ -19,7 +19,7 @@ struct ContactSurface : CellMeans {
   Eigen::VectorXi sample_of;
   Eigen::VectorXd share;
   /// [M] the samples around each whose surface faces the same way, itself among them, and their weights: a
-  /// hat two node spacings wide, for means of pressures.
+  /// hat of two node spacings to each side, for means of pressures.
   CompressedRows around;
   Eigen::VectorXd hat;  ///< [around.member]
   /// The body's surface around that part, which has no samples: the tool must not come there.

@@ -121,9 +121,9 @@ class TouchingTool : public ContactTerm {
     double penetration = 0.0;
   };
   Touched touched() const;
-  /// [M] Pa at rest, likewise: the mean around each sample, by a hat two node spacings wide. Single samples'
-  /// forces scatter where their parts of the surface differ, up to nothing between others that touch; their
-  /// sums do not. At the contact's border it is smeared by as much.
+  /// [M] Pa at rest, likewise: the mean around each sample, by a hat of two node spacings to each side.
+  /// Single samples' forces scatter where their parts of the surface differ, up to nothing between others
+  /// that touch; their sums do not. At the contact's border it is smeared by as much.
   Eigen::VectorXd pressures() const;
   /// [3xM] N on the body, likewise.
   Points forces_on_body() const;
