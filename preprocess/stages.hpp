@@ -29,6 +29,11 @@ class Stages {
     for (const auto& [name, s] : other.seconds_) add(name, s);
   }
   const std::vector<std::pair<std::string, double>>& seconds() const { return seconds_; }
+  double total() const {
+    double s = 0.0;
+    for (const auto& stage : seconds_) s += stage.second;
+    return s;
+  }
 
  private:
   using Clock = std::chrono::steady_clock;

@@ -504,12 +504,13 @@ void find_site(const Config& config, const RunLog& log, Organ& organ, Result& re
 }
 
 Discretisation place_nodes(const Config& config, const Organ& organ, const ModelOptions& options,
-                           const LabelImage& image, const RunLog& log, Result& result) {
+                           const LabelImage& image, const RunLog& log, Result& result,
+                           const Discretised* made) {
   const Stopwatch building;
   const SegmentReport& segment = result.segment;
   log.begin(Part::cloud, config);
   auto [places, report] =
-      discretise(organ.body->surface, options, labels_of(config, organ, image), *organ.site);
+      made ? *made : discretise(organ.body->surface, options, labels_of(config, organ, image), *organ.site);
   result.stages.add(report.stages);
   if (options.boundary.is_pressed)
     for (const std::string& warning : report.boundary.warnings) log.warn(warning);

@@ -60,12 +60,23 @@ struct Organ {
   std::map<std::string, int> label_names = {};
 };
 
-/// An organ with all that was found on the way to it: models at several places are made of it (Case::organ).
+/// An organ with all that was found on the way to it: several models are made of it (Case::organ).
 struct ReadOrgan {
   Organ organ;
   Result read;  ///< image, labels, segment, warnings
+  /// Of one model that was made of it: a case that asks for the same site, or for the same places, takes them.
+  struct Made {
+    Config config;
+    std::shared_ptr<const Site> site;
+    Index nodes = 0;  ///< asked for
+    Discretised at;
+    double site_s = 0.0, places_s = 0.0;  ///< what they took
+  };
+  std::shared_ptr<const Made> made = {};
 };
 ReadOrgan read_once(const Case& given, const RunObserver& observer);
+/// What was made in the run of a case on that organ; null where it was cut, or its loads were taken off it.
+std::shared_ptr<const ReadOrgan::Made> made_in(const Config& config, const Result& found);
 
 /// What a model in memory was made from, and what else its clouds are made from.
 struct Origin {
@@ -101,8 +112,9 @@ Organ cut_by_steps(const Config& config, const Organ& whole, const LabelImage& i
                    const RunLog& log, Result& result);
 
 /// Nodes, points, base and circle of an organ whose site is known; `options` differ from the organ's in the
-/// number of nodes, if at all. Adds them to the provenance of the image.
+/// number of nodes, if at all. Adds them to the provenance of the image. `made`: the same, if it is known.
 Discretisation place_nodes(const Config& config, const Organ& organ, const ModelOptions& options,
-                           const LabelImage& image, const RunLog& log, Result& result);
+                           const LabelImage& image, const RunLog& log, Result& result,
+                           const Discretised* made = nullptr);
 
 }  // namespace dimple

@@ -42,6 +42,35 @@ void take_nodes_for_band(const Config& config, const RunLog& log, ModelOptions& 
   options.cloud.count = result.nodes_for_band = fewest;
 }
 
+// Whether both have the same options, but for those whose keys begin so.
+bool are_same_but_for(const Config& a, const Config& b, const std::vector<std::string>& beginnings) {
+  std::map<std::string, std::string> of_a = option_values(a), of_b = option_values(b);
+  for (auto* values : {&of_a, &of_b})
+    std::erase_if(*values, [&](const auto& option) {
+      return std::any_of(beginnings.begin(), beginnings.end(),
+                         [&](const std::string& beginning) { return option.first.starts_with(beginning); });
+    });
+  return of_a == of_b;
+}
+
+// What no place of a node depends on. How deep the tool goes says how much of it touches; a circle does whole.
+std::vector<std::string> beside_places(const Config& config) {
+  std::vector<std::string> keys = {"material.",         "solver.",   "load.rate",     "load.contact",
+                                   "load.self_contact", "accuracy.", "tool.friction", "output."};
+  if (!tool_of(config) && config.held.empty()) keys.emplace_back("load.depth_mm");
+  return keys;
+}
+
+bool asks_for_same_places(const Config& a, const Config& b) {
+  return are_same_but_for(a, b, beside_places(a));
+}
+
+bool asks_for_same_site(const Config& a, const Config& b) {
+  std::vector<std::string> keys = beside_places(a);
+  for (const char* key : {"cloud.nodes", "cloud.seed", "cloud.jitter", "grid."}) keys.emplace_back(key);
+  return are_same_but_for(a, b, keys);
+}
+
 // The organ that was read before, under the options of this case.
 Organ taken_again(const Case& given, Result& result) {
   Organ organ = given.organ->organ;
@@ -52,6 +81,12 @@ Organ taken_again(const Case& given, Result& result) {
   check_materials(materials_of(given.config), organ.options.scheme);
   check_words(organ.options.boundary);
   result = given.organ->read;
+  result.stages = {};  // whose clock begins here
+  result.stages.add(given.organ->read.stages);
+  if (const auto& made = given.organ->made; made && asks_for_same_site(made->config, given.config)) {
+    organ.site = made->site;
+    result.build_s += made->site_s;
+  }
   return organ;
 }
 
@@ -252,8 +287,14 @@ Placed place(const Case& given, const std::optional<Organ>& organ, const RunLog&
   }
   ModelOptions options = organ->options;
   take_nodes_for_band(given.config, log, options, result);
-  Placed placed{place_nodes(given.config, *organ, options, result.image, log, result), options.scheme,
-                organ->label_names};
+  const ReadOrgan::Made* made = given.organ ? given.organ->made.get() : nullptr;
+  if (made && !(organ->site == made->site && asks_for_same_places(made->config, given.config) &&
+                made->nodes == options.cloud.count))
+    made = nullptr;
+  Placed placed{
+      place_nodes(given.config, *organ, options, result.image, log, result, made ? &made->at : nullptr),
+      options.scheme, organ->label_names};
+  if (made) result.build_s += made->places_s;
   if (result.nodes_for_band > 0)
     result.chosen["cloud.nodes"] += result.nodes_for_band == fewest_nodes_under_tool(given.config)
                                         ? ", as the tool's edge asks for them and none were given"
@@ -537,6 +578,24 @@ std::unique_ptr<ForceSystem> march(const Config& config, const SolverOptions& op
   tell_of_rigid(log, result);
   if (watched) watched->tell(log);
   return system;
+}
+
+std::shared_ptr<const ReadOrgan::Made> made_in(const Config& config, const Result& found) {
+  if (has_cuts(config) || found.unloaded || !found.origin) return {};
+  const auto took = [&](const std::string& stage) {
+    double s = 0.0;
+    for (const auto& [name, seconds] : found.stages.seconds())
+      if (name == stage) s += seconds;
+    return s;
+  };
+  ReadOrgan::Made made{.config = config,
+                       .site = found.origin->organ.site,
+                       .nodes = found.origin->organ.options.cloud.count,
+                       .at = {.places = found.model, .report = found.report},
+                       .site_s = took("boundary"),
+                       .places_s = found.report.stages.total()};
+  made.at.report.stages = {};
+  return std::make_shared<const ReadOrgan::Made>(std::move(made));
 }
 
 std::shared_ptr<Origin> origin_of(const Config& config, Organ organ, const Result& result) {

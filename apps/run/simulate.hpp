@@ -39,7 +39,7 @@ struct Case {
   std::shared_ptr<const Origin> origin = {};  ///< of `model`, where it is known, for its other clouds
   const LabelImage* image = nullptr;          ///< instead of the file that config.image.file names
   /// Instead of an image, one that was read before with the same options of the image and the same width of
-  /// the circle, which its surface follows; all others may differ. For build_case().
+  /// the circle, which its surface follows; all others may differ.
   const ReadOrgan* organ = nullptr;
   const MarchState* from = nullptr;  ///< where an earlier run of the same case stood
   bool band = false;                 ///< of the force is wanted: by a coarser cloud, after the march

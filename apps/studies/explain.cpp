@@ -13,6 +13,7 @@
 #include "apps/run/band.hpp"
 #include "apps/run/folds.hpp"
 #include "apps/run/membranes.hpp"
+#include "apps/run/organ.hpp"
 #include "apps/run/other_tools.hpp"
 #include "apps/run/simulate.hpp"
 #include "apps/run/steps.hpp"
@@ -81,14 +82,17 @@ std::vector<double> forces_at(const std::vector<ForceSample>& samples, const std
   return result;
 }
 
+// What the run would have taken by itself: it may have had parts of its model from another.
+double seconds_by_itself(const Result& result) {
+  return result.read_s + result.build_s + result.complete_s + result.solve_s;
+}
+
 Tried run(const Case& given, const std::vector<double>& depths_mm) {
-  const Stopwatch whole;
   Tried tried;
-  double gave_way_mm = INFINITY;
+  double gave_way_mm = INFINITY;  // nothing deeper is compared
   const RunObserver observer{.march = {.sample = [&](const ForceSample& sample, const History& history) {
-                               if (!(gave_way_mm < INFINITY) && has_limit_point(history))
-                                 gave_way_mm = 1e3 * sample.depth;
-                               return stop_asked() == StopReason::none;
+                               if (has_limit_point(history)) gave_way_mm = 1e3 * sample.depth;
+                               return !(gave_way_mm < INFINITY) && stop_asked() == StopReason::none;
                              }}};
   try {
     unless_stopped([&] { simulate(given, observer, tried.result); });
@@ -97,7 +101,7 @@ Tried run(const Case& given, const std::vector<double>& depths_mm) {
     if (tried.force.empty()) throw;
     tried.deeper = "no equilibrium was found deeper";
   }
-  if (tried.result.history.interrupted) throw Stopped(stop_asked());
+  if (stop_asked() != StopReason::none) throw Stopped(stop_asked());
   tried.force = forces_at(tried.result.history.force, depths_mm);
   while (tried.force.size() > 1 && depths_mm[tried.force.size() - 1] > gave_way_mm - 1e-6) {
     tried.force.pop_back();
@@ -108,7 +112,7 @@ Tried run(const Case& given, const std::vector<double>& depths_mm) {
                       .where = "--explain",
                       .why = "the load ends before",
                       .remedy = "give a larger --depth"});
-  tried.seconds = whole.seconds();
+  tried.seconds = seconds_by_itself(tried.result);
   return tried;
 }
 
@@ -467,19 +471,11 @@ Config config_to_explain(Config config, Index nodes) {
   return config;
 }
 
-// simulate() lets go of the image, and cutting away what is far needs it.
-Tried run_with_image(const Config& config, const std::vector<double>& depths_mm) {
-  LabelImage image;
-  Tried found =
-      run({.config = config, .change = {.image = [&](const LabelImage& read) { return image = read; }}},
-          depths_mm);
-  found.result.image = std::move(image);
-  return found;
-}
-
 // What a trial is compared with.
 struct ForceReference {
   const std::vector<double>& depths_mm;
+  const Config& held;
+  const ReadOrgan& organ;    // of the case as it was given, and what was made of it with its places as numbers
   const Tried& found;        // as the case was given
   const Tried& as_it_is;     // the same with its places as numbers
   std::vector<double> mean;  // force [N] of the clouds so far
@@ -503,9 +499,12 @@ std::vector<double> proportional(const Tried& now, double depth_mm, const std::v
 
 // Another random cloud of the same trial, and the mean of both in the place of the first: at as many depths
 // as both reach.
-std::size_t average_with_another_cloud(Tried& now, const Trial& trial, const std::vector<double>& depths_mm,
+std::size_t average_with_another_cloud(Tried& now, const Case& given, const std::vector<double>& depths_mm,
                                        std::size_t depths) {
-  Case again = trial.given;
+  ReadOrgan same = *given.organ;
+  same.made = made_in(given.config, now.result);
+  Case again = given;
+  again.organ = &same;
   ++again.config.cloud.seed;
   const auto other = run(again, depths_mm);
   if (other.force.size() < depths) now.deeper = other.deeper;
@@ -516,15 +515,15 @@ std::size_t average_with_another_cloud(Tried& now, const Trial& trial, const std
 }
 
 // Its forces beside those of the reference.
-void compare(Alternative& alternative, const Trial& trial, Tried& now, const ForceReference& reference,
-             double noise) {
+void compare(Alternative& alternative, const Trial& trial, const Case& given, Tried& now,
+             const ForceReference& reference, double noise) {
   const bool same_cloud =
       trial.kind == Kind::cloud || same_nodes(now.result.model, reference.as_it_is.result.model);
   const std::vector<double>& compared = same_cloud ? reference.as_it_is.force : reference.mean;
   std::size_t depths = std::min({now.force.size(), compared.size(), reference.found.force.size()});
   // What is hardly more than clouds differ by is told from two.
   if (!same_cloud && std::abs(now.force[depths - 1] / compared[depths - 1] - 1.0) < few_noises * noise)
-    depths = average_with_another_cloud(now, trial, reference.depths_mm, depths);
+    depths = average_with_another_cloud(now, given, reference.depths_mm, depths);
   for (std::size_t k = 0; k < depths; ++k)
     alternative.effects.emplace_back(reference.depths_mm[k], now.force[k] / compared[k] - 1.0);
   std::tie(alternative.depth_mm, alternative.effect) = alternative.effects.back();
@@ -535,6 +534,13 @@ void compare(Alternative& alternative, const Trial& trial, Tried& now, const For
 
 using Say = std::function<void(const std::string&)>;
 
+// Whether a case has the body of another: its image is read no other way, and its surface laid likewise.
+bool has_same_body(const Case& a, const Config& b) {
+  const BodyChange& change = a.change;
+  return !change.image && change.smoothing == 1.0 && change.outward_voxels == 0.0 &&
+         a.config.image.close_mm == b.image.close_mm;
+}
+
 // Runs it and compares; of a trial that fails, why. Nothing, where it has nothing to say.
 std::optional<Alternative> try_out(const Trial& trial, ForceReference& reference, double noise,
                                    const Say& say) {
@@ -542,13 +548,17 @@ std::optional<Alternative> try_out(const Trial& trial, ForceReference& reference
   const Stopwatch trying;
   try {
     const double depth_mm = trial.given.config.load.depth_mm;
-    Tried now = run(trial.given, trial.linear ? std::vector{depth_mm} : reference.depths_mm);
+    Case given = trial.given;
+    std::optional<ReadOrgan> changed;
+    if (!has_same_body(given, reference.held)) changed = read_once(given, {});
+    given.organ = changed ? &*changed : &reference.organ;
+    Tried now = run(given, trial.linear ? std::vector{depth_mm} : reference.depths_mm);
     if (const std::string why = left_out(trial, now.result, reference.found.result); !why.empty()) {
       say(fmt::format("explain  {}: {}", trial.what, why));
       return std::nullopt;
     }
     if (trial.linear) now.force = proportional(now, depth_mm, reference.depths_mm);
-    compare(alternative, trial, now, reference, noise);
+    compare(alternative, trial, given, now, reference, noise);
     if (trial.what == "cloud") take_into_mean(reference, now.force);
   } catch (const Stopped&) {
     throw;
@@ -575,7 +585,9 @@ std::optional<Explanation> explain_with(Index nodes, Index* more, const Config& 
   std::vector<double> depths_mm;
   for (int k = 1; k <= frames; ++k) depths_mm.push_back(config.load.depth_mm * k / frames);
 
-  const Tried found = run_with_image(config, depths_mm);
+  ReadOrgan organ = read_once({.config = config}, {});
+  Tried found = run({.config = config, .organ = &organ}, depths_mm);
+  found.result.image = organ.read.image;  // which simulate() lets go of
   if (const Index least = nodes_to_explain(config, found.result.facing_share); more && nodes < least) {
     *more = least;
     return std::nullopt;
@@ -593,9 +605,14 @@ std::optional<Explanation> explain_with(Index nodes, Index* more, const Config& 
     // Numbers in place of words can move the tool by a last digit, and a cloud with it: changes are measured
     // from there.
     const Config held = pinned(config, found.result, down);
-    const Tried as_it_is = run({.config = held}, depths_mm);
-    ForceReference reference{
-        .depths_mm = depths_mm, .found = found, .as_it_is = as_it_is, .mean = as_it_is.force};
+    const Tried as_it_is = run({.config = held, .organ = &organ}, depths_mm);
+    organ.made = made_in(held, as_it_is.result);
+    ForceReference reference{.depths_mm = depths_mm,
+                             .held = held,
+                             .organ = organ,
+                             .found = found,
+                             .as_it_is = as_it_is,
+                             .mean = as_it_is.force};
     for (const Trial& trial : trials_of({config, held, found.result, down})) {
       std::optional<Alternative> alternative = try_out(trial, reference, explanation.noise, say);
       if (!alternative) continue;
