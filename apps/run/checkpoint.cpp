@@ -11,7 +11,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* format = "dimple checkpoint 13";
+constexpr const char* format = "dimple checkpoint 14";
 
 }  // namespace
 

@@ -27,7 +27,7 @@ class FoldContact : public ContactTerm {
   const Interpolation& moves() const override { return moves_; }
   const FoldBanks& banks() const { return *banks_; }
   int pairing() const override { return pairing_; }
-  double length_at(Index s, const Instant&) const override { return banks_->spacing[s]; }
+  double error_at(Index s, const Instant&) const override { return wall_error * banks_->spacing[s]; }
 
   bool is_load() const override { return false; }
   void add_force(const Nodal& u, const Instant& now, Nodal& f) override;

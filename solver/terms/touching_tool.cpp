@@ -9,10 +9,9 @@ namespace dimple {
 namespace {
 
 // Of its bound, which friction that slides has but for the tolerance of the search and for turning with the
-// tool's normal.
-constexpr double nearly = 1e-3;
-// Likewise of what has slid: what friction holds moves by the tolerance of the search, which must not add up.
-constexpr double almost = 0.9;
+// tool's normal; and of what an equilibrium may lack, by which what friction holds may be away from where it
+// is held.
+constexpr double nearly = 1e-3, errors_apart = 2.0;
 constexpr double rounding = 1e-6;  // of the tool's radius: where it has come back to its first touch
 
 // The tool on its axis, where it first touches any of these places.
@@ -60,6 +59,7 @@ TouchingTool::TouchingTool(Touch touch) : touch_(std::move(touch)), roundness_(r
   if (!rubs()) return;
   friction_.setZero(3, count());
   slip_ = slid_ = anchor_ = friction_;
+  held_within_ = force_before_ = force_;
   slid_along_.setZero(count());
   last_ = before_last_ = touch_.surface.place.colwise() - touch_.pose.tip;
   touched_.assign(static_cast<std::size_t>(count()), 0);
@@ -156,13 +156,15 @@ void TouchingTool::add_force(const Nodal& u, const Instant& now, Nodal& f) {
     if (!may_rub()) continue;
     const Vec3 way = place_.col(s) - pose.tip - turned_ * anchor_.col(s);
     slip_.col(s) = way - n * n.dot(way);
+    held_within_[s] = errors_apart * error_at(s, now);
   }
   spread(friction_, f);
 }
 
 bool TouchingTool::slides(Index s) const {
   const double most = bound(s, force_[s]);
-  return most > 0.0 && friction_.col(s).norm() >= (1.0 - nearly) * most;
+  if (!(most > 0.0 && std::isfinite(most))) return false;
+  return friction_.col(s).norm() >= (1.0 - nearly) * most || slip_.col(s).norm() > held_within_[s];
 }
 
 TouchingTool::Contact TouchingTool::contact(Index s) const {
@@ -175,18 +177,20 @@ Eigen::VectorXd TouchingTool::slid_along() const {
   for (Index s = 0; s < all.size(); ++s) {
     if (!(force_[s] > 0.0))
       all[s] = 0.0;
-    else if (friction_.col(s).norm() > almost * bound(s, force_[s]))
+    else if (slides(s))
       all[s] += (slip_.col(s) - turned_ * slid_.col(s)).norm();
   }
   return all;
 }
 
+// The force along the slip is the bound, which goes from that of the last accepted state to this one's.
 double TouchingTool::heat() const {
   // Of all that touches: what is just below its bound, by the tolerance of the search, slips too.
   double sum = 0.0;
   for (Index s = 0; s < slip_.cols(); ++s)
     if (const double most = bound(s, force_[s]); most > 0.0 && std::isfinite(most))
-      sum -= friction_.col(s).dot(slip_.col(s) - turned_ * slid_.col(s));
+      sum -= 0.5 * (1.0 + force_before_[s] / force_[s]) *
+             friction_.col(s).dot(slip_.col(s) - turned_ * slid_.col(s));
   return std::max(0.0, sum);
 }
 
@@ -209,6 +213,7 @@ void TouchingTool::foresee(double gone) {
 void TouchingTool::accept(const Nodal&, const Instant& now) {
   if (!rubs()) return;
   slid_along_ = slid_along();
+  force_before_ = force_;
   const Vec3 tip = pose_at(now.depth).tip;
   const Mat3 back = turned_.transpose();
   for (Index s = 0; s < count(); ++s) {
@@ -230,7 +235,8 @@ std::vector<double> TouchingTool::past() const {
   std::vector<double> all = {last_gone_, gone_before_};
   for (const Points* part : {&anchor_, &last_, &before_last_, &slid_})
     all.insert(all.end(), part->data(), part->data() + part->size());
-  all.insert(all.end(), slid_along_.begin(), slid_along_.end());
+  for (const Eigen::VectorXd* part : {&slid_along_, &force_before_})
+    all.insert(all.end(), part->begin(), part->end());
   for (const char touched : touched_) all.push_back(touched);
   return all;
 }
@@ -243,7 +249,8 @@ void TouchingTool::restore_past(const std::vector<double>& past) {
     std::copy_n(next, part->size(), part->data());
     next += part->size();
   }
-  for (double& slid : slid_along_) slid = *next++;
+  for (Eigen::VectorXd* part : {&slid_along_, &force_before_})
+    for (double& value : *part) value = *next++;
   for (char& touched : touched_) touched = *next++ != 0.0;
   foreseen_for_ = -1.0;
 }

@@ -63,9 +63,9 @@ class TouchingTool : public ContactTerm {
   Index count() const override { return touch_.surface.count(); }
   const Interpolation& moves() const override { return touch_.surface.at_place; }
   bool is_measured() const { return !touch_.motion; }
-  double length_at(Index s, const Instant& now) const override {
-    if (!is_measured()) return touch_.surface.spacing[s];
-    return std::min(now.depth > 0.0 ? now.depth : gone_, touch_.shape.radius);  // it may be held
+  double error_at(Index s, const Instant& now) const override {
+    if (!is_measured()) return wall_error * touch_.surface.spacing[s];
+    return contact_error * std::min(now.depth > 0.0 ? now.depth : gone_, touch_.shape.radius);  // it may be held
   }
   const Touch& touch() const { return touch_; }
   /// After `depth` [m] of the way that it goes now.
@@ -89,7 +89,8 @@ class TouchingTool : public ContactTerm {
 
   /// Of the last add_force(): [3xM] the slip of those that friction may hold, without friction no columns.
   const Points& slips() const { return slip_; }
-  /// Whether it slips against friction, at the last add_force().
+  /// Whether it slips against friction, at the last add_force(): that is at its bound, or it is not where it was
+  /// held.
   bool slides(Index s) const;
 
   /// [3xM] where the samples were then.
@@ -162,6 +163,8 @@ class TouchingTool : public ContactTerm {
 
   Eigen::VectorXd roundness_;
   Eigen::VectorXd slid_along_;
+  Eigen::VectorXd force_before_;  // [N] of the last accepted state
+  Eigen::VectorXd held_within_;   // [m] of where it is held: what friction holds now
 
   double set_back(Index s) const {
     return roundness_[s] + (touch_.set_back.size() > 0 ? touch_.set_back[s] : 0.0);
