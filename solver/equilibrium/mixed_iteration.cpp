@@ -659,15 +659,14 @@ struct MixedIteration::Parts {
   Lack lack_of(const System::OneContact& one) const {
     Lack lack;
     const bool rubs = one.rigid && one.rigid->rubs();
-    double missing = 0.0, most = 0.0;  // of friction with a bound [N]
+    double missing = 0.0, most = 0.0;  // of friction [N]
     for (const auto& [k, s] : known_of(one.term)) {
       const double C = compliance(k, k);
       double off = std::abs(std::min(one.term->gaps()[s], C * one.term->forces()[s]));
       if (rubs) {
         const double of_friction = lack_of_friction(*one.rigid, k, s);
         off = std::max(off, of_friction);
-        if (const double bound = one.rigid->bound(s, one.rigid->forces()[s]); std::isfinite(bound))
-          missing += of_friction / C, most += bound;
+        missing += of_friction / C, most += one.rigid->bound(s, one.rigid->forces()[s]);
       }
       lack.largest = std::max(lack.largest, off / one.term->error_at(s, body.now()));
       lack.force = std::hypot(lack.force, off / C);

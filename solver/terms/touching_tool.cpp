@@ -12,6 +12,9 @@ namespace {
 // tool's normal; and of what an equilibrium may lack, by which what friction holds may be away from where it
 // is held.
 constexpr double nearly = 1e-3, errors_apart = 2.0;
+// Coulomb's coefficient of what sticks. Nothing slides with it, and where contact ends friction fades with the
+// pressure: without a bound it would have to jump there, and a slide of 2 mm could not be taken back.
+constexpr double stuck = 100.0;
 constexpr double rounding = 1e-6;  // of the tool's radius: where it has come back to its first touch
 
 // The tool on its axis, where it first touches any of these places.
@@ -99,8 +102,7 @@ double TouchingTool::gone(const Instant& now) const {
 // it.
 double TouchingTool::bound(Index s, double normal_force) const {
   if (!(may_rub() && normal_force > 0.0)) return 0.0;
-  return (touched_[static_cast<std::size_t>(s)] ? touch_.friction : std::min(touch_.friction, 1.0)) *
-         normal_force;
+  return std::min(touch_.friction, touched_[static_cast<std::size_t>(s)] ? stuck : 1.0) * normal_force;
 }
 
 void TouchingTool::set_forces(const Eigen::VectorXd& unknowns) {
@@ -163,8 +165,8 @@ void TouchingTool::add_force(const Nodal& u, const Instant& now, Nodal& f) {
 
 bool TouchingTool::slides(Index s) const {
   const double most = bound(s, force_[s]);
-  if (!(most > 0.0 && std::isfinite(most))) return false;
-  return friction_.col(s).norm() >= (1.0 - nearly) * most || slip_.col(s).norm() > held_within_[s];
+  return most > 0.0 &&
+         (friction_.col(s).norm() >= (1.0 - nearly) * most || slip_.col(s).norm() > held_within_[s]);
 }
 
 TouchingTool::Contact TouchingTool::contact(Index s) const {
@@ -188,7 +190,7 @@ double TouchingTool::heat() const {
   // Of all that touches: what is just below its bound, by the tolerance of the search, slips too.
   double sum = 0.0;
   for (Index s = 0; s < slip_.cols(); ++s)
-    if (const double most = bound(s, force_[s]); most > 0.0 && std::isfinite(most))
+    if (bound(s, force_[s]) > 0.0)
       sum -= 0.5 * (1.0 + force_before_[s] / force_[s]) *
              friction_.col(s).dot(slip_.col(s) - turned_ * slid_.col(s));
   return std::max(0.0, sum);

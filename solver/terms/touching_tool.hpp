@@ -17,7 +17,7 @@ struct Touch {
   ToolShape shape;
   ToolPose pose;  ///< where it first touches: at depth 0
   ContactSurface surface;
-  double friction = 0.0;  ///< Coulomb's coefficient; infinite: what has touched sticks while it is pressed
+  double friction = 0.0;  ///< Coulomb's coefficient; infinite: what has touched sticks, as with 100
   /// Of what stands, a wall, or moves beside the tool that is measured: its way for each metre of that one's.
   /// Nothing: it is this tool.
   std::optional<Vec3> motion = {};
