@@ -47,6 +47,8 @@ void check_stl(const fs::path& file, const std::string& content) {
                ? fmt::format("it is not text that begins with 'solid', and as a binary file it would have {} "
                              "triangles and {} bytes, where there are {}",
                              count, header + a_triangle * std::size_t{count}, content.size())
+           : content.starts_with("solid")
+               ? "it holds no facet, as text, and is too short for a binary file"
                : "it is too short for a binary file and does not begin with 'solid'",
            "export it again, as binary STL");
 }

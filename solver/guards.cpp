@@ -358,6 +358,22 @@ void Guards::check_fluctuation(const Nodal& u, const Moment& now) {
   find({report, share});
 }
 
+std::optional<Report> overlap_of_tools(const Touch& one, const ToolPose& at_one, const Touch& other,
+                                       const ToolPose& at_other) {
+  constexpr double more_than_touching = 1e-2;  // of the smaller radius
+  const std::optional<Vec3> place =
+      place_in_both(one.shape, at_one, other.shape, at_other,
+                    more_than_touching * std::min(one.shape.radius, other.shape.radius));
+  if (!place) return std::nullopt;
+  const auto name = [](const Touch& touch) { return touch.name.empty() ? std::string("tool") : touch.name; };
+  return Report{
+      .fact = text("the tools '", name(one), "' and '", name(other), "' would both be at ", in_mm(*place)),
+      .where = text("tool.", other.name),
+      .why = "both are rigid, and cannot pass through each other",
+      .remedy = text("keep them apart: tool.", other.name, ".at_mm and move_mm, or smaller tools"),
+      .code = tools_overlap};
+}
+
 void Guards::check_contact(const TouchingTool::Audit& audit, double most, const Touch& touch,
                            const Moment& now) {
   if (audit.beyond > most)
@@ -395,6 +411,17 @@ void Guards::check_contact(const TouchingTool::Audit& audit, double most, const 
     report.remedy = "let the tool rub (--friction 0.3, or stick), round its edge, or use a smaller --depth";
   }
   throw SolveError(report);
+}
+
+void Guards::check_apart(const std::vector<ToolNow>& tools, const Moment& now) const {
+  if (!on_) return;
+  for (std::size_t k = 0; k < tools.size(); ++k)
+    for (std::size_t l = 0; l < k; ++l)
+      if (std::optional<Report> report =
+              overlap_of_tools(tools[l].touch, tools[l].pose, tools[k].touch, tools[k].pose)) {
+        report->where = moment(now);
+        throw SolveError(*std::move(report));
+      }
 }
 
 void Guards::check_wall(const Touch& wall, double penetration, const Moment& now) {

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -13,6 +14,7 @@ namespace dimple {
 // be wrong a guard throws, and the march takes up its last good state again, more carefully; where it is
 // honest but less good than one might think it leaves a finding.
 
+constexpr const char* tools_overlap = "tools-overlap";  // Report::code
 constexpr int most_retries = 3;  ///< that a guard asks for, of one run or step of a scene
 
 /// A guard that fired where the run could go on. `worst`: the number that it watches, at its worst.
@@ -45,6 +47,10 @@ struct EnergySample {
 /// gradients are wrong.
 std::vector<Finding> check_model(const Model& model, const SupportReport& support, double depth);
 
+/// Why two rigid tools cannot stand so: some place lies in both. Nothing: it does not.
+std::optional<Report> overlap_of_tools(const Touch& one, const ToolPose& at_one, const Touch& other,
+                                       const ToolPose& at_other);
+
 /// Watches one run: what it finds is kept in `findings`, one for each code.
 class Guards {
  public:
@@ -74,6 +80,12 @@ class Guards {
   /// the places where contact is enforced. Throws SolveError: by fifty times as much; or `contact-surface`:
   /// it has come to a part of the surface that has no samples.
   void check_contact(const TouchingTool::Audit& audit, double most, const Touch& touch, const Moment& now);
+  /// Tools that touch, where they are now. Throws SolveError (`tools-overlap`): two are in one place.
+  struct ToolNow {
+    const Touch& touch;
+    ToolPose pose;
+  };
+  void check_apart(const std::vector<ToolNow>& tools, const Moment& now) const;
   /// Of a wall or a further tool: how deep the body's surface is in it between the places where contact is
   /// looked for [m]; nodes are as far apart there as its samples.
   void check_wall(const Touch& wall, double penetration, const Moment& now);

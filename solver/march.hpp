@@ -140,6 +140,7 @@ struct History {
   /// warn of.
   double off_by_penetration = 0.0;
   double contact_sticks = 0.0;  ///< of contact_area, what friction holds [m^2]
+  double contact_heat = 0.0;    ///< that friction under the tool has taken so far [J]
   FoldContact::Audit folds;     ///< at the last equilibrium, but for the deepest penetration of all
   std::vector<TouchingTool::Touched> walls = {};  ///< likewise, of each wall
   double momentum_error = 0.0;  ///< largest |sum of internal forces| / largest single reaction

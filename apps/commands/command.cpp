@@ -67,11 +67,11 @@ void Flags::add(CLI::App& command, const std::string& stage) {
     if (!standard.empty())
       help += fmt::format(" [{}{}{}]", standard, option.unit.empty() ? "" : " ", option.unit);
     command.add_option(option.flag, *given.back().second, help)
-        ->group(option.common             ? "Options"
-                : option.stage == "model" ? "Model"
-                : option.stage == "files" ? "Files"
-                : option.stage == "run"   ? "Accuracy"
-                                          : "Simulation")
+        ->group(option.common                         ? "Options"
+                : option.stage == "model"             ? "Model"
+                : option.stage == "files"             ? "Files"
+                : option.key.starts_with("accuracy.") ? "Accuracy"
+                                                      : "Simulation")
         ->type_name(option.unit.empty() ? "" : option.unit);
   }
   command.add_option("--config", config_file, "TOML file with options; see `dimple options`")

@@ -19,17 +19,17 @@ template <class Archive, Like<History> T>
 void members(Archive& io, T& history) {
   auto& [force, energy, evaluations, extra_evaluations, dt_stable_first, dt_first, dt_smallest, J_min,
          inverted, residual, interrupted, settled, penetration, contact_area, contact_pressure,
-         contact_samples, off_by_penetration, contact_sticks, folds, walls, momentum_error, guards, retries] =
-      history;
+         contact_samples, off_by_penetration, contact_sticks, contact_heat, folds, walls, momentum_error,
+         guards, retries] = history;
   io(force, energy, evaluations, extra_evaluations, dt_stable_first, dt_first, dt_smallest, J_min, inverted,
      residual, interrupted, settled, penetration, contact_area, contact_pressure, contact_samples,
-     off_by_penetration, contact_sticks, folds, walls, momentum_error, guards, retries);
+     off_by_penetration, contact_sticks, contact_heat, folds, walls, momentum_error, guards, retries);
 }
 
 template <class Archive, Like<TouchingTool::Touched> T>
 void members(Archive& io, T& touched) {
-  auto& [force, area, sticks, pressure, samples, penetration] = touched;
-  io(force, area, sticks, pressure, samples, penetration);
+  auto& [force, moment, area, sticks, pressure, samples, penetration, heat] = touched;
+  io(force, moment, area, sticks, pressure, samples, penetration, heat);
 }
 
 template <class Archive, Like<FoldContact::Audit> T>

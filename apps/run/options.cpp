@@ -148,7 +148,7 @@ std::vector<Option> load_options(Config& c) {
        .help = "CSV of where the tool's tip goes: time_s, x_mm, y_mm, z_mm (LPS), and qw, qx, qy, qz where "
                "it turns; the first row is where it first touches, each further one a step from there"},
       {.key = "load.rate_mm_per_s", .flag = "--rate", .unit = "mm/s", .value = &c.load.rate_mm_per_s,
-       .most = 1e5, .least_excluded = true, .stage = "solve", .common = true, .help = "speed of the circle"},
+       .most = 1e5, .least_excluded = true, .stage = "solve", .common = true, .help = "speed of the tool"},
       {.key = "load.contact", .flag = "--contact", .value = &c.load.contact,
        .choices = {"bonded", "frictionless"}, .stage = "solve", .common = true,
        .help = "whether the circle's nodes move with it or slide under it"},

@@ -64,7 +64,8 @@ struct Organ {
 struct ReadOrgan {
   Organ organ;
   Result read;  ///< image, labels, segment, warnings
-  /// Of one model that was made of it: a case that asks for the same site, or for the same places, takes them.
+  /// Of one model that was made of it: a case that asks for the same site, or for the same places, takes
+  /// them.
   struct Made {
     Config config;
     std::shared_ptr<const Site> site;

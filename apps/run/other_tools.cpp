@@ -13,6 +13,7 @@
 #include "io/error.hpp"
 #include "preprocess/surface/body_surface.hpp"
 #include "solver/constraints.hpp"
+#include "solver/guards.hpp"
 
 namespace dimple {
 namespace {
@@ -218,6 +219,18 @@ OtherTools other_tools_of(const Config& config, const Model& model) {
     result.touch.push_back(std::move(touch));
   }
   return result;
+}
+
+void require_tools_apart(const Loading& loading) {
+  std::vector<const Touch*> tools;
+  if (loading.touch) tools.push_back(loading.touch.get());
+  for (const Touch& rigid : loading.walls)
+    if (rigid.is_tool) tools.push_back(&rigid);
+  for (std::size_t k = 0; k < tools.size(); ++k)
+    for (std::size_t l = 0; l < k; ++l)
+      if (std::optional<Report> report =
+              overlap_of_tools(*tools[l], tools[l]->pose, *tools[k], tools[k]->pose))
+        throw UsageError(*std::move(report));
 }
 
 std::string at_the_end_in_words(const std::string& name, const TouchingTool::Touched& now) {

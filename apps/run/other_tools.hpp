@@ -30,6 +30,9 @@ struct OtherTools {
 };
 OtherTools other_tools_of(const Config& config, const Model& model);
 
+/// Throws UsageError: two tools that touch are in one place before anything moves.
+void require_tools_apart(const Loading& loading);
+
 /// What the tissue does to a further tool at the end, as a sentence.
 std::string at_the_end_in_words(const std::string& name, const TouchingTool::Touched& now);
 

@@ -53,7 +53,8 @@ bool are_same_but_for(const Config& a, const Config& b, const std::vector<std::s
   return of_a == of_b;
 }
 
-// What no place of a node depends on. How deep the tool goes says how much of it touches; a circle does whole.
+// What no place of a node depends on. How deep the tool goes says how much of it touches; a circle does
+// whole.
 std::vector<std::string> beside_places(const Config& config) {
   std::vector<std::string> keys = {"material.",         "solver.",   "load.rate",     "load.contact",
                                    "load.self_contact", "accuracy.", "tool.friction", "output."};
@@ -395,6 +396,7 @@ void make_ready(const Case& given, Placed placed, const RunLog& log, Result& res
         "folds    nothing can touch: the surface nowhere faces itself across twice the tool's way or less");
   stand_walls(given, log, result);
   if (loading.touch) bring_tool(config, log, result);
+  require_tools_apart(loading);
   const SolverOptions options = solver_options(config);
   result.findings = check_model(model, model.support_report, loading.depth);
   for (const Finding& finding : result.findings) log.warn(in_words(finding));

@@ -118,7 +118,7 @@ void add_touch(Json& summary, const Touch& touch, const History& history) {
       const Vec3 force(on_tool[0], on_tool[1], on_tool[2]), push = touch.pose.points_at;
       tool["lateral_force_N"] = (force - force.dot(push) * push).norm();
     }
-    tool["friction_heat_J"] = history.energy.empty() ? 0.0 : history.energy.back().dissipated;
+    tool["friction_heat_J"] = history.contact_heat;
   }
   tool["largest_pressure_Pa"] = history.contact_pressure;
   tool["largest_penetration_mm"] = 1e3 * history.penetration;
@@ -134,15 +134,26 @@ void add_folds(Json& summary, const FoldBanks& banks, const FoldContact::Audit& 
                              {"farthest_slid_mm", 1e3 * at_end.slid}};
 }
 
+void add_friction(Json& its, const Touch& rigid, const TouchingTool::Touched& now) {
+  if (!(rigid.friction > 0.0)) return;
+  its["friction"] = std::isinf(rigid.friction) ? Json("stick") : Json(rigid.friction);
+  its["sticking_area_mm2"] = 1e6 * now.sticks;
+  its["slipping_area_mm2"] = 1e6 * (now.area - now.sticks);
+  its["friction_heat_J"] = now.heat;
+}
+
 Json other_tool_json(const Touch& tool, const TouchingTool::Touched& now) {
-  return {{"words", in_words(tool.shape)},
-          {"first_touch_mm", three(1e3 * tool.pose.tip)},
-          {"points_along", three(tool.pose.points_at)},
-          {"force_on_tool_N", three(now.force)},
-          {"samples_in_contact", now.samples},
-          {"contact_area_mm2", 1e6 * now.area},
-          {"largest_pressure_Pa", now.pressure},
-          {"largest_penetration_mm", 1e3 * now.penetration}};
+  Json its = {{"words", in_words(tool.shape)},
+              {"first_touch_mm", three(1e3 * tool.pose.tip)},
+              {"points_along", three(tool.pose.points_at)},
+              {"force_on_tool_N", three(now.force)},
+              {"moment_on_tool_Nm", three(now.moment)},
+              {"samples_in_contact", now.samples},
+              {"contact_area_mm2", 1e6 * now.area},
+              {"largest_pressure_Pa", now.pressure},
+              {"largest_penetration_mm", 1e3 * now.penetration}};
+  add_friction(its, tool, now);
+  return its;
 }
 
 Json wall_json(const Touch& wall, const TouchingTool::Touched& now) {
@@ -155,9 +166,7 @@ Json wall_json(const Touch& wall, const TouchingTool::Touched& now) {
       {"area_that_touches_mm2", 1e6 * now.area},
       {"largest_penetration_mm", 1e3 * now.penetration},
       {"largest_overlap_at_rest_mm", back.size() > 0 ? 1e3 * (back.maxCoeff() - back.minCoeff()) : 0.0}};
-  if (!(wall.friction > 0.0)) return its;
-  its["friction"] = std::isinf(wall.friction) ? Json("stick") : Json(wall.friction);
-  its["sticking_area_mm2"] = 1e6 * now.sticks;
+  add_friction(its, wall, now);
   return its;
 }
 

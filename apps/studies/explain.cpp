@@ -475,9 +475,9 @@ Config config_to_explain(Config config, Index nodes) {
 struct ForceReference {
   const std::vector<double>& depths_mm;
   const Config& held;
-  const ReadOrgan& organ;    // of the case as it was given, and what was made of it with its places as numbers
-  const Tried& found;        // as the case was given
-  const Tried& as_it_is;     // the same with its places as numbers
+  const ReadOrgan& organ;  // of the case as it was given, and what was made of it with its places as numbers
+  const Tried& found;      // as the case was given
+  const Tried& as_it_is;   // the same with its places as numbers
   std::vector<double> mean;  // force [N] of the clouds so far
   int clouds = 1;
 };

@@ -477,7 +477,8 @@ void find_circle(const BodySurface& body, const Moments& moments, const Boundary
         fmt::format("; no fold or edge within {:.1f} mm of its middle", wanted_room * result.radius);
   if (result.room < little_room * result.radius)
     result.warnings.push_back(fmt::format(
-        "the circle of {:.4g} mm diameter has little room: {:.1f} mm from its middle a fold, an edge or a "
+        "the tool has little room for a circle of {:.4g} mm diameter: {:.1f} mm from its middle a fold, an "
+        "edge or a "
         "steep slope cuts the surface; {:.4g} mm would be enough. Under a deep push tissue may fold onto "
         "itself there{}",
         2.0 * result.radius, result.room, wanted_room * result.radius,

@@ -40,8 +40,8 @@ constexpr int fewest_neighbours = 6;
 constexpr double longest_step = 0.3;
 // Of what the law is at rest: single points have 1e5, and 300 takes no fewer steps.
 constexpr double stiffest = 30.0;
-// Sum of what friction lacks at all samples of a contact, of the sum of what it may be. Where all of them slide
-// one way their errors add up: by the errors of single samples alone a tool's torque was 3 % too low.
+// Sum of what friction lacks at all samples of a contact, of the sum of what it may be. Where all of them
+// slide one way their errors add up: by the errors of single samples alone a tool's torque was 3 % too low.
 constexpr double friction_error = 5e-3;
 constexpr double usual_tolerance = 1e-4;    // of a residual, to which contact_error belongs
 constexpr Index quickly_factorised = 3000;  // rows, in a tenth of a second; the time grows as their square
@@ -684,8 +684,8 @@ struct MixedIteration::Parts {
     for (const System::OneContact& one : body.contacts()) {
       const Lack its = lack_of(one);
       if (one.rigid && one.rigid->is_measured()) {
-        // As long as it lacks more than it may it counts as it does usually: under a stricter tolerance a body
-        // that nothing holds up yet would look better than all that comes after.
+        // As long as it lacks more than it may it counts as it does usually: under a stricter tolerance a
+        // body that nothing holds up yet would look better than all that comes after.
         const double counts = its.largest > 1.0 ? std::max(tolerance, usual_tolerance) : tolerance;
         residual = std::max(residual, counts * its.largest);
         continue;

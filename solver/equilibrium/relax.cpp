@@ -35,10 +35,11 @@ SolveError no_equilibrium(const Relaxed& found, const Model& model) {
        .where = text("static solver; smallest det F ", found.sweep.J_min, " at integration point ",
                      found.sweep.point, ", ", found.sweep.inverted, " inverted points",
                      found.furthest < 0 ? std::string() : "; moving: " + place_of(model, found.furthest)),
-       .why = gave_way ? "the path of equilibria has a limit point here: a wall has buckled, a fold rolled over, "
-                         "or what a tool held has slipped from under it"
-                       : "the load is more than this cloud can follow in one step, or the body has lost its "
-                         "stiffness",
+       .why = gave_way
+                  ? "the path of equilibria has a limit point here: a wall has buckled, a fold rolled over, "
+                    "or what a tool held has slipped from under it"
+                  : "the load is more than this cloud can follow in one step, or the body has lost its "
+                    "stiffness",
        .remedy =
            gave_way
                ? "use a smaller --depth, a coarser spacing at the circle's rim (--rim 0.15 or more), a "

@@ -176,6 +176,7 @@ class QuasiStaticMarch {
   void check_equilibrium(const Moment& now, const Found& found);
   void check_contact(const Moment& now);
   void look_at_walls(const Moment& now);
+  void look_at_tools(const Moment& now);
   void look_at_folds();
   void take(const Increment& increment, const Found& found);
   bool show_frames_before(const Increment& increment);
@@ -255,9 +256,9 @@ void QuasiStaticMarch::run() {
     try {
       go(increment, found);
     } catch (const SolveError& error) {
-      // No shorter increment mends an hourglass; and runs without guards measure their cost, so that none may
-      // go another way.
-      if (!options_.guards || error.report.code == "hourglass") throw;
+      // No shorter increment mends an hourglass, nor tools that meet; and runs without guards measure their
+      // cost, so that none may go another way.
+      if (!options_.guards || error.report.code == "hourglass" || error.report.code == tools_overlap) throw;
       state_.depths.resize(equilibria);
       state_.forces.resize(equilibria);
       go_back(increment, found, error);
@@ -358,6 +359,7 @@ void QuasiStaticMarch::check_equilibrium(const Moment& now, const Found& found) 
   guards_.check_fluctuation(now_.u, now);          // of displacements that gradients do not see
   if (system_.touching()) check_contact(now);
   look_at_walls(now);
+  look_at_tools(now);
   if (system_.folds()) look_at_folds();
 }
 
@@ -412,6 +414,7 @@ void QuasiStaticMarch::check_contact(const Moment& now) {
   history_.contact_samples = touched.samples;
   history_.contact_area = touched.area;
   history_.contact_sticks = touched.sticks;
+  history_.contact_heat = touched.heat;
   history_.contact_pressure = touched.pressure;
 }
 
@@ -425,6 +428,14 @@ void QuasiStaticMarch::look_at_walls(const Moment& now) {
     wall.penetration = deepest;
     guards_.check_wall(system_.walls()[k]->touch(), deepest, now);  // notes it
   }
+}
+
+void QuasiStaticMarch::look_at_tools(const Moment& now) {
+  std::vector<Guards::ToolNow> tools;
+  for (const System::OneContact& one : system_.contacts())
+    if (one.rigid && (one.rigid->is_measured() || one.rigid->touch().is_tool))
+      tools.push_back({one.rigid->touch(), one.rigid->pose_at(system_.now().depth)});
+  guards_.check_apart(tools, now);
 }
 
 void QuasiStaticMarch::look_at_folds() {

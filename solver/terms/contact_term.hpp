@@ -5,10 +5,10 @@
 
 namespace dimple {
 
-/// What an equilibrium may lack at a sample at most: penetration, slip of what friction holds, or what a force
-/// would move where nothing touches. Of a tool that is measured it is a part of the depth and of the tool's
-/// radius, and its force is wrong by about 1.4 times the mean over the depth; of walls and folds a part of the
-/// spacing of the nodes there.
+/// What an equilibrium may lack at a sample at most: penetration, slip of what friction holds, or what a
+/// force would move where nothing touches. Of a tool that is measured it is a part of the depth and of the
+/// tool's radius, and its force is wrong by about 1.4 times the mean over the depth; of walls and folds a
+/// part of the spacing of the nodes there.
 inline constexpr double contact_error = 5e-4, wall_error = 2e-3;
 
 /// Contact without penetration, at samples of a body's surface. Each has a force along a normal, and the
@@ -26,7 +26,8 @@ class ContactTerm : public ForceTerm {
   virtual const Interpolation& moves() const = 0;  ///< w
   /// Another number whenever moves() is another.
   virtual int pairing() const { return 0; }
-  virtual double error_at(Index s, const Instant& now) const = 0;  ///< contact_error or wall_error, as lengths [m]
+  virtual double error_at(Index s,
+                          const Instant& now) const = 0;  ///< contact_error or wall_error, as lengths [m]
 
   /// Of the search for equilibrium: a normal force for each sample, and behind them what friction needs.
   virtual Index unknowns() const { return count(); }

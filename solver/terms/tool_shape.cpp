@@ -117,6 +117,24 @@ double height_of_tool(const ToolShape& shape, double r) {
   return rounded - std::sqrt(std::max(0.0, rounded * rounded - beside * beside));
 }
 
+std::optional<Vec3> place_in_both(const ToolShape& one, const ToolPose& at_one, const ToolShape& other,
+                                  const ToolPose& at_other, double deep) {
+  constexpr int rounds = 300;
+  Vec3 x = at_one.tip - one.radius * at_one.points_at;
+  for (int round = 0; round < rounds; ++round) {
+    double outside = 0.0;
+    for (const auto& [shape, pose] : {std::pair(&one, &at_one), std::pair(&other, &at_other)}) {
+      const ToolDistance here = distance_to_tool(*shape, *pose, x);
+      const double off = here.distance + deep;
+      if (off <= 0.0) continue;
+      x -= off * here.normal;
+      outside = std::max(outside, off);
+    }
+    if (outside <= 0.01 * deep) return x;
+  }
+  return std::nullopt;
+}
+
 double length_of_tool(const ToolShape& shape) {
   switch (shape.kind) {
     case ToolShape::Kind::punch:

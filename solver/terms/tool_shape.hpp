@@ -55,6 +55,13 @@ double height_of_tool(const ToolShape& shape, const ToolPose& pose, const Vec3& 
 /// From the tip to the upper end [m]; infinite where there is none.
 double length_of_tool(const ToolShape& shape);
 
+/// A place at least `deep` [m] inside of both tools, by projections onto the one and the other in turn;
+/// nothing where there is none. In tools that were drawn and have hollows it may be missed.
+///
+/// Source:   Bauschke and Borwein, SIAM Review 38 (1996) 367 (projections onto convex sets).
+std::optional<Vec3> place_in_both(const ToolShape& one, const ToolPose& at_one, const ToolShape& other,
+                                  const ToolPose& at_other, double deep);
+
 /// The radius [m] of the contact with a half-space, linear elastic and without friction, at a depth [m]
 /// (Sneddon 1965), of a capsule that of its end; at most nearly the tool's own. Of a tool that was drawn: to
 /// where its lower surface is half of the depth above its tip, as it is of a paraboloid.

@@ -12,8 +12,8 @@ namespace {
 // tool's normal; and of what an equilibrium may lack, by which what friction holds may be away from where it
 // is held.
 constexpr double nearly = 1e-3, errors_apart = 2.0;
-// Coulomb's coefficient of what sticks. Nothing slides with it, and where contact ends friction fades with the
-// pressure: without a bound it would have to jump there, and a slide of 2 mm could not be taken back.
+// Coulomb's coefficient of what sticks. Nothing slides with it, and where contact ends friction fades with
+// the pressure: without a bound it would have to jump there, and a slide of 2 mm could not be taken back.
 constexpr double stuck = 100.0;
 constexpr double rounding = 1e-6;  // of the tool's radius: where it has come back to its first touch
 
@@ -135,6 +135,7 @@ void TouchingTool::go_on(const RigidWay& way, double gone) {
 void TouchingTool::add_force(const Nodal& u, const Instant& now, Nodal& f) {
   const ContactSurface& surface = touch_.surface;
   const ToolPose pose = pose_at(now.depth);
+  tip_ = pose.tip;
   place_ = surface.place + surface.at_place(u.topRows<3>());
   gap_.resize(count());
   normal_.resize(3, count());
@@ -215,6 +216,7 @@ void TouchingTool::foresee(double gone) {
 void TouchingTool::accept(const Nodal&, const Instant& now) {
   if (!rubs()) return;
   slid_along_ = slid_along();
+  heat_so_far_ += heat();
   force_before_ = force_;
   const Vec3 tip = pose_at(now.depth).tip;
   const Mat3 back = turned_.transpose();
@@ -234,7 +236,7 @@ void TouchingTool::accept(const Nodal&, const Instant& now) {
 }
 
 std::vector<double> TouchingTool::past() const {
-  std::vector<double> all = {last_gone_, gone_before_};
+  std::vector<double> all = {last_gone_, gone_before_, heat_so_far_};
   for (const Points* part : {&anchor_, &last_, &before_last_, &slid_})
     all.insert(all.end(), part->data(), part->data() + part->size());
   for (const Eigen::VectorXd* part : {&slid_along_, &force_before_})
@@ -247,6 +249,7 @@ void TouchingTool::restore_past(const std::vector<double>& past) {
   auto next = past.begin();
   last_gone_ = *next++;
   gone_before_ = *next++;
+  heat_so_far_ = *next++;
   for (Points* part : {&anchor_, &last_, &before_last_, &slid_}) {
     std::copy_n(next, part->size(), part->data());
     next += part->size();
@@ -285,14 +288,17 @@ TouchingTool::Touched TouchingTool::touched() const {
   const Eigen::VectorXd& area = touch_.surface.area;
   Touched all;
   if (count() > 0) all.pressure = pressures().maxCoeff();
+  all.heat = heat_so_far_ + heat();
   for (Index s = 0; s < count(); ++s) {
     all.penetration = std::max(all.penetration, -gap_[s]);
     if (!(force_[s] > 0.0)) continue;
     ++all.samples;
     all.area += area[s];
     if (contact(s) == Contact::sticks) all.sticks += area[s];
-    all.force -= force_[s] * normal_.col(s);
-    if (rubs()) all.force -= friction_.col(s);
+    Vec3 on_body = force_[s] * normal_.col(s);
+    if (rubs()) on_body += friction_.col(s);
+    all.force -= on_body;
+    all.moment -= (place_.col(s) - tip_).cross(on_body);
   }
   return all;
 }

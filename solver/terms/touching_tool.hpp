@@ -65,7 +65,8 @@ class TouchingTool : public ContactTerm {
   bool is_measured() const { return !touch_.motion; }
   double error_at(Index s, const Instant& now) const override {
     if (!is_measured()) return wall_error * touch_.surface.spacing[s];
-    return contact_error * std::min(now.depth > 0.0 ? now.depth : gone_, touch_.shape.radius);  // it may be held
+    return contact_error *
+           std::min(now.depth > 0.0 ? now.depth : gone_, touch_.shape.radius);  // it may be held
   }
   const Touch& touch() const { return touch_; }
   /// After `depth` [m] of the way that it goes now.
@@ -89,8 +90,8 @@ class TouchingTool : public ContactTerm {
 
   /// Of the last add_force(): [3xM] the slip of those that friction may hold, without friction no columns.
   const Points& slips() const { return slip_; }
-  /// Whether it slips against friction, at the last add_force(): that is at its bound, or it is not where it was
-  /// held.
+  /// Whether it slips against friction, at the last add_force(): that is at its bound, or it is not where it
+  /// was held.
   bool slides(Index s) const;
 
   /// [3xM] where the samples were then.
@@ -112,14 +113,15 @@ class TouchingTool : public ContactTerm {
   /// On the tool, about its tip.
   Wrench on_tool(const Instant& now) const;
 
-  /// At the last add_force(): the force on the tool [N]; the area that touches and what of it friction holds,
-  /// both at rest [m^2]; the largest of pressures() [Pa]; the samples that touch; and how far the surface
-  /// reaches into the tool, at samples [m].
+  /// At the last add_force(): the force on the tool [N], and its moment about the tip [N m]; what friction
+  /// has taken so far [J]; the area that touches and what of it friction holds, both at rest [m^2]; the
+  /// largest of pressures() [Pa]; the samples that touch; and how far the surface reaches into the tool, at
+  /// samples [m].
   struct Touched {
-    Vec3 force = Vec3::Zero();
+    Vec3 force = Vec3::Zero(), moment = Vec3::Zero();
     double area = 0.0, sticks = 0.0, pressure = 0.0;
     Index samples = 0;
-    double penetration = 0.0;
+    double penetration = 0.0, heat = 0.0;
   };
   Touched touched() const;
   /// [M] Pa at rest, likewise: the mean around each sample, by a hat of two node spacings to each side.
@@ -149,6 +151,7 @@ class TouchingTool : public ContactTerm {
  private:
   Touch touch_;
   Points place_;
+  Vec3 tip_ = Vec3::Zero();
   RigidWay way_;
   bool apart_ = false;
   double gone_ = 0.0;
@@ -158,6 +161,7 @@ class TouchingTool : public ContactTerm {
   Points friction_, slip_, anchor_, last_, before_last_, slid_;
   Mat3 turned_ = Mat3::Identity();  // at the last add_force()
   std::vector<char> touched_;
+  double heat_so_far_ = 0.0;                    // [J] at the last accepted state
   double last_gone_ = 0.0, gone_before_ = 0.0;  // all the way to those two states, see gone()
   double foreseen_for_ = -1.0;  // the way for which anchors of what has not touched were looked for
 

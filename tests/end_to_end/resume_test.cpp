@@ -158,8 +158,7 @@ TEST_F(Resume, OfNothingBeginsAtTheBeginning) {
 
 TEST_F(Resume, OrAnythingElseInAFolderWhereARunIsAtWorkIsRefused) {
   // Longer than three others wait for it to end.
-  const std::string longer =
-      "run brain.nrrd -o out --nodes 500 --depth 4mm --rate 0.02mm/s --frames 600 -q";
+  const std::string longer = "run brain.nrrd -o out --nodes 500 --depth 4mm --rate 0.02mm/s --frames 600 -q";
   Program program(folder, words(longer));
   while (program.running() && !fs::exists(folder / "out" / "nodes" / "nodes_0002.vtu"))
     std::this_thread::sleep_for(std::chrono::milliseconds(5));

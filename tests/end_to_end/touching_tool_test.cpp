@@ -107,6 +107,36 @@ TEST(ToolThatTouches, SaysAtEachFrameWhatItDoesToEachPartOfTheSurface) {
   EXPECT_FALSE(fs::exists(folder / "out" / "contact"));
 }
 
+TEST(ToolThatTouches, IsNeverWhereAnotherOneIs) {
+  const fs::path folder = fresh_folder();
+  ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3 -q").code, 0);
+  const std::string two = "run block.nrrd -o out --tool sphere:5mm --write force --nodes 800 -q --depth ";
+  const std::string other = " --set tool.o.shape=sphere:5mm --set tool.o.at=";
+  const Ran at_rest = dimple(folder, two + "1mm" + other + "6,0,30");
+  EXPECT_EQ(at_rest.code, 2) << at_rest.err;
+  EXPECT_NE(at_rest.err.find("would both be at"), std::string::npos) << at_rest.err;
+  const Ran on_the_way = dimple(folder, two + "1mm" + other + "11,0,30 --set tool.o.move=-4,0,-1");
+  EXPECT_EQ(on_the_way.code, 5) << on_the_way.err;
+  EXPECT_NE(on_the_way.err.find("tools-overlap"), std::string::npos) << on_the_way.err;
+  ASSERT_EQ(dimple(folder,
+                   two + "1mm --force" + other + "14,0,30 --set tool.o.move=1,0,-1 --set tool.o.friction=0.3")
+                .code,
+            0);
+  const auto beside =
+      nlohmann::json::parse(text_of(folder / "out" / "summary.json")).at("other_tools").at("o");
+  EXPECT_GT(beside.at("friction_heat_J"), 0.0);
+  EXPECT_NEAR(beside.at("slipping_area_mm2").get<double>() + beside.at("sticking_area_mm2").get<double>(),
+              beside.at("contact_area_mm2").get<double>(), 1e-6);
+  // About the tip, with the friction that acts a little above it: no more than the force times its radius.
+  double force = 0.0, moment = 0.0;
+  for (const int k : {0, 1, 2}) {
+    force += std::pow(beside.at("force_on_tool_N")[k].get<double>(), 2);
+    moment += std::pow(beside.at("moment_on_tool_Nm")[k].get<double>(), 2);
+  }
+  EXPECT_GT(moment, 0.0);
+  EXPECT_LT(std::sqrt(moment), 5e-3 * std::sqrt(force));
+}
+
 // Its rim meets a slope, and the nodes are too far apart for so small an edge.
 TEST(ToolThatTouches, APunchThatTheSurfaceComesIntoEndsWithAReasonAndNotWithAForce) {
   const fs::path folder = with_phantom();

@@ -696,6 +696,39 @@ TEST(ToolInSteps, IsDraggedBackByFrictionAndLosesItsForceAsItIsLifted) {
   EXPECT_GT(before, 0.3 * 0.9 * force[1].z() * 3e-3) << "of friction over three of four millimetres at least";
 }
 
+// Under a steady normal force, after the way has turned: the law that Masing (1926) found of yielding metal,
+// which holds of Coulomb's friction on an elastic body too. What the search for equilibrium leaves must not
+// count as slip from where a sample stood long ago.
+TEST(ToolInSteps, DrawnBackFeelsTwiceWhatHalfOfTheWayHadMadeAtFirst) {
+  const Vec3 down(0, 0, -1.5e-3), aside(3e-3, 0, 0), back(-1.5e-3, 0, 0);
+  History history;
+  forces_after({down, aside}, 0.3, Vec3(-2, 0, 20), 1500, &history);
+  EXPECT_LT(history.contact_sticks, 0.05 * history.contact_area) << "all of it slides";
+  forces_after({down, aside, back}, 0.3, Vec3(-2, 0, 20), 1500, &history, 0.05);
+  const Loading usual;
+  const double pressed = down.norm() / usual.rate, drawn = pressed + aside.norm() / usual.rate;
+  const auto at = [&](double t) {
+    const auto after = std::find_if(history.force.begin() + 1, history.force.end(),
+                                    [&](const ForceSample& s) { return s.t > t * (1.0 - 1e-9); });
+    const ForceSample &to = *after, &from = *(after - 1);
+    const double share = (t - from.t) / (to.t - from.t);
+    return from.on_tool[0] + share * (to.on_tool[0] - from.on_tool[0]);
+  };
+  for (const double way : {0.5e-3, 1e-3}) {
+    const double first = at(pressed + 0.5 * way / usual.rate) - at(pressed);
+    EXPECT_NEAR(at(drawn + way / usual.rate), at(drawn) - 2.0 * first, 0.04 * std::abs(at(drawn))) << way;
+  }
+}
+
+TEST(ToolInSteps, WhatSticksGoesBackToWhereItWas) {
+  const std::vector<Vec3> force =
+      forces_after({{0, 0, -1.5e-3}, {2e-3, 0, 0}, {-2e-3, 0, 0}}, std::numeric_limits<double>::infinity(),
+                   Vec3(-2, 0, 20), 1500);
+  ASSERT_EQ(force.size(), 3u);
+  EXPECT_GT(-force[1].x(), 0.5 * force[1].z());
+  EXPECT_LT((force[2] - force[0]).norm(), 0.02 * force[1].norm());
+}
+
 // All of a contact that is drawn far enough slides, by the tool's way less what the tissue goes along with
 // it, whatever the steps of the load.
 TEST(ToolInSteps, SlidesAlongTheTissueByItsWayButForWhatThatGoesAlong) {
@@ -762,7 +795,7 @@ TEST(ToolInSteps, LosesByFrictionWhatTheToolHasDoneMoreThanTheTissueGivesBack) {
     EXPECT_GT(end.dissipated, 0.3 * end.external);
     missing.push_back(std::abs(end.error()) / end.external);
   }
-  EXPECT_LT(missing[0], 0.06);
+  EXPECT_LT(missing[0], 0.03);
   EXPECT_LT(missing[1], 0.7 * missing[0]);
 }
 
@@ -839,6 +872,65 @@ TEST(TouchingTool, FrictionLiesInTheTangentPlaneAndIsNeverMoreThanItsShareOfTheN
 }
 
 // Tissue is drawn sideways under a wide tool on a compressible layer, and slips.
+// What is at rest before it is touched lacks all of its contact: under no tolerance may that look like a good
+// state.
+TEST(TouchingTool, IsFoundByTheSearchUnderStrictTolerancesToo) {
+  ModelOptions options;
+  options.cloud.count = 600;
+  options.cloud.grading.whole_circle = true;
+  options.boundary = {.base = "inferior", .indent_at = "0,0,top", .contact_radius_mm = 2.2};
+  const Model model = build_model(block_surface({-20, -20, 0}, {20, 20, 20}), options).model;
+  auto touch = std::make_shared<Touch>();
+  touch->shape = {.kind = ToolShape::Kind::sphere, .radius = 5e-3};
+  touch->surface = contact_surface(model, 5e-3);
+  touch->pose = first_touch(touch->shape, model.tool, touch->surface);
+  const ForceSystem system(model, {{neo_hookean(mu, 0.49, 1000.0)}, model.tissue}, Precision::double_);
+  Loading loading{.depth = 1e-3};
+  loading.touch = touch;
+  double usual = 0.0;
+  for (const double tolerance : {1e-4, 1e-6, 1e-7}) {
+    SCOPED_TRACE(tolerance);
+    History history;
+    solve(TimeMode::quasi_static, system, model, loading, {.frames = 1, .tolerance = tolerance}, {}, history);
+    if (usual == 0.0) usual = history.force.back().force;
+    EXPECT_NEAR(history.force.back().force, usual, 1e-3 * usual);
+    EXPECT_EQ(history.energy.back().dissipated, 0.0) << "nothing rubs";
+    for (const Finding& finding : history.guards) EXPECT_NE(finding.report.code, "limit-point");
+  }
+}
+
+TEST(ToolShape, TwoAreInOnePlaceWhereTheirSurfacesAreDeepInEachOther) {
+  const ToolShape small{.kind = ToolShape::Kind::sphere, .radius = 4e-3},
+      large{.kind = ToolShape::Kind::sphere, .radius = 5e-3},
+      rod{.kind = ToolShape::Kind::capsule, .radius = 2e-3, .length = 20e-3},
+      punch{.kind = ToolShape::Kind::punch, .radius = 5e-3, .edge = 1e-3};
+  const double deep = 0.05e-3;
+  const auto beside = [](const ToolShape& of, double x, double z) {  // its lowest ball's middle
+    return ToolPose{Vec3(x, 1e-3, z - (of.kind == ToolShape::Kind::punch ? 0.0 : of.radius)), -Vec3::UnitZ()};
+  };
+  // Two balls: their middles are nearer than both radii, less what each is to be inside.
+  for (const double apart : {0.0, 3e-3, 8.85e-3, 8.95e-3, 12e-3})
+    EXPECT_EQ(
+        place_in_both(small, beside(small, 0.0, 0.0), large, beside(large, apart, 0.0), deep).has_value(),
+        apart < 9e-3 - 2.0 * deep)
+        << apart;
+  // A rod that stands beside a ball, which is at the height of the rod's middle; and a punch that has no end.
+  for (const double apart : {6.85e-3, 6.95e-3})
+    EXPECT_EQ(place_in_both(rod, beside(rod, 0.0, 0.0), large, beside(large, apart, 8e-3), deep).has_value(),
+              apart < 7e-3 - 2.0 * deep)
+        << apart;
+  for (const double apart : {8.85e-3, 8.95e-3})
+    EXPECT_EQ(
+        place_in_both(punch, beside(punch, 0.0, 0.0), small, beside(small, apart, 40e-3), deep).has_value(),
+        apart < 9e-3 - 2.0 * deep)
+        << apart;
+  // What is said to lie in both does.
+  const auto place = place_in_both(rod, beside(rod, 0.0, 0.0), large, beside(large, 6e-3, 8e-3), deep);
+  ASSERT_TRUE(place.has_value());
+  EXPECT_LT(distance_to_tool(rod, beside(rod, 0.0, 0.0), *place).distance, -0.98 * deep);
+  EXPECT_LT(distance_to_tool(large, beside(large, 6e-3, 8e-3), *place).distance, -0.98 * deep);
+}
+
 TEST(TouchingTool, FrictionTakesEnergyInEveryStepAndNeverGivesAny) {
   const BodySurface layer = block_surface({-15, -15, 0}, {15, 15, 6});
   ModelOptions options;
