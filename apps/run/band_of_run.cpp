@@ -133,7 +133,8 @@ std::string why_no_band(const Config& config, const std::vector<Material>& tissu
   if (has_membranes(config)) return "it was measured for bodies without a membrane";
   if (has_walls(config)) return "it was measured for bodies that touch no walls";
   if (!config.step.empty()) return "it was measured for a tool that is pushed straight in, once";
-  if (!has_tool_alone(config)) return "it was measured for one tool alone on a body that nothing holds but its base";
+  if (!has_tool_alone(config))
+    return "it was measured for one tool alone on a body that nothing holds but its base";
   if (const std::string none = why_no_band(tissues); !none.empty()) return none;
   if (config.solver.tolerance > usual.solver.tolerance)
     return fmt::format("it was measured for a tolerance of {:g}", usual.solver.tolerance);
