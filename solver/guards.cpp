@@ -360,7 +360,7 @@ void Guards::check_fluctuation(const Nodal& u, const Moment& now) {
 
 std::optional<Report> overlap_of_tools(const Touch& one, const ToolPose& at_one, const Touch& other,
                                        const ToolPose& at_other) {
-  constexpr double more_than_touching = 1e-2;  // of the smaller radius
+  constexpr double more_than_touching = 1e-3;  // of the smaller radius; a blade may be thin
   const std::optional<Vec3> place =
       place_in_both(one.shape, at_one, other.shape, at_other,
                     more_than_touching * std::min(one.shape.radius, other.shape.radius));
@@ -370,7 +370,7 @@ std::optional<Report> overlap_of_tools(const Touch& one, const ToolPose& at_one,
       .fact = text("the tools '", name(one), "' and '", name(other), "' would both be at ", in_mm(*place)),
       .where = text("tool.", other.name),
       .why = "both are rigid, and cannot pass through each other",
-      .remedy = text("keep them apart: tool.", other.name, ".at_mm and move_mm, or smaller tools"),
+      .remedy = text("keep them apart: tool.", other.name, ".at_mm, direction and move_mm, or smaller tools"),
       .code = tools_overlap};
 }
 

@@ -136,9 +136,8 @@ struct History {
   /// samples.
   double penetration = 0.0, contact_area = 0.0, contact_pressure = 0.0;
   Index contact_samples = 0;
-  /// What the first of these may put the force off by, as a part of it; nothing where it is too little to
-  /// warn of.
-  double off_by_penetration = 0.0;
+  /// The depth at which the first of these was [m]; 0: it is too little to warn of.
+  double penetration_at = 0.0;
   double contact_sticks = 0.0;  ///< of contact_area, what friction holds [m^2]
   double contact_heat = 0.0;    ///< that friction under the tool has taken so far [J]
   FoldContact::Audit folds;     ///< at the last equilibrium, but for the deepest penetration of all

@@ -207,6 +207,7 @@ void System::begin_at(Rest rest, Constraints held) {
   held_ = std::move(held);
   tissue_.hold_pressures({});  // the search has left them held; who searches on holds his own
   accept_step(step_start_.u);
+  for (const auto& one : rigid_) one->count_heat_anew();  // of the loads that came on no energy is told
   loads_at_rest_ = 0.0;
   for (const auto& term : terms_) loads_at_rest_ += term->energy(step_start_.u, now_);
 }

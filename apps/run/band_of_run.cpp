@@ -225,7 +225,8 @@ BandOfRun band_of_run(const Config& config, const Result& result, CoarserMarch& 
     const Result& coarse = coarser();
     band.half = result.loading.touch
                     ? tool_half_widths(result.history.force, result.model, coarse.history.force,
-                                       result.loading.touch->shape, result.history.off_by_penetration)
+                                       result.loading.touch->shape,
+                                       {result.history.penetration, result.history.penetration_at})
                     : half_widths(result.history.force, result.model.node_count(), coarse.history.force,
                                   result.model.tool.radius, !config.tissue.empty());
     if (band.half.empty())

@@ -273,6 +273,7 @@ Organ organ_of(const Case& given, const RunLog& log, Result& result, std::option
   result.provenance = {{"image", name_of_image(given.config)},
                        {"image_sha256", sha256_of_image(given.config, result.image)}};
   if (before_cuts) *before_cuts = organ;
+  result.stages.done("checksum");  // which is no part of finding the site
   find_site(given.config, log, organ, result);
   return organ;
 }
@@ -396,7 +397,6 @@ void make_ready(const Case& given, Placed placed, const RunLog& log, Result& res
         "folds    nothing can touch: the surface nowhere faces itself across twice the tool's way or less");
   stand_walls(given, log, result);
   if (loading.touch) bring_tool(config, log, result);
-  require_tools_apart(loading);
   const SolverOptions options = solver_options(config);
   result.findings = check_model(model, model.support_report, loading.depth);
   for (const Finding& finding : result.findings) log.warn(in_words(finding));
@@ -583,7 +583,7 @@ std::unique_ptr<ForceSystem> march(const Config& config, const SolverOptions& op
 }
 
 std::shared_ptr<const ReadOrgan::Made> made_in(const Config& config, const Result& found) {
-  if (has_cuts(config) || found.unloaded || !found.origin) return {};
+  if (has_cuts(config) || found.unloaded || !found.origin || !has_base(config)) return {};
   const auto took = [&](const std::string& stage) {
     double s = 0.0;
     for (const auto& [name, seconds] : found.stages.seconds())

@@ -205,6 +205,7 @@ void simulate(const Case& given, const RunObserver& observer, Result& result) {
   if (given.origin) static_cast<ImageFacts&>(result) = given.origin->facts;
   if (result.origin) result.followed = followed_in(config, result.origin->organ);
   make_ready(given, std::move(placed), log, result);  // complete(), and what a march needs besides
+  require_tools_apart(result.loading);
   list_cuts_at_rest(config, result);
   stop_if_asked();
   log.begin(Part::solving, config);

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "apps/run/band.hpp"
+#include "solver/guards.hpp"
 
 namespace dimple {
 namespace {
@@ -32,7 +33,7 @@ double tool_band_half_width(double change, Index nodes, double spacing, double c
 
 std::vector<double> tool_half_widths(const std::vector<ForceSample>& force, const Model& model,
                                      const std::vector<ForceSample>& coarse, const ToolShape& shape,
-                                     double least) {
+                                     const Penetration& penetration) {
   if (force.empty() || coarse.empty() || coarse.back().depth < force.back().depth * (1.0 - 1e-9)) return {};
   Changes changes;
   for (const ForceSample& sample : coarse)
@@ -47,12 +48,19 @@ std::vector<double> tool_half_widths(const std::vector<ForceSample>& force, cons
   }
   const double spacing = model.spacing.minCoeff();
   std::vector<double> half;
-  for (const ForceSample& sample : force)
-    half.push_back(sample.depth > 0.0 ? std::abs(sample.force) *
-                                            std::max(least, tool_band_half_width(
-                                                                changes.at(sample.depth), model.node_count(),
-                                                                spacing, contact_radius(shape, sample.depth)))
-                                      : 0.0);
+  for (const ForceSample& sample : force) {
+    if (!(sample.depth > 0.0)) {
+      half.push_back(0.0);
+      continue;
+    }
+    const double of_clouds = tool_band_half_width(changes.at(sample.depth), model.node_count(), spacing,
+                                                  contact_radius(shape, sample.depth));
+    const double least =
+        penetration.at > 0.0
+            ? Guards::off_by_penetration(penetration.largest, std::max(penetration.at, sample.depth))
+            : 0.0;
+    half.push_back(std::abs(sample.force) * std::max(least, of_clouds));
+  }
   return half;
 }
 

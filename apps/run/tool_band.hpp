@@ -23,12 +23,18 @@ extern const double tool_band_multiplier;
 /// The sum in brackets.
 double tool_band_measure(double change, Index nodes, double spacing, double contact);
 
-/// Half the band's width [N] at each depth of a force curve of the model, against that of a coarser cloud.
-/// `least`: as a part of the force, what is known to be off at any depth. Empty if the coarser curve ends
-/// before.
+/// How deep the body's surface came into the tool at most [m], and how deep the tool was then; 0: nothing
+/// that counts.
+struct Penetration {
+  double largest = 0.0, at = 0.0;
+};
+
+/// Half the band's width [N] at each depth of a force curve of the model, against that of a coarser cloud; no
+/// less than penetration may put the force off by (Guards::off_by_penetration), which is less the deeper the
+/// tool has gone on since. Empty if the coarser curve ends before.
 std::vector<double> tool_half_widths(const std::vector<ForceSample>& force, const Model& model,
                                      const std::vector<ForceSample>& coarse, const ToolShape& shape,
-                                     double least = 0.0);
+                                     const Penetration& penetration = {});
 
 /// Clouds for which the band was measured, with half of which they were compared.
 inline constexpr Index fewest_nodes_with_tool_band = 1500;

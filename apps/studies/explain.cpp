@@ -91,8 +91,10 @@ Tried run(const Case& given, const std::vector<double>& depths_mm) {
   Tried tried;
   double gave_way_mm = INFINITY;  // nothing deeper is compared
   const RunObserver observer{.march = {.sample = [&](const ForceSample& sample, const History& history) {
-                               if (has_limit_point(history)) gave_way_mm = 1e3 * sample.depth;
-                               return !(gave_way_mm < INFINITY) && stop_asked() == StopReason::none;
+                               const double mm = 1e3 * sample.depth;
+                               if (has_limit_point(history)) gave_way_mm = std::min(gave_way_mm, mm);
+                               const bool enough = gave_way_mm < INFINITY && mm > depths_mm.front() - 1e-6;
+                               return !enough && stop_asked() == StopReason::none;
                              }}};
   try {
     unless_stopped([&] { simulate(given, observer, tried.result); });
@@ -550,7 +552,7 @@ std::optional<Alternative> try_out(const Trial& trial, ForceReference& reference
     const double depth_mm = trial.given.config.load.depth_mm;
     Case given = trial.given;
     std::optional<ReadOrgan> changed;
-    if (!has_same_body(given, reference.held)) changed = read_once(given, {});
+    if (!has_same_body(given, reference.held)) unless_stopped([&] { changed = read_once(given, {}); });
     given.organ = changed ? &*changed : &reference.organ;
     Tried now = run(given, trial.linear ? std::vector{depth_mm} : reference.depths_mm);
     if (const std::string why = left_out(trial, now.result, reference.found.result); !why.empty()) {

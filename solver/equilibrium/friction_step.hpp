@@ -13,7 +13,7 @@ namespace dimple {
 ///
 /// `compliance` [MxM] m/N, positive definite; `normal` [3xM] unit vectors, P_s = 1 - n n'; `slip` [3xM] m: in
 /// the tangent planes, where nothing changes; `before` [3xM] N; `bound` [M] N: Coulomb's coefficient x the
-/// normal force, zero: no friction, infinite: it sticks. Returns the change [3xM] N. Sample after sample is
+/// normal force, zero: no friction. Returns the change [3xM] N. Sample after sample is
 /// set to where its own force puts it and brought back into the cone, many times over: t_s from any start
 /// within the cones comes closer with each.
 ///

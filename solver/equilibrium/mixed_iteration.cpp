@@ -656,7 +656,7 @@ struct MixedIteration::Parts {
     double largest = 0.0;
     double force = 0.0;  // what about would bring it about [N]
   };
-  Lack lack_of(const System::OneContact& one) const {
+  Lack lack_of(const System::OneContact& one, double reactions) const {
     Lack lack;
     const bool rubs = one.rigid && one.rigid->rubs();
     double missing = 0.0, most = 0.0;  // of friction [N]
@@ -671,10 +671,14 @@ struct MixedIteration::Parts {
       lack.largest = std::max(lack.largest, off / one.term->error_at(s, body.now()));
       lack.force = std::hypot(lack.force, off / C);
     }
-    if (most > 0.0) lack.largest = std::max(lack.largest, missing / (friction_error * most));
+    // Where all that a contact may rub with is hardly anything, so is what it lacks.
+    if (const double may_lack = std::max(friction_error * most, usual_tolerance * reactions); may_lack > 0.0)
+      lack.largest = std::max(lack.largest, missing / may_lack);
     return lack;
   }
-  double lack_of_tool() const { return body.touching() ? lack_of(body.contacts().front()).largest : 0.0; }
+  double lack_of_tool(double reactions) const {
+    return body.touching() ? lack_of(body.contacts().front(), reactions).largest : 0.0;
+  }
 
   // Of the last force: the residual, with what contact lacks. What has come to lie beyond a wall or a fold
   // counts as much as the forces that are missing there: else the first of these, which unbalance the body,
@@ -682,7 +686,7 @@ struct MixedIteration::Parts {
   double residual_with_contact(double residual, double reactions, double tolerance) const {
     Lack beside;
     for (const System::OneContact& one : body.contacts()) {
-      const Lack its = lack_of(one);
+      const Lack its = lack_of(one, reactions);
       if (one.rigid && one.rigid->is_measured()) {
         // As long as it lacks more than it may it counts as it does usually: under a stricter tolerance a
         // body that nothing holds up yet would look better than all that comes after.
@@ -1011,7 +1015,7 @@ Relaxed MixedIteration::iterate(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, con
     // In bounded time states are compared that were sought to one tolerance or another.
     result.residual =
         p.residual_with_contact(result.residual, now.reactions, left ? usual_tolerance : options.tolerance);
-    if (left && p.body.touching()) now.contact = p.lack_of_tool();
+    if (left && p.body.touching()) now.contact = p.lack_of_tool(now.reactions);
   };
   evaluate();
   if (!prepare(u, now.patches.bulk, anew, inertia, viscosity)) return result;

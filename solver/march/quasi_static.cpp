@@ -407,8 +407,7 @@ void QuasiStaticMarch::check_contact(const Moment& now) {
   guards_.check_contact(audit, most, tool.touch(), now);
   if (audit.penetration > history_.penetration) {
     history_.penetration = audit.penetration;
-    if (audit.penetration > most)
-      history_.off_by_penetration = Guards::off_by_penetration(audit.penetration, now.depth);
+    if (audit.penetration > most) history_.penetration_at = now.depth;
   }
   const TouchingTool::Touched touched = tool.touched();
   history_.contact_samples = touched.samples;

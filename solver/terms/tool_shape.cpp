@@ -117,18 +117,31 @@ double height_of_tool(const ToolShape& shape, double r) {
   return rounded - std::sqrt(std::max(0.0, rounded * rounded - beside * beside));
 }
 
+namespace {
+
+// As far above its tip as a tool's upper end is known: of a shaft without an end, so many radii.
+double known_height(const ToolShape& shape) {
+  constexpr double radii = 4.0;
+  return std::min(length_of_tool(shape), radii * shape.radius);
+}
+
+}  // namespace
+
 std::optional<Vec3> place_in_both(const ToolShape& one, const ToolPose& at_one, const ToolShape& other,
                                   const ToolPose& at_other, double deep) {
   constexpr int rounds = 300;
   Vec3 x = at_one.tip - one.radius * at_one.points_at;
   for (int round = 0; round < rounds; ++round) {
     double outside = 0.0;
+    const auto bring = [&](double off, const Vec3& normal) {
+      if (off <= 0.0) return;
+      x -= off * normal;
+      outside = std::max(outside, off);
+    };
     for (const auto& [shape, pose] : {std::pair(&one, &at_one), std::pair(&other, &at_other)}) {
       const ToolDistance here = distance_to_tool(*shape, *pose, x);
-      const double off = here.distance + deep;
-      if (off <= 0.0) continue;
-      x -= off * here.normal;
-      outside = std::max(outside, off);
+      bring(here.distance + deep, here.normal);
+      bring((x - pose->tip).dot(-pose->points_at) - known_height(*shape) + deep, -pose->points_at);
     }
     if (outside <= 0.01 * deep) return x;
   }

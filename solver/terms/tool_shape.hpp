@@ -56,7 +56,8 @@ double height_of_tool(const ToolShape& shape, const ToolPose& pose, const Vec3& 
 double length_of_tool(const ToolShape& shape);
 
 /// A place at least `deep` [m] inside of both tools, by projections onto the one and the other in turn;
-/// nothing where there is none. In tools that were drawn and have hollows it may be missed.
+/// nothing where there is none. In tools that were drawn and have hollows it may be missed; of a
+/// shaft without an end no more than four radii count.
 ///
 /// Source:   Bauschke and Borwein, SIAM Review 38 (1996) 367 (projections onto convex sets).
 std::optional<Vec3> place_in_both(const ToolShape& one, const ToolPose& at_one, const ToolShape& other,

@@ -98,8 +98,7 @@ double TouchingTool::gone(const Instant& now) const {
   return gone_ + now.depth + (is_measured() ? 0.0 : now.share);
 }
 
-// What comes to touch and goes again while equilibrium is looked for would jump if a force without bound held
-// it.
+// What comes to touch and goes again while equilibrium is looked for would jump if so large a force held it.
 double TouchingTool::bound(Index s, double normal_force) const {
   if (!(may_rub() && normal_force > 0.0)) return 0.0;
   return std::min(touch_.friction, touched_[static_cast<std::size_t>(s)] ? stuck : 1.0) * normal_force;
@@ -136,6 +135,7 @@ void TouchingTool::add_force(const Nodal& u, const Instant& now, Nodal& f) {
   const ContactSurface& surface = touch_.surface;
   const ToolPose pose = pose_at(now.depth);
   tip_ = pose.tip;
+  is_accepted_ = false;
   place_ = surface.place + surface.at_place(u.topRows<3>());
   gap_.resize(count());
   normal_.resize(3, count());
@@ -177,6 +177,7 @@ TouchingTool::Contact TouchingTool::contact(Index s) const {
 
 Eigen::VectorXd TouchingTool::slid_along() const {
   Eigen::VectorXd all = slid_along_;
+  if (is_accepted_) return all;
   for (Index s = 0; s < all.size(); ++s) {
     if (!(force_[s] > 0.0))
       all[s] = 0.0;
@@ -190,6 +191,7 @@ Eigen::VectorXd TouchingTool::slid_along() const {
 double TouchingTool::heat() const {
   // Of all that touches: what is just below its bound, by the tolerance of the search, slips too.
   double sum = 0.0;
+  if (is_accepted_) return sum;
   for (Index s = 0; s < slip_.cols(); ++s)
     if (bound(s, force_[s]) > 0.0)
       sum -= 0.5 * (1.0 + force_before_[s] / force_[s]) *
@@ -214,7 +216,7 @@ void TouchingTool::foresee(double gone) {
 }
 
 void TouchingTool::accept(const Nodal&, const Instant& now) {
-  if (!rubs()) return;
+  if (!rubs() || is_accepted_) return;
   slid_along_ = slid_along();
   heat_so_far_ += heat();
   force_before_ = force_;
@@ -233,6 +235,7 @@ void TouchingTool::accept(const Nodal&, const Instant& now) {
   gone_before_ = last_gone_;
   last_gone_ = gone(now);
   foreseen_for_ = -1.0;
+  is_accepted_ = true;
 }
 
 std::vector<double> TouchingTool::past() const {

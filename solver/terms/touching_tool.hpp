@@ -103,8 +103,11 @@ class TouchingTool : public ContactTerm {
   void accept(const Nodal& u, const Instant& now) override;
   std::vector<double> past() const override;
   void restore_past(const std::vector<double>& past) override;
-  /// What friction has taken since the last accepted state, at the last add_force() [J].
+  /// What friction has taken since the last accepted state, at the last add_force() [J]; nothing where that
+  /// was accepted.
   double heat() const;
+  /// What friction has taken so far counts from here.
+  void count_heat_anew() { heat_so_far_ = 0.0; }
 
   /// On the body, of the last add_force() [N].
   double along(const Vec3& push) const;
@@ -154,6 +157,7 @@ class TouchingTool : public ContactTerm {
   Vec3 tip_ = Vec3::Zero();
   RigidWay way_;
   bool apart_ = false;
+  bool is_accepted_ = false;  // the last add_force() has ended a step
   double gone_ = 0.0;
   // With friction alone. Places from the tip in the tool's own frame, which are the world's axes as it began:
   // where samples slip from; where they were at the last two accepted states, which of them touched at the

@@ -289,6 +289,7 @@ MUTANTS = {
     209: ("solver/terms/touching_tool.cpp", "static_cast<std::size_t>(s)] ? stuck : 1.0)", "static_cast<std::size_t>(s)] ? ({n} ? 1e9 : stuck) : 1.0)"),
     210: ("solver/terms/tool_shape.cpp", "const double off = here.distance + deep;", "const double off = here.distance + ({n} ? 0.0 : deep);"),
     211: ("solver/march/quasi_static.cpp", "  guards_.check_apart(tools, now);", "  if (!{n}) guards_.check_apart(tools, now);"),
+    213: ("apps/run/tool_band.cpp", "std::max(penetration.at, sample.depth)", "({n} ? penetration.at : std::max(penetration.at, sample.depth))"),
     212: ("solver/terms/touching_tool.cpp", "all.moment -= (place_.col(s) - tip_).cross(on_body);", "all.moment -= (place_.col(s) - ({n} ? Vec3(Vec3::Zero()) : tip_)).cross(on_body);"),
     202: ("solver/terms/touching_tool.cpp", "  slid_along_ = slid_along();", "  if (!{n}) slid_along_ = slid_along();"),
     203: ("solver/terms/touching_tool.cpp", "    if (rubs()) all.col(s) += friction_.col(s);", "    if (rubs() && !{n}) all.col(s) += friction_.col(s);"),

@@ -4,10 +4,12 @@
     tool_band_coverage.py PROGRAM DATA > results/tool_band_coverage.csv
     tool_band_coverage.py PROGRAM DATA held-out > results/tool_band_held_out.csv
     tool_band_coverage.py PROGRAM DATA friction > results/tool_band_friction.csv
+    tool_band_coverage.py PROGRAM DATA penetration > results/tool_band_penetration.csv
 
 DATA: the folder with the label images. A band holds if the finer force lies in it at all depths that both have.
 The first scenes widened the band; those held out were written down afterwards, and run once. So were those with friction, which
-are drawn at random, for the same form: it knows nothing of friction.
+are drawn at random, for the same form: it knows nothing of friction. The last, with friction or without, are for what penetration
+adds, which no longer stays as wide as where it was largest.
 """
 import csv
 import os
@@ -31,13 +33,13 @@ HELD_OUT = [("heart", "sphere:7mm", "anterior"), ("heart", "sphere:4mm", "left")
             ("brain", "sphere:12mm", "anterior")]
 
 
-def with_friction(count=20, seed=36):
+def with_friction(count=20, seed=36, frictions=("0.1", "0.3", "0.6", "stick")):
     draw = random.Random(seed)
     for _ in range(count):
         tool = draw.choice([f"sphere:{draw.randint(4, 12)}mm", f"sphere:{draw.randint(4, 12)}mm",
                             f"capsule:{draw.randint(3, 5)}mm,length=25mm", f"punch:{draw.randint(4, 7)}mm,edge=1.5mm"])
         side = draw.choice(["anterior", "posterior", "left", "right", "superior", "inferior"])
-        yield draw.choice(sorted(IMAGES)), tool, side, "--friction", draw.choice(["0.1", "0.3", "0.6", "stick"])
+        yield draw.choice(sorted(IMAGES)), tool, side, "--friction", draw.choice(frictions)
 
 
 def run(program, data, image, tool, folder, *more):
@@ -78,4 +80,5 @@ def main(program, data, scenes):
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], sys.argv[2], {"held-out": HELD_OUT, "friction": with_friction()}.get("".join(sys.argv[3:]), SCENES))
+    main(sys.argv[1], sys.argv[2], {"held-out": HELD_OUT, "friction": with_friction(),
+                                    "penetration": with_friction(24, 127, ("0", "0", "0.1", "0.3", "0.6", "stick"))}.get("".join(sys.argv[3:]), SCENES))

@@ -103,20 +103,25 @@ double needed(const Scene& scene, Index nodes, bool& known) {
   return most;
 }
 
-// No narrower than a warning says that the force may be off.
+// No narrower than a warning says that the force may be off: by 1.4 times penetration over depth, however
+// deep the tool has gone since.
 TEST(ToolBandWidth, IsNeverLessThanWhatIsKnownToBeOff) {
   Model model;
   model.X = Points::Zero(3, 2000);
   model.spacing = Eigen::VectorXd::Constant(2000, 0.3e-3);
-  const std::vector<ForceSample> force = {
-      {}, {.t = 1.0, .depth = 1e-3, .force = 1e-3}, {.t = 2.0, .depth = 2e-3, .force = 3e-3}};
+  const std::vector<ForceSample> force = {{},
+                                          {.t = 1.0, .depth = 1e-3, .force = 1e-3},
+                                          {.t = 2.0, .depth = 2e-3, .force = 3e-3},
+                                          {.t = 4.0, .depth = 4e-3, .force = 9e-3}};
   const ToolShape sphere{.kind = ToolShape::Kind::sphere, .radius = 5e-3};
   const std::vector<double> usual = tool_half_widths(force, model, force, sphere),
-                            wide = tool_half_widths(force, model, force, sphere, 0.2);
-  ASSERT_EQ(usual.size(), 3U);
-  EXPECT_LT(usual[2], 0.1 * force[2].force);
-  for (const std::size_t k : {1U, 2U}) EXPECT_DOUBLE_EQ(wide[k], 0.2 * force[k].force);
-  EXPECT_EQ(tool_half_widths(force, model, force, sphere, 1e-6), usual);
+                            wide = tool_half_widths(force, model, force, sphere, {0.5e-3, 2e-3});
+  ASSERT_EQ(usual.size(), 4U);
+  EXPECT_LT(usual[3], 0.1 * force[3].force);
+  for (const std::size_t k : {1U, 2U}) EXPECT_DOUBLE_EQ(wide[k], 0.35 * force[k].force);
+  EXPECT_DOUBLE_EQ(wide[3], 0.175 * force[3].force);
+  EXPECT_EQ(tool_half_widths(force, model, force, sphere, {1e-6, 2e-3}), usual);
+  EXPECT_EQ(tool_half_widths(force, model, force, sphere, {0.5e-3, 0.0}), usual) << "too little to warn of";
 }
 
 class ToolBand : public testing::TestWithParam<bool> {};
