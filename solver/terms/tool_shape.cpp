@@ -122,7 +122,8 @@ namespace {
 // As far above its tip as a tool's upper end is known: of a shaft without an end, so many radii.
 double known_height(const ToolShape& shape) {
   constexpr double radii = 4.0;
-  return std::min(length_of_tool(shape), radii * shape.radius);
+  const double length = length_of_tool(shape);
+  return std::isfinite(length) ? length : radii * shape.radius;
 }
 
 }  // namespace
