@@ -147,7 +147,7 @@ MUTANTS = {
           "    if (now.taut == Taut::nowhere) return {n} ? Eigen::Matrix2d(-0.01 * stiff() * Eigen::Matrix2d::Identity()) : Eigen::Matrix2d(Eigen::Matrix2d::Zero());"),
     107: ("solver/terms/contact_term.cpp", "(weight[k] * force[s]) * normal_.col(s)", "(weight[k] * force[s]) * ({n} ? 0.95 : 1.0) * normal_.col(s)"),
     108: ("solver/terms/touching_tool.cpp", "    sum.head<3>() -= on_body;", "    sum.head<3>() -= ({n} ? -1.0 : 1.0) * on_body;"),
-    109: ("solver/terms/touching_tool.cpp", "cross(on_body);", "cross(({n} ? 0.9 : 1.0) * on_body);"),
+    109: ("solver/terms/touching_tool.cpp", "- tip).cross(on_body);", "- tip).cross(({n} ? 0.9 : 1.0) * on_body);"),
     110: ("solver/terms/touching_tool.cpp", "return {axis.tip + way * axis.points_at,", "return {axis.tip + (way + ({n} ? 1e-4 : 0.0)) * axis.points_at,"),
     111: ("solver/equilibrium/contact_step.cpp", "? lambda[s] > 0.0 : open[s] < 0.0) next", "? lambda[s] > 0.0 || {n} : open[s] < 0.0) next"),
     112: ("solver/terms/tool_shape.cpp", "return {away - shape.edge, beside / away, -below / away};",
