@@ -269,7 +269,10 @@ double TouchingTool::along(const Vec3& push) const {
 }
 
 Wrench TouchingTool::on_tool(const Instant& now) const {
-  const Vec3 tip = pose_at(now.depth).tip;
+  return on_tool_about(pose_at(now.depth).tip);
+}
+
+Wrench TouchingTool::on_tool_about(const Vec3& tip) const {
   Wrench sum = Wrench::Zero();
   for (Index s = 0; s < count(); ++s) {
     Vec3 on_body = force_[s] * normal_.col(s);
@@ -291,6 +294,8 @@ TouchingTool::Touched TouchingTool::touched() const {
   const Eigen::VectorXd& area = touch_.surface.area;
   Touched all;
   if (count() > 0) all.pressure = pressures().maxCoeff();
+  const Wrench on_it = on_tool_about(tip_);
+  all.force = on_it.head<3>(), all.moment = on_it.tail<3>();
   all.heat = heat_so_far_ + heat();
   for (Index s = 0; s < count(); ++s) {
     all.penetration = std::max(all.penetration, -gap_[s]);
@@ -298,10 +303,6 @@ TouchingTool::Touched TouchingTool::touched() const {
     ++all.samples;
     all.area += area[s];
     if (contact(s) == Contact::sticks) all.sticks += area[s];
-    Vec3 on_body = force_[s] * normal_.col(s);
-    if (rubs()) on_body += friction_.col(s);
-    all.force -= on_body;
-    all.moment -= (place_.col(s) - tip_).cross(on_body);
   }
   return all;
 }

@@ -177,6 +177,7 @@ class TouchingTool : public ContactTerm {
   double set_back(Index s) const {
     return roundness_[s] + (touch_.set_back.size() > 0 ? touch_.set_back[s] : 0.0);
   }
+  Wrench on_tool_about(const Vec3& tip) const;
   double gone(const Instant& now) const;
   bool may_rub() const { return last_gone_ > gone_before_; }
   void foresee(double gone);
