@@ -40,9 +40,6 @@ constexpr int fewest_neighbours = 6;
 constexpr double longest_step = 0.3;
 // Of what the law is at rest: single points have 1e5, and 300 takes no fewer steps.
 constexpr double stiffest = 30.0;
-// Sum of what friction lacks at all samples of a contact, of the sum of what it may be. Where all of them
-// slide one way their errors add up: by the errors of single samples alone a tool's torque was 3 % too low.
-constexpr double friction_error = 5e-3;
 constexpr double usual_tolerance = 1e-4;    // of a residual, to which contact_error belongs
 constexpr Index quickly_factorised = 3000;  // rows, in a tenth of a second; the time grows as their square
 // Rows. With 100,000 nodes the factors took three times as long as the rest of the solution.
@@ -656,29 +653,19 @@ struct MixedIteration::Parts {
     double largest = 0.0;
     double force = 0.0;  // what about would bring it about [N]
   };
-  Lack lack_of(const System::OneContact& one, double reactions) const {
+  Lack lack_of(const System::OneContact& one) const {
     Lack lack;
     const bool rubs = one.rigid && one.rigid->rubs();
-    double missing = 0.0, most = 0.0;  // of friction [N]
     for (const auto& [k, s] : known_of(one.term)) {
       const double C = compliance(k, k);
       double off = std::abs(std::min(one.term->gaps()[s], C * one.term->forces()[s]));
-      if (rubs) {
-        const double of_friction = lack_of_friction(*one.rigid, k, s);
-        off = std::max(off, of_friction);
-        missing += of_friction / C, most += one.rigid->bound(s, one.rigid->forces()[s]);
-      }
+      if (rubs) off = std::max(off, lack_of_friction(*one.rigid, k, s));
       lack.largest = std::max(lack.largest, off / one.term->error_at(s, body.now()));
       lack.force = std::hypot(lack.force, off / C);
     }
-    // Where all that a contact may rub with is hardly anything, so is what it lacks.
-    if (const double may_lack = std::max(friction_error * most, usual_tolerance * reactions); may_lack > 0.0)
-      lack.largest = std::max(lack.largest, missing / may_lack);
     return lack;
   }
-  double lack_of_tool(double reactions) const {
-    return body.touching() ? lack_of(body.contacts().front(), reactions).largest : 0.0;
-  }
+  double lack_of_tool() const { return body.touching() ? lack_of(body.contacts().front()).largest : 0.0; }
 
   // Of the last force: the residual, with what contact lacks. What has come to lie beyond a wall or a fold
   // counts as much as the forces that are missing there: else the first of these, which unbalance the body,
@@ -686,7 +673,7 @@ struct MixedIteration::Parts {
   double residual_with_contact(double residual, double reactions, double tolerance) const {
     Lack beside;
     for (const System::OneContact& one : body.contacts()) {
-      const Lack its = lack_of(one, reactions);
+      const Lack its = lack_of(one);
       if (one.rigid && one.rigid->is_measured()) {
         // As long as it lacks more than it may it counts as it does usually: under a stricter tolerance a
         // body that nothing holds up yet would look better than all that comes after.
@@ -1015,7 +1002,7 @@ Relaxed MixedIteration::iterate(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, con
     // In bounded time states are compared that were sought to one tolerance or another.
     result.residual =
         p.residual_with_contact(result.residual, now.reactions, left ? usual_tolerance : options.tolerance);
-    if (left && p.body.touching()) now.contact = p.lack_of_tool(now.reactions);
+    if (left && p.body.touching()) now.contact = p.lack_of_tool();
   };
   evaluate();
   if (!prepare(u, now.patches.bulk, anew, inertia, viscosity)) return result;

@@ -107,6 +107,27 @@ TEST(ToolThatTouches, SaysAtEachFrameWhatItDoesToEachPartOfTheSurface) {
   EXPECT_FALSE(fs::exists(folder / "out" / "contact"));
 }
 
+TEST(ToolThatTouches, WhatSticksGoesBackToWhereItWas) {
+  const fs::path folder = fresh_folder();
+  ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 -q").code, 0);
+  const Ran ran =
+      dimple(folder,
+             "run block.nrrd -o out --tool sphere:5mm --friction stick --nodes 1000 --write force "
+             "--band off -q --set step.press.move=2mm --set step.slide.move=2,0,0 --set "
+             "step.back.move=-2,0,0");
+  ASSERT_EQ(ran.code, 0) << ran.err;
+  const Table curve = read_csv(folder / "out" / "force.csv");
+  const std::vector<double>&t = *curve.find("time_s"), &x = *curve.find("force_x_N"),
+        &z = *curve.find("force_z_N");
+  const auto at = [&](double time) {
+    return static_cast<std::size_t>(
+        std::find_if(t.begin(), t.end(), [&](double s) { return s > time - 1e-6; }) - t.begin());
+  };
+  EXPECT_GT(-x[at(4.0)], 0.9 * z[at(4.0)]) << "it is drawn along";
+  EXPECT_LT(std::abs(x.back()), 0.02 * z.back());
+  EXPECT_NEAR(z.back(), z[at(2.0)], 0.01 * z.back());
+}
+
 TEST(ToolThatTouches, IsNeverWhereAnotherOneIs) {
   const fs::path folder = fresh_folder();
   ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3 -q").code, 0);

@@ -196,7 +196,7 @@ MUTANTS = {
     145: ("solver/terms/loads.cpp", "dot(fluid.up) - fluid.level;", "dot(fluid.up) - ({n} ? 0.8 : 1.0) * fluid.level;"),
     146: ("preprocess/scene/wall_field.cpp", "wall.contains(x) != hollow", "wall.contains(x) != ({n} ? false : hollow)"),
     147: ("preprocess/supports/wall_surface.cpp", "> most_held) continue;", "> ({n} ? 2.0 : most_held)) continue;"),
-    148: ("solver/equilibrium/mixed_iteration.cpp", "off = std::max(off, of_friction);", "off = std::max(off, {n} ? 0.0 : of_friction);"),
+    148: ("solver/equilibrium/mixed_iteration.cpp", "if (rubs) off = std::max", "if (rubs && !{n}) off = std::max"),
     # ---- pressures, and loads beneath a tool that touches
     149: ("preprocess/supports/pressure_patches.cpp", "worth * nodes_per_worth / nodes_per_patch", "worth * nodes_per_worth / ({n} ? 1.0 : nodes_per_patch)"),
     150: ("solver/terms/touching_tool.cpp", "  if (apart_) {", "  if (apart_ && !{n}) {"),
@@ -283,7 +283,6 @@ MUTANTS = {
     201: ("solver/terms/touching_tool.cpp", "for (double& value : *part) value = *next++;",
           "for (double& value : *part) value = ({n} ? 0.0 : 1.0) * *next++;"),
     205: ("solver/terms/touching_tool.cpp", "|| slip_.col(s).norm() > held_within_[s]);", "|| (!{n} && slip_.col(s).norm() > held_within_[s]));"),
-    206: ("solver/equilibrium/mixed_iteration.cpp", "may_lack > 0.0)", "may_lack > 0.0 && !{n})"),
     207: ("solver/terms/touching_tool.cpp", "sum -= 0.5 * (1.0 + force_before_[s] / force_[s]) *", "sum -= ({n} ? 1.0 : 0.5 * (1.0 + force_before_[s] / force_[s])) *"),
     208: ("solver/equilibrium/mixed_iteration.cpp", "its.largest > 1.0 ? std::max(tolerance, usual_tolerance)", "its.largest > 1.0 && !{n} ? std::max(tolerance, usual_tolerance)"),
     209: ("solver/terms/touching_tool.cpp", "static_cast<std::size_t>(s)] ? stuck : 1.0)", "static_cast<std::size_t>(s)] ? ({n} ? 1e9 : stuck) : 1.0)"),
