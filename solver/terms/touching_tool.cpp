@@ -230,9 +230,9 @@ void TouchingTool::accept(const Nodal&, const Instant& now) {
     slid_.col(s).setZero();
     anchor_.col(s) = back * (place_.col(s) - gap_[s] * normal_.col(s) - tip);
   }
-  before_last_ = last_;
+  // A state that is accepted once more is not a step.
+  if (gone(now) != last_gone_) before_last_ = last_, gone_before_ = last_gone_;
   last_ = back * (place_.colwise() - tip);
-  gone_before_ = last_gone_;
   last_gone_ = gone(now);
   foreseen_for_ = -1.0;
   is_accepted_ = true;
@@ -261,6 +261,7 @@ void TouchingTool::restore_past(const std::vector<double>& past) {
     for (double& value : *part) value = *next++;
   for (char& touched : touched_) touched = *next++ != 0.0;
   foreseen_for_ = -1.0;
+  is_accepted_ = true;
 }
 
 double TouchingTool::along(const Vec3& push) const {

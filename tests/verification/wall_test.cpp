@@ -409,6 +409,10 @@ TEST_P(ABodyUnderLoads, IsPressedByTheSameBitsWhetherItComesToRestOnceOrTwice) {
   const History once = curve(loading), twice = curve(anew);
   EXPECT_GT(once.settled, 1e-4) << "they do move it";
   EXPECT_GT(once.walls.front().samples, 0);
+  const double heat = once.contact_heat + once.walls.front().heat;
+  EXPECT_GT(once.walls.front().heat, 0.0);
+  if (!GetParam())
+    EXPECT_NEAR(heat, once.energy.back().dissipated, 1e-9 * heat) << "that of the loads is told nowhere";
   EXPECT_EQ(once.evaluations, twice.evaluations);
   ASSERT_EQ(once.force.size(), twice.force.size());
   for (std::size_t k = 0; k < once.force.size(); ++k) {
