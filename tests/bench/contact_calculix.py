@@ -101,7 +101,8 @@ def write(file, edge, growth, scene):
     text += lines("*NODE, NSET=BALL", ["{},{:.9g},{:.9g},{:.9g}".format(first + k, *(middle + x)) for k, x in enumerate(place)])
     text += lines("*NODE", ["{},{:g},{:g},{:g}".format(n, *middle) for n in (holds, holds + 1)])
     text += lines("*ELEMENT, TYPE=C3D20R, ELSET=TISSUE",
-                  [",".join(map(str, [k + 1, *nodes[:10]])) + ",\n" + ",".join(map(str, nodes[10:])) for k, nodes in enumerate(mesh.element)])
+                  [",".join(map(str, [k + 1, *nodes[:10]])) + ",\n" + ",".join(map(str, nodes[10:]))
+                   for k, nodes in enumerate(mesh.element)])
     text += lines("*ELEMENT, TYPE=C3D8, ELSET=TOOL",
                   [",".join(map(str, [last + k + 1, *(first + n for n in nodes)])) for k, nodes in enumerate(of_ball)])
     text += lines("*NSET, NSET=BASE", [f"{k + 1}," for k, x in enumerate(mesh.place) if x[2] < 1e-6])
@@ -121,7 +122,7 @@ def write(file, edge, growth, scene):
     return 3 * len(mesh.place)
 
 
-def forces(edge, growth, scene, folder, longest_s=300):
+def forces(edge, growth, scene, folder, longest_s=200):
     """Unknowns, and the forces at the depths; nothing where it does not converge."""
     name = os.path.join(folder, "scene")
     unknowns = write(name + ".inp", edge, growth, scene)

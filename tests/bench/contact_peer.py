@@ -24,7 +24,7 @@ RADIUS, HEIGHT, SPHERE, DEPTHS = 30.0, 30.0, 5.0, [0.5 * (k + 1) for k in range(
 MU, NU = 210e-6, 0.499  # N/mm2
 NODES, SEEDS = [400, 600, 1000, 1500, 2000, 3000, 4000], [1, 2, 3]
 MESHES = [(fine, growth, far) for fine in [2.5, 2, 1.5, 1.2, 1] for growth, far in [(0.3, 8), (0.5, 10), (0.8, 15)]]
-HEXAHEDRA = [(2.5, 0.5), (2, 0.5), (2, 0.3), (1.5, 0.5)]  # edge under the sphere in mm, and by how much it grows from one to the next
+HEXAHEDRA = [(4, 0.5), (2, 0.5), (2, 0.3)]  # edge under the sphere in mm, and by how much it grows to the next
 COLUMNS = ["program", "setting", "unknowns", "wall_s", *(f"force_{d:g}mm_N" for d in DEPTHS), "error_percent", "error_at_4mm_percent"]
 
 
@@ -106,22 +106,23 @@ def calculix(mesh, folder):
 
 def measure(build, out):
     known = [float(row["force_N"]) for row in read_rows(os.path.join(REFERENCE, "contact.csv")) if row["scene"] == "sphere"]
-    rows = []
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, open(os.path.join(out, "contact_peer.csv"), "w", newline="") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(COLUMNS)
         image = os.path.join(folder, "cylinder.nrrd")
         subprocess.run([os.path.join(build, "dimple"), "phantom", image, "--shape", "cylinder", "--size",
                         f"{2 * RADIUS},{2 * RADIUS},{HEIGHT}", "-q"], check=True, stdout=subprocess.DEVNULL)
         clouds = [(nodes, seed) for nodes in NODES for seed in SEEDS]
         for k in range(max(len(clouds), len(MESHES))):
-            runs = [run_to_depths(build, image, ["--tool", f"sphere:{SPHERE:g}mm"], DEPTHS, *clouds[k], folder)] if k < len(clouds) else []
+            tool = ["--tool", f"sphere:{SPHERE:g}mm"]
+            runs = [run_to_depths(build, image, tool, DEPTHS, *clouds[k], folder)] if k < len(clouds) else []
             runs += [other(MESHES[k], folder)] if k < len(MESHES) else []
             runs += [calculix(HEXAHEDRA[k], folder)] if k < len(HEXAHEDRA) else []
             for run in filter(None, runs):
-                rows.append([run["program"], run["setting"], run["unknowns"], f"{run['wall_s']:.2f}",
-                             *(f"{f:.6g}" for f in run["force"]), f"{largest(run['force'], known):.2f}",
-                             f"{largest(run['force'][-1:], known[-1:]):.2f}"])
-    with open(os.path.join(out, "contact_peer.csv"), "w", newline="") as file:
-        csv.writer(file, lineterminator="\n").writerows([COLUMNS] + rows)
+                table.writerow([run["program"], run["setting"], run["unknowns"], f"{run['wall_s']:.2f}",
+                                *(f"{f:.6g}" for f in run["force"]), f"{largest(run['force'], known):.2f}",
+                                f"{largest(run['force'][-1:], known[-1:]):.2f}"])
+            file.flush()
 
 
 def draw(out):
