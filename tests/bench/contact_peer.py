@@ -100,8 +100,8 @@ def calculix(mesh, folder):
     unknowns, force = contact_calculix.forces(*mesh, scene, folder)
     if len(force) != len(DEPTHS):
         return None
-    return {"program": "CalculiX", "setting": "edge {:g} growth {:g}".format(*mesh), "unknowns": unknowns, "wall_s": time.monotonic() - began,
-            "force": force}
+    wall = time.monotonic() - began
+    return {"program": "CalculiX", "setting": "edge {:g} growth {:g}".format(*mesh), "unknowns": unknowns, "wall_s": wall, "force": force}
 
 
 def measure(build, out):
