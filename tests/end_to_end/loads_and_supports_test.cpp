@@ -290,8 +290,10 @@ TEST_F(Block, SaysAtTheStartWhatHoldsIt) {
   EXPECT_EQ(x, -1.0);
   EXPECT_LE(std::hypot(y, z), 0.02);
   EXPECT_THAT(ran.err, HasSubstr(" nodes, fixed"));
-  EXPECT_THAT(ran.out,
-              HasSubstr("band unknown: it was measured for one tool alone on a body that nothing holds but its base"));
+  EXPECT_THAT(
+      ran.out,
+      HasSubstr(
+          "band unknown: it was measured for one tool alone on a body that nothing holds but its base"));
 }
 
 TEST_F(Block, WithoutTheLoadsUnderWhichItWasImagedIsNotSolvedWithAnythingOnAPartOfIt) {
@@ -328,8 +330,7 @@ TEST_F(Block, RefusesLoadsAndSupportsThatItDoesNotUnderstand) {
   refused(4, support + "inferior", {"no node but the base's", "--base-depth"});
   refused(4, support + "left --set support.r.hold=sliding --set support.r.move=0,2,0",
           {"moves along the surface", "45 degrees"});
-  refused(2, "run block.nrrd -o no -q --accuracy 5% --set support.r.on=left",
-          {"nothing holds but its base"});
+  refused(2, "run block.nrrd -o no -q --accuracy 5% --set support.r.on=left", {"nothing holds but its base"});
   refused(4,
           "poke block.nrrd --socket s -q --base inferior --indent-at 0,0,top --nodes 600 --set "
           "support.r.on=superior",
