@@ -90,8 +90,9 @@ TEST_F(Places, OnAPartThatSwingsAreWarnedOfWithNumbersAndABetterPlace) {
       " --base inferior --indenter-diameter 6 --depth 2mm --frames 4 --nodes 1000 --band off --write force";
   const Ran arm = good("run arm.nrrd -o arm --indent-at 33,9,48" + scene);
   std::smatch said;
-  ASSERT_TRUE(std::regex_search(arm.err, said,
-                                std::regex("free to bend: ([0-9.]+) mm of tissue along the push under a circle of 6 mm")))
+  ASSERT_TRUE(std::regex_search(
+      arm.err, said,
+      std::regex("free to bend: ([0-9.]+) mm of tissue along the push under a circle of 6 mm")))
       << arm.err;
   EXPECT_NEAR(std::stod(said[1]), 9.0, 0.5);
   ASSERT_TRUE(
