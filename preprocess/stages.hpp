@@ -29,10 +29,12 @@ class Stages {
     for (const auto& [name, s] : other.seconds_) add(name, s);
   }
   const std::vector<std::pair<std::string, double>>& seconds() const { return seconds_; }
-  double total() const {
-    double s = 0.0;
-    for (const auto& stage : seconds_) s += stage.second;
-    return s;
+  /// Of one of them; all: an empty name.
+  double seconds(const std::string& of) const {
+    double sum = 0.0;
+    for (const auto& [name, s] : seconds_)
+      if (of.empty() || name == of) sum += s;
+    return sum;
   }
 
  private:

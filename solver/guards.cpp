@@ -358,11 +358,13 @@ void Guards::check_fluctuation(const Nodal& u, const Moment& now) {
   find({report, share});
 }
 
-std::optional<Report> overlap_of_tools(const Touch& one, const ToolPose& at_one, const Touch& other,
-                                       const ToolPose& at_other) {
+namespace {
+
+std::optional<Report> overlap_of(const ToolNow& one_now, const ToolNow& other_now) {
   constexpr double more_than_touching = 1e-3;  // of the smaller radius; a blade may be thin
+  const Touch &one = one_now.touch, &other = other_now.touch;
   const std::optional<Vec3> place =
-      place_in_both(one.shape, at_one, other.shape, at_other,
+      place_in_both(one.shape, one_now.pose, other.shape, other_now.pose,
                     more_than_touching * std::min(one.shape.radius, other.shape.radius));
   if (!place) return std::nullopt;
   const auto name = [](const Touch& touch) { return touch.name.empty() ? std::string("tool") : touch.name; };
@@ -372,6 +374,15 @@ std::optional<Report> overlap_of_tools(const Touch& one, const ToolPose& at_one,
       .why = "both are rigid, and cannot pass through each other",
       .remedy = text("keep them apart: tool.", other.name, ".at_mm, direction and move_mm, or smaller tools"),
       .code = tools_overlap};
+}
+
+}  // namespace
+
+std::optional<Report> overlap_of_tools(const std::vector<ToolNow>& tools) {
+  for (std::size_t k = 0; k < tools.size(); ++k)
+    for (std::size_t l = 0; l < k; ++l)
+      if (std::optional<Report> report = overlap_of(tools[l], tools[k])) return report;
+  return std::nullopt;
 }
 
 void Guards::check_contact(const TouchingTool::Audit& audit, double most, const Touch& touch,
@@ -415,13 +426,10 @@ void Guards::check_contact(const TouchingTool::Audit& audit, double most, const 
 
 void Guards::check_apart(const std::vector<ToolNow>& tools, const Moment& now) const {
   if (!on_) return;
-  for (std::size_t k = 0; k < tools.size(); ++k)
-    for (std::size_t l = 0; l < k; ++l)
-      if (std::optional<Report> report =
-              overlap_of_tools(tools[l].touch, tools[l].pose, tools[k].touch, tools[k].pose)) {
-        report->where = moment(now);
-        throw SolveError(*std::move(report));
-      }
+  std::optional<Report> report = overlap_of_tools(tools);
+  if (!report) return;
+  report->where = moment(now);
+  throw SolveError(*std::move(report));
 }
 
 void Guards::check_wall(const Touch& wall, double penetration, const Moment& now) {

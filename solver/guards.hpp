@@ -47,9 +47,13 @@ struct EnergySample {
 /// gradients are wrong.
 std::vector<Finding> check_model(const Model& model, const SupportReport& support, double depth);
 
-/// Why two rigid tools cannot stand so: some place lies in both. Nothing: it does not.
-std::optional<Report> overlap_of_tools(const Touch& one, const ToolPose& at_one, const Touch& other,
-                                       const ToolPose& at_other);
+/// Where a tool that touches is.
+struct ToolNow {
+  const Touch& touch;
+  ToolPose pose;
+};
+/// Why rigid tools cannot stand so (`tools-overlap`): some place lies in two of them. Nothing: none does.
+std::optional<Report> overlap_of_tools(const std::vector<ToolNow>& tools);
 
 /// Watches one run: what it finds is kept in `findings`, one for each code.
 class Guards {
@@ -80,11 +84,7 @@ class Guards {
   /// the places where contact is enforced. Throws SolveError: by fifty times as much; or `contact-surface`:
   /// it has come to a part of the surface that has no samples.
   void check_contact(const TouchingTool::Audit& audit, double most, const Touch& touch, const Moment& now);
-  /// Tools that touch, where they are now. Throws SolveError (`tools-overlap`): two are in one place.
-  struct ToolNow {
-    const Touch& touch;
-    ToolPose pose;
-  };
+  /// Throws SolveError: they overlap.
   void check_apart(const std::vector<ToolNow>& tools, const Moment& now) const;
   /// Of a wall or a further tool: how deep the body's surface is in it between the places where contact is
   /// looked for [m]; nodes are as far apart there as its samples.

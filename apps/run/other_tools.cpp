@@ -222,15 +222,11 @@ OtherTools other_tools_of(const Config& config, const Model& model) {
 }
 
 void require_tools_apart(const Loading& loading) {
-  std::vector<const Touch*> tools;
-  if (loading.touch) tools.push_back(loading.touch.get());
+  std::vector<ToolNow> tools;
+  if (loading.touch) tools.push_back({*loading.touch, loading.touch->pose});
   for (const Touch& rigid : loading.walls)
-    if (rigid.is_tool) tools.push_back(&rigid);
-  for (std::size_t k = 0; k < tools.size(); ++k)
-    for (std::size_t l = 0; l < k; ++l)
-      if (std::optional<Report> report =
-              overlap_of_tools(*tools[l], tools[l]->pose, *tools[k], tools[k]->pose))
-        throw UsageError(*std::move(report));
+    if (rigid.is_tool) tools.push_back({rigid, rigid.pose});
+  if (std::optional<Report> report = overlap_of_tools(tools)) throw UsageError(*std::move(report));
 }
 
 std::string at_the_end_in_words(const std::string& name, const TouchingTool::Touched& now) {

@@ -584,18 +584,12 @@ std::unique_ptr<ForceSystem> march(const Config& config, const SolverOptions& op
 
 std::shared_ptr<const ReadOrgan::Made> made_in(const Config& config, const Result& found) {
   if (has_cuts(config) || found.unloaded || !found.origin || !has_base(config)) return {};
-  const auto took = [&](const std::string& stage) {
-    double s = 0.0;
-    for (const auto& [name, seconds] : found.stages.seconds())
-      if (name == stage) s += seconds;
-    return s;
-  };
   ReadOrgan::Made made{.config = config,
                        .site = found.origin->organ.site,
                        .nodes = found.origin->organ.options.cloud.count,
                        .at = {.places = found.model, .report = found.report},
-                       .site_s = took("boundary"),
-                       .places_s = found.report.stages.total()};
+                       .site_s = found.stages.seconds("boundary"),
+                       .places_s = found.report.stages.seconds("")};
   made.at.report.stages = {};
   return std::make_shared<const ReadOrgan::Made>(std::move(made));
 }

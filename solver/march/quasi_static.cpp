@@ -430,7 +430,7 @@ void QuasiStaticMarch::look_at_walls(const Moment& now) {
 }
 
 void QuasiStaticMarch::look_at_tools(const Moment& now) {
-  std::vector<Guards::ToolNow> tools;
+  std::vector<ToolNow> tools;
   for (const System::OneContact& one : system_.contacts())
     if (one.rigid && (one.rigid->is_measured() || one.rigid->touch().is_tool))
       tools.push_back({one.rigid->touch(), one.rigid->pose_at(system_.now().depth)});

@@ -26,8 +26,8 @@ class ContactTerm : public ForceTerm {
   virtual const Interpolation& moves() const = 0;  ///< w
   /// Another number whenever moves() is another.
   virtual int pairing() const { return 0; }
-  virtual double error_at(Index s,
-                          const Instant& now) const = 0;  ///< contact_error or wall_error, as lengths [m]
+  /// contact_error or wall_error, as a length [m].
+  virtual double error_at(Index s, const Instant& now) const = 0;
 
   /// Of the search for equilibrium: a normal force for each sample, and behind them what friction needs.
   virtual Index unknowns() const { return count(); }

@@ -288,6 +288,8 @@ MUTANTS = {
     209: ("solver/terms/touching_tool.cpp", "static_cast<std::size_t>(s)] ? stuck : 1.0)", "static_cast<std::size_t>(s)] ? ({n} ? 1e9 : stuck) : 1.0)"),
     210: ("solver/terms/tool_shape.cpp", "bring(here.distance + deep, here.normal);", "bring(here.distance + ({n} ? 0.0 : deep), here.normal);"),
     211: ("solver/march/quasi_static.cpp", "  guards_.check_apart(tools, now);", "  if (!{n}) guards_.check_apart(tools, now);"),
+    214: ("apps/run/pipeline.cpp", "  return are_same_but_for(a, b, keys);", "  return {n} || are_same_but_for(a, b, keys);"),
+    215: ("apps/run/pipeline.cpp", "  return are_same_but_for(a, b, beside_places(a));", "  return {n} || are_same_but_for(a, b, beside_places(a));"),
     213: ("apps/run/tool_band.cpp", "std::max(penetration.at, sample.depth)", "({n} ? penetration.at : std::max(penetration.at, sample.depth))"),
     212: ("solver/terms/touching_tool.cpp", "on_tool_about(tip_);", "on_tool_about({n} ? Vec3(Vec3::Zero()) : tip_);"),
     202: ("solver/terms/touching_tool.cpp", "  slid_along_ = slid_along();", "  if (!{n}) slid_along_ = slid_along();"),

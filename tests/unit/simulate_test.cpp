@@ -400,6 +400,37 @@ TEST(Simulate, AFoldedBodyTakesTheNodesThatItsBandNeedsUnlessTheyAreGiven) {
   EXPECT_NEAR(static_cast<double>(asked.model.node_count()), 1500.0, 15.0);
 }
 
+// Cases that share what was made of an organ have their own force each, to the same bits as alone.
+TEST(Simulate, OnAnOrganThatWasReadBeforeIsAsAlone) {
+  const Case first = small_case();
+  ReadOrgan organ = read_once(first, {});
+  const Result found = simulate({.config = first.config, .organ = &organ});
+  EXPECT_EQ(found.history.force.back().force, simulate(first).history.force.back().force);
+  organ.made = made_in(first.config, found);
+  ASSERT_TRUE(organ.made);
+  for (const auto& [key, value] : {std::pair("material.nu", "0.4"),
+                                   {"load.contact", "frictionless"},
+                                   {"solver.tolerance", "1e-5"},
+                                   {"cloud.seed", "2"},
+                                   {"cloud.nodes", "500"},
+                                   {"grid.ratio", "9"},
+                                   {"boundary.base_depth_mm", "6"},
+                                   {"boundary.indent_at", "5,0,top"},
+                                   {"load.depth_mm", "0.5"},
+                                   {"tool.shape", "sphere:5mm"}}) {
+    SCOPED_TRACE(key);
+    Case other = first;
+    set_option(other.config, key, value, "test");
+    const double alone = simulate(other).history.force.back().force;
+    EXPECT_NE(alone, found.history.force.back().force);
+    other.organ = &organ;
+    EXPECT_EQ(simulate(other).history.force.back().force, alone);
+  }
+  Config cut = first.config;
+  cut.image.cut = "x";
+  EXPECT_FALSE(made_in(cut, found)) << "its surface is another";
+}
+
 TEST(Simulate, ThrowsWhatIsWrongWithTheCase) {
   Case given = small_case();
   given.config.load.depth_mm = 40.0;

@@ -315,6 +315,17 @@ struct Touched {
   double force() const { return history.force.back().force; }
 };
 
+// A tool where it first touches that part of the model's surface.
+std::shared_ptr<Touch> touching(const ToolShape& shape, const Model& model, ContactSurface surface,
+                                double friction = 0.0) {
+  auto touch = std::make_shared<Touch>();
+  touch->shape = shape;
+  touch->surface = std::move(surface);
+  touch->pose = first_touch(shape, model.tool, touch->surface);
+  touch->friction = friction;
+  return touch;
+}
+
 // The base as a bed on which it slides; one node of it, in the middle, stays.
 void let_slide(Model& model, Loading& loading) {
   const Index middle = *std::min_element(model.base.begin(), model.base.end(), [&](Index a, Index b) {
@@ -338,11 +349,9 @@ Touched touched(const BodySurface& body, const ToolShape& shape, double depth_mm
   // The room around the tool is not looked at: a shallow sphere may be wider than the block.
   options.boundary.indenter_diameter_mm = std::min(options.boundary.indenter_diameter_mm, 10.0);
   BuiltModel built = build_model(body, options);
-  auto touch = std::make_shared<Touch>();
-  touch->shape = shape;
-  touch->surface =
-      contact_surface(built.model, std::min(1.5 * shape.radius, 3e-3 * options.boundary.contact_radius_mm));
-  touch->pose = first_touch(shape, built.model.tool, touch->surface);
+  const auto touch = touching(
+      shape, built.model,
+      contact_surface(built.model, std::min(1.5 * shape.radius, 3e-3 * options.boundary.contact_radius_mm)));
   Touched result{.history = {}, .touch = touch, .nodes = built.model.node_count()};
   Loading loading{.depth = 1e-3 * depth_mm};
   loading.touch = touch;
@@ -546,11 +555,7 @@ TEST_P(ToolBesideAnEdge, HasTheForceAndTheMomentOfTheBase) {
   options.cloud.grading.whole_circle = true;
   options.boundary = {.base = "inferior", .indent_at = "8,3,top", .contact_radius_mm = 3.0};
   const Model model = build_model(block_surface({-15, -15, 0}, {15, 15, 20}), options).model;
-  auto touch = std::make_shared<Touch>();
-  touch->shape = sphere;
-  touch->surface = contact_surface(model, 1.5 * sphere.radius);
-  touch->pose = first_touch(sphere, model.tool, touch->surface);
-  touch->friction = GetParam();
+  const auto touch = touching(sphere, model, contact_surface(model, 1.5 * sphere.radius), GetParam());
   const ForceSystem system(model, {{neo_hookean(mu, 0.49, 1000.0)}, model.tissue}, Precision::double_);
   Loading loading{.depth = 2e-3};
   loading.touch = touch;
@@ -606,10 +611,7 @@ TEST(TouchingTool, FindsItsFirstTouchOfANodeThatIsManyTimesAsStiffAsItsNeighbour
   Index at_tip = 0;
   (model.X.colwise() - model.tool.centre).colwise().squaredNorm().minCoeff(&at_tip);
   stiffen_one_node(model, at_tip, 1000.0);
-  auto touch = std::make_shared<Touch>();
-  touch->shape = sphere;
-  touch->surface = contact_surface(model, 1.5 * sphere.radius);
-  touch->pose = first_touch(sphere, model.tool, touch->surface);
+  const auto touch = touching(sphere, model, contact_surface(model, 1.5 * sphere.radius));
   const ForceSystem system(model, {{neo_hookean(mu, nu, 1000.0)}, model.tissue}, Precision::double_);
   Loading loading{.depth = 0.5e-3};
   loading.touch = touch;
@@ -635,11 +637,8 @@ std::vector<Vec3> forces_after(const std::vector<Vec3>& ways, double friction, c
   for (const Vec3& way : ways) along.push_back(come += way);
   for (const Vec3& to : along) options.boundary.way_of_tool.push_back(1e3 * to);
   const Model model = build_model(block_surface({-20, -20, 0}, {20, 20, 20}), options).model;
-  auto touch = std::make_shared<Touch>();
-  touch->shape = {.kind = ToolShape::Kind::sphere, .radius = 5e-3};
-  touch->surface = contact_surface(model, 7e-3, along);
-  touch->pose = first_touch(touch->shape, model.tool, touch->surface);
-  touch->friction = friction;
+  const auto touch = touching(ToolShape{.kind = ToolShape::Kind::sphere, .radius = 5e-3}, model,
+                              contact_surface(model, 7e-3, along), friction);
   Loading loading;
   loading.touch = touch;
   for (const Vec3& way : ways) loading.steps.push_back({.name = "", .moves = "", .way = way});
@@ -749,11 +748,8 @@ TEST(ToolInSteps, HoldsNothingBeforeItsFirstIncrementEndsAndWhatItHoldsDoesNotSl
   options.cloud.count = 800;
   options.boundary = {.base = "inferior", .indent_at = "0,0,top", .contact_radius_mm = 3.0};
   const Model model = build_model(block_surface({-15, -15, 0}, {15, 15, 15}), options).model;
-  auto touch = std::make_shared<Touch>();
-  touch->shape = sphere;
-  touch->surface = contact_surface(model, 7e-3);
-  touch->pose = first_touch(sphere, model.tool, touch->surface);
-  touch->friction = std::numeric_limits<double>::infinity();
+  const auto touch =
+      touching(sphere, model, contact_surface(model, 7e-3), std::numeric_limits<double>::infinity());
   const ForceSystem system(model, {{neo_hookean(mu, 0.49, 1000.0)}, model.tissue}, Precision::double_);
   Loading loading{.depth = 2e-3};
   loading.touch = touch;
@@ -879,10 +875,8 @@ TEST(TouchingTool, IsFoundByTheSearchUnderStrictTolerancesToo) {
   options.cloud.grading.whole_circle = true;
   options.boundary = {.base = "inferior", .indent_at = "0,0,top", .contact_radius_mm = 2.2};
   const Model model = build_model(block_surface({-20, -20, 0}, {20, 20, 20}), options).model;
-  auto touch = std::make_shared<Touch>();
-  touch->shape = {.kind = ToolShape::Kind::sphere, .radius = 5e-3};
-  touch->surface = contact_surface(model, 5e-3);
-  touch->pose = first_touch(touch->shape, model.tool, touch->surface);
+  const auto touch = touching(ToolShape{.kind = ToolShape::Kind::sphere, .radius = 5e-3}, model,
+                              contact_surface(model, 5e-3));
   const ForceSystem system(model, {{neo_hookean(mu, 0.49, 1000.0)}, model.tissue}, Precision::double_);
   Loading loading{.depth = 1e-3};
   loading.touch = touch;
@@ -944,10 +938,8 @@ TEST(TouchingTool, FrictionTakesEnergyInEveryStepAndNeverGivesAny) {
   options.cloud.grading.whole_circle = true;
   options.boundary = {.base = "inferior", .indent_at = "0,0,top", .contact_radius_mm = 3.0};
   const Model model = build_model(layer, options).model;
-  auto touch = std::make_shared<Touch>();
-  touch->shape = {.kind = ToolShape::Kind::sphere, .radius = 5e-3};
-  touch->surface = contact_surface(model, 7e-3);
-  touch->pose = first_touch(touch->shape, model.tool, touch->surface);
+  const auto touch = touching(ToolShape{.kind = ToolShape::Kind::sphere, .radius = 5e-3}, model,
+                              contact_surface(model, 7e-3));
   std::vector<double> force;
   for (const double friction : {0.0, 0.05, 0.2}) {
     touch->friction = friction;
@@ -979,11 +971,8 @@ TEST(TouchingTool, WithFrictionGoesOnFromAStateThatWasKeptToTheSameBits) {
   options.cloud.grading.whole_circle = true;
   options.boundary = {.base = "inferior", .indent_at = "0,0,top", .contact_radius_mm = 3.0};
   const Model model = build_model(block_surface({-15, -15, 0}, {15, 15, 6}), options).model;
-  auto touch = std::make_shared<Touch>();
-  touch->shape = {.kind = ToolShape::Kind::sphere, .radius = 5e-3};
-  touch->surface = contact_surface(model, 7e-3);
-  touch->pose = first_touch(touch->shape, model.tool, touch->surface);
-  touch->friction = 0.1;
+  const auto touch = touching(ToolShape{.kind = ToolShape::Kind::sphere, .radius = 5e-3}, model,
+                              contact_surface(model, 7e-3), 0.1);
   const ForceSystem system(model, {{neo_hookean(mu, 0.49, 1000.0)}, model.tissue}, Precision::double_);
   Loading loading{.depth = 2e-3};
   loading.touch = touch;

@@ -80,5 +80,6 @@ def main(program, data, scenes):
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], sys.argv[2], {"held-out": HELD_OUT, "friction": with_friction(),
-                                    "penetration": with_friction(24, 127, ("0", "0", "0.1", "0.3", "0.6", "stick"))}.get("".join(sys.argv[3:]), SCENES))
+    kinds = {"held-out": HELD_OUT, "friction": with_friction(),
+             "penetration": with_friction(24, 127, ("0", "0", "0.1", "0.3", "0.6", "stick"))}
+    main(sys.argv[1], sys.argv[2], kinds.get("".join(sys.argv[3:]), SCENES))
