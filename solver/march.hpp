@@ -114,6 +114,7 @@ struct Frame {
   double contact_force = 0.0;   ///< of a tool that touches, along its push, which no held node bears [N]
   Vec3 turned = Vec3::Zero();   ///< by which rotation vector the tool has turned [rad]
   const TouchingTool* tool = nullptr;  ///< that touches, with the forces that belong to f; null: the circle
+  std::vector<const TouchingTool*> walls = {};  ///< likewise, in the order of Loading::walls
 };
 
 struct History {
@@ -142,6 +143,9 @@ struct History {
   double contact_heat = 0.0;    ///< that friction under the tool has taken so far [J]
   FoldContact::Audit folds;     ///< at the last equilibrium, but for the deepest penetration of all
   std::vector<TouchingTool::Touched> walls = {};  ///< likewise, of each wall
+  /// The tissue's force on each wall [N] and its moment about that one's tip [N m], as a Wrench: of the first
+  /// of `force` those of all walls, then of the next.
+  std::vector<std::array<double, 6>> on_walls = {};
   double momentum_error = 0.0;  ///< largest |sum of internal forces| / largest single reaction
   std::vector<Finding> guards;
   std::vector<Retry> retries;

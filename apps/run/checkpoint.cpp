@@ -11,7 +11,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* format = "dimple checkpoint 15";
+constexpr const char* format = "dimple checkpoint 16";
 
 }  // namespace
 
@@ -19,11 +19,11 @@ template <class Archive, Like<History> T>
 void members(Archive& io, T& history) {
   auto& [force, energy, evaluations, extra_evaluations, dt_stable_first, dt_first, dt_smallest, J_min,
          inverted, residual, interrupted, settled, penetration, contact_area, contact_pressure,
-         contact_samples, penetration_at, contact_sticks, contact_heat, folds, walls, momentum_error, guards,
-         retries] = history;
+         contact_samples, penetration_at, contact_sticks, contact_heat, folds, walls, on_walls,
+         momentum_error, guards, retries] = history;
   io(force, energy, evaluations, extra_evaluations, dt_stable_first, dt_first, dt_smallest, J_min, inverted,
      residual, interrupted, settled, penetration, contact_area, contact_pressure, contact_samples,
-     penetration_at, contact_sticks, contact_heat, folds, walls, momentum_error, guards, retries);
+     penetration_at, contact_sticks, contact_heat, folds, walls, on_walls, momentum_error, guards, retries);
 }
 
 template <class Archive, Like<TouchingTool::Touched> T>

@@ -252,6 +252,12 @@ struct NamedSection {
                         .where = source,
                         .why = fmt::format("keys are {}name.option", section),
                         .remedy = std::string(example)});
+    if (name.find('.') != std::string::npos)
+      throw UsageError(
+          {.fact = fmt::format("a {} is called '{}', and a name holds no dot", own, name),
+           .where = source,
+           .why = fmt::format("dots part keys: {}name.option, here and in summary.json's own paths", section),
+           .remedy = std::string(example)});
     std::vector<Option> options = options_of(named[name]);
     Option* option = find(options, own + key.substr(dot));
     if (!option) unknown_key(options, key, source);

@@ -205,7 +205,7 @@ class Recorder {
     // A refinement that was stopped has little time to write what it has.
     writer_.emplace(how_.folder, now.model, now.history.interrupted ? tables_alone : wanted_of(given_.config),
                     label_at, now.loading.further, now.loading.duration(), now.loading.touch);
-    show_further_tools(now.loading);
+    show_beside(now.loading);
     if (wanted_of(given_.config).report)
       slices_ = slices_through(1e3 * (now.model.tool.centre + 0.5 * now.loading.depth * now.model.tool.push),
                                now.model, image);
@@ -299,7 +299,7 @@ class Recorder {
   void tell_end(const End& end);
   Comparison compare_with_measured();
   void show_walls();
-  void show_further_tools(const Loading& loading);
+  void show_beside(const Loading& loading);
   void draw_overview(const End& end, const std::optional<Comparison>& comparison);
   bool has_images() const { return images_ && !images_->told().empty(); }
   void tell_of_images();
@@ -455,18 +455,21 @@ Comparison Recorder::compare_with_measured() {
   return comparison;
 }
 
-// As solids, like the tool that is measured.
-void Recorder::show_further_tools(const Loading& loading) {
-  std::vector<ResultWriter::FurtherTool> tools;
+// Tools as solids, like the one that is measured.
+void Recorder::show_beside(const Loading& loading) {
+  std::vector<ResultWriter::Rigid> rigid;
   for (const Touch& other : loading.walls) {
-    if (!other.is_tool) continue;
+    if (!other.is_tool) {
+      rigid.push_back({other.name});
+      continue;
+    }
     const auto come = [steps = loading.steps, rate = loading.rate, name = other.name,
                        motion = other.motion.value_or(Vec3::Zero().eval())](double time_s) {
       return steps.empty() ? Vec3(rate * time_s * motion) : moved(steps, name, rate * time_s);
     };
-    tools.push_back({other.name, tool_body(other), come});
+    rigid.push_back({other.name, true, tool_body(other), come});
   }
-  writer_->show_further(std::move(tools));
+  writer_->show_beside(std::move(rigid));
 }
 
 // Where they stand, for picture and page, and what they bear.

@@ -22,7 +22,6 @@
 #include "io/file.hpp"
 #include "io/memory.hpp"
 #include "io/stop.hpp"
-#include "io/table.hpp"
 #include "io/units.hpp"
 
 namespace dimple {
@@ -91,19 +90,47 @@ struct ResultWriter::Packing {
 
 namespace {
 
-// Where a tool may touch, and how it does.
-PointFile contact_of(const TouchingTool& tool, const Points& u_mm) {
-  const ContactSurface& surface = tool.touch().surface;
-  PointFile file{.position_mm = surface.place * 1e3 + surface.at_place(u_mm), .fields = {}};
-  Eigen::RowVectorXd contact(tool.count());
-  for (Index s = 0; s < contact.size(); ++s) contact[s] = static_cast<int>(tool.contact(s));
-  file.fields = {
-      {.name = "contact", .unit = "", .values = contact, .type = Field::Type::int32},
-      {.name = "pressure_Pa", .unit = "Pa", .values = tool.pressures().transpose()},
-      {.name = "force_N", .unit = "N", .values = tool.forces_on_body(), .components = {"X", "Y", "Z"}},
-      {.name = "area_mm2", .unit = "mm^2", .values = surface.area.transpose() * 1e6}};
-  if (tool.rubs())
-    file.fields.push_back({.name = "slid_mm", .unit = "mm", .values = tool.slid_along().transpose() * 1e3});
+// What touches the body and is rigid: the tool that is measured, if it does, and the rest in their order.
+std::vector<const TouchingTool*> rigid_in(const Frame& frame) {
+  std::vector<const TouchingTool*> all;
+  if (frame.tool) all.push_back(frame.tool);
+  all.insert(all.end(), frame.walls.begin(), frame.walls.end());
+  return all;
+}
+
+// Where they may touch, and how they do.
+PointFile contact_of(const Frame& frame, const Points& u_mm) {
+  const std::vector<const TouchingTool*> rigid = rigid_in(frame);
+  Index count = 0;
+  for (const TouchingTool* one : rigid) count += one->count();
+  Points place(3, count), force(3, count);
+  Eigen::MatrixXd contact(1, count), pressure(1, count), area(1, count), slid(1, count), whose(1, count);
+  Index at = 0;
+  for (const TouchingTool* one : rigid) {
+    const ContactSurface& surface = one->touch().surface;
+    const Index its = one->count();
+    place.middleCols(at, its) = surface.place * 1e3 + surface.at_place(u_mm);
+    force.middleCols(at, its) = one->forces_on_body();
+    for (Index s = 0; s < its; ++s) contact(0, at + s) = static_cast<int>(one->contact(s));
+    pressure.middleCols(at, its) = one->pressures().transpose();
+    area.middleCols(at, its) = surface.area.transpose() * 1e6;
+    if (one->rubs())
+      slid.middleCols(at, its) = one->slid_along().transpose() * 1e3;
+    else
+      slid.middleCols(at, its).setZero();
+    const auto number = std::find(frame.walls.begin(), frame.walls.end(), one) - frame.walls.begin();
+    whose.middleCols(at, its).setConstant(one == frame.tool ? 0.0 : static_cast<double>(number + 1));
+    at += its;
+  }
+  PointFile file{.position_mm = std::move(place), .fields = {}};
+  file.fields = {{.name = "contact", .unit = "", .values = contact, .type = Field::Type::int32},
+                 {.name = "pressure_Pa", .unit = "Pa", .values = pressure},
+                 {.name = "force_N", .unit = "N", .values = force, .components = {"X", "Y", "Z"}},
+                 {.name = "area_mm2", .unit = "mm^2", .values = area}};
+  if (std::any_of(rigid.begin(), rigid.end(), [](const TouchingTool* one) { return one->rubs(); }))
+    file.fields.push_back({.name = "slid_mm", .unit = "mm", .values = slid});
+  if (!frame.walls.empty())
+    file.fields.push_back({.name = "touched_by", .unit = "", .values = whose, .type = Field::Type::int32});
   return file;
 }
 
@@ -261,8 +288,8 @@ void ResultWriter::frame(const Frame& frame) {
     }
     packing.mises = std::move(at_points.mises);
   }
-  if (wanted_.surface && touch_) {
-    packing.contact = contact_of(*frame.tool, u);
+  if (wanted_.surface && touches()) {
+    packing.contact = contact_of(frame, u);
     packing.contact.small = !wanted_.fine;
   }
   finish_frames();
@@ -320,7 +347,7 @@ void ResultWriter::write(Packing frame) {
 
 std::vector<TimeSeries*> ResultWriter::view_series() {
   std::vector<TimeSeries*> all = {&surface_series_, &section_series_, &tool_series_};
-  if (touch_) all.push_back(&contact_series_);
+  if (touches()) all.push_back(&contact_series_);
   return all;
 }
 
@@ -410,7 +437,7 @@ void ResultWriter::write_view(const Packing& frame) {
                        fact("front", "", section_.front)},
              .small = small},
             frame.time_s);
-  if (touch_) write_vtu(contact_series_.next_frame(), frame.contact, frame.time_s);
+  if (touches()) write_vtu(contact_series_.next_frame(), frame.contact, frame.time_s);
 }
 
 void ResultWriter::tables(const History& history, const Band& band, double spread) const {
@@ -452,6 +479,7 @@ void ResultWriter::tables(const History& history, const Band& band, double sprea
   };
   add_if_any(aside_columns, 1e3, &ForceSample::aside);
   add_if_any(turned_columns, 180.0 / std::numbers::pi, &ForceSample::turned);
+  add_wrenches_beside(history, force);
   write_csv(folder_ / "force.csv", force);
 
   Table energy{.header = {"time_s", "indentation_mm", "kinetic_J", "stored_J", "external_work_J",
@@ -465,6 +493,18 @@ void ResultWriter::tables(const History& history, const Band& band, double sprea
   write_csv(folder_ / "energy.csv", energy);
 }
 
+// A wall's moment is about no place that anybody knows.
+void ResultWriter::add_wrenches_beside(const History& history, Table& force) const {
+  const std::size_t walls = beside_it_.size();
+  for (std::size_t k = 0; k < walls; ++k)
+    for (std::size_t c = 0; c < (beside_it_[k].is_tool ? wrench_columns.size() : 3); ++c) {
+      force.header.push_back(fmt::format("{}_{}", beside_it_[k].name, wrench_columns[c]));
+      std::vector<double>& column = force.column.emplace_back();
+      for (std::size_t sample = 0; sample < history.force.size(); ++sample)
+        column.push_back(history.on_walls[sample * walls + k][c]);
+    }
+}
+
 Points ResultWriter::tool_turned(const Vec3& turned) const {
   if (!touch_ || turned.isZero(0.0)) return tool_.position_mm;
   const Vec3 tip = 1e3 * touch_->pose.tip;
@@ -474,7 +514,8 @@ Points ResultWriter::tool_turned(const Vec3& turned) const {
 SurfaceFile ResultWriter::tools_at(double time_s, const Vec3& way_mm, const Vec3& turned) const {
   SurfaceFile all{
       .position_mm = tool_turned(turned).colwise() + way_mm, .triangles = tool_.triangles, .fields = {}};
-  for (const FurtherTool& one : further_) {
+  for (const Rigid& one : beside_it_) {
+    if (!one.is_tool) continue;
     const Index vertices = all.position_mm.cols(), triangles = all.triangles.cols();
     all.position_mm.conservativeResize(3, vertices + one.body.position_mm.cols());
     all.position_mm.rightCols(one.body.position_mm.cols()) =
@@ -526,7 +567,8 @@ Overview ResultWriter::picture_of(const History& history, const Band& band) cons
   SurfaceFile tools = tools_at(history.force.back().t, way_mm, Vec3(history.force.back().turned.data()));
   picture.tool_mm = tools.position_mm.colwise() - way_mm;
   picture.tool_triangles = std::move(tools.triangles);
-  for (const FurtherTool& one : further_) picture.tool += ", " + one.name;
+  for (const Rigid& one : beside_it_)
+    if (one.is_tool) picture.tool += ", " + one.name;
   return picture;
 }
 

@@ -17,6 +17,7 @@
 #include "io/draw/picture.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
+#include "io/table.hpp"
 #include "io/vtk_files.hpp"
 #include "preprocess/cloud/integration_grid.hpp"
 #include "preprocess/output/reduce_surface.hpp"
@@ -69,13 +70,15 @@ class ResultWriter {
                double end_s = std::numeric_limits<double>::infinity(),
                std::shared_ptr<const Touch> touch = nullptr);
 
-  /// A further tool that is drawn beside the one that is measured.
-  struct FurtherTool {
+  /// What is rigid beside the tool that is measured, in the order of Loading::walls: its forces stand in
+  /// force.csv and contact.pvd, and further tools are drawn.
+  struct Rigid {
     std::string name;
-    SurfaceFile body;                         ///< where it first touches [mm]
-    std::function<Vec3(double time_s)> come;  ///< [m] from there
+    bool is_tool = false;
+    SurfaceFile body = {};                         ///< of a tool: where it first touches [mm]
+    std::function<Vec3(double time_s)> come = {};  ///< likewise [m] from there
   };
-  void show_further(std::vector<FurtherTool> tools) { further_ = std::move(tools); }
+  void show_beside(std::vector<Rigid> rigid) { beside_it_ = std::move(rigid); }
 
   ~ResultWriter();
 
@@ -122,6 +125,8 @@ class ResultWriter {
   void write_points(Packing frame, bool of_stopped = false);
   void write_view(const Packing& frame);
   std::vector<TimeSeries*> view_series();
+  bool touches() const { return touch_ || !beside_it_.empty(); }
+  void add_wrenches_beside(const History& history, Table& force) const;
   bool is_last(double time_s) const { return time_s >= end_s_ * (1.0 - 1e-9); }
   Overview body_of(double depth, const Vec3& aside = Vec3::Zero(), const Vec3& turned = Vec3::Zero()) const;
   Overview picture_of(const History& history, const Band& band) const;
@@ -132,7 +137,7 @@ class ResultWriter {
   Wanted wanted_;
   bool beside_;  // frames are written while the march goes on
   Section section_;
-  std::vector<FurtherTool> further_;
+  std::vector<Rigid> beside_it_;
   /// The tool that is measured, turned about its tip by a rotation vector [rad].
   Points tool_turned(const Vec3& turned) const;
   /// All tools as one body, where that which is measured has come by `way_mm` and turned.

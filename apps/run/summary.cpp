@@ -147,6 +147,7 @@ Json other_tool_json(const Touch& tool, const TouchingTool::Touched& now) {
               {"first_touch_mm", three(1e3 * tool.pose.tip)},
               {"points_along", three(tool.pose.points_at)},
               {"force_on_tool_N", three(now.force)},
+              {"force_size_N", now.force.norm()},
               {"moment_on_tool_Nm", three(now.moment)},
               {"samples_in_contact", now.samples},
               {"contact_area_mm2", 1e6 * now.area},

@@ -267,7 +267,7 @@ void ExplicitMarch::go_back(const MarchState& kept, const SolveError& error) {
     if (system_.viscoelastic()) system_.begin_step(state_.dt_before);
     system_.set({.t = reached / loading_.rate, .depth = reached});
     system_.force(u_, f_);
-    history_.force.push_back(ledger_.force({reached / loading_.rate, reached}, u_, f_));
+    ledger_.add(ledger_.force({reached / loading_.rate, reached}, u_, f_));
     if (!smaller_steps_help) throw SolveError(error);
     throw after_retries(error, text("steps down to ", safety, " of the stable one"));
   }

@@ -25,8 +25,14 @@ ForceSample Ledger::force(const Moment& now, const Nodal& u, const Nodal& f) con
   return sample;
 }
 
-void Ledger::write(const ForceSample& sample, const Nodal& f) {
+void Ledger::add(const ForceSample& sample) const {
   history_.force.push_back(sample);
+  for (const TouchingTool* wall : system_.walls())
+    Eigen::Map<Wrench>(history_.on_walls.emplace_back().data()) = wall->on_tool(system_.now());
+}
+
+void Ledger::write(const ForceSample& sample, const Nodal& f) {
+  add(sample);
   account_.largest_reaction = std::max(account_.largest_reaction, std::abs(sample.force));
   if (account_.largest_reaction > 0.0)
     history_.momentum_error =

@@ -25,7 +25,9 @@ class Ledger {
 
   /// At displacements u [4xN] m with the force f [4xN] N.
   ForceSample force(const Moment& now, const Nodal& u, const Nodal& f) const;
-  /// Takes a sample into the curve, and f into the largest error of the momentum so far.
+  /// Takes a sample into the curve, and what the walls feel now beside it.
+  void add(const ForceSample& sample) const;
+  /// The same, and f into the largest error of the momentum so far.
   void write(const ForceSample& sample, const Nodal& f);
   /// Shows the last sample. False: the observer has enough.
   bool show_force() const { return !observer_.sample || observer_.sample(history_.force.back(), history_); }

@@ -40,6 +40,7 @@ Frame frame_of(const System& system, int number, const Moment& at, const Nodal& 
   frame.aside = system.aside();
   frame.turned = system.turned();
   frame.tool = system.touching();
+  frame.walls = system.walls();
   if (frame.tool) frame.contact_force = system.along_push(f);
   return frame;
 }
@@ -75,7 +76,7 @@ struct FramesBetween {
       const bool found = find(now, f);
       history.extra_evaluations += system.tissue().sweeps() - swept;
       if (found)
-        history.force.push_back(ledger.force(at, now.u, f));
+        ledger.add(ledger.force(at, now.u, f));
       else
         tell_of_line(at.depth);
       if (observer.frame) observer.frame(frame_of(system, loading.begun.frame + last + 1, at, now.u, f));
@@ -223,11 +224,11 @@ void QuasiStaticMarch::begin_at_rest() {
   if (system_.loaded()) {
     system_.set({});
     system_.force_at(now_.u, now_.lambda, f_);
-    history_.force.push_back(ledger_.force({}, now_.u, f_));  // no write(): of a first sample nothing to book
+    ledger_.add(ledger_.force({}, now_.u, f_));  // no write(): of a first sample nothing to book
     stored = system_.stored_energy(now_.u);
     ledger_.add_work(stored.sum());  // what the loads did before counts as done from outside
   } else {
-    history_.force.push_back({0.0, 0.0, 0.0, 0.0});
+    ledger_.add({0.0, 0.0, 0.0, 0.0});
   }
   ledger_.write(ledger_.energy({}, 0.0, stored));
   if (observer_.frame) observer_.frame(frame_of(system_, 0, {}, now_.u, f_));

@@ -59,6 +59,7 @@ TouchingTool::TouchingTool(Touch touch) : touch_(std::move(touch)), roundness_(r
   force_.setZero(count());
   gap_.setZero(count());
   normal_.setZero(3, count());
+  place_ = touch_.surface.place;
   if (!rubs()) return;
   friction_.setZero(3, count());
   slip_ = slid_ = anchor_ = friction_;

@@ -162,6 +162,12 @@ TEST_F(Report, OfABodyBesideAWallShowsTheWallsForce) {
       << "and where it stands";
 }
 
+TEST_F(Report, OfTwoToolsShowsTheForceOfTheOtherToo) {
+  run(" --tool sphere:5mm --set tool.other.shape=sphere:4mm --set tool.other.at=-20,0,25 --set "
+      "tool.other.move=1mm");
+  EXPECT_TRUE(keys_shown(shown(), summary()).contains("other_tools.other.force_size_N"));
+}
+
 TEST_F(Report, OfAToolThatTouchesACutBodyShowsItsNumbersToo) {
   run(" --tool sphere:5mm --cut line:12,-20,25,12,20,25,depth=10mm");
   const std::string page = shown();

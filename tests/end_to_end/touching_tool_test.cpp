@@ -659,6 +659,65 @@ TEST(SeveralTools, AreDrawnEachWhereItIs) {
   }
 }
 
+// The table, the summary and the surface's parts are three witnesses of the same forces.
+TEST(SeveralTools, AndWallsHaveTheirForcesAtEachDepthInTheTableAndAtEachPartOfTheSurface) {
+  const fs::path folder = fresh_folder();
+  const Ran ran =
+      dimple(folder,
+             "run " DIMPLE_SAMPLE_DATA
+             "/block_3mm.nrrd -o out -q --band off --write surface --nodes 600 --frames 2 --depth 2mm --tool "
+             "sphere:5mm --set tool.other.shape=sphere:4mm --set tool.other.at=18,0,30 --set "
+             "tool.other.move=1mm --set tool.other.friction=0.3 --wall around:0.2mm");
+  ASSERT_EQ(ran.code, 0) << ran.err;
+  const auto summary = nlohmann::json::parse(text_of(folder / "out" / "summary.json"));
+  const auto& other = summary["other_tools"]["other"];
+  const Table curve = read_csv(folder / "out" / "force.csv");
+  EXPECT_EQ(curve.find("wall_moment_x_Nm"), nullptr) << "about no place that anybody knows";
+  double worst = 0.0;
+  for (const int frame : {0, 1, 2}) {
+    SCOPED_TRACE(frame);
+    const std::vector<double>& depth = *curve.find("indentation_mm");
+    const auto row = static_cast<std::size_t>(
+        std::find_if(depth.begin(), depth.end(), [&](double d) { return d > frame - 1e-6; }) - depth.begin());
+    ASSERT_LT(row, depth.size());
+    const PointFile file = read_vtu(folder / "out" / "contact" / fmt::format("contact_{:04d}.vtu", frame));
+    const Eigen::MatrixXd &force = file.find("force_N")->values, &by = file.find("touched_by")->values;
+    for (const auto& [number, name] : {std::pair{0, ""}, {1, "other_"}, {2, "wall_"}}) {
+      Vec3 on_body = Vec3::Zero();
+      for (Index s = 0; s < force.cols(); ++s)
+        if (by(0, s) == number) on_body += force.col(s);
+      for (const int axis : {0, 1, 2}) {
+        const double written = (*curve.find(fmt::format("{}force_{}_N", name, "xyz"[axis])))[row];
+        EXPECT_NEAR(on_body[axis], -written, 1e-8) << name;
+        if (frame == 2 && number == 1)
+          EXPECT_EQ(written, other["force_on_tool_N"][static_cast<std::size_t>(axis)]);
+        worst = std::max(worst, number == 2 ? std::abs(written) : 0.0);
+      }
+      if (number == 1) EXPECT_EQ(frame == 0, on_body.isZero(0.0)) << "it presses from the first depth on";
+    }
+    EXPECT_EQ(by.maxCoeff(), 2.0);
+  }
+  EXPECT_GT(worst, 0.0) << "a block that swells sideways touches what is around it";
+  for (const char* axis : {"x", "y", "z"})
+    EXPECT_EQ(curve.find(fmt::format("other_moment_{}_Nm", axis))->back(),
+              other["moment_on_tool_Nm"][static_cast<std::size_t>(*axis - 'x')]);
+}
+
+// The circle holds nodes; what else touches still stands in the files.
+TEST(SeveralTools, BesideTheCircleHaveFilesOfTheirContactToo) {
+  const fs::path folder = fresh_folder();
+  const Ran ran =
+      dimple(folder, "run " DIMPLE_SAMPLE_DATA
+                     "/block_3mm.nrrd -o out -q --band off --write surface --nodes 600 --frames 1 "
+                     "--depth 2mm --wall around:0.2mm");
+  ASSERT_EQ(ran.code, 0) << ran.err;
+  const PointFile file = read_vtu(folder / "out" / "contact" / "contact_0001.vtu");
+  const auto summary = nlohmann::json::parse(text_of(folder / "out" / "summary.json"));
+  EXPECT_EQ(file.position_mm.cols(), summary["walls"]["wall"]["places"]);
+  EXPECT_TRUE((file.find("touched_by")->values.array() == 1.0).all());
+  EXPECT_EQ(file.find("slid_mm"), nullptr) << "without friction";
+}
+
 TEST(SeveralTools, WithoutFrictionComeOneAfterTheOtherToTheSameForcesAsTogether) {
   const Pinched wall;
   const auto both = wall.run(std::string("--depth 2mm ") + other + "--set tool.other.move=2mm");
@@ -697,6 +756,7 @@ TEST(SeveralTools, AreRefusedInWordsWhereWhatIsSaidOfThemMakesNoTool) {
   const std::string run =
       "run brain.nrrd -o out -q --tool sphere:5mm --depth 2mm --set tool.other.at=0,0,60 ";
   refused(2, run, "the tool 'other' has no shape");
+  refused(2, run + "--set tool.a.b.shape=sphere:4mm", "a tool is called 'a.b', and a name holds no dot");
   refused(2, run + "--set tool.other.shape=circle", "the tool 'other' is a circle");
   refused(2, run + "--set tool.other.shape=sphere:0mm", "tool.other.shape");
   refused(2, run + "--set tool.other.shape=sphere:4mm --set tool.other.friction=much", "tool.other.friction");

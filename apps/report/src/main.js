@@ -2,7 +2,7 @@
 import { chartLegend, forceChart } from './chart.js';
 import { body, canDraw } from './body.js';
 import { at, baseName, data, element, facts, heat, number, place3, quantity, section, there, word, written } from './numbers.js';
-import { assumedOfShift, head as headOfShift, shift, slicesOfShift, walls } from './shift.js';
+import { assumedOfShift, furtherTools, head as headOfShift, shift, slicesOfShift, walls } from './shift.js';
 import { slices, taken, tintOf } from './slices.js';
 
 
@@ -71,6 +71,7 @@ function forceSection() {
   ];
   const table = facts(rows);
   const words = element('div', {}, table);
+  if (there('other_tools')) words.append(element('h3', {}, 'Further tools at the end'), furtherTools());
   if (there('walls')) words.append(element('h3', {}, 'Walls at the end'), walls());
   if (there('compare.file')) words.append(element('h3', {}, 'Beside ', word('compare.file')), comparison());
   if (there('ladder')) words.append(element('h3', {}, 'Refinement levels'), ladder());

@@ -24,17 +24,19 @@ function table(list, first) {
   return made;
 }
 
-/** Force on each wall, and how deep the body reaches into it. */
-export function walls() {
-  const made = element('table', { class: 'list' }, element('tr', {}, ...['wall', 'force on it', 'area that touches', 'reached into by'].map((name) => element('th', { scope: 'col', class: name === 'wall' ? 'text' : '' }, name))));
-  for (const name of Object.keys(at('walls'))) {
-    const wall = `walls.${name}`;
-    made.append(element('tr', {}, element('td', { class: 'text', style: 'white-space:nowrap' }, name), ...(at(`${wall}.places_that_touch`) > 0
-      ? [element('td', {}, written(`${wall}.force_size_N`)), element('td', {}, quantity(`${wall}.area_that_touches_mm2`, 'mm²', { decimals: 0 })), element('td', {}, written(`${wall}.largest_penetration_mm`))]
+// Of what is rigid: the force on each, and how deep the body reaches into it. `where` in the summary.
+function rigid(what, where, places, area) {
+  const made = element('table', { class: 'list' }, element('tr', {}, ...[what, 'force on it', 'area that touches', 'reached into by'].map((name) => element('th', { scope: 'col', class: name === what ? 'text' : '' }, name))));
+  for (const name of Object.keys(at(where))) {
+    const its = `${where}.${name}`;
+    made.append(element('tr', {}, element('td', { class: 'text', style: 'white-space:nowrap' }, name), ...(at(`${its}.${places}`) > 0
+      ? [element('td', {}, written(`${its}.force_size_N`)), element('td', {}, quantity(`${its}.${area}`, 'mm²', { decimals: 0 })), element('td', {}, written(`${its}.largest_penetration_mm`))]
       : [element('td', { colspan: 3 }, 'not touched at the end')])));
   }
   return made;
 }
+export const walls = () => rigid('wall', 'walls', 'places_that_touch', 'area_that_touches_mm2');
+export const furtherTools = () => rigid('tool', 'other_tools', 'samples_in_contact', 'contact_area_mm2');
 
 export function shift() {
   const place = section('force');
