@@ -241,8 +241,8 @@ void Guards::check_energy(const EnergySample& e, double largest_external, double
     const bool gain = error < 0.0;
     Report report = {
         .fact = text(gain ? "energy appeared from nowhere" : "energy was lost", ": the tool did ",
-                     1e6 * e.external, " uJ of work, the tissue holds ",
-                     1e6 * (e.kinetic + e.stored + e.dissipated), " uJ"),
+                     1e6 * e.external, " uJ of work, the tissue holds ", 1e6 * (e.kinetic + e.stored), " uJ",
+                     e.dissipated != 0.0 ? text(", and ", 1e6 * e.dissipated, " uJ went as heat") : ""),
         .where = moment(now),
         .why = now.dt_stable > 0.0
                    ? "the time integration became unstable"
@@ -434,10 +434,10 @@ void Guards::check_apart(const std::vector<ToolNow>& tools, const Moment& now) c
 
 void Guards::check_wall(const Touch& wall, double penetration, const Moment& now) {
   const double spacing = wall.surface.count() > 0 ? wall.surface.spacing.mean() : 0.0;
-  if (!on_ || penetration <= wall_poor * spacing) return;
   const bool is_tool = wall.is_tool;
-  find({{.fact = text("the body's surface reaches ", fixed(1e3 * penetration, 2), " mm into the ",
-                      is_tool ? "tool" : "wall", " '", wall.name,
+  if (!on_ || penetration <= (is_tool ? most_penetration * wall.shape.radius : wall_poor * spacing)) return;
+  find({{.fact = text("the body's surface reaches ", fixed(1e3 * penetration, is_tool ? 4 : 2),
+                      " mm into the ", is_tool ? "tool" : "wall", " '", wall.name,
                       "' between the places where contact is enforced"),
          .where = moment(now),
          .why = text("nodes are ", fixed(1e3 * spacing, 1),

@@ -77,6 +77,8 @@ class Guards {
   /// `hourglass`: the part of the stored energy in what averaged gradients do not see [J]; see
   /// GradientVariance.
   void check_hourglass(double hourglass, double stored, const Moment& now);
+  static constexpr double most_penetration =
+      1e-3;  ///< of the radius of a tool that touches, until it is told
   /// What the force may be off by, as a part of it, where the surface of a body reaches so far into a tool
   /// that has come so deep [m]: a sphere's force grows as its depth^1.5.
   static double off_by_penetration(double penetration, double depth) { return 1.4 * penetration / depth; }
@@ -86,8 +88,8 @@ class Guards {
   void check_contact(const TouchingTool::Audit& audit, double most, const Touch& touch, const Moment& now);
   /// Throws SolveError: they overlap.
   void check_apart(const std::vector<ToolNow>& tools, const Moment& now) const;
-  /// Of a wall or a further tool: how deep the body's surface is in it between the places where contact is
-  /// looked for [m]; nodes are as far apart there as its samples.
+  /// Of a wall or a further tool (`wall-penetration`, `tool-penetration`): how deep the body's surface is in
+  /// it between the places where contact is looked for [m]; nodes are as far apart there as its samples.
   void check_wall(const Touch& wall, double penetration, const Moment& now);
   /// `hourglass` of gradients at points, where nothing holds it: what the displacements of each point's nodes
   /// differ from the linear field with the point's gradient,

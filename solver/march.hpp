@@ -3,6 +3,7 @@
 // What every way of marching is given and hands out: explicit.hpp, implicit.hpp, quasi_static.hpp; solve.hpp
 // chooses.
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <functional>
@@ -18,18 +19,24 @@
 
 namespace dimple {
 
-/// A piece of a scene: one thing moves, straight and at the loading's rate; all others stay where they are. A
-/// tool that touches may turn meanwhile.
+/// A piece of a scene: one thing moves, straight and evenly; all others stay where they are. A tool that
+/// touches may turn meanwhile. Or nothing moves at all, and tissue relaxes.
 struct Step {
   std::string name;
   std::string moves;               ///< the tool (empty), or the name of a further set
   Vec3 way = Vec3::Zero();         ///< [m]
   Vec3 turn = Vec3::Zero();        ///< rotation vector [rad]
   std::optional<Vec3> about = {};  ///< what it turns about [m]; nothing: its tip, as the step begins
-  double lever = 0.0;              ///< [m] of what turns: an angle of 1 is as long a way
+  double lever = 0.0;  ///< [m] of what turns: an angle of 1 is as long a way; of a hold its length()
+  double lasts = 0.0;  ///< [s]; 0: as long as its way takes at the loading's rate
   bool turns() const { return !turn.isZero(0.0); }
-  /// Of all its way, at the loading's rate [m].
-  double length() const { return turns() ? std::hypot(way.norm(), lever * turn.norm()) : way.norm(); }
+  bool holds() const { return !turns() && way.isZero(0.0); }
+  /// Of all its way, by which the march goes [m].
+  double length() const {
+    if (holds()) return lever;
+    return turns() ? std::hypot(way.norm(), lever * turn.norm()) : way.norm();
+  }
+  double rate(double of_loading) const { return lasts > 0.0 ? length() / lasts : of_loading; }  ///< [m/s]
 };
 
 /// Where a step begins: what the steps before it have left.
@@ -62,7 +69,13 @@ struct Loading {
     for (const Step& step : steps) sum += step.length();
     return steps.empty() ? depth : sum;
   }
-  double duration() const { return way() / rate; }
+  double duration() const {
+    if (std::all_of(steps.begin(), steps.end(), [](const Step& step) { return step.lasts == 0.0; }))
+      return way() / rate;
+    double sum = 0.0;
+    for (const Step& step : steps) sum += step.length() / step.rate(rate);
+    return sum;
+  }
   /// After so much of a step's way [m]: the time, and the tool's depth.
   double t_at(double come) const { return begun.t + come / rate; }
   double depth_at(double come) const {

@@ -54,9 +54,10 @@ Command add_shift(CLI::App& app, Invocation& shared) {
       ->add_option("--fluid-lost", shift_options.fluid_lost,
                    "share of the brain's height above the level to which the fluid has fallen")
       ->capture_default_str();
-  command->add_option("--gap", shift_options.gap,
-                      "between brain and skull at the nearest place; else 2 mm of a derived skull, and of a "
-                      "label as the image has it");
+  command->add_option(
+      "--gap", shift_options.gap,
+      "of a label: between brain and skull at the nearest place, else as the image has it; of a "
+      "derived skull: in front of the brain's outer hull, else 2 mm");
   command
       ->add_option("--target", shift_options.target,
                    "a place x,y,z in LPS mm whose shift is asked for; several")

@@ -45,8 +45,8 @@ void members(Archive& io, T& tool) {
 
 template <class Archive, Like<Config::Step> T>
 void members(Archive& io, T& step) {
-  auto& [moves, move_mm, turn_deg, about_mm, cut, toughness_J_m2, order] = step;
-  io(moves, move_mm, turn_deg, about_mm, cut, toughness_J_m2, order);
+  auto& [moves, move_mm, turn_deg, about_mm, cut, toughness_J_m2, time_s, order] = step;
+  io(moves, move_mm, turn_deg, about_mm, cut, toughness_J_m2, time_s, order);
 }
 
 template <class Archive, Like<Config> T>

@@ -70,6 +70,7 @@ struct Config {
     std::string fluid_lost = "none";    ///< "anterior,60%", see loads.hpp
     std::string wall = "none";          ///< one rigid wall beside the body, see walls.hpp
     std::string poses;                  ///< a table of the tool's poses, which become steps; empty: none
+    std::string poses_taken = {};       ///< what was made of it, for the log: no option
   } load;
   struct Tool {
     std::string shape = "circle";  ///< see tool_of() in tool.hpp
@@ -125,6 +126,7 @@ struct Config {
     std::vector<double> turn_deg, about_mm;
     std::string cut;              ///< as image.cut, of the body as it then is; nothing moves meanwhile
     double toughness_J_m2 = 0.0;  ///< what new area takes; 0: not known
+    double time_s = 0.0;          ///< how long it lasts; 0: as its way takes at load.rate
     int order = 0;                ///< as they were given
   };
   std::map<std::string, Step> step;

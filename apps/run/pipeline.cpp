@@ -136,6 +136,17 @@ void tell_of_first_touch(const RunLog& log, const Config& config, const Model& m
                   length_in_words(1e3 * until), enough));
 }
 
+// Steps go from equilibrium to equilibrium, whatever they last.
+void tell_of_fast_steps(const RunLog& log, const Result& result) {
+  const double crossing = shear_crossing_time(result.tissues, result.model);
+  for (const Step& step : result.loading.steps)
+    if (step.lasts > 0.0 && step.lasts < slow_load * crossing && !step.holds())
+      return log.warn(fmt::format(
+          "the step '{}' lasts {:.3g} s, and a shear wave takes {:.3g} s through the organ: inertia, "
+          "which is left out in steps, would take part in its force",
+          step.name, step.lasts, crossing));
+}
+
 // As config.solver.time asks: "auto" and "dynamic" look at how long the load lasts.
 TimeMode time_of(const Config& config, const RunLog& log, const Result& result) {
   const std::string& asked = config.solver.time;
@@ -382,11 +393,13 @@ void make_ready(const Case& given, Placed placed, const RunLog& log, Result& res
   std::map<std::string, Vec3> push_of_others;
   for (const Touch& other : others.touch) push_of_others[other.name] = other.pose.points_at;
   result.loading.steps = steps_of(config, model.tool, push_of_others);
+  if (!config.load.poses_taken.empty()) log.say("poses    " + config.load.poses_taken);
   for (const Step& step : result.loading.steps) log.say("step     " + in_words(step));
   result.loading.touch =
       given.change.tool ? touch_of(config, model, *given.change.tool) : touch_of(config, model);
   result.loading.walls = std::move(others.touch);
   result.time = time_of(config, log, result);
+  tell_of_fast_steps(log, result);
   const double down = deepest(config, model.tool);
   if (result.time == TimeMode::quasi_static || config.load.self_contact == "on")
     result.loading.folds = folds_of(config, result.facing_share, model, down);
@@ -397,6 +410,7 @@ void make_ready(const Case& given, Placed placed, const RunLog& log, Result& res
         "folds    nothing can touch: the surface nowhere faces itself across twice the tool's way or less");
   stand_walls(given, log, result);
   if (loading.touch) bring_tool(config, log, result);
+  if (const std::string words = tool_in_wall(config, model, loading); !words.empty()) log.warn(words);
   const SolverOptions options = solver_options(config);
   result.findings = check_model(model, model.support_report, loading.depth);
   for (const Finding& finding : result.findings) log.warn(in_words(finding));

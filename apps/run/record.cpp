@@ -398,9 +398,14 @@ Recorder::End Recorder::end_of(const std::exception_ptr& failure, double solve_s
 }
 
 std::string Recorder::ended_by(const Report& stopped, const End& end) const {
+  const Loading& loading = result.loading;
+  const std::string come = loading.steps.empty() || result.history.force.empty()
+                               ? fmt::format("{} of {}", length_in_words(end.reached_mm),
+                                             length_in_words(given_.config.load.depth_mm))
+                               : fmt::format("{:.4g} s of the {:.4g} s of its steps",
+                                             result.history.force.back().t, loading.duration());
   return fmt::format(
-      "{} at {} of {}, after {:.1f} s; {} [{}]", stopped.fact, length_in_words(end.reached_mm),
-      length_in_words(given_.config.load.depth_mm), how_.whole.seconds(),
+      "{} at {}, after {:.1f} s; {} [{}]", stopped.fact, come, how_.whole.seconds(),
       result.levels.empty() ? "--resume goes on from there" : "this is the finest cloud so far",
       stopped.code);
 }
@@ -411,8 +416,7 @@ void Recorder::tell_end(const End& end) {
   const Band& band = result.band;
   const double evaluations = evaluations_of(history),
                ms = evaluations > 0.0 ? 1e3 * end.solve_s / evaluations : 0.0,
-               times_real =
-                   end.solve_s > 0.0 ? end.reached_mm / given_.config.load.rate_mm_per_s / end.solve_s : 0.0;
+               times_real = end.solve_s > 0.0 ? history.force.back().t / end.solve_s : 0.0;
   const Written written = force_written(end.force);
   const std::string base = written(history.force.back().base_force);
   facts_ = how_.facts(result);
@@ -465,7 +469,7 @@ void Recorder::show_beside(const Loading& loading) {
     }
     const auto come = [steps = loading.steps, rate = loading.rate, name = other.name,
                        motion = other.motion.value_or(Vec3::Zero().eval())](double time_s) {
-      return steps.empty() ? Vec3(rate * time_s * motion) : moved(steps, name, rate * time_s);
+      return steps.empty() ? Vec3(rate * time_s * motion) : moved_at(time_s, steps, rate, name);
     };
     rigid.push_back({other.name, true, tool_body(other), come});
   }

@@ -81,15 +81,17 @@ void check_way(const Config& config, const std::string& name, const Config::Step
   const std::size_t count = step.move_mm.size();
   check_turn(config, name, step);
   if (count == 0 && !step.turn_deg.empty()) return;
+  if (count == 0 && step.time_s > 0.0) return;  // a hold
   const bool is_a_tool = is_of_tool(step) || config.other_tool.contains(step.moves);
   const bool along_push = count == 1 && is_a_tool;
   if (count != 3 && !along_push)
     refuse(name, "move_mm", count == 0 ? "moves nothing" : fmt::format("moves by {} numbers", count),
            is_a_tool ? "a tool moves by x,y,z in LPS, or by one number along its push"
                      : "a support moves by x,y,z in LPS",
-           "give for instance move_mm = [3, 0, 0]");
+           "give for instance move_mm = [3, 0, 0], or time_s alone to hold so long");
   if (all_zero(step.move_mm))
-    refuse(name, "move_mm", "moves by nothing", "a step ends where something has come", "leave the step out");
+    refuse(name, "move_mm", "moves by nothing", "a step ends where something has come",
+           "leave move_mm out and give time_s, which holds so long; or leave the step out");
   if (is_of_tool(step) && !along_push && config.load.contact == "frictionless")
     refuse(name, "move_mm", "moves the tool in space, and it is frictionless",
            "tissue slides under it and is not taken along",
@@ -136,6 +138,10 @@ void check_cut_steps(const Config& config) {
     if (!step.cut.empty() && (!step.move_mm.empty() || !step.turn_deg.empty() || !is_of_tool(step)))
       refuse(name, "cut", "cuts and moves something", "a cut is made while all stands still",
              "give it two steps, one after the other");
+  for (const auto& [name, step] : steps_in_order(config))
+    if (!step.cut.empty() && step.time_s > 0.0)
+      refuse(name, "time_s", "cuts, and lasts", "a cut is made in no time",
+             "give it a step of its own to hold");
   for (const auto& [name, step] : moving_steps(config))
     if (step.toughness_J_m2 > 0.0)
       refuse(name, "toughness_J_m2", "has a toughness and cuts nothing",
@@ -178,8 +184,14 @@ void check_cut_steps(const Config& config) {
 void check_steps(const Config& config) {
   if (config.step.empty()) return;
   check_cut_steps(config);
+  const auto moving = moving_steps(config);
+  if (std::all_of(moving.begin(), moving.end(), [](const auto& step) {
+        return step.second.move_mm.empty() && step.second.turn_deg.empty() && step.second.time_s > 0.0;
+      }))
+    refuse(moving.front().first, "time_s", "holds, and no step moves anything",
+           "nothing would ever touch or be touched", "press first, as step.press.move_mm = 4");
   double pushed = 0.0;
-  for (const auto& [name, step] : moving_steps(config)) {
+  for (const auto& [name, step] : moving) {
     if (!is_of_tool(step)) {
       std::vector<std::string> known = {tool_word};
       for (const auto& [support, its] : config.held) known.push_back(support);
@@ -267,6 +279,11 @@ void take_poses(Config& config) {
                       .where = "--poses (load.poses)",
                       .why = "poses are steps from each to the next",
                       .remedy = "leave one of the two out"});
+  if (was_given(config, "load.rate_mm_per_s"))
+    throw UsageError({.fact = "a rate is given, and poses",
+                      .where = "--rate (load.rate_mm_per_s)",
+                      .why = "the times of the poses say how fast the tool goes",
+                      .remedy = "leave one of the two out"});
   const Table table = read_csv(config.load.poses);
   const auto *time = table.find("time_s"), *x = table.find("x_mm"), *y = table.find("y_mm"),
              *z = table.find("z_mm");
@@ -283,6 +300,7 @@ void take_poses(Config& config) {
     refuse_poses(config, fmt::format("there are {} rows", table.rows()),
                  fmt::format("a way takes two and has {} at most, each a search for equilibria", most),
                  "give where it first touches and where it goes from there");
+  bool moves = false;
   for (std::size_t k = 1; k < table.rows(); ++k) {
     if (!((*time)[k] > (*time)[k - 1]))
       refuse_poses(
@@ -296,11 +314,18 @@ void take_poses(Config& config) {
     const Vec3 degrees = by.angle() * 180.0 / std::numbers::pi * by.axis();
     if (!way.isZero(0.0)) step.move_mm.assign(way.begin(), way.end());
     if (degrees.norm() > least_turned_deg) step.turn_deg.assign(degrees.begin(), degrees.end());
-    if (!step.move_mm.empty() || !step.turn_deg.empty())
-      config.step[fmt::format("pose_{:04d}", k + 1)] = step;
+    step.time_s = (*time)[k] - (*time)[k - 1];
+    moves = moves || !step.move_mm.empty() || !step.turn_deg.empty();
+    config.step[fmt::format("pose_{:04d}", k + 1)] = step;
   }
-  if (config.step.empty())
+  if (!moves)
     refuse_poses(config, "the tool is in one place all the time", "a way goes somewhere", "let it move");
+  const double turned = 180.0 / std::numbers::pi * Eigen::AngleAxisd(turn_of(config, turn, 0)).angle();
+  config.load.poses_taken = fmt::format(
+      "its first row, at {}{}, is where the tool first touches{}; time counts from there",
+      in_words(Vec3((*x)[0], (*y)[0], (*z)[0])),
+      turned > least_turned_deg ? fmt::format(" and turned by {:.4g} degrees", turned) : "",
+      turned > least_turned_deg ? ", and there it stands upright: later rows turn it from that" : "");
   config.load.poses.clear();  // from here on they are steps
 }
 
@@ -321,7 +346,8 @@ void resolve_steps(Config& config) {
   if (given != config.source.end() && given->second != "the steps" &&
       std::abs(config.load.depth_mm - depth) > 1e-9 * depth)
     throw UsageError(
-        {.fact = fmt::format("a depth of {} is given, and steps", length_in_words(config.load.depth_mm)),
+        {.fact = fmt::format("a depth of {} is given, and {}", length_in_words(config.load.depth_mm),
+                             config.load.poses_taken.empty() ? "steps" : "poses, which are steps"),
          .where = given->second,
          .why = fmt::format("the steps say how the tool moves: its depth becomes {}", length_in_words(depth)),
          .remedy = "leave the depth out, or the steps"});
@@ -335,6 +361,9 @@ Vec3 way_of(const std::vector<double>& move, const Vec3& push) {
 
 std::vector<Step> steps_of(const Config& config, const ToolPlace& tool,
                            const std::map<std::string, Vec3>& push_of_others) {
+  const std::vector<Material> tissues = materials_of(config);
+  const bool relaxes =
+      std::any_of(tissues.begin(), tissues.end(), [](const Material& m) { return !m.prony.empty(); });
   std::vector<Step> steps;
   RigidWay of_tool;
   for (const auto& [name, step] : moving_steps(config)) {
@@ -342,12 +371,14 @@ std::vector<Step> steps_of(const Config& config, const ToolPlace& tool,
     Step& made = steps.emplace_back();
     made.name = name;
     made.moves = is_of_tool(step) ? "" : step.moves;
+    made.lasts = step.time_s;
     if (!step.move_mm.empty())
       made.way = 1e-3 * way_of(step.move_mm, other == push_of_others.end() ? tool.push : other->second);
     if (!step.turn_deg.empty()) {
       made.turn = std::numbers::pi / 180.0 * three(step.turn_deg);
       made.lever = std::max(tool_of(config)->radius, 1e-3 * config.load.depth_mm);
     }
+    if (made.holds()) made.lever = (relaxes ? 1.0 : 0.1) * tool.radius;  // of ten equilibria, or one
     if (!step.about_mm.empty()) {
       made.about = 1e-3 * three(step.about_mm);
       made.lever = std::max(made.lever, (*made.about - tool.centre - of_tool.come).norm());
@@ -439,15 +470,17 @@ std::string in_words(const Step& step) {
              degrees = 180.0 / std::numbers::pi * step.turn + Vec3::Zero();
   const std::string who = step.moves.empty() ? "the tool" : step.moves;
   const std::string moves = fmt::format("moves by ({:.4g}, {:.4g}, {:.4g}) mm", mm.x(), mm.y(), mm.z());
-  if (!step.turns()) return fmt::format("{}: {} {}", step.name, who, moves);
+  const std::string lasts = step.lasts > 0.0 ? fmt::format(", in {:.4g} s", step.lasts) : "";
+  if (step.holds()) return fmt::format("{}: all stands for {:.4g} s", step.name, step.lasts);
+  if (!step.turns()) return fmt::format("{}: {} {}{}", step.name, who, moves, lasts);
   std::string about = "its tip";
   if (step.about) {
     const Vec3 place = 1e3 * *step.about + Vec3::Zero();
     about = fmt::format("({:.4g}, {:.4g}, {:.4g}) mm", place.x(), place.y(), place.z());
   }
-  return fmt::format("{}: {} {}turns by {:.4g} degrees, ({:.4g}, {:.4g}, {:.4g}), about {}", step.name, who,
+  return fmt::format("{}: {} {}turns by {:.4g} degrees, ({:.4g}, {:.4g}, {:.4g}), about {}{}", step.name, who,
                      step.way.isZero(0.0) ? "" : moves + " and ", degrees.norm(), degrees.x(), degrees.y(),
-                     degrees.z(), about);
+                     degrees.z(), about, lasts);
 }
 
 void require_no_steps(const Config& config, const std::string& command) {

@@ -292,7 +292,7 @@ Vec3 way_of_support(const Result& result, const HeldSet& support) {
   const Loading& loading = result.loading;
   if (loading.steps.empty()) return result.on_support_at * support.share * support.direction;
   const double t = result.history.force.empty() ? 0.0 : result.history.force.back().t;
-  return moved(loading.steps, support.name, t * loading.rate);
+  return moved_at(t, loading.steps, loading.rate, support.name);
 }
 
 namespace {
@@ -322,13 +322,13 @@ Json cut_step_json(const CutMade& made) {
 // What each step that was done left, as far as the run came.
 Json steps_json(const Result& result) {
   Json list = Json::array();
-  double come = 0.0;
+  double ended = 0.0;  // [s]
   std::size_t moved = 0;
   for (const CutMade& made : result.cuts)
     if (made.after == 0) list.push_back(cut_step_json(made));
   for (const Step& step : result.loading.steps) {
     const Vec3 way = 1e3 * step.way + Vec3::Zero();
-    const double t = (come += step.length()) / result.loading.rate;
+    const double t = ended += step.length() / step.rate(result.loading.rate);
     Json one = {{"name", step.name},
                 {"moves", step.moves.empty() ? "tool" : step.moves},
                 {"move_mm", {way.x(), way.y(), way.z()}}};
@@ -448,7 +448,7 @@ void add_steps(Json& summary, const Result& result) {
 
 void add_times(Json& summary, const Config& config, const Result& result, const RunTimes& times) {
   const History& history = result.history;
-  const double reached = history.force.empty() ? 0.0 : 1e3 * history.force.back().depth;
+  const double reached_s = history.force.empty() ? 0.0 : history.force.back().t;
   const double evaluations = evaluations_of(history);
   summary["preprocess_wall_s"] = stages_json(result.stages);
   summary["prepare_wall_s"] = result.complete_s;
@@ -461,8 +461,7 @@ void add_times(Json& summary, const Config& config, const Result& result, const 
     if (s > 0.0) summary["parts_wall_s"][name] = s, rest_s -= s;
   if (!times.parts.empty()) summary["parts_wall_s"]["starting and ending"] = std::max(0.0, rest_s);
   summary["ms_per_step"] = evaluations > 0.0 ? 1e3 * times.solve_s / evaluations : 0.0;
-  summary["real_time_factor"] =
-      times.solve_s > 0.0 ? reached / config.load.rate_mm_per_s / times.solve_s : 0.0;
+  summary["real_time_factor"] = times.solve_s > 0.0 ? reached_s / times.solve_s : 0.0;
 }
 
 void add_guards(Json& summary, const Result& result) {

@@ -302,7 +302,7 @@ void require_circle(const Config& config, const std::string& what) {
       {.fact = fmt::format("{} knows the circle alone, and the tool is '{}'", what, config.tool.shape),
        .where = "tool.shape",
        .why = "a tool that touches is known to `dimple run`, `fit` and `poke` alone",
-       .remedy = "leave the tool out, or use dimple run IMAGE --tool"});
+       .remedy = "leave the tool out here"});
 }
 
 std::vector<double> forces_of_touch(const std::vector<ForceSample>& curve, const std::vector<double>& depth) {

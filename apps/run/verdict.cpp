@@ -125,8 +125,11 @@ Answer of_equilibrium(const Result& result, const std::string& status) {
 Answer of_energy(const Result& result) {
   Answer answer{.value = 100.0 * largest_energy_error(result.history),
                 .unit = "%",
-                .of = "of the tool's work is missing from the energy balance"};
+                .of = "of the tool's work is what the energy balance is off by"};
   answer.reasons = fired(result, {"energy"});
+  if (std::any_of(result.tissues.material.begin(), result.tissues.material.end(),
+                  [](const Material& m) { return !m.prony.empty(); }))
+    answer.reasons.insert("the tissue relaxes, and stored energy is counted as if it did not");
   answer.check_beyond(100.0 * energy_to_check);
   return answer;
 }

@@ -10,6 +10,7 @@
 #include "apps/run/steps.hpp"
 #include "apps/run/supports.hpp"
 #include "apps/run/tool.hpp"
+#include "apps/run/view.hpp"
 #include "apps/run/words.hpp"
 #include "io/digits.hpp"
 #include "io/error.hpp"
@@ -19,6 +20,7 @@
 #include "preprocess/scene/wall_field.hpp"
 #include "preprocess/supports/wall_surface.hpp"
 #include "preprocess/surface/closed_mesh.hpp"
+#include "solver/march/steps.hpp"
 
 namespace dimple {
 namespace {
@@ -334,7 +336,8 @@ std::string set_back(const std::string& name, const WallShape& shape, std::optio
   std::string words =
       overlap > 0.0
           ? fmt::format("overlaps of up to {} at rest are taken for touching", length_in_words(1e3 * overlap))
-          : fmt::format("{} away at the nearest place", length_in_words(1e3 * (nearest + whole)));
+          : fmt::format("{} away at the nearest place, {}", length_in_words(1e3 * (nearest + whole)),
+                        in_words(Vec3(1e3 * surface.place.col(first))));
   if (gap)
     words += fmt::format(", set {} by {}", whole < 0.0 ? "forward" : "back",
                          length_in_words(1e3 * std::abs(whole)));
@@ -385,6 +388,53 @@ GapAt gap_to_walls(const Config& config, const Loading& loading) {
     }
     return is_open ? std::numeric_limits<double>::quiet_NaN() : nearest;
   };
+}
+
+namespace {
+
+// Where a tool comes to, from its first touch on [m]; turns aside.
+std::vector<Vec3> places_come_to(const Loading& loading, std::string_view name, const Vec3& motion) {
+  std::vector<Vec3> places = {Vec3::Zero()};
+  if (loading.steps.empty()) places.emplace_back(loading.depth * motion);
+  double come = 0.0;
+  for (const Step& step : loading.steps) places.push_back(moved(loading.steps, name, come += step.length()));
+  return places;
+}
+
+}  // namespace
+
+std::string tool_in_wall(const Config& config, const Model& model, const Loading& loading) {
+  constexpr double little = 0.1;  // of the tool's radius
+  const GapAt gap = gap_to_walls(config, loading);
+  if (!gap) return {};
+  double most = 0.0;
+  std::string words;
+  const auto look = [&](const std::string& name, const Points& body_mm, double radius,
+                        const std::vector<Vec3>& come) {
+    for (const Vec3& by : come)
+      for (Index k = 0; k < body_mm.cols(); ++k) {
+        const Vec3 place = body_mm.col(k) + 1e3 * by;
+        const double in = -gap(place);
+        if (!(in > std::max(most, 1e3 * little * radius))) continue;
+        most = in;
+        words = fmt::format(
+            "the {} is {} inside of a wall at {}, and passes through it: walls hold the body alone; where "
+            "the tool comes in "
+            "give the wall an opening, as --set wall.{}.opening=x,y,z,radius",
+            name, length_in_words(in), in_words(place), walls_named(config).begin()->first);
+      }
+  };
+  const ToolPlace& tool = model.tool;
+  Points axis(3, 8);  // of the circle, whose shaft is only drawn, to two radii above it
+  for (Index k = 0; k < axis.cols(); ++k)
+    axis.col(k) = 1e3 * (tool.centre - 0.25 * static_cast<double>(k + 1) * tool.radius * tool.push);
+  look("tool", loading.touch ? tool_body(*loading.touch).position_mm : axis,
+       loading.touch ? loading.touch->shape.radius : tool.radius, places_come_to(loading, "", tool.push));
+  for (const Touch& rigid : loading.walls)
+    if (rigid.is_tool)
+      look(fmt::format("tool '{}'", rigid.name), tool_body(rigid).position_mm, rigid.shape.radius,
+           places_come_to(loading, rigid.name, rigid.motion.value_or(Vec3::Zero())));
+  return words;
 }
 
 std::string in_words(const std::string& name, const TouchingTool::Touched& wall) {

@@ -226,6 +226,10 @@ std::vector<std::string> assumptions_of(const Config& config, const ShiftOptions
   if (options.skull == "derived")
     all.push_back(
         fmt::format("the skull is the brain's outer hull at a gap of {} mm", plain(gap_of_skull(options))));
+  if (was_given(config, "material.density_kg_per_m3"))
+    all.push_back(
+        "the tissue's density, which was given, plays no part: what it weighs it weighed in the image too, "
+        "and only the fluid's buoyancy (1007 kg/m3) has gone");
   all.push_back("the skull holds the brain back without friction");
   return all;
 }

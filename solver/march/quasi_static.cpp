@@ -18,7 +18,6 @@ namespace {
 constexpr double nudge = 0.02;           // of the first increment
 constexpr double shortest = 1.0 / 16.0;  // increment in which an equilibrium is looked for; of a load step
 constexpr std::int64_t evaluations_of_step = 60;  // of a load step, on the average of a whole run
-constexpr double most_penetration = 1e-3;         // of the radius of a tool that touches
 constexpr double same_depth = 1e-6;               // of a step
 constexpr std::size_t few = 3;                    // equilibria, before which the curve between two is a guess
 
@@ -32,7 +31,11 @@ double work_of_last(const std::vector<double>& depth, const std::vector<double>&
   if (k == 1 && depth.front() == 0.0 && force.front() == 0.0) return first_share * h * force[k];
   if (k == 1 || straight) return line;
   const double slope_before = (force[k - 1] - force[k - 2]) / (depth[k - 1] - depth[k - 2]);
-  return line - h * h * h / 6.0 * (slope - slope_before) / (depth[k] - depth[k - 2]);
+  const double curved = line - h * h * h / 6.0 * (slope - slope_before) / (depth[k] - depth[k - 2]);
+  // A tool that has left, or comes back, leaves the parabola.
+  if (force[k] == 0.0 || force[k - 1] == 0.0)
+    return std::clamp(curved, 2.0 * std::min(line, 0.0), 2.0 * std::max(line, 0.0));
+  return curved;
 }
 
 Frame frame_of(const System& system, int number, const Moment& at, const Nodal& u, const Nodal& f) {
@@ -389,7 +392,8 @@ void QuasiStaticMarch::check(const Increment& increment, Found& found) {
   guards_.check_hourglass(stored.hourglass, stored.tissue, now);
   double dissipated = found.snapped ? relaxed.dissipated : 0.0;
   // Of a spring back from a tool that has left the search knows no work: all that is missing.
-  if (relaxed.lost_contact) dissipated = std::max(0.0, history_.energy.back().stored + work - stored.sum());
+  if (relaxed.lost_contact && !system_.viscoelastic())
+    dissipated = std::max(0.0, history_.energy.back().stored + work - stored.sum());
   for (const System::OneContact& one : system_.contacts())
     if (one.rigid) dissipated += one.rigid->heat();  // of friction since accept_step()
   found.energy = ledger_.energy(now, /*kinetic=*/0.0, stored, work, dissipated);
@@ -403,7 +407,7 @@ void QuasiStaticMarch::check(const Increment& increment, Found& found) {
 void QuasiStaticMarch::check_contact(const Moment& now) {
   const TouchingTool& tool = *system_.touching();
   const TouchingTool::Audit audit = tool.audit(now_.u, system_.now());
-  const double most = most_penetration * tool.touch().shape.radius;
+  const double most = Guards::most_penetration * tool.touch().shape.radius;
   // Notes more than this, and throws from fifty times as much on.
   guards_.check_contact(audit, most, tool.touch(), now);
   if (audit.penetration > history_.penetration) {

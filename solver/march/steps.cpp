@@ -14,8 +14,8 @@ bool moves_tool(const Step& step) {
 
 // What is held of a set along its motion: of one that slides its own direction, of others the way itself.
 void move(HeldSet& set, const Step& step) {
-  if (set.hold == HeldSet::Hold::all) set.direction = step.way.normalized();
-  set.share = set.direction.dot(step.way) / step.length();
+  if (set.hold == HeldSet::Hold::all && !step.holds()) set.direction = step.way.normalized();
+  set.share = step.holds() ? 0.0 : set.direction.dot(step.way) / step.length();
 }
 
 // All sets of the scene, of which the step moves one.
@@ -69,6 +69,16 @@ Vec3 moved(const std::vector<Step>& steps, std::string_view name, double come) {
   return sum;
 }
 
+Vec3 moved_at(double time_s, const std::vector<Step>& steps, double rate, std::string_view name) {
+  double come = 0.0;
+  for (const Step& step : steps) {
+    const double its = step.rate(rate), whole = step.length() / its;
+    come += std::clamp(time_s, 0.0, whole) * its;
+    time_s -= whole;
+  }
+  return moved(steps, name, come);
+}
+
 RigidWay way_in(const Step& step, const RigidWay& before, const Vec3& tip) {
   RigidWay way = before;
   if (!moves_tool(step)) return way;
@@ -114,13 +124,15 @@ namespace {
 // How far the scene has come, for whoever does its steps one by one.
 struct Walk {
   Loading now;  // of the next step: where it begins
+  double rate;  // of steps that do not say how long they last
   RigidWay of_tool;
   double gone = 0.0;
 
-  explicit Walk(const Loading& loading) : now(loading) { now.steps.clear(); }
+  explicit Walk(const Loading& loading) : now(loading), rate(loading.rate) { now.steps.clear(); }
   Vec3 tip() const { return now.touch ? now.touch->pose.tip : Vec3::Zero().eval(); }
   void turn_to(const Step& step, const Model& model) {
     now.depth = step.length();
+    now.rate = step.rate(rate);
     now.begun.sinks = moves_tool(step) ? step.way.dot(model.tool.push) / now.depth : 0.0;
     now.begun.of_tool = way_in(step, of_tool, tip());
     now.begun.push = model.tool.push;

@@ -40,8 +40,9 @@ void march_in_steps(System& system, const Loading& loading, const SolverOptions&
 std::vector<int> frames_of_steps(const std::vector<Step>& steps, int frames);
 
 /// How far the set of that name (empty: the tool, which does not turn) has come, after `come` [m] of all
-/// steps' ways.
+/// steps' ways; and at a time [s], where steps go at `rate` [m/s] that do not say how long they last.
 Vec3 moved(const std::vector<Step>& steps, std::string_view name, double come);
+Vec3 moved_at(double time_s, const std::vector<Step>& steps, double rate, std::string_view name);
 
 /// How the tool goes on in a step that begins where it has gone by `before`, from where its tip was at `tip`
 /// [m]; and where it is when that step has ended.

@@ -17,6 +17,7 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::json;
 using testing::HasSubstr;
+using testing::Not;
 
 class SceneOfSteps : public testing::Test {
  protected:
@@ -121,13 +122,94 @@ TEST_F(SceneOfSteps, ALongSceneEndsAsItsFirstStepsDo) {
   EXPECT_NEAR(last, first, 1e-3 * first);
 }
 
+// Lee and Radok 1960: while the depth stands so does the contact, and the force falls as the modulus. The
+// first push is so quick that nothing has relaxed in it.
+TEST_F(SceneOfSteps, AToolThatIsHeldLosesItsForceAsTheTissuesModulusDoes) {
+  const std::string held =
+      " --write force --band off --set step.press.move=2mm --set "
+      "step.press.time=0.001s --set step.hold.time=20s";
+  const auto at_a_millisecond = [](const std::vector<double>& time) {
+    return static_cast<std::size_t>(
+        std::find_if(time.begin(), time.end(), [](double t) { return t > 0.00099; }) - time.begin());
+  };
+  for (const std::string tool : {"", " --tool sphere:5mm", " --tool sphere:5mm --friction 0.3"}) {
+    SCOPED_TRACE(tool);
+    const std::string words = held + tool;
+    run(words + " --set material.prony_g=0.5 --set material.prony_tau_s=5");
+    const Table curve = read_csv(folder / "out" / "force.csv");
+    const std::vector<double>&time = *curve.find("time_s"), &force = *curve.find("force_N");
+    const std::size_t pressed = at_a_millisecond(time);
+    ASSERT_NEAR(time[pressed], 0.001, 1e-9);
+    EXPECT_NEAR(time.back(), 20.001, 1e-9);
+    ASSERT_GT(time.size(), pressed + 5);
+    for (std::size_t k = pressed; k < time.size(); ++k)
+      EXPECT_NEAR(force[k] / force[pressed], 0.5 + 0.5 * std::exp(-(time[k] - 0.001) / 5.0), 4e-3) << time[k];
+    run(words);
+    const Table elastic = read_csv(folder / "out" / "force.csv");
+    EXPECT_EQ(elastic.find("time_s")->back(), time.back());
+    const std::vector<double>& its = *elastic.find("force_N");
+    EXPECT_NEAR(its.back() / its[at_a_millisecond(*elastic.find("time_s"))], 1.0, 1e-3);
+  }
+}
+
+// A step's own time is what its speed would be; the summary tells when it ended.
+TEST_F(SceneOfSteps, LastAsLongAsTheySayAndRelaxMeanwhile) {
+  const std::string tissue =
+      " --write force --band off --set material.prony_g=0.5 --set material.prony_tau_s=5";
+  const double slow = run(tissue + " --rate 0.1mm/s --set step.a.move=2mm")["force_N"];
+  const Json timed = run(tissue + " --set step.a.move=2mm --set step.a.time=20s --set step.b.move=-1mm");
+  EXPECT_NEAR(timed["scene"][0]["force_N"].get<double>() / slow, 1.0, 1e-6);
+  EXPECT_NEAR(timed["scene"][0]["time_s"].get<double>(), 20.0, 1e-9);
+  EXPECT_NEAR(timed["scene"][1]["time_s"].get<double>(), 21.0, 1e-9) << "at 1 mm/s, as nobody said otherwise";
+  EXPECT_LT(slow, 0.9 * run(tissue + " --set step.a.move=2mm")["force_N"].get<double>());
+  EXPECT_GT(timed["real_time_factor"].get<double>(), 0.0);
+  EXPECT_THAT(timed["verdict"]["energy"]["reasons"].dump(), HasSubstr("relaxes"));
+  const auto said = [&](const std::string& options) {
+    return dimple(folder, "run block.nrrd -o out --force --write force --nodes 600" + options).err;
+  };
+  EXPECT_THAT(said(" --set step.quick.move=1mm --set step.quick.time=0.001s"),
+              HasSubstr("'quick' lasts 0.001 s"));
+  EXPECT_THAT(said(" --set step.slow.move=1mm --set step.slow.time=100s"), Not(HasSubstr("' lasts")));
+}
+
+// Of a tool in the air nothing is felt, and nothing does work.
+TEST_F(SceneOfSteps, AToolThatHasLeftDoesNoWork) {
+  run(" --tool sphere:5mm --write force --band off --set step.press.move=2mm --set step.lift.move=-4mm");
+  const Table curve = read_csv(folder / "out" / "force.csv"),
+              energy = read_csv(folder / "out" / "energy.csv");
+  const std::vector<double>&times = *energy.find("time_s"), &work = *energy.find("external_work_J"),
+        &depth = *energy.find("indentation_mm");
+  const auto force_at = [&](double t) {
+    const std::vector<double>& time = *curve.find("time_s");
+    const auto row = std::min_element(time.begin(), time.end(),
+                                      [&](double a, double b) { return std::abs(a - t) < std::abs(b - t); });
+    return (*curve.find("force_N"))[static_cast<std::size_t>(row - time.begin())];
+  };
+  const double most = *std::max_element(work.begin(), work.end());
+  std::size_t apart = 0;
+  for (std::size_t k = 1; k < times.size(); ++k) {
+    const double before = force_at(times[k - 1]), now = force_at(times[k]);
+    if (before != 0.0 && now != 0.0) continue;
+    ++apart;
+    const double way = 1e-3 * (depth[k] - depth[k - 1]), done = work[k] - work[k - 1];
+    EXPECT_LE(std::abs(done), std::abs(way) * std::max(before, now) + 1e-18) << k;
+    EXPECT_GE(done * way, -1e-18) << "pushed it takes work, lifted it gives it back";
+  }
+  EXPECT_GT(apart, 3u);
+  EXPECT_NEAR(work.back(), 0.0, 0.02 * most);
+}
+
 TEST_F(SceneOfSteps, WhatMakesNoSceneIsRefusedInWords) {
   const std::string all = "run block.nrrd -o out" + scene;
   refused(all + " --set step.a.moves=retractor --set step.a.move=1,0,0",
           {"step.a.moves", "which is not there"});
   refused(all + " --set step.a.move=1,2", {"step.a.move_mm", "2 numbers"});
   refused(all + " --set step.a.move=0,0,0", {"moves by nothing"});
-  refused(all + " --set step.a.moves=tool", {"moves nothing"});
+  refused(all + " --set step.a.moves=tool", {"moves nothing", "time_s alone to hold"});
+  refused(all + " --set step.a.time=5s", {"holds, and no step moves anything"});
+  refused(all + " --set step.a.move=1 --set step.a.time=-1s", {"step.time_s"});
+  refused(all + " --set step.a.move=1 --set step.b.cut=plane:0,0,10,1,0,0,radius=5mm --set step.b.time=1s",
+          {"cuts, and lasts"});
   refused(all + " --set step.a.move=2 --depth 3mm", {"a depth of 3", "steps", "--depth"});
   refused(all + " --set step.a.move=2 --time explicit", {"inertia", "solver.time"});
   refused(all + " --set step.a.move=2 --rate 10m/s", {"too fast"});

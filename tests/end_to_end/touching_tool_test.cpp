@@ -636,6 +636,15 @@ TEST(SeveralTools, ThatPinchAWallPressItAlikeFromBothSidesAndHarderThanOneByItse
   EXPECT_GE(stands["force_N"].get<double>(), 0.99 * alone);
 }
 
+// By the same rule as of the tool that is measured, whose warning names its own force.
+TEST(SeveralTools, AreWarnedOfAlikeWhereTheSurfaceReachesIntoThem) {
+  const Pinched wall;
+  const auto both = wall.run(std::string("--depth 2mm ") + other + "--set tool.other.move=2mm");
+  const double in = both["other_tools"]["other"]["largest_penetration_mm"];
+  ASSERT_GT(in, 5e-3) << "a thousandth of its radius";
+  EXPECT_NE(both["guards"].dump().find("tool-penetration"), std::string::npos) << both["guards"].dump();
+}
+
 // In ParaView's file; the page has their forces.
 TEST(SeveralTools, AreDrawnEachWhereItIs) {
   const fs::path folder = fresh_folder();

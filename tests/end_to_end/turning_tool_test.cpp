@@ -86,7 +86,9 @@ TEST(PosesOfATool, AreTheStepsFromEachToTheNext) {
   const Ran ran = dimple(folder, posed + rod);
   ASSERT_EQ(ran.code, 0) << ran.err;
   const std::string steps =
-      "--set step.press.move=0,0,-1.5 --set step.turn.turn=0,15,0 --set step.turn.move=0.25,0,0";
+      "--set step.press.move=0,0,-1.5 --set step.press.time=1 --set step.stand.time=1 --set "
+      "step.turn.turn=0,15,0 "
+      "--set step.turn.move=0.25,0,0 --set step.turn.time=1";
   ASSERT_EQ(dimple(folder,
                    "run block.nrrd -q --base inferior --indent-at 0,0,top --nodes 500 --mu 2kPa --band off "
                    "--frames 2 --write force -o stepped " +
@@ -96,13 +98,18 @@ TEST(PosesOfATool, AreTheStepsFromEachToTheNext) {
   const Table by_poses = read_csv(folder / "posed" / "force.csv"),
               by_steps = read_csv(folder / "stepped" / "force.csv");
   ASSERT_EQ(by_poses.rows(), by_steps.rows());
-  for (const char* name : {"indentation_mm", "aside_x_mm", "turned_y_deg", "force_N"})
+  for (const char* name : {"time_s", "indentation_mm", "aside_x_mm", "turned_y_deg", "force_N"})
     for (std::size_t k = 0; k < by_poses.rows(); ++k)
       EXPECT_NEAR((*by_poses.find(name))[k], (*by_steps.find(name))[k],
                   1e-4 * std::abs((*by_steps.find(name)).back()) + 1e-9)
           << name << " " << k;
-  EXPECT_EQ(Json::parse(text_of(folder / "posed" / "summary.json"))["scene"].size(), 2u)
-      << "a row that goes nowhere is no step";
+  EXPECT_EQ(Json::parse(text_of(folder / "posed" / "summary.json"))["scene"].size(), 3u)
+      << "a row that goes nowhere holds it there";
+  EXPECT_NEAR(by_poses.find("time_s")->back(), 3.0, 1e-9) << "as the table says";
+  EXPECT_THAT(
+      dimple(folder, std::string(posed).erase(posed.find(" -q"), 3) + rod).err,
+      HasSubstr(
+          "its first row, at (5.0, 6.0, 70.0) mm, is where the tool first touches; time counts from there"));
   EXPECT_EQ(
       dimple(folder, "run block.nrrd --config posed/config.resolved.toml -o again -q --write force").code, 0);
   EXPECT_EQ(text_of(folder / "posed" / "force.csv"), text_of(folder / "again" / "force.csv"));
@@ -126,6 +133,8 @@ TEST(PosesOfATool, AreRefusedWhereTheySayNoWay) {
   refused(columns + "0,0,0,0\n0,0,0,-1\n", 3, "row 2 is at 0 s, the one before at 0 s");
   refused(columns + "0,0,0,0\n1,0,0,0\n", 3, "in one place all the time");
   refused(columns + "0,0,0,0\n1,0,0,-1\n", 2, "moved by poses and by steps", " --set step.a.move=1mm");
+  refused(columns + "0,0,0,0\n1,0,0,-1\n", 2, "a rate is given, and poses", " --rate 2mm/s");
+  refused(columns + "0,0,0,0\n1,0,0,-1\n", 2, "poses, which are steps", " --depth 2mm");
   refused("time_s,x_mm,y_mm,z_mm,qw,qx,qy,qz\n0,0,0,0,1,0,0,0\n1,0,0,-1,1,0,0,0\n2,0,0,-1,0,0,1,0\n", 2,
           "turns by 180 degrees");
 }

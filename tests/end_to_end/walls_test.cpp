@@ -61,6 +61,29 @@ TEST(Wall, ThatIsNotReachedChangesNothingAndSaysSo) {
               1e-3 * alone["force_N"].get<double>());
 }
 
+// It holds the body alone.
+TEST(Wall, ThatTheToolGoesThroughIsWarnedOfUnlessItIsOpenThere) {
+  const fs::path folder = fresh_folder();
+  const auto said = [&](const std::string& options) {
+    return dimple(folder, "run " + body + " -o out --force --write force --nodes 600 --frames 1 --band off " +
+                              options)
+        .err;
+  };
+  const std::string through = "passes through it: walls hold the body alone", around = "--wall around:1mm ",
+                    ball = "--tool sphere:5mm --depth 2mm ";
+  for (const std::string& tool : {std::string("--depth 2mm "), ball}) {
+    EXPECT_NE(said(around + tool).find(through), std::string::npos) << tool;
+    EXPECT_EQ(said(around + tool + "--set wall.wall.opening=0,0,36,20").find(through), std::string::npos)
+        << tool;
+    EXPECT_EQ(said("--wall plane:-31,0,0,1,0,0 " + tool).find(through), std::string::npos) << tool;
+  }
+  EXPECT_NE(
+      said("--tool sphere:5mm --wall plane:31,0,0,-1,0,0 --set step.a.move=1mm --set step.b.move=28,0,1")
+          .find(through),
+      std::string::npos)
+      << "where it goes later";
+}
+
 TEST(Wall, OfALabelHoldsBackItsNeighbourThatIsPressedFromTheSide) {
   const fs::path folder = fresh_folder();
   const std::string lower = "-q --label 1 --base left ";  // label 2 lies on label 1
