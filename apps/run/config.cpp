@@ -506,6 +506,20 @@ void match_ogden(Config& config, int weight_of_modulus) {
   }
 }
 
+// The number follows from the spacing; who gives a number takes back a spacing from a file.
+void resolve_spacing(Config& config) {
+  if (!(config.cloud.spacing_mm > 0.0)) return;
+  const int nodes = weight_of(config, "cloud.nodes"), spacing = weight_of(config, "cloud.spacing_mm");
+  if (nodes == 3 && spacing == 3)
+    throw UsageError({.fact = fmt::format("both {} nodes and a spacing of {} are asked for",
+                                          config.cloud.nodes, length_in_words(config.cloud.spacing_mm)),
+                      .where = fmt::format("{} and {}", config.source.at("cloud.nodes"),
+                                           config.source.at("cloud.spacing_mm")),
+                      .why = "one follows from the other",
+                      .remedy = "give one of --nodes and --spacing"});
+  if (nodes > spacing) config.cloud.spacing_mm = 0.0;
+}
+
 }  // namespace
 
 void resolve_material(Config& config) {
@@ -518,6 +532,7 @@ void resolve_material(Config& config) {
   match_ogden(config, weight_of_modulus);
   resolve_steps(config);
   resolve_depth(config);
+  resolve_spacing(config);
 }
 
 std::string beside_preset(const Config& config) {

@@ -49,7 +49,8 @@ std::string suffix_of_labels(const fs::path& file) {
 
 // The voxel whose label a voxel gets that shows the place X, where it is another than the nearest one's; else
 // -1. At the body's border its smooth surface decides, and not the voxels' staircase: that moves by whole
-// voxels alone, and would lose what bulges out by less than half of one. What has not moved keeps its label.
+// voxels alone, and would lose what bulges out by less than half of one. Where it lies between X and the
+// nearest voxel's middle, that one's label is not X's. What has not moved keeps its label.
 Index at_border(const VoxelGrid& grid, const std::vector<char>& body, const DeformationMap& map,
                 const Vec3& X, Index own) {
   const Eigen::Matrix<Index, 3, 1> nearest = (X.array() + 0.5).floor().cast<Index>();
@@ -75,7 +76,8 @@ Index at_border(const VoxelGrid& grid, const std::vector<char>& body, const Defo
       }
   if (best < 0 || (there == own && (X - nearest.cast<double>()).squaredNorm() == 0.0)) return -1;
   const std::optional<bool> inside = map.inside_near_surface(X);
-  return inside && *inside != is_body ? best : -1;
+  if (!inside || *inside == is_body) return -1;
+  return map.inside_near_surface(nearest.cast<double>()) == is_body ? best : -1;
 }
 
 }  // namespace

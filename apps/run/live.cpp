@@ -684,21 +684,23 @@ std::string words_of(const PathFrame& now, bool by_hand) {
 
 std::string in_words(Index nodes, const std::vector<PathFrame>& frames) {
   std::vector<double> seconds, error;
-  bool known = true;
-  std::size_t ignored = 0;
+  std::size_t ignored = 0, pressed = 0, unknown = 0;
   for (const PathFrame& now : frames) {
     seconds.push_back(now.seconds);
     ignored += now.frame.tool == LiveFrame::Tool::ignored;
     if (!(now.frame.force > 0.0)) continue;
     error.push_back((now.frame.error + now.half_band.value_or(0.0)) / now.frame.force);
-    known = known && now.half_band;
+    ++pressed;
+    unknown += now.half_band ? 0 : 1;
   }
   const std::string thousands =
       nodes >= 1000 ? fmt::format("{},{:03}", nodes / 1000, nodes % 1000) : fmt::format("{}", nodes);
   return fmt::format(
       "{} nodes, {:.0f} fps, force +-{}{}{}", thousands, 1.0 / std::max(1e-6, quantile(seconds, 0.99)),
       percent(quantile(error, 0.95)),
-      known ? "" : " and what the discretisation leaves, unknown in some frames",
+      unknown == 0         ? ""
+      : unknown == pressed ? " and what the discretisation leaves, which is unknown"
+                           : " and what the discretisation leaves, unknown in some frames",
       ignored > 0
           ? fmt::format("; in {} of {} frames the tool was to move across its push at depth, which is not "
                         "followed: lift it first",

@@ -50,7 +50,8 @@ std::vector<Option> discretisation_options(Config& c) {
       {.key = "cloud.nodes", .flag = "--nodes", .value = &c.cloud.nodes, .least = 100, .most = 1e6,
        .stage = "model", .common = true, .help = "number of nodes"},
       {.key = "cloud.spacing_mm", .flag = "--spacing", .unit = "mm", .value = &c.cloud.spacing_mm,
-       .most = 1000, .stage = "model", .help = "node spacing, instead of a number; 0: from the number"},
+       .most = 1000, .stage = "model", .help = "node spacing that the grading reaches far from the tool, with --rim 1 everywhere, instead of a number; 0: from the "
+               "number"},
       {.key = "cloud.rim", .flag = "--rim", .value = &c.cloud.rim, .most = 1, .stage = "model",
        .help = "node spacing on the circle's rim as a fraction of that far away; 1: even; 0: 0.02, but no "
                "less than 0.11 radii of the circle (converging), 1 (horton2007)"},

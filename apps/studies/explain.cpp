@@ -261,11 +261,12 @@ void add_folds(std::vector<Trial>& trials, const Unchanged& u) {
     };
   };
   if (const double closed_mm = u.config.image.close_mm; closed_mm > 0.0)
-    add(trials, u, "folds", "", fmt::format("open instead of closed below {} mm", plain(closed_mm)),
-        Kind::doubt, change(0.0));
+    add(trials, u, "folds", "",
+        fmt::format("open instead of closed below {} mm, at the same place", plain(closed_mm)), Kind::doubt,
+        change(0.0));
   else
-    add(trials, u, "folds", "", fmt::format("closed below {} mm", plain(narrow_gap_mm)), Kind::doubt,
-        change(narrow_gap_mm));
+    add(trials, u, "folds", "", fmt::format("closed below {} mm, at the same place", plain(narrow_gap_mm)),
+        Kind::doubt, change(narrow_gap_mm));
   if (!(u.found.facing_share > most_facing) || u.found.time != TimeMode::quasi_static) return;
   const bool touch = u.found.loading.folds != nullptr;
   add(trials, u, "walls of folds", "",

@@ -323,6 +323,14 @@ FoundFit found_with(Runs& runs, const CurveFit& best) {
   found.result = std::move(runs.last);
   found.runs = runs.count;
   found.warnings = std::move(runs.warnings);
+  // From fat in vivo to cartilage.
+  constexpr double softest_Pa = 10.0, stiffest_Pa = 2e5;
+  if (const double mu = best.number[0].value;
+      best.number[0].determined && !(mu > softest_Pa && mu < stiffest_Pa))
+    found.warnings.push_back(fmt::format(
+        "a shear modulus of {} is not known of soft tissue, which has some {} to {}: are the units in the "
+        "curve's header those of its numbers?",
+        stress_in_words(mu), stress_in_words(softest_Pa), stress_in_words(stiffest_Pa)));
   return found;
 }
 

@@ -134,6 +134,13 @@ ElementModel element_model(const Config& config, const std::string& format, cons
   const Mesh mesh = elements == "hexahedra" ? hexahedra(config, surface, organ.options, mixed)
                                             : tetrahedra(config, surface, organ.options);
   for (const std::string& warning : mesh.boundary.warnings) log.warn(warning);
+  if (const double off = mesh.volume_mm3 / surface.volume() - 1.0; std::abs(off) > 0.03)
+    log.warn(
+        fmt::format("the mesh has {} and the body {}: {:.0f} % {}, so that the two are not the same body; "
+                    "use more --nodes{}",
+                    volume_in_words(mesh.volume_mm3), volume_in_words(surface.volume()),
+                    100.0 * std::abs(off), off > 0.0 ? "more" : "less",
+                    elements == "hexahedra" ? ", or --elements tetrahedra, which follow the surface" : ""));
   ElementModel model = mesh.model;
   model.X = surface.to_world() * model.X.colwise().homogeneous();
   model.mu = material.mu;

@@ -285,8 +285,60 @@ void DeformationMap::sample_body() {
   });
 }
 
+// Of a point of the lattice outside, beside some that are inside: as the field goes on from the nearest of
+// those, by no more than half of the way and nowhere farther than tissue; false where there is none.
+bool DeformationMap::go_on_from_inside(const std::array<Index, 3>& at, double largest_mm, Vec3& v) const {
+  constexpr double most = 0.5;
+  const Vec3 step = vec(step_).cwiseProduct(grid_.spacing());
+  Points ways(3, FieldAnywhere::most_places);
+  Index count = 0;
+  double nearest = std::numeric_limits<double>::infinity();
+  for (int k = 0; k < 27; ++k) {
+    const std::array<Index, 3> way{k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1};
+    std::array<Index, 3> other = at;
+    bool in_lattice = true;
+    for (std::size_t a = 0; a < 3; ++a) {
+      other[a] += way[a];
+      in_lattice = in_lattice && other[a] >= 0 && other[a] < n_[a];
+    }
+    if (!in_lattice || !inside_[static_cast<std::size_t>(point_number(other[0], other[1], other[2]))])
+      continue;
+    const double away = vec(way).cwiseProduct(step).norm();
+    if (away < nearest * (1.0 - 1e-9)) nearest = away, count = 0;
+    if (away < nearest * (1.0 + 1e-9) && count < ways.cols()) ways.col(count++) = vec(way);
+  }
+  if (count == 0) return false;
+  ways.conservativeResize(3, count);
+  const Vec3 here = vec(first_) + vec(step_).cwiseProduct(vec(at));
+  Points value;
+  Eigen::Matrix<double, 9, Eigen::Dynamic> derivative;
+  const Points places = (vec(step_).asDiagonal() * ways).colwise() + here;
+  field_.at(1e-3 * (grid_.to_world * places), u_, value, &derivative);
+  Vec3 u_mm = Vec3::Zero();
+  for (Index k = 0; k < count; ++k) {
+    const Vec3 back = grid_.to_world.linear() * (here - places.col(k));  // [mm]
+    Vec3 more = Eigen::Map<const Mat3>(derivative.col(k).data()) * back;
+    if (const double size = more.norm(), bound = most * back.norm(); size > bound) more *= bound / size;
+    u_mm += (1e3 * value.col(k) + more) / static_cast<double>(count);
+  }
+  if (const double size = u_mm.norm(); size > largest_mm) u_mm *= largest_mm / size;
+  v = to_voxels_.linear() * u_mm;
+  return true;
+}
+
 void DeformationMap::continue_outside() {
+  const double largest_mm = 1e3 * u_.colwise().norm().maxCoeff();
   Level level{.n = n_, .known = inside_, .v = std::move(v_)};
+  tbb::parallel_for(Index{0}, n_[1] * n_[2], [&](Index row) {
+    if (row % 64 == 0) stop_if_asked();
+    for (Index a = 0; a < n_[0]; ++a) {
+      const auto m = static_cast<std::size_t>(a + n_[0] * row);
+      Vec3 v;
+      if (inside_[m] || !go_on_from_inside({a, row % n_[1], row / n_[1]}, largest_mm, v)) continue;
+      level.known[m] = 1;
+      for (Index r = 0; r < 3; ++r) level.v[3 * m + static_cast<std::size_t>(r)] = static_cast<float>(v[r]);
+    }
+  });
   // The border is zero, but where the lattice was cut off because the image ends.
   for (Index c = 0; c < n_[2]; ++c)
     for (Index b = 0; b < n_[1]; ++b)

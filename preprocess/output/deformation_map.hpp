@@ -24,7 +24,8 @@ struct WayBackReport {
 /// A displacement field u on the voxels of an image, both ways: where a voxel of the body at rest goes, X ->
 /// X + u(X), and where that which a voxel shows afterwards was at rest, x -> X with X + u(X) = x.
 ///
-/// Inside of the model's surface u is the moving-least-squares field itself. Around it, within three times
+/// Inside of the model's surface u is the moving-least-squares field itself. The first point outside goes on
+/// from there by its gradient, so that u is continuous at the surface. Around it, within three times
 /// the largest displacement, it continues smoothly (nearly harmonic) and falls to zero: a picture's
 /// surroundings follow the body's surface there, which is no mechanics. Beyond, it is zero.
 ///
@@ -65,6 +66,7 @@ class DeformationMap {
   bool has_lattice() const { return n_[0] > 0; }
   void rows_inside(double j, double k, double from, double to, std::vector<double>& crossings) const;
   void sample_body();
+  bool go_on_from_inside(const std::array<Index, 3>& at, double largest_mm, Vec3& v) const;
   void continue_outside();
   void bound_rows();
   Vec3 on_lattice(const Vec3& place) const;

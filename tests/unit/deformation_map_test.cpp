@@ -225,6 +225,39 @@ TEST_F(Deformed, AroundTheBodyTheFieldContinuesSmoothlyAndEndsAtZero) {
   EXPECT_TRUE(std::all_of(slice_of.begin(), slice_of.end(), [](float x) { return x == 0.0f; }));
 }
 
+// Between a voxel inside and one outside a picture shows what the surface itself does.
+TEST_F(Deformed, OnTheSurfaceItIsTheFieldThere) {
+  const VoxelGrid grid = grid_with(Mat3::Identity(), {2, 2, 2});
+  const DeformationMap map(model, field, u, grid);
+  const auto slice = static_cast<std::size_t>(grid.slice());
+  std::vector<float> forth(3 * static_cast<std::size_t>(grid.voxels()));
+  for (Index k = 0; k < grid.size[2]; ++k)
+    map.displacement(k, std::span(forth).subspan(3 * slice * static_cast<std::size_t>(k), 3 * slice), {});
+  double sum = 0.0, worst = 0.0;
+  int places = 0;
+  for (double x = 4.5; x < 26.0; x += 1.3)
+    for (double y = 4.5; y < 26.0; y += 1.3) {
+      const Vec3 top(x, y, 20.0), at = grid.to_world.inverse() * top;
+      const Eigen::Vector3i low = at.array().floor().cast<int>();
+      const Vec3 part = at - low.cast<double>();
+      Vec3 between = Vec3::Zero();
+      for (int c = 0; c < 8; ++c) {
+        const Eigen::Array3i side(c & 1, c >> 1 & 1, c >> 2 & 1);
+        const Vec3 w = (side == 1).select(part.array(), 1.0 - part.array());
+        const float* v =
+            forth.data() +
+            3 * (low[0] + side[0] + grid.size[0] * (low[1] + side[1] + grid.size[1] * (low[2] + side[2])));
+        between += w.prod() * Vec3(v[0], v[1], v[2]);
+      }
+      const double off = (between - displacement_at(top)).norm();
+      sum += off;
+      ++places;
+      worst = std::max(worst, off);
+    }
+  EXPECT_LT(sum / places, 0.08) << "mm, where it goes by 6 mm at most";
+  EXPECT_LT(worst, 0.6);
+}
+
 TEST_F(Deformed, ALatticeCoarserThanTheVoxelsFindsTheSamePlaces) {
   // 0.2 mm: more voxels around the block than the lattice may have points.
   VoxelGrid fine = grid_with(Mat3::Identity(), {0.2, 0.2, 0.2});
