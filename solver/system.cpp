@@ -57,7 +57,19 @@ void System::set(const Instant& now, Nodal& u) {
 
 void System::add_terms(const Nodal& u, Nodal& f) {
   load_.setZero(4, u.cols());
-  for (const auto& term : terms_) term->add_force(u, now_, term->is_load() ? load_ : f);
+  const bool is_held = tissue_.pressure_around() != 0.0;
+  for (const auto& term : terms_) {
+    if (!is_held || term->pressure_around() == 0.0) {
+      term->add_force(u, now_, term->is_load() ? load_ : f);
+      continue;
+    }
+    // The held pressures bear it. As a measure of what is left unbalanced a hundredth of it counts: what it
+    // leaves on the base may be next to nothing.
+    Nodal its = Nodal::Zero(4, u.cols());
+    term->add_force(u, now_, its);
+    load_ += 0.01 * its;
+    f -= 0.01 * its;
+  }
   for (const auto& one : rigid_) one->add_force(u, now_, load_);
   f += load_;
   if (folds_) folds_->add_force(u, now_, f);
@@ -72,8 +84,11 @@ System::Sweep System::force(const Nodal& u, Nodal& f) {
 System::Sweep System::force_at(const Nodal& u, const Eigen::VectorXd& lambda, Nodal& f) {
   const bool with_pressures = MixedIteration::serves(tissue_.system(), model_);
   const Index patches = model_.patches.count();
-  tissue_.hold_pressures(with_pressures ? lambda.head(patches).cwiseQuotient(model_.patches.volume)
-                                        : Eigen::VectorXd());
+  if (with_pressures)
+    tissue_.hold_pressures(lambda.head(patches).cwiseQuotient(model_.patches.volume),
+                           now_.share * pressure_around());
+  else
+    tissue_.hold_pressures({});
   for (const OneContact& one : contacts_)
     one.term->set_forces(lambda.segment(patches + one.first, one.term->unknowns()));
   return force(u, f);
@@ -94,9 +109,30 @@ void System::gather(const Nodal& u, Nodal& f, const std::function<void(Index fir
 StoredEnergy System::stored_energy(const Nodal& u) {
   StoredEnergy energy;
   energy.tissue = tissue_.stored_energy(u, &energy.hourglass);
-  for (const auto& term : terms_) energy.loads += term->energy(u, now_);
+  energy.loads = energy_of_terms(u);
   if (loaded()) energy.loads -= loads_at_rest_;
   return energy;
+}
+
+double System::pressure_around() const {
+  double sum = 0.0;
+  for (const auto& term : terms_) sum += term->pressure_around();
+  return sum;
+}
+
+// After a sweep at u. A pressure all around does work on the body's volume.
+double System::energy_of_terms(const Nodal& u) const {
+  const bool in_volume = MixedIteration::serves(tissue_.system(), model_) && pressure_around() != 0.0;
+  double energy = 0.0;
+  for (const auto& term : terms_)
+    if (!in_volume || term->pressure_around() == 0.0) energy += term->energy(u, now_);
+  if (!in_volume) return energy;
+  ForceState::Patches patches;
+  tissue_.patch_state(patches);
+  double change = 0.0;
+  for (Index b = 0; b < patches.dilation.size(); ++b)
+    change += model_.patches.volume[b] * patches.dilation[b];
+  return energy + now_.share * pressure_around() * change;
 }
 
 StiffnessBound System::stiffness_bound() const {
@@ -208,8 +244,8 @@ void System::begin_at(Rest rest, Constraints held) {
   tissue_.hold_pressures({});  // the search has left them held; who searches on holds his own
   accept_step(step_start_.u);
   for (const auto& one : rigid_) one->count_heat_anew();  // of the loads that came on no energy is told
-  loads_at_rest_ = 0.0;
-  for (const auto& term : terms_) loads_at_rest_ += term->energy(step_start_.u, now_);
+  if (pressure_around() != 0.0) tissue_.stress_sweep(step_start_.u);
+  loads_at_rest_ = energy_of_terms(step_start_.u);
 }
 
 void System::go_on(Rest from, Constraints held, const RigidWay& of_tool, double travel_before,

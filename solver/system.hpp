@@ -175,6 +175,9 @@ class System {
   Vec3 turned() const;
 
  private:
+  double pressure_around() const;
+  double energy_of_terms(const Nodal& u) const;
+
   const Model& model_;
   Constraints held_;
   ForceState tissue_;

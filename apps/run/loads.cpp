@@ -126,7 +126,8 @@ Loads loads_of(const Config& config, const Model& model, const Surface& chosen_o
     loads.pressure.push_back({.name = name,
                               .patch = surface_patch(model, triangles_on(name, pressure, chosen_on)),
                               .pressure = pressure.pressure_Pa,
-                              .follows = pressure.follows == "yes"});
+                              .follows = pressure.follows == "yes",
+                              .around = pressure.on == "all"});
   return loads;
 }
 

@@ -249,6 +249,7 @@ PointStress stress_at_points(const Frame& frame) {
   ForceState forces = frame.forces;  // whose last sweep may have been elsewhere
   forces.stress_sweep(frame.u);
   const auto F = forces.deformation_gradients(), P = forces.stresses();
+  const double around = forces.pressure_around();
   PointStress at{Eigen::MatrixXd(1, F.cols()), Eigen::MatrixXd(6, F.cols()), Eigen::MatrixXd(1, F.cols())};
   for (Index q = 0; q < F.cols(); ++q) {
     const Mat3 Fq = Eigen::Map<const Mat3>(F.col(q).data());
@@ -258,7 +259,8 @@ PointStress stress_at_points(const Frame& frame) {
       at.mises(0, q) = std::numeric_limits<double>::quiet_NaN();
       continue;
     }
-    const Mat3 s = Eigen::Map<const Mat3>(P.col(q).data()) * Fq.transpose() / Fq.determinant();
+    const Mat3 s = Eigen::Map<const Mat3>(P.col(q).data()) * Fq.transpose() / Fq.determinant() -
+                   around * Mat3::Identity();
     const Mat3 deviator = s - s.trace() / 3.0 * Mat3::Identity();
     at.sigma.col(q) << s(0, 0), s(1, 1), s(2, 2), s(0, 1), s(1, 2), s(0, 2);
     at.mises(0, q) = std::sqrt(1.5) * deviator.norm();

@@ -126,8 +126,12 @@ void ForceState::restore_past(const std::vector<double>& past) {
   with([&](const auto& kernel, auto& state) { kernel.restore_past(state, past); });
 }
 
-void ForceState::hold_pressures(const Eigen::VectorXd& pressure) {
-  with([&](const auto& kernel, auto& state) { kernel.hold(state, pressure); });
+void ForceState::hold_pressures(const Eigen::VectorXd& pressure, double around) {
+  with([&](const auto& kernel, auto& state) { kernel.hold(state, pressure, around); });
+}
+
+double ForceState::pressure_around() const {
+  return with([](const auto&, const auto& state) { return static_cast<double>(state.around); });
 }
 
 void ForceState::patch_state(Patches& patches) const {

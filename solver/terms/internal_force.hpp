@@ -114,7 +114,11 @@ class ForceState {
   void restore_past(const std::vector<double>& past);
 
   /// Of the converging scheme: the patches' pressures as unknowns of their own. See ProjectedKernel.
-  void hold_pressures(const Eigen::VectorXd& pressure);
+  /// `around` [Pa]: what presses on all of the surface and follows it. Its forces are those of one more
+  /// pressure in all patches, of the other sign, to the last digit; as forces on the surface's triangles they
+  /// would differ where the surface is bent, by more than tissue resists with where that is soft beside it.
+  void hold_pressures(const Eigen::VectorXd& pressure, double around = 0.0);
+  double pressure_around() const;  ///< that is held so [Pa]; stresses() have it in them
   struct Patches {
     Eigen::VectorXd dilation, bulk;  ///< [patches] J_b - 1; [Pa]
   };

@@ -49,8 +49,13 @@ Nodal unit_pressure(const SurfacePatch& patch, const Points& corner, Index nodes
 // ends of each step.
 class FollowingPressure : public ForceTerm {
  public:
-  FollowingPressure(SurfacePatch patch, double pressure, Index nodes)
-      : patch_(std::move(patch)), pressure_(pressure), u_(Nodal::Zero(4, nodes)), force_(u_) {}
+  FollowingPressure(SurfacePatch patch, double pressure, bool around, Index nodes)
+      : patch_(std::move(patch)),
+        pressure_(pressure),
+        around_(around),
+        u_(Nodal::Zero(4, nodes)),
+        force_(u_) {}
+  double pressure_around() const override { return around_ ? pressure_ : 0.0; }
   void add_force(const Nodal& u, const Instant& now, Nodal& f) override { f -= force_at(u, now); }
   double energy(const Nodal& u, const Instant& now) override {
     return -(work_ + 0.5 * (force_ + force_at(u, now)).cwiseProduct(u - u_).sum());
@@ -75,6 +80,7 @@ class FollowingPressure : public ForceTerm {
  private:
   SurfacePatch patch_;
   double pressure_;
+  bool around_;
   Nodal u_, force_;  // of the last accepted step
   double work_ = 0.0;
 
@@ -118,7 +124,8 @@ ForceTerms make_terms(const Model& model, const Loads& loads) {
   if (loads.fluid) terms.push_back(dead_load(lost_buoyancy(model, *loads.fluid)));
   for (const SurfacePressure& one : loads.pressure)
     if (one.follows)
-      terms.push_back(std::make_unique<FollowingPressure>(one.patch, one.pressure, model.node_count()));
+      terms.push_back(
+          std::make_unique<FollowingPressure>(one.patch, one.pressure, one.around, model.node_count()));
     else
       terms.push_back(
           dead_load(one.pressure * unit_pressure(one.patch, one.patch.corner, model.node_count())));

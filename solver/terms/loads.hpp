@@ -14,6 +14,7 @@ struct SurfacePressure {
   double pressure = 0.0;  ///< [Pa]
   bool follows =
       true;  ///< it acts on the deformed surface along its normals; false: on that at rest, and stays so
+  bool around = false;  ///< on all of the surface
 };
 
 /// A fluid in which the body lay in equilibrium with its weight, and whose level has fallen: what then acts

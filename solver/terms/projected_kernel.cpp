@@ -526,7 +526,7 @@ struct ProjectedKernel<Real>::OfBlock {
     const auto [from, to] = range(k.patches_of_block_);
     for (std::size_t p = from; p < to; ++p) {
       const auto b = static_cast<std::size_t>(k.patches_of_block_.member[p]);
-      s.at_patch[p] = s.held[b] - static_cast<Real>(s.patch_bulk[b]) * s.patch_dilation[b];
+      s.at_patch[p] = s.held[b] + s.around - static_cast<Real>(s.patch_bulk[b]) * s.patch_dilation[b];
     }
     means_at_points(mean);
     for (std::size_t q = begin; q < end; ++q) s.pressure[q] += mean[q - begin];

@@ -147,6 +147,29 @@ TEST_F(Block, TakesAPressureFromAFile) {
   EXPECT_EQ(force(), before);
 }
 
+// It only changes the pressure within tissue that keeps its volume, and presses the rest together a little.
+TEST_F(Block, ThatIsPressedFromAllAroundFeelsTheToolAsWithoutThat) {
+  const std::string ball = " --tool sphere:5mm --depth 3mm --nodes 1000 --nu 0.4999 --band off ";
+  const double alone = run(ball + "--write force", "out", "210Pa")["force_N"];
+  std::vector<double> settled;
+  for (const double p : {500.0, 2000.0, -1000.0}) {
+    SCOPED_TRACE(p);
+    const Json summary =
+        run(ball + "--write points --set load.pressure.csf.pressure_Pa=" + std::to_string(p), "out", "210Pa");
+    EXPECT_NEAR(summary["force_N"].get<double>() / alone, 1.0, 3e-3);
+    EXPECT_NEAR(summary["base_force_N"].get<double>() / alone, 1.0, 3e-3) << "it has no resultant";
+    EXPECT_LT(summary["energy_error"].get<double>(), 5e-3);
+    settled.push_back(summary["loads"]["settled_mm"].get<double>() / p);
+    const PointFile points = read_vtu(folder / "out" / "points" / "points_0000.vtu");
+    const Eigen::MatrixXd &stress = points.find("cauchy_stress_Pa")->values,
+                          &volume = points.find("volume_mm3")->values;
+    const Eigen::RowVectorXd mean = stress.topRows<3>().colwise().mean();
+    EXPECT_NEAR(mean.dot(volume.row(0)) / volume.sum(), -p, 0.02 * std::abs(p)) << "the tissue bears it";
+  }
+  EXPECT_NEAR(settled[1] / settled[0], 1.0, 0.1) << "in proportion to the pressure";
+  EXPECT_LT(settled[0], 0.04e-3) << "mm per Pa";
+}
+
 // Reactions as ParaView shows them, summed by the sets that it shows.
 TEST_F(Block, IsInBalanceWithToolBaseAndSupports) {
   const Json summary = run(" --nodes 1200 --depth 2mm --write nodes --gravity inferior" + supports);
@@ -309,7 +332,8 @@ TEST_F(Block, RefusesLoadsAndSupportsThatItDoesNotUnderstand) {
   refused(2, start + "--gravity sideways", {"gravity 'sideways'", "--gravity inferior"});
   refused(2, start + "--gravity 0,1", {"gravity '0,1'"});
   refused(2, start + "--set load.pressure.csf.on=lleft", {"'csf'", "'lleft'", "a side such as superior"});
-  refused(2, start + "--set load.pressure.csf.on=500,0,0,1",
+  refused(2, start + "--set load.pressure.csf.on=superior", {"'csf' has no value"});
+  refused(2, start + "--set load.pressure.csf.pressure=1Pa --set load.pressure.csf.on=500,0,0,1",
           {"meets no part of the surface", "it would act on nothing"});
   refused(2, start + "--set load.pressure.csf.pressure=50N", {"pressure_Pa = 50N"});
   refused(2, support + "lleft", {"'r'", "'lleft'", "label:NAME"});
