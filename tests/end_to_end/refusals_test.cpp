@@ -390,7 +390,7 @@ TEST_F(Refusal, OfPlacesAndNumbersThatNoModelCanHave) {
            Row{4, "--nodes 1000 --points 60 --scheme horton2007", "in no support domain"},
            Row{4, "--nodes 400 --support 0.5", "code:  supports"},
            Row{4, "--nodes 400 --rim 0.001", "takes more nodes than are asked for"},
-           Row{4, "--nodes 400 --spacing 0.2", "at most 1000000 are possible"},
+           Row{4, "--spacing 0.2", "at most 1000000 are possible"},
        }) {
     expect(row.code, std::string("run brain.nrrd -o out ") + row.options, {row.word});
   }
