@@ -42,6 +42,7 @@ struct Step {
 /// Where a step begins: what the steps before it have left.
 struct Begun {
   double t = 0.0, depth = 0.0;  ///< [s], [m] of the tool along its push
+  bool holds = false;           ///< nothing moves in this step
   double sinks = 1.0;           ///< the tool's depth gains so much of the way in this step
   RigidWay of_tool = {};        ///< where it turns: what its tip sinks besides, along `push`
   Vec3 push = Vec3::Zero();

@@ -179,6 +179,10 @@ Material mooney_rivlin(double c10, double c01, double nu, double density) {
   return {.mu = mu, .kappa = bulk_modulus(mu, nu), .density = density, .law = MooneyRivlin{c01}};
 }
 
+bool relaxes(const std::vector<Material>& tissues) {
+  return std::any_of(tissues.begin(), tissues.end(), [](const Material& m) { return !m.prony.empty(); });
+}
+
 bool is_plain(const Material& m) {
   return m.prony.empty() &&
          ask(

@@ -78,6 +78,8 @@ Material mooney_rivlin(double c10, double c01, double nu, double density);
 /// The stress is that of NeoHookean, and nothing relaxes: what the quick loop of the kernel does, and what
 /// finite-element programs are given.
 bool is_plain(const Material& material);
+/// Whether any of them relaxes.
+bool relaxes(const std::vector<Material>& tissues);
 /// The stress is the one printed in the paper.
 bool is_as_printed(const Material& material);
 

@@ -35,6 +35,9 @@ System::System(const ForceSystem& tissue, const Model& model, Constraints held, 
   step_start_ = {Nodal::Zero(4, model.node_count()),
                  Eigen::VectorXd::Zero(model.patches.count() + contact_unknowns())};
   run_start_ = step_start_;
+  for (const auto& term : terms_) pressure_around_ += term->pressure_around();
+  if (!MixedIteration::serves(tissue_.system(), model)) pressure_around_ = 0.0;  // it acts on triangles
+  set(now_);
 }
 
 void System::activate(const ActiveSample& one) {
@@ -51,20 +54,19 @@ void System::activate_penetrating() {
 }
 
 void System::set(const Instant& now, Nodal& u) {
-  now_ = now;
+  set(now);
   held_.prescribe(u, now.depth);
 }
 
 void System::add_terms(const Nodal& u, Nodal& f) {
   load_.setZero(4, u.cols());
-  const bool is_held = tissue_.pressure_around() != 0.0;
   for (const auto& term : terms_) {
-    if (!is_held || term->pressure_around() == 0.0) {
+    if (pressure_around_ == 0.0 || term->pressure_around() == 0.0) {
       term->add_force(u, now_, term->is_load() ? load_ : f);
       continue;
     }
-    // The held pressures bear it. As a measure of what is left unbalanced a hundredth of it counts: what it
-    // leaves on the base may be next to nothing.
+    // The tissue's pressures bear it. As a measure of what is left unbalanced a hundredth of it counts: what
+    // it leaves on the base may be next to nothing.
     Nodal its = Nodal::Zero(4, u.cols());
     term->add_force(u, now_, its);
     load_ += 0.01 * its;
@@ -84,11 +86,8 @@ System::Sweep System::force(const Nodal& u, Nodal& f) {
 System::Sweep System::force_at(const Nodal& u, const Eigen::VectorXd& lambda, Nodal& f) {
   const bool with_pressures = MixedIteration::serves(tissue_.system(), model_);
   const Index patches = model_.patches.count();
-  if (with_pressures)
-    tissue_.hold_pressures(lambda.head(patches).cwiseQuotient(model_.patches.volume),
-                           now_.share * pressure_around());
-  else
-    tissue_.hold_pressures({});
+  tissue_.hold_pressures(with_pressures ? lambda.head(patches).cwiseQuotient(model_.patches.volume)
+                                        : Eigen::VectorXd());
   for (const OneContact& one : contacts_)
     one.term->set_forces(lambda.segment(patches + one.first, one.term->unknowns()));
   return force(u, f);
@@ -114,25 +113,18 @@ StoredEnergy System::stored_energy(const Nodal& u) {
   return energy;
 }
 
-double System::pressure_around() const {
-  double sum = 0.0;
-  for (const auto& term : terms_) sum += term->pressure_around();
-  return sum;
-}
-
 // After a sweep at u. A pressure all around does work on the body's volume.
 double System::energy_of_terms(const Nodal& u) const {
-  const bool in_volume = MixedIteration::serves(tissue_.system(), model_) && pressure_around() != 0.0;
   double energy = 0.0;
   for (const auto& term : terms_)
-    if (!in_volume || term->pressure_around() == 0.0) energy += term->energy(u, now_);
-  if (!in_volume) return energy;
+    if (pressure_around_ == 0.0 || term->pressure_around() == 0.0) energy += term->energy(u, now_);
+  if (pressure_around_ == 0.0) return energy;
   ForceState::Patches patches;
   tissue_.patch_state(patches);
   double change = 0.0;
   for (Index b = 0; b < patches.dilation.size(); ++b)
     change += model_.patches.volume[b] * patches.dilation[b];
-  return energy + now_.share * pressure_around() * change;
+  return energy + now_.share * pressure_around_ * change;
 }
 
 StiffnessBound System::stiffness_bound() const {
@@ -244,7 +236,7 @@ void System::begin_at(Rest rest, Constraints held) {
   tissue_.hold_pressures({});  // the search has left them held; who searches on holds his own
   accept_step(step_start_.u);
   for (const auto& one : rigid_) one->count_heat_anew();  // of the loads that came on no energy is told
-  if (pressure_around() != 0.0) tissue_.stress_sweep(step_start_.u);
+  if (pressure_around_ != 0.0) tissue_.stress_sweep(step_start_.u);
   loads_at_rest_ = energy_of_terms(step_start_.u);
 }
 

@@ -99,7 +99,10 @@ class System {
   const Instant& now() const { return now_; }
 
   /// Tool and loads stand so from now on. {}: where the step of the scene begins.
-  void set(const Instant& now) { now_ = now; }
+  void set(const Instant& now) {
+    now_ = now;
+    if (pressure_around_ != 0.0) tissue_.press_around(now.share * pressure_around_);
+  }
   /// The same, and puts what is held of u [4xN] m where it then is.
   void set(const Instant& now, Nodal& u);
 
@@ -175,7 +178,6 @@ class System {
   Vec3 turned() const;
 
  private:
-  double pressure_around() const;
   double energy_of_terms(const Nodal& u) const;
 
   const Model& model_;
@@ -195,6 +197,7 @@ class System {
   RigidWay way_before_;           // shift and turn by which earlier steps left the tool; held_ has its motion
   double least_reactions_ = 0.0;  // N, for a balance
   double loads_at_rest_ = 0.0;    // J
+  double pressure_around_ = 0.0;  // Pa, on all of the surface, which the tissue's pressures bear
 
   bool tissue_alone() const { return !loaded() && contacts_.empty(); }
   void add_terms(const Nodal& u, Nodal& f);

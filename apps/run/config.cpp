@@ -506,18 +506,20 @@ void match_ogden(Config& config, int weight_of_modulus) {
   }
 }
 
-// The number follows from the spacing; who gives a number takes back a spacing from a file.
+// The number follows from the spacing. Of a spacing in a file who gives a number in the terminal is not told
+// otherwise.
 void resolve_spacing(Config& config) {
   if (!(config.cloud.spacing_mm > 0.0)) return;
-  const int nodes = weight_of(config, "cloud.nodes"), spacing = weight_of(config, "cloud.spacing_mm");
-  if (nodes == 3 && spacing == 3)
+  const auto nodes = config.source.find("cloud.nodes"), spacing = config.source.find("cloud.spacing_mm");
+  if (nodes == config.source.end() || spacing == config.source.end() || !nodes->second.starts_with("--"))
+    return;
+  if (spacing->second.starts_with("--"))
     throw UsageError({.fact = fmt::format("both {} nodes and a spacing of {} are asked for",
                                           config.cloud.nodes, length_in_words(config.cloud.spacing_mm)),
-                      .where = fmt::format("{} and {}", config.source.at("cloud.nodes"),
-                                           config.source.at("cloud.spacing_mm")),
+                      .where = fmt::format("{} and {}", nodes->second, spacing->second),
                       .why = "one follows from the other",
                       .remedy = "give one of --nodes and --spacing"});
-  if (nodes > spacing) config.cloud.spacing_mm = 0.0;
+  if (spacing->second.ends_with(".toml")) config.cloud.spacing_mm = 0.0;
 }
 
 }  // namespace

@@ -91,15 +91,7 @@ std::string in_words(const Loads& loads) {
 void check_loads(const Config& config) {
   gravity_of(config);
   fluid_lost_of(config);
-  for (const auto& [name, pressure] : config.pressure) {
-    part_of(name, pressure);
-    const std::string key = fmt::format("load.pressure.{}.pressure_Pa", name);
-    if (pressure.pressure_Pa == 0.0 && config.source.count(key) == 0)
-      throw UsageError({.fact = fmt::format("the pressure '{}' has no value", name),
-                        .where = key,
-                        .why = "what it acts on is said, and not how much",
-                        .remedy = "give it, as 500Pa, or leave the pressure out"});
-  }
+  for (const auto& [name, pressure] : config.pressure) part_of(name, pressure);
   check_membranes(config);
 }
 

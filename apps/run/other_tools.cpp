@@ -8,6 +8,7 @@
 
 #include "apps/run/steps.hpp"
 #include "apps/run/tool.hpp"
+#include "apps/run/walls.hpp"
 #include "apps/run/words.hpp"
 #include "io/digits.hpp"
 #include "io/error.hpp"
@@ -117,7 +118,7 @@ std::vector<Vec3> ways_of(const Config& config, const std::string& name, const C
   std::vector<Vec3> way;
   Vec3 come = Vec3::Zero();
   for (const auto& [step_name, step] : steps_in_order(config))
-    if (step.moves == name) way.push_back(come += 1e-3 * way_of(step.move_mm, push));
+    if (step.moves == name && !step.move_mm.empty()) way.push_back(come += 1e-3 * way_of(step.move_mm, push));
   if (config.step.empty() && !stands(tool)) way.push_back(1e-3 * way_of(tool.move_mm, push));
   return way;
 }
@@ -139,7 +140,7 @@ void check_other_tools(const Config& config) {
           report_on(name, "shape",
                     name == base_set ? "has the name of the fixed base" : "has the name of the measured one",
                     "things are told of and moved by their names", "name it differently"));
-    if (config.held.contains(name) || config.wall.contains(name))
+    if (config.held.contains(name) || walls_named(config).contains(name))
       throw UsageError(report_on(name, "shape", "has the name of a support or a wall",
                                  "things are told of and moved by their names", "name them differently"));
     if (!config.step.empty() && !stands(tool))

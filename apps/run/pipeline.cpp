@@ -156,9 +156,13 @@ TimeMode time_of(const Config& config, const RunLog& log, const Result& result) 
     require_no_walls(config, "a run with inertia");
     return TimeMode::explicit_;
   }
-  TimeMode mode = choose_time(result.model, result.tissues, result.loading);
+  Loading at_the_rate = result.loading;  // without what says how long it lasts
+  std::erase_if(at_the_rate.steps, [](const Step& step) { return step.lasts > 0.0; });
+  TimeMode mode = choose_time(result.model, result.tissues, at_the_rate);
   // Whoever names no speed asks for the force of equilibrium.
-  if (!was_given(config, "load.rate_mm_per_s")) mode = TimeMode::quasi_static;
+  if (!was_given(config, "load.rate_mm_per_s") ||
+      (!result.loading.steps.empty() && at_the_rate.steps.empty()))
+    mode = TimeMode::quasi_static;
   if (mode != TimeMode::quasi_static && result.loading.touch)
     throw UsageError({.fact = "the tool is too fast for its contact to be solved for in equilibrium",
                       .where = "--rate (load.rate_mm_per_s)",
@@ -410,7 +414,6 @@ void make_ready(const Case& given, Placed placed, const RunLog& log, Result& res
         "folds    nothing can touch: the surface nowhere faces itself across twice the tool's way or less");
   stand_walls(given, log, result);
   if (loading.touch) bring_tool(config, log, result);
-  if (const std::string words = tool_in_wall(config, model, loading); !words.empty()) log.warn(words);
   const SolverOptions options = solver_options(config);
   result.findings = check_model(model, model.support_report, loading.depth);
   for (const Finding& finding : result.findings) log.warn(in_words(finding));
@@ -424,7 +427,8 @@ void make_ready(const Case& given, Placed placed, const RunLog& log, Result& res
   if (const std::string preset = beside_preset(config); !preset.empty()) log.say("preset   " + preset);
   for (const Membrane& film : loading.loads.membrane) log.say("membrane " + in_words(film));
   if (const std::string loads = in_words(loading.loads); !loads.empty())
-    log.say("loads    " + loads + "; the body comes to rest under it first");
+    log.say("loads    " + loads + "; the body comes to rest under it first" +
+            (relaxes(result.tissues.material) ? ", as tissue that has relaxed" : ""));
   log.detail(fmt::format("load     {} at {} mm/s: {} s, {}, {}", length_in_words(config.load.depth_mm),
                          plain(config.load.rate_mm_per_s), three_digits(loading.duration()),
                          !loading.touch                   ? config.load.contact

@@ -206,6 +206,8 @@ void simulate(const Case& given, const RunObserver& observer, Result& result) {
   if (result.origin) result.followed = followed_in(config, result.origin->organ);
   make_ready(given, std::move(placed), log, result);  // complete(), and what a march needs besides
   require_tools_apart(result.loading);
+  if (const std::string words = tool_in_wall(config, result.model, result.loading); !words.empty())
+    log.warn(words);
   list_cuts_at_rest(config, result);
   stop_if_asked();
   log.begin(Part::solving, config);

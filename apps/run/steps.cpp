@@ -163,11 +163,9 @@ void check_cut_steps(const Config& config) {
                             [](const auto& film) { return film.second.tension_N_per_m != 0.0; }),
                 "a membrane with tension", "it moves the body before the tool touches, as loads do",
                 "cut it at rest (--cut), or leave the tension out");
-  const std::vector<Material> materials = materials_of(config);
-  refuse_beside(
-      std::any_of(materials.begin(), materials.end(), [](const Material& m) { return !m.prony.empty(); }),
-      "viscoelastic tissue", "its past belongs to integration points, and the cut body has others",
-      "cut it at rest (--cut), or leave the relaxation out");
+  refuse_beside(relaxes(materials_of(config)), "viscoelastic tissue",
+                "its past belongs to integration points, and the cut body has others",
+                "cut it at rest (--cut), or leave the relaxation out");
   refuse_beside(turns(config), "a tool that turns",
                 "the place that it turns about would be looked for anew on the cut body",
                 "cut it at rest (--cut), or let the tool go straight");
@@ -361,9 +359,7 @@ Vec3 way_of(const std::vector<double>& move, const Vec3& push) {
 
 std::vector<Step> steps_of(const Config& config, const ToolPlace& tool,
                            const std::map<std::string, Vec3>& push_of_others) {
-  const std::vector<Material> tissues = materials_of(config);
-  const bool relaxes =
-      std::any_of(tissues.begin(), tissues.end(), [](const Material& m) { return !m.prony.empty(); });
+  const bool relaxing = relaxes(materials_of(config));
   std::vector<Step> steps;
   RigidWay of_tool;
   for (const auto& [name, step] : moving_steps(config)) {
@@ -378,7 +374,7 @@ std::vector<Step> steps_of(const Config& config, const ToolPlace& tool,
       made.turn = std::numbers::pi / 180.0 * three(step.turn_deg);
       made.lever = std::max(tool_of(config)->radius, 1e-3 * config.load.depth_mm);
     }
-    if (made.holds()) made.lever = (relaxes ? 1.0 : 0.1) * tool.radius;  // of ten equilibria, or one
+    if (made.holds()) made.lever = (relaxing ? 1.0 : 0.1) * tool.radius;  // of ten equilibria, or one
     if (!step.about_mm.empty()) {
       made.about = 1e-3 * three(step.about_mm);
       made.lever = std::max(made.lever, (*made.about - tool.centre - of_tool.come).norm());

@@ -113,7 +113,7 @@ bool has(const std::vector<Index>& ascending, Index a) {
 }
 
 void check_nodes(const std::string& name, const Config::Held& held, const std::vector<Index>& nodes,
-                 const Discretisation& places) {
+                 const Discretisation& places, const std::vector<Index>& base) {
   if (nodes.empty())
     throw ModelError(
         report_on(name, "on", fmt::format("on '{}' meets no node", held.on),
@@ -132,7 +132,7 @@ void check_nodes(const std::string& name, const Config::Held& held, const std::v
                   fmt::format("the circle's middle is at {}, and its nodes move with the tool",
                               in_words(1e3 * places.tool.centre)),
                   "move or shrink the support (a ball in place of a side), or move the tool (--indent-at)"));
-  if (std::all_of(nodes.begin(), nodes.end(), [&](Index a) { return has(places.base, a); }))
+  if (std::all_of(nodes.begin(), nodes.end(), [&](Index a) { return has(base, a); }))
     throw ModelError(report_on(name, "on", fmt::format("on '{}' meets no node but the base's", held.on),
                                "the base is held already, and stays where it is",
                                "leave the support out, or choose another --base or a smaller --base-depth"));
@@ -216,6 +216,7 @@ Supports supports_of(const Config& config, const Discretisation& places,
   check_supports(config);
   Supports result;
   if (config.held.empty()) return result;
+  const std::vector<Index> base = has_base(config) ? places.base : std::vector<Index>();
   const bool all_labels = labels_of_supports(config).size() == config.held.size();
   if (!all_labels && places.surface.empty())
     throw ModelError({.fact = "a support lies on the surface, and this model has none",
@@ -229,7 +230,7 @@ Supports supports_of(const Config& config, const Discretisation& places,
   for (const auto& [name, held] : config.held) {
     chosen.push_back(is_label(held) ? nodes_with_label(number_of_label(label_of(held), label_names), places)
                                     : nodes_on_surface(*surface_part_named(held.on), places, *surface));
-    check_nodes(name, held, chosen.back().node, places);
+    check_nodes(name, held, chosen.back().node, places, base);
     const auto number = static_cast<int>(result.sets.size());
     for (const Index a : chosen.back().node) owner[static_cast<std::size_t>(a)] = number;
     result.sets.push_back(set_of(name, held, chosen.back(), config.load.depth_mm));
@@ -239,7 +240,7 @@ Supports supports_of(const Config& config, const Discretisation& places,
     HeldSet& set = result.sets[k];
     Index of_base = 0, of_others = 0;
     for (const Index a : chosen[k].node) {
-      if (has(places.base, a))
+      if (has(base, a))
         ++of_base;
       else if (owner[static_cast<std::size_t>(a)] != static_cast<int>(k))
         ++of_others;
@@ -254,7 +255,7 @@ Supports supports_of(const Config& config, const Discretisation& places,
     result.words.push_back(sentence(set, config.load.depth_mm, of_base, of_others));
   }
   Index held_before = 0;
-  for (Index a = 0; a < places.node_count(); ++a) held_before += has(places.base, a) || has(places.circle, a);
+  for (Index a = 0; a < places.node_count(); ++a) held_before += has(base, a) || has(places.circle, a);
   if (taken + held_before == places.node_count())
     throw ModelError({.fact = fmt::format("the supports take all of the {} nodes that are free", taken),
                       .where = "support",

@@ -100,7 +100,9 @@ ToolShape shape_of(const Asked& tool, const Words& words) {
   if (words.kind == "punch") {
     shape.kind = ToolShape::Kind::punch;
     shape.edge = further(tool, words, "edge");
-    if (shape.edge > shape.radius || shape.edge < sharpest_edge * shape.radius)
+    constexpr double rounding = 1e-9;
+    if (shape.edge > shape.radius * (1.0 + rounding) ||
+        shape.edge < sharpest_edge * shape.radius * (1.0 - rounding))
       refuse(
           tool, fmt::format("has an edge of {}", length_in_words(1e3 * shape.edge)),
           fmt::format("it is rounded by {:g} radii at least, for the pressure at a sharp edge is unbounded, "

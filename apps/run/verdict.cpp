@@ -127,10 +127,9 @@ Answer of_energy(const Result& result) {
                 .unit = "%",
                 .of = "of the tool's work is what the energy balance is off by"};
   answer.reasons = fired(result, {"energy"});
-  if (std::any_of(result.tissues.material.begin(), result.tissues.material.end(),
-                  [](const Material& m) { return !m.prony.empty(); }))
-    answer.reasons.insert("the tissue relaxes, and stored energy is counted as if it did not");
   answer.check_beyond(100.0 * energy_to_check);
+  if (!answer.reasons.empty() && relaxes(result.tissues.material))
+    answer.reasons.insert("the tissue relaxes, and stored energy is counted as if it did not");
   return answer;
 }
 

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numbers>
 #include <sstream>
 
 #include "apps/run/steps.hpp"
@@ -425,10 +426,17 @@ std::string tool_in_wall(const Config& config, const Model& model, const Loading
       }
   };
   const ToolPlace& tool = model.tool;
-  Points axis(3, 8);  // of the circle, whose shaft is only drawn, to two radii above it
-  for (Index k = 0; k < axis.cols(); ++k)
-    axis.col(k) = 1e3 * (tool.centre - 0.25 * static_cast<double>(k + 1) * tool.radius * tool.push);
-  look("tool", loading.touch ? tool_body(*loading.touch).position_mm : axis,
+  // Of the circle, whose shaft is only drawn, the axis and eight lines around it, to two radii above it.
+  Points shaft(3, 9 * 8);
+  const Vec3 side = tool.push.unitOrthogonal(), across = tool.push.cross(side);
+  for (Index k = 0; k < shaft.cols(); ++k) {
+    const double angle = 0.25 * std::numbers::pi * static_cast<double>(k % 9),
+                 out = k % 9 == 8 ? 0.0 : tool.radius,
+                 up = 0.25 * static_cast<double>(k / 9 + 1) * tool.radius;
+    shaft.col(k) =
+        1e3 * (tool.centre - up * tool.push + out * (std::cos(angle) * side + std::sin(angle) * across));
+  }
+  look("tool", loading.touch ? tool_body(*loading.touch).position_mm : shaft,
        loading.touch ? loading.touch->shape.radius : tool.radius, places_come_to(loading, "", tool.push));
   for (const Touch& rigid : loading.walls)
     if (rigid.is_tool)

@@ -186,6 +186,21 @@ Vec3 side_by_axes(const BodySurface& body, const std::optional<Vec3>& from, std:
   return inferior;
 }
 
+// Sides are those of the scan, which is cut along its own axes.
+void tell_of_turned_axes(const BodySurface& body, const Vec3& lps, const std::string& side,
+                         Boundary& result) {
+  constexpr double much_degrees = 15.0;
+  const double off = 180.0 / std::numbers::pi *
+                     std::acos(std::min(1.0, nearest_axis(body, lps).dot(local_direction(body, lps))));
+  if (off > much_degrees)
+    result.warnings.push_back(
+        fmt::format("the scan's axes are turned by {:.0f} degrees against the patient's, and the base on the "
+                    "{} side is that of the "
+                    "scan's nearest axis, against which the tool comes; for the patient's own give it in "
+                    "numbers, as --base {:g},{:g},{:g}",
+                    off, side, lps.x() + 0.0, lps.y() + 0.0, lps.z() + 0.0));
+}
+
 // `from`: as above.
 void find_base(const BodySurface& body, const Moments& moments, const BoundaryOptions& options,
                const std::optional<Vec3>& from, Boundary& result) {
@@ -202,6 +217,7 @@ void find_base(const BodySurface& body, const Moments& moments, const BoundaryOp
                  side_named(options.base) ? nearest_axis(body, *asked) : local_direction(body, *asked),
                  result);
     reason = "as asked for";
+    if (side_named(options.base)) tell_of_turned_axes(body, *asked, options.base, result);
   } else if (face) {
     rest_on(*face, result);
     reason = fmt::format("the organ's largest flat face, {:.0f} % of its outline", 100.0 * face->share);
@@ -209,7 +225,8 @@ void find_base(const BodySurface& body, const Moments& moments, const BoundaryOp
     bed_on(body, broadest_side(body, moments), result);
     reason = "no flat face, so the organ rests on its broadest side";
   } else {
-    rest_on_side(body, moments, side_by_axes(body, from, reason), result);
+    const Vec3 side = side_by_axes(body, from, reason);
+    rest_on_side(body, moments, side, result);
     result.base_by_axes = true;
   }
   if (options.base_depth_mm > 0.0) result.base_depth = options.base_depth_mm;

@@ -176,10 +176,12 @@ class QuasiStaticMarch {
   void set_tool(double travel);
   void search(double tolerance, Found& found);
   void check(const Increment& increment, Found& found);
-  bool tool_alone_presses() const;
+  bool tool_alone_moves(double along) const;
+  double work_of(const Increment& increment, bool snapped) const;
   void check_equilibrium(const Moment& now, const Found& found);
   void check_contact(const Moment& now);
   void look_at_walls(const Moment& now);
+  void note_contacts();
   void look_at_tools(const Moment& now);
   void look_at_folds();
   void take(const Increment& increment, const Found& found);
@@ -290,8 +292,8 @@ void QuasiStaticMarch::go(const Increment& increment, Found& found) {
   const Nodal expected = now_.u;
   search(options_.tolerance, found);
   found.snapped = found.relaxed.gave_way() || found.relaxed.lost_contact;
-  check(increment, found);  // which counts the samples in contact
-  if (found.snapped && system_.touching() && history_.contact_samples == 0)
+  check(increment, found);
+  if (found.snapped && system_.touching() && system_.touching()->touched().samples == 0)
     guards_.found_lost_contact(now_.u - path_.point.back().u, increment.length, now);
   else if (found.snapped)
     guards_.found_limit_point(now_.u - expected, increment.length, system_.folds() != nullptr, now);
@@ -304,8 +306,9 @@ void QuasiStaticMarch::look_ahead(const Increment& increment, Found& found) {
     path_.extrapolate(increment.to, now_.u, now_.lambda);
     return set_tool(increment.to);
   }
-  // The first iteration of the search says more than a nudge: contact grows from a point.
-  if (system_.touching()) {
+  // The first iteration of the search says more than a nudge: contact grows from a point. And where nothing
+  // moves it is not the way that the tissue goes along.
+  if (system_.touching() || loading_.begun.holds) {
     now_ = {path_.point.back().u, path_.point.back().lambda};
     return set_tool(increment.to);
   }
@@ -367,13 +370,28 @@ void QuasiStaticMarch::check_equilibrium(const Moment& now, const Found& found) 
   if (system_.folds()) look_at_folds();
 }
 
-// A tool that touches, straight along its push, while all else stays where it is.
-bool QuasiStaticMarch::tool_alone_presses() const {
+// A tool that touches, straight along its push (1) or back (-1), while all else stays where it is.
+bool QuasiStaticMarch::tool_alone_moves(double along) const {
   const auto moves = [](const Touch& wall) { return wall.motion && !wall.motion->isZero(0.0); };
-  return system_.touching() && system_.held().motion(tool_set).dot(model_.tool.push) > 1.0 - same_depth &&
+  return system_.touching() &&
+         along * system_.held().motion(tool_set).dot(model_.tool.push) > 1.0 - same_depth &&
          std::none_of(loading_.walls.begin(), loading_.walls.end(), moves) &&
          std::all_of(loading_.further.begin(), loading_.further.end(),
                      [](const HeldSet& set) { return set.share == 0.0; });
+}
+
+// Of the last increment, whose end has joined the others. From where a tool first touches, and to where it
+// leaves that again, the force goes as its shape says.
+double QuasiStaticMarch::work_of(const Increment& increment, bool snapped) const {
+  const std::vector<double>&at = state_.depths, &force = state_.forces;
+  const std::size_t k = at.size() - 1;
+  const double before = history_.force.back().depth;
+  if (tool_alone_moves(-1.0) && force[k] == 0.0 && before > 0.0 &&
+      before <= at[k] - at[k - 1] + same_depth * step_)
+    return share_of_first_work(system_.touching()->touch().shape, before) * before * force[k - 1];
+  const double first_share =
+      tool_alone_moves(1.0) ? share_of_first_work(system_.touching()->touch().shape, increment.to) : 0.5;
+  return work_of_last(at, force, increment.has_no_curve || snapped, first_share);
 }
 
 // What was found, by the guards; the depth and the force there join those of the equilibria before.
@@ -384,10 +402,7 @@ void QuasiStaticMarch::check(const Increment& increment, Found& found) {
   found.force = ledger_.force(now, now_.u, f_);
   state_.depths.push_back(increment.to);
   state_.forces.push_back(system_.working_force(f_));
-  const double first_share =
-      tool_alone_presses() ? share_of_first_work(system_.touching()->touch().shape, increment.to) : 0.5;
-  const double work =
-      work_of_last(state_.depths, state_.forces, increment.has_no_curve || found.snapped, first_share);
+  const double work = work_of(increment, found.snapped);
   const StoredEnergy stored = system_.stored_energy(now_.u);
   guards_.check_hourglass(stored.hourglass, stored.tissue, now);
   double dissipated = found.snapped ? relaxed.dissipated : 0.0;
@@ -414,22 +429,30 @@ void QuasiStaticMarch::check_contact(const Moment& now) {
     history_.penetration = audit.penetration;
     if (audit.penetration > most) history_.penetration_at = now.depth;
   }
-  const TouchingTool::Touched touched = tool.touched();
-  history_.contact_samples = touched.samples;
-  history_.contact_area = touched.area;
-  history_.contact_sticks = touched.sticks;
-  history_.contact_heat = touched.heat;
-  history_.contact_pressure = touched.pressure;
+}
+
+// Of the equilibrium that is taken, as the curve has it.
+void QuasiStaticMarch::note_contacts() {
+  if (const TouchingTool* tool = system_.touching()) {
+    const TouchingTool::Touched touched = tool->touched();
+    history_.contact_samples = touched.samples;
+    history_.contact_area = touched.area;
+    history_.contact_sticks = touched.sticks;
+    history_.contact_heat = touched.heat;
+    history_.contact_pressure = touched.pressure;
+  }
+  for (std::size_t k = 0; k < history_.walls.size(); ++k) {
+    const double deepest = history_.walls[k].penetration;
+    history_.walls[k] = system_.walls()[k]->touched();
+    history_.walls[k].penetration = deepest;
+  }
 }
 
 void QuasiStaticMarch::look_at_walls(const Moment& now) {
   history_.walls.resize(system_.walls().size());
   for (std::size_t k = 0; k < history_.walls.size(); ++k) {
-    TouchingTool::Touched& wall = history_.walls[k];
-    const double deepest =
-        std::max(wall.penetration, system_.walls()[k]->audit(now_.u, system_.now()).penetration);
-    wall = system_.walls()[k]->touched();
-    wall.penetration = deepest;
+    double& deepest = history_.walls[k].penetration;
+    deepest = std::max(deepest, system_.walls()[k]->audit(now_.u, system_.now()).penetration);
     guards_.check_wall(system_.walls()[k]->touch(), deepest, now);  // notes it
   }
 }
@@ -461,6 +484,7 @@ void QuasiStaticMarch::take(const Increment& increment, const Found& found) {
     return;
   }
   if (found.snapped) path_.point.pop_front();
+  note_contacts();
   ledger_.write(found.force, f_);
   ledger_.write(found.energy);
   show_frame_at(increment);
@@ -515,6 +539,7 @@ AfterCut QuasiStaticMarch::settle(double t) {
                   .gave_way = found.relaxed.gave_way()};
   ledger_.keep_worst(found.relaxed.sweep);
   history_.residual = std::max(history_.residual, found.relaxed.residual);
+  note_contacts();
   ledger_.write(ledger_.force(now, now_.u, f_), f_);
   ledger_.write(ledger_.energy(now, 0.0, stored, 0.0, result.released));
   if (observer_.frame)

@@ -96,17 +96,17 @@ RigidWay after(const Step& step, const RigidWay& before, const Vec3& tip) {
 }
 
 Jump largest_jump(const std::vector<ForceSample>& curve) {
-  // Where it turns besides, time stands for its way, as a step goes evenly.
-  const bool turns = std::any_of(curve.begin(), curve.end(),
-                                 [](const ForceSample& s) { return s.turned != std::array<double, 3>{}; });
+  constexpr double lever = 10e-3;  // m: where it turns besides, an angle of 1 is as long a way
   std::vector<double> slope, way;
   std::vector<std::size_t> end;
   for (std::size_t k = 1; k < curve.size(); ++k) {
     double square = std::pow(curve[k].depth - curve[k - 1].depth, 2);
-    for (std::size_t i = 0; i < 3; ++i) square += std::pow(curve[k].aside[i] - curve[k - 1].aside[i], 2);
-    if (!(square > 0.0) && curve[k].turned == curve[k - 1].turned) continue;
-    if (turns && !(curve[k].t > curve[k - 1].t)) continue;
-    way.push_back(turns ? curve[k].t - curve[k - 1].t : std::sqrt(square));
+    for (std::size_t i = 0; i < 3; ++i) {
+      square += std::pow(curve[k].aside[i] - curve[k - 1].aside[i], 2);
+      square += std::pow(lever * (curve[k].turned[i] - curve[k - 1].turned[i]), 2);
+    }
+    if (!(square > 0.0)) continue;
+    way.push_back(std::sqrt(square));
     slope.push_back((curve[k].force - curve[k - 1].force) / way.back());
     end.push_back(k);
   }
@@ -134,6 +134,7 @@ struct Walk {
     now.depth = step.length();
     now.rate = step.rate(rate);
     now.begun.sinks = moves_tool(step) ? step.way.dot(model.tool.push) / now.depth : 0.0;
+    now.begun.holds = step.holds();
     now.begun.of_tool = way_in(step, of_tool, tip());
     now.begun.push = model.tool.push;
   }

@@ -126,8 +126,12 @@ void ForceState::restore_past(const std::vector<double>& past) {
   with([&](const auto& kernel, auto& state) { kernel.restore_past(state, past); });
 }
 
-void ForceState::hold_pressures(const Eigen::VectorXd& pressure, double around) {
-  with([&](const auto& kernel, auto& state) { kernel.hold(state, pressure, around); });
+void ForceState::hold_pressures(const Eigen::VectorXd& pressure) {
+  with([&](const auto& kernel, auto& state) { kernel.hold(state, pressure); });
+}
+
+void ForceState::press_around(double pressure) {
+  with([&](const auto&, auto& state) { state.around = static_cast<decltype(state.around)>(pressure); });
 }
 
 double ForceState::pressure_around() const {

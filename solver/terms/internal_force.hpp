@@ -114,11 +114,12 @@ class ForceState {
   void restore_past(const std::vector<double>& past);
 
   /// Of the converging scheme: the patches' pressures as unknowns of their own. See ProjectedKernel.
-  /// `around` [Pa]: what presses on all of the surface and follows it. Its forces are those of one more
-  /// pressure in all patches, of the other sign, to the last digit; as forces on the surface's triangles they
-  /// would differ where the surface is bent, by more than tissue resists with where that is soft beside it.
-  void hold_pressures(const Eigen::VectorXd& pressure, double around = 0.0);
-  double pressure_around() const;  ///< that is held so [Pa]; stresses() have it in them
+  void hold_pressures(const Eigen::VectorXd& pressure);
+  /// Of the same scheme, held or not: what presses on all of the surface and follows it [Pa]. Its forces are
+  /// those of one more pressure in all of the tissue, to the last digit. As forces on the surface's triangles
+  /// they would differ where the surface is bent, by more than tissue resists with that is softer than that.
+  void press_around(double pressure);
+  double pressure_around() const;  ///< that is so; stresses() have it in them
   struct Patches {
     Eigen::VectorXd dilation, bulk;  ///< [patches] J_b - 1; [Pa]
   };

@@ -522,11 +522,13 @@ struct ProjectedKernel<Real>::OfBlock {
       s.unresolved[q] = Real(2 * beta) * s.ks[q] * e * e * e;
       s.pressure[q] = s.ks[q] * s.dilation[q] + s.bulk[q] * resolved + s.unresolved[q];
     }
+    if (s.around != Real(0))
+      for (std::size_t q = begin; q < end; ++q) s.pressure[q] += s.around;
     if (s.held.empty()) return;
     const auto [from, to] = range(k.patches_of_block_);
     for (std::size_t p = from; p < to; ++p) {
       const auto b = static_cast<std::size_t>(k.patches_of_block_.member[p]);
-      s.at_patch[p] = s.held[b] + s.around - static_cast<Real>(s.patch_bulk[b]) * s.patch_dilation[b];
+      s.at_patch[p] = s.held[b] - static_cast<Real>(s.patch_bulk[b]) * s.patch_dilation[b];
     }
     means_at_points(mean);
     for (std::size_t q = begin; q < end; ++q) s.pressure[q] += mean[q - begin];

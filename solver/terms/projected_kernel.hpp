@@ -98,7 +98,7 @@ class ProjectedKernel {
     LongVector<Real> ks, bulk;            ///< [Q]; bulk = kappa - ks
     std::vector<double> patch_bulk;       ///< [patches]
     std::vector<Real> held;               ///< [patches] pressures, or empty
-    Real around = 0;                      ///< of what presses on all of the surface, beside those [Pa]
+    Real around = 0;  ///< of what presses on all of the surface, of models with patches [Pa]
 
     std::vector<Real> octet_sum;    ///< [8 x places of patches]
     std::vector<double> place_sum;  ///< [places of patches]
@@ -128,9 +128,8 @@ class ProjectedKernel {
 
   /// From now on patch b has this pressure [Pa] instead of the one that its volume gives it; empty: no
   /// longer. For solvers that look for pressures and displacements together.
-  void hold(State& s, const Eigen::VectorXd& pressure, double around = 0.0) const {
+  void hold(State& s, const Eigen::VectorXd& pressure) const {
     s.held.assign(pressure.begin(), pressure.end());
-    s.around = static_cast<Real>(around);
   }
   /// What linearises the last stress_sweep. [patches]: J_b - 1, and the bulk modulus that acts on it [Pa].
   void patch_state(const State& s, Eigen::VectorXd& dilation, Eigen::VectorXd& bulk) const;

@@ -259,7 +259,6 @@ TEST_F(Images, ALandmarkMovesAsTheToolPushesHoweverTheImageIsStored) {
   }
 }
 
-// What the standard asks for: vectors on the fifth axis, intent 1007, which ITK and ANTs take for LPS.
 // Whatever the smooth surface makes of the voxels' staircase.
 TEST_F(Images, LabelsOfWhatHasHardlyMovedAreThoseAtRest) {
   make_dome({"oblique", Eigen::AngleAxisd(0.35, Vec3(1, -2, 1.5).normalized()).toRotationMatrix(), ".nrrd"});
@@ -275,6 +274,7 @@ TEST_F(Images, LabelsOfWhatHasHardlyMovedAreThoseAtRest) {
   EXPECT_LE(others, 3);
 }
 
+// What the standard asks for: vectors on the fifth axis, intent 1007, which ITK and ANTs take for LPS.
 TEST_F(Images, AVectorImageInNiftiIsWhatItkAndAntsTakeForADisplacementField) {
   make_dome(orientations()[1]);
   good("run labels.nii.gz -o out --nodes 400 --depth 2mm --frames 2 --band off --write images -q");
