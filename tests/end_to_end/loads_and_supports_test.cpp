@@ -166,6 +166,14 @@ TEST_F(Block, ThatIsPressedFromAllAroundFeelsTheToolAsWithoutThat) {
     const Eigen::RowVectorXd mean = stress.topRows<3>().colwise().mean();
     EXPECT_NEAR(mean.dot(volume.row(0)) / volume.sum(), -p, 0.02 * std::abs(p)) << "the tissue bears it";
   }
+  run(ball + "--write force --set load.pressure.csf.pressure=0Pa", "none", "210Pa");
+  run(ball + "--write force", "without", "210Pa");
+  EXPECT_NEAR(read_csv(folder / "none" / "force.csv").find("force_N")->back() / alone, 1.0, 1e-3);
+  // With inertia too, where the tissue's pressures follow from its volumes.
+  const std::string quick = " --depth 2mm --nodes 300 --nu 0.49 --time explicit --rate 40mm/s --write force ";
+  const Json in_waves = run(quick + "--set load.pressure.csf.pressure=500Pa"), waves = run(quick);
+  EXPECT_NEAR(in_waves["force_N"].get<double>() / waves["force_N"].get<double>(), 1.0, 0.02);
+  EXPECT_LT(in_waves["energy_error"].get<double>(), 1e-3);
   EXPECT_NEAR(settled[1] / settled[0], 1.0, 0.1) << "in proportion to the pressure";
   EXPECT_LT(settled[0], 0.04e-3) << "mm per Pa";
 }

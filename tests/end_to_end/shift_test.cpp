@@ -40,6 +40,16 @@ TEST(Shift, GrowsWithTheFluidThatIsLostAndFallsAlongGravity) {
   }
 }
 
+// There is no tool that could pass through the skull.
+TEST(Shift, BesideAnOpeningOnTheSideSaysNothingOfATool) {
+  const fs::path folder = fresh_folder();
+  const Ran ran =
+      dimple(folder, "shift " + block_of_brain +
+                         " -o out --opening 30,0,15,12 --up left --nodes 500 --mu 300 --skull derived");
+  ASSERT_EQ(ran.code, 0) << ran.err;
+  EXPECT_EQ(ran.err.find("passes through"), std::string::npos) << ran.err;
+}
+
 TEST(Shift, WritesTargetsProfileAndImagesWithTheSameNumbersForAnyThreads) {
   const fs::path folder = fresh_folder();
   const std::string targets = "-q --target 0,0,25 --target 10,10,10 ";

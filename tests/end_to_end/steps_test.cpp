@@ -170,6 +170,11 @@ TEST_F(SceneOfSteps, LastAsLongAsTheySayAndRelaxMeanwhile) {
   EXPECT_THAT(said(" --set step.quick.move=1mm --set step.quick.time=0.001s"),
               HasSubstr("'quick' lasts 0.001 s"));
   EXPECT_THAT(said(" --set step.slow.move=1mm --set step.slow.time=100s"), Not(HasSubstr("' lasts")));
+  // A hold may name what stands.
+  const Json named =
+      run(" --write force --band off --tool sphere:5mm --set tool.o.shape=sphere:4mm --set "
+          "tool.o.at=20,0,30 --set step.a.move=1mm --set step.b.moves=o --set step.b.time=5s");
+  EXPECT_NEAR(named["scene"][1]["time_s"].get<double>(), 6.0, 1e-9);
 }
 
 // Of a tool in the air nothing is felt, and nothing does work.
@@ -213,6 +218,7 @@ TEST_F(SceneOfSteps, WhatMakesNoSceneIsRefusedInWords) {
   refused(all + " --set step.a.move=2 --depth 3mm", {"a depth of 3", "steps", "--depth"});
   refused(all + " --set step.a.move=2 --time explicit", {"inertia", "solver.time"});
   refused(all + " --set step.a.move=2 --rate 10m/s", {"too fast"});
+  refused(all + " --set step.a.move=2 --set step.b.time=20s --rate 10m/s", {"too fast"});
   refused(all + " --set step.a.move=1,0,0 --contact frictionless", {"frictionless"});
   refused(all + " --set step.a.move=-1 --contact frictionless", {"frictionless", "pulls"});
   refused(all + " --set step.a.move=2 --compare horton2007", {"--compare", "steps"});

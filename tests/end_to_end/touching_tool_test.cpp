@@ -139,6 +139,13 @@ TEST(ToolThatTouches, IsNeverWhereAnotherOneIs) {
   const Ran on_the_way = dimple(folder, two + "1mm" + other + "11,0,30 --set tool.o.move=-4,0,-1");
   EXPECT_EQ(on_the_way.code, 5) << on_the_way.err;
   EXPECT_NE(on_the_way.err.find("tools-overlap"), std::string::npos) << on_the_way.err;
+  // What is left is of the last equilibrium that was taken.
+  const auto until_then = nlohmann::json::parse(text_of(folder / "out" / "summary.json"));
+  const Table curve = read_csv(folder / "out" / "force.csv");
+  EXPECT_EQ(until_then.at("force_N"), curve.find("force_N")->back());
+  for (const char* axis : {"x", "y", "z"})
+    EXPECT_EQ(until_then["other_tools"]["o"]["force_on_tool_N"][static_cast<std::size_t>(*axis - 'x')],
+              curve.find(fmt::format("o_force_{}_N", axis))->back());
   ASSERT_EQ(dimple(folder,
                    two + "1mm --force" + other + "14,0,30 --set tool.o.move=1,0,-1 --set tool.o.friction=0.3")
                 .code,
@@ -765,6 +772,11 @@ TEST(SeveralTools, AreRefusedInWordsWhereWhatIsSaidOfThemMakesNoTool) {
   const std::string run =
       "run brain.nrrd -o out -q --tool sphere:5mm --depth 2mm --set tool.other.at=0,0,60 ";
   refused(2, run, "the tool 'other' has no shape");
+  refused(2,
+          run +
+              "--set tool.other.shape=sphere:4mm --set tool.wall.shape=sphere:4mm --set tool.wall.at=0,0,60 "
+              "--wall around:1mm",
+          "has the name of a support or a wall");
   refused(2, run + "--set tool.a.b.shape=sphere:4mm", "a tool is called 'a.b', and a name holds no dot");
   refused(2, run + "--set tool.other.shape=circle", "the tool 'other' is a circle");
   refused(2, run + "--set tool.other.shape=sphere:0mm", "tool.other.shape");

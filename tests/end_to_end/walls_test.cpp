@@ -82,6 +82,10 @@ TEST(Wall, ThatTheToolGoesThroughIsWarnedOfUnlessItIsOpenThere) {
           .find(through),
       std::string::npos)
       << "where it goes later";
+  const std::string lid =
+      "--depth 2mm --set wall.lid.shape=plane:0,0,30.5,0,0,-1 --set wall.lid.opening=0,0,30,";
+  EXPECT_NE(said(lid + "2").find(through), std::string::npos) << "the circle is wider than that";
+  EXPECT_EQ(said(lid + "20").find(through), std::string::npos);
 }
 
 TEST(Wall, OfALabelHoldsBackItsNeighbourThatIsPressedFromTheSide) {
@@ -235,6 +239,15 @@ TEST(Bed, CarriesTheWeightOfABodyThatASupportKeepsFromDrifting) {
                on_support = -lies["supports"]["s"]["force_N"][2].get<double>();
   EXPECT_GT(on_bed, 0.6 * weight);
   EXPECT_NEAR(on_bed + on_support, weight + lies["force_N"].get<double>(), 0.01 * weight);
+}
+
+// Where the base is not held it is as free for a support as the rest.
+TEST(Bed, MayBeWhereTheBodyIsHeldTooByASupport) {
+  const fs::path folder = fresh_folder();
+  const Json lies =
+      walled(folder, body, "-q --contact frictionless --set support.s.on=0,0,0,8 " + bed, "lies");
+  EXPECT_GT(lies["supports"]["s"]["nodes"].get<int>(), 0);
+  EXPECT_GT(lies["force_N"].get<double>(), 0.0);
 }
 
 TEST(Bed, IsRefusedWhereNothingCarriesTheBodyOrHoldsItSideways) {
