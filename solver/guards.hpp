@@ -69,9 +69,9 @@ class Guards {
   /// Points after the last sweep, which must have been at an accepted state: `inverted`, `volume`.
   void check_points(const ForceSystem::Sweep& sweep, const Moment& now);
   /// `energy`, `kinetic`. `largest_external`: so far [J]. `conserves`: the march and the law neither make nor
-  /// lose any.
+  /// lose any. `warns_alone`: it does not throw.
   void check_energy(const EnergySample& e, double largest_external, double duration, bool conserves,
-                    const Moment& now);
+                    const Moment& now, bool warns_alone = false);
   /// Of central differences: `energy`, without the stored energy, which is never negative.
   void check_kinetic(double kinetic, double external, const Moment& now) const;
   /// `hourglass`: the part of the stored energy in what averaged gradients do not see [J]; see

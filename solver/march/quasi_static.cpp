@@ -412,10 +412,13 @@ void QuasiStaticMarch::check(const Increment& increment, Found& found) {
   for (const System::OneContact& one : system_.contacts())
     if (one.rigid) dissipated += one.rigid->heat();  // of friction since accept_step()
   found.energy = ledger_.energy(now, /*kinetic=*/0.0, stored, work, dissipated);
+  // Of a body that is left to itself what is off came before, and no shorter increment mends it.
+  const bool rests = system_.touching() && stored.sum() <= 1e-6 * state_.account.largest_external &&
+                     system_.touching()->touched().samples == 0;
   if (state_.depths.size() > few)
     guards_.check_energy(found.energy,
                          std::max(state_.account.largest_external, std::abs(found.energy.external)),
-                         /*duration=*/now.t, /*conserves=*/false, now);
+                         /*duration=*/now.t, /*conserves=*/false, now, /*warns_alone=*/rests);
 }
 
 // Of a tool that touches: it must not enter the body, and must touch nothing where forces are not looked for.
