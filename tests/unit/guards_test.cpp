@@ -297,6 +297,9 @@ TEST_F(StateGuard, SeesEnergyThatIsNotBalanced) {
   EXPECT_NO_THROW(guards.check_energy(sample(0.8 * J), J, 1.0, false, now));  // lost by steps that damp
   EXPECT_THAT(report_of<SolveError>([&] { guards.check_energy(sample(0.8 * J), J, 1.0, true, now); }).fact,
               HasSubstr("lost"));
+  // Of a body that is left to itself, which no other step mends, it tells alone.
+  EXPECT_NO_THROW(guards.check_energy(sample(1.3 * J), J, 1.0, false, now, /*warns_alone=*/true));
+  EXPECT_NEAR(finding(findings, "energy")->worst, 0.3, 1e-9);
   // Central differences gain none but by instability.
   const Moment marching = {.t = 1.0, .depth = 2e-3, .dt = 0.9e-3, .dt_stable = 1e-3};
   EXPECT_NO_THROW(guards.check_energy(sample(1.01 * J), J, 1.0, true, marching));
