@@ -179,7 +179,9 @@ TEST_F(SceneOfSteps, LastAsLongAsTheySayAndRelaxMeanwhile) {
 
 // Of a tool in the air nothing is felt, and nothing does work.
 TEST_F(SceneOfSteps, AToolThatHasLeftDoesNoWork) {
-  run(" --tool sphere:5mm --write force --band off --set step.press.move=2mm --set step.lift.move=-4mm");
+  run(" --tool sphere:5mm --friction 0.3 --write force --band off --set step.press.move=2mm --set "
+      "step.slide.move=2,0,0 "
+      "--set step.back.move=-2,0,0 --set step.lift.move=-3mm");
   const Table curve = read_csv(folder / "out" / "force.csv"),
               energy = read_csv(folder / "out" / "energy.csv");
   const std::vector<double>&times = *energy.find("time_s"), &work = *energy.find("external_work_J"),
@@ -200,8 +202,8 @@ TEST_F(SceneOfSteps, AToolThatHasLeftDoesNoWork) {
     EXPECT_LE(std::abs(done), std::abs(way) * std::max(before, now) + 1e-18) << k;
     EXPECT_GE(done * way, -1e-18) << "pushed it takes work, lifted it gives it back";
   }
-  EXPECT_GT(apart, 3u);
-  EXPECT_NEAR(work.back(), 0.0, 0.02 * most);
+  EXPECT_GT(apart, 2u);
+  EXPECT_NEAR(work.back(), energy.find("dissipated_J")->back(), 0.05 * most) << "all of it went as heat";
 }
 
 TEST_F(SceneOfSteps, WhatMakesNoSceneIsRefusedInWords) {
