@@ -37,7 +37,6 @@ constexpr std::size_t jagged_samples = 15;
 // Of a thousandth of the radius of a tool that touches. A punch of 5 mm with an edge of 1 mm and 0.03 radii
 // had a force within 1 % of finite elements.
 constexpr double penetration_wrong = 50.0;
-constexpr double far_slid = 1.0;         // spacings of the nodes
 constexpr double hourglass_poor = 0.15;  // of the stored energy; usual: 0.02 to 0.05
 // Of the stored energy, in the paper's scheme on the block at 8 mm: 0.4 with 4.5 points a node, 1.2 with
 // its 1.5, and 19 with supports of 2.5 spacings, whose force is a third. A circle of three nodes has 5 from
