@@ -37,6 +37,7 @@ struct Step {
     return turns() ? std::hypot(way.norm(), lever * turn.norm()) : way.norm();
   }
   double rate(double of_loading) const { return lasts > 0.0 ? length() / lasts : of_loading; }  ///< [m/s]
+  double seconds(double rate_of_loading) const { return length() / rate(rate_of_loading); }
 };
 
 /// Where a step begins: what the steps before it have left.
@@ -74,7 +75,7 @@ struct Loading {
     if (std::all_of(steps.begin(), steps.end(), [](const Step& step) { return step.lasts == 0.0; }))
       return way() / rate;
     double sum = 0.0;
-    for (const Step& step : steps) sum += step.length() / step.rate(rate);
+    for (const Step& step : steps) sum += step.seconds(rate);
     return sum;
   }
   /// After so much of a step's way [m]: the time, and the tool's depth.

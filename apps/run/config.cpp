@@ -506,20 +506,22 @@ void match_ogden(Config& config, int weight_of_modulus) {
   }
 }
 
-// The number follows from the spacing. Of a spacing in a file who gives a number in the terminal is not told
-// otherwise.
+// The number follows from the spacing; a number in the terminal takes back a spacing in a file.
 void resolve_spacing(Config& config) {
   if (!(config.cloud.spacing_mm > 0.0)) return;
-  const auto nodes = config.source.find("cloud.nodes"), spacing = config.source.find("cloud.spacing_mm");
-  if (nodes == config.source.end() || spacing == config.source.end() || !nodes->second.starts_with("--"))
-    return;
-  if (spacing->second.starts_with("--"))
+  const int nodes = weight_of(config, "cloud.nodes"), spacing = weight_of(config, "cloud.spacing_mm");
+  if (nodes > spacing) config.cloud.spacing_mm = 0.0;
+  const auto in_terminal = [&](const char* key) {
+    const auto source = config.source.find(key);
+    return source != config.source.end() && source->second.starts_with("--");
+  };
+  if (in_terminal("cloud.nodes") && in_terminal("cloud.spacing_mm"))
     throw UsageError({.fact = fmt::format("both {} nodes and a spacing of {} are asked for",
                                           config.cloud.nodes, length_in_words(config.cloud.spacing_mm)),
-                      .where = fmt::format("{} and {}", nodes->second, spacing->second),
+                      .where = fmt::format("{} and {}", config.source.at("cloud.nodes"),
+                                           config.source.at("cloud.spacing_mm")),
                       .why = "one follows from the other",
                       .remedy = "give one of --nodes and --spacing"});
-  if (spacing->second.ends_with(".toml")) config.cloud.spacing_mm = 0.0;
 }
 
 }  // namespace

@@ -67,11 +67,10 @@ void require_no_past(const Config& config) {
     refuse("a tool that is moved by hand has no friction", "tool.friction",
            "with friction its force depends on the way that it took",
            "leave the friction out, or use dimple run");
-  for (const Material& material : materials_of(config))
-    if (!material.prony.empty())
-      refuse("a tool that touches is moved by hand in elastic tissue alone", "material.prony_g",
-             "tissue that relaxes goes on moving where the tool has left it",
-             "leave the Prony terms out, or take the circle");
+  if (relaxes(materials_of(config)))
+    refuse("a tool that touches is moved by hand in elastic tissue alone", "material.prony_g",
+           "tissue that relaxes goes on moving where the tool has left it",
+           "leave the Prony terms out, or take the circle");
 }
 
 }  // namespace

@@ -50,8 +50,9 @@ std::vector<Option> discretisation_options(Config& c) {
       {.key = "cloud.nodes", .flag = "--nodes", .value = &c.cloud.nodes, .least = 100, .most = 1e6,
        .stage = "model", .common = true, .help = "number of nodes"},
       {.key = "cloud.spacing_mm", .flag = "--spacing", .unit = "mm", .value = &c.cloud.spacing_mm,
-       .most = 1000, .stage = "model", .help = "node spacing that the grading reaches far from the tool, with --rim 1 everywhere, instead of a number; 0: from the "
-               "number"},
+       .most = 1000, .stage = "model",
+       .help = "node spacing that the grading reaches far from the tool, with --rim 1 everywhere, instead of "
+               "a number; 0: from the number"},
       {.key = "cloud.rim", .flag = "--rim", .value = &c.cloud.rim, .most = 1, .stage = "model",
        .help = "node spacing on the circle's rim as a fraction of that far away; 1: even; 0: 0.02, but no "
                "less than 0.11 radii of the circle (converging), 1 (horton2007)"},
@@ -347,8 +348,8 @@ std::vector<Option> options_of(Config::Step& s) {
       {.key = "step.toughness_J_m2", .value = &s.toughness_J_m2, .least = 0.0, .most = 1e6, .stage = "solve",
        .help = "of a step that cuts: energy that a square metre of new area takes; 0: not known"},
       {.key = "step.time_s", .unit = "s", .value = &s.time_s, .least = 0.0, .most = 1e7, .stage = "solve",
-       .help = "how long it lasts, for tissue that relaxes; 0: as long as its way takes at load.rate. Where nothing "
-               "moves, it holds so long"},
+       .help = "how long it lasts, for tissue that relaxes; 0: as long as its way takes at load.rate. Where "
+               "nothing moves, it holds so long"},
   };
 }
 

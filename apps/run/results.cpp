@@ -106,6 +106,7 @@ PointFile contact_of(const Frame& frame, const Points& u_mm) {
   Points place(3, count), force(3, count);
   Eigen::MatrixXd contact(1, count), pressure(1, count), area(1, count), slid(1, count), whose(1, count);
   Index at = 0;
+  double number = frame.tool ? 0.0 : 1.0;
   for (const TouchingTool* one : rigid) {
     const ContactSurface& surface = one->touch().surface;
     const Index its = one->count();
@@ -118,8 +119,7 @@ PointFile contact_of(const Frame& frame, const Points& u_mm) {
       slid.middleCols(at, its) = one->slid_along().transpose() * 1e3;
     else
       slid.middleCols(at, its).setZero();
-    const auto number = std::find(frame.walls.begin(), frame.walls.end(), one) - frame.walls.begin();
-    whose.middleCols(at, its).setConstant(one == frame.tool ? 0.0 : static_cast<double>(number + 1));
+    whose.middleCols(at, its).setConstant(number++);
     at += its;
   }
   PointFile file{.position_mm = std::move(place), .fields = {}};

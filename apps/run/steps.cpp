@@ -134,14 +134,15 @@ std::string first_turn(const Config& config) {
 
 // In a step either something moves or the body is cut.
 void check_cut_steps(const Config& config) {
-  for (const auto& [name, step] : steps_in_order(config))
-    if (!step.cut.empty() && (!step.move_mm.empty() || !step.turn_deg.empty() || !is_of_tool(step)))
+  for (const auto& [name, step] : steps_in_order(config)) {
+    if (step.cut.empty()) continue;
+    if (!step.move_mm.empty() || !step.turn_deg.empty() || !is_of_tool(step))
       refuse(name, "cut", "cuts and moves something", "a cut is made while all stands still",
              "give it two steps, one after the other");
-  for (const auto& [name, step] : steps_in_order(config))
-    if (!step.cut.empty() && step.time_s > 0.0)
+    if (step.time_s > 0.0)
       refuse(name, "time_s", "cuts, and lasts", "a cut is made in no time",
              "give it a step of its own to hold");
+  }
   for (const auto& [name, step] : moving_steps(config))
     if (step.toughness_J_m2 > 0.0)
       refuse(name, "toughness_J_m2", "has a toughness and cuts nothing",

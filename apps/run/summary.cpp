@@ -328,7 +328,7 @@ Json steps_json(const Result& result) {
     if (made.after == 0) list.push_back(cut_step_json(made));
   for (const Step& step : result.loading.steps) {
     const Vec3 way = 1e3 * step.way + Vec3::Zero();
-    const double t = ended += step.length() / step.rate(result.loading.rate);
+    const double t = ended += step.seconds(result.loading.rate);
     Json one = {{"name", step.name},
                 {"moves", step.moves.empty() ? "tool" : step.moves},
                 {"move_mm", {way.x(), way.y(), way.z()}}};

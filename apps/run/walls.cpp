@@ -357,14 +357,13 @@ bool is_within(const DistanceGrid& grid, const Vec3& x) {
   return true;
 }
 
-}  // namespace
+struct Standing {
+  Touch wall;
+  double back;  // [m]
+  std::optional<Eigen::Vector4d> opening;
+};
 
-GapAt gap_to_walls(const Config& config, const Loading& loading) {
-  struct Standing {
-    Touch wall;
-    double back;  // [m]
-    std::optional<Eigen::Vector4d> opening;
-  };
+std::vector<Standing> standing_walls(const Config& config, const Loading& loading) {
   std::vector<Standing> walls;
   const std::map<std::string, Config::Wall> named = walls_named(config);
   for (const Touch& wall : loading.walls) {
@@ -373,22 +372,37 @@ GapAt gap_to_walls(const Config& config, const Loading& loading) {
     walls.push_back({wall, wall.set_back.size() > 0 ? wall.set_back.minCoeff() : 0.0,
                      opening_of(its->first, its->second)});
   }
+  return walls;
+}
+
+// The nearest of some walls and how far it is [mm]; not a number where that is open.
+struct Nearest {
+  double gap = std::numeric_limits<double>::infinity();
+  const Standing* wall = nullptr;
+};
+Nearest nearest_of(const std::vector<Standing>& walls, const Vec3& place_mm) {
+  Nearest nearest;
+  bool is_open = false;
+  for (const Standing& one : walls) {
+    if (one.wall.shape.field && !is_within(*one.wall.shape.field, 1e-3 * place_mm - one.wall.pose.tip))
+      continue;
+    const ToolDistance to = distance_to_tool(one.wall.shape, one.wall.pose, 1e-3 * place_mm);
+    const double gap = 1e3 * (to.distance + one.back);
+    if (!(gap < nearest.gap)) continue;
+    nearest = {gap, &one};
+    const Vec3 there = place_mm - 1e3 * to.distance * to.normal;
+    is_open = one.opening && (there - one.opening->head<3>()).norm() <= (*one.opening)[3];
+  }
+  if (is_open) nearest.gap = std::numeric_limits<double>::quiet_NaN();
+  return nearest;
+}
+
+}  // namespace
+
+GapAt gap_to_walls(const Config& config, const Loading& loading) {
+  const std::vector<Standing> walls = standing_walls(config, loading);
   if (walls.empty()) return {};
-  return [walls](const Vec3& place_mm) {
-    double nearest = std::numeric_limits<double>::infinity();
-    bool is_open = false;
-    for (const Standing& one : walls) {
-      if (one.wall.shape.field && !is_within(*one.wall.shape.field, 1e-3 * place_mm - one.wall.pose.tip))
-        continue;
-      const ToolDistance to = distance_to_tool(one.wall.shape, one.wall.pose, 1e-3 * place_mm);
-      const double gap = 1e3 * (to.distance + one.back);
-      if (!(gap < nearest)) continue;
-      nearest = gap;
-      const Vec3 there = place_mm - 1e3 * to.distance * to.normal;
-      is_open = one.opening && (there - one.opening->head<3>()).norm() <= (*one.opening)[3];
-    }
-    return is_open ? std::numeric_limits<double>::quiet_NaN() : nearest;
-  };
+  return [walls](const Vec3& place_mm) { return nearest_of(walls, place_mm).gap; };
 }
 
 namespace {
@@ -402,12 +416,26 @@ std::vector<Vec3> places_come_to(const Loading& loading, std::string_view name, 
   return places;
 }
 
+// Of the circle, whose shaft is only drawn, the axis and eight lines around it, to two radii above it [mm].
+Points shaft_of(const ToolPlace& circle) {
+  Points shaft(3, 9 * 8);
+  const Vec3 side = circle.push.unitOrthogonal(), across = circle.push.cross(side);
+  for (Index k = 0; k < shaft.cols(); ++k) {
+    const double angle = 0.25 * std::numbers::pi * static_cast<double>(k % 9),
+                 out = k % 9 == 8 ? 0.0 : circle.radius,
+                 up = 0.25 * static_cast<double>(k / 9 + 1) * circle.radius;
+    shaft.col(k) =
+        1e3 * (circle.centre - up * circle.push + out * (std::cos(angle) * side + std::sin(angle) * across));
+  }
+  return shaft;
+}
+
 }  // namespace
 
 std::string tool_in_wall(const Config& config, const Model& model, const Loading& loading) {
   constexpr double little = 0.1;  // of the tool's radius
-  const GapAt gap = gap_to_walls(config, loading);
-  if (!gap) return {};
+  const std::vector<Standing> walls = standing_walls(config, loading);
+  if (walls.empty()) return {};
   double most = 0.0;
   std::string words;
   const auto look = [&](const std::string& name, const Points& body_mm, double radius,
@@ -415,29 +443,18 @@ std::string tool_in_wall(const Config& config, const Model& model, const Loading
     for (const Vec3& by : come)
       for (Index k = 0; k < body_mm.cols(); ++k) {
         const Vec3 place = body_mm.col(k) + 1e3 * by;
-        const double in = -gap(place);
-        if (!(in > std::max(most, 1e3 * little * radius))) continue;
-        most = in;
+        const Nearest nearest = nearest_of(walls, place);
+        if (!(-nearest.gap > std::max(most, 1e3 * little * radius))) continue;
+        most = -nearest.gap;
         words = fmt::format(
-            "the {} is {} inside of a wall at {}, and passes through it: walls hold the body alone; where "
-            "the tool comes in "
-            "give the wall an opening, as --set wall.{}.opening=x,y,z,radius",
-            name, length_in_words(in), in_words(place), walls_named(config).begin()->first);
+            "the {} is {} inside of the wall '{}' at {}, and passes through it: walls hold the body alone; "
+            "where the tool comes in give the wall an opening, as --set wall.{}.opening=x,y,z,radius",
+            name, length_in_words(most), nearest.wall->wall.name, in_words(place), nearest.wall->wall.name);
       }
   };
-  const ToolPlace& tool = model.tool;
-  // Of the circle, whose shaft is only drawn, the axis and eight lines around it, to two radii above it.
-  Points shaft(3, 9 * 8);
-  const Vec3 side = tool.push.unitOrthogonal(), across = tool.push.cross(side);
-  for (Index k = 0; k < shaft.cols(); ++k) {
-    const double angle = 0.25 * std::numbers::pi * static_cast<double>(k % 9),
-                 out = k % 9 == 8 ? 0.0 : tool.radius,
-                 up = 0.25 * static_cast<double>(k / 9 + 1) * tool.radius;
-    shaft.col(k) =
-        1e3 * (tool.centre - up * tool.push + out * (std::cos(angle) * side + std::sin(angle) * across));
-  }
-  look("tool", loading.touch ? tool_body(*loading.touch).position_mm : shaft,
-       loading.touch ? loading.touch->shape.radius : tool.radius, places_come_to(loading, "", tool.push));
+  look("tool", loading.touch ? tool_body(*loading.touch).position_mm : shaft_of(model.tool),
+       loading.touch ? loading.touch->shape.radius : model.tool.radius,
+       places_come_to(loading, "", model.tool.push));
   for (const Touch& rigid : loading.walls)
     if (rigid.is_tool)
       look(fmt::format("tool '{}'", rigid.name), tool_body(rigid).position_mm, rigid.shape.radius,

@@ -247,7 +247,7 @@ Config case_of(const Cohort& cohort, std::size_t row, Config config) {
   const TextTable::Row& fields = cohort.table.row[row];
   resolve_material(config);  // what the row says of it counts more
   for (auto& [key, source] : config.source)
-    if (key.starts_with("material.")) source = for_all_cases + source;
+    if (key.starts_with("material.") || key == "cloud.nodes") source = for_all_cases + source;
   for (std::size_t c = 0; c < cohort.key.size(); ++c)
     if (const std::string& key = cohort.key[c]; key != "id" && !fields.field[c].empty())
       set_option(config, key, beside(cohort, key, fields.field[c]), line);

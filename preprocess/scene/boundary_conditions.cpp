@@ -195,9 +195,8 @@ void tell_of_turned_axes(const BodySurface& body, const Vec3& lps, const std::st
   if (off > much_degrees)
     result.warnings.push_back(
         fmt::format("the scan's axes are turned by {:.0f} degrees against the patient's, and the base on the "
-                    "{} side is that of the "
-                    "scan's nearest axis, against which the tool comes; for the patient's own give it in "
-                    "numbers, as --base {:g},{:g},{:g}",
+                    "{} side is that of the scan's nearest axis, against which the tool comes; for the "
+                    "patient's own give it in numbers, as --base {:g},{:g},{:g}",
                     off, side, lps.x() + 0.0, lps.y() + 0.0, lps.z() + 0.0));
 }
 
@@ -225,8 +224,7 @@ void find_base(const BodySurface& body, const Moments& moments, const BoundaryOp
     bed_on(body, broadest_side(body, moments), result);
     reason = "no flat face, so the organ rests on its broadest side";
   } else {
-    const Vec3 side = side_by_axes(body, from, reason);
-    rest_on_side(body, moments, side, result);
+    rest_on_side(body, moments, side_by_axes(body, from, reason), result);
     result.base_by_axes = true;
   }
   if (options.base_depth_mm > 0.0) result.base_depth = options.base_depth_mm;

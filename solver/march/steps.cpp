@@ -72,8 +72,8 @@ Vec3 moved(const std::vector<Step>& steps, std::string_view name, double come) {
 Vec3 moved_at(double time_s, const std::vector<Step>& steps, double rate, std::string_view name) {
   double come = 0.0;
   for (const Step& step : steps) {
-    const double its = step.rate(rate), whole = step.length() / its;
-    come += std::clamp(time_s, 0.0, whole) * its;
+    const double whole = step.seconds(rate);
+    come += std::clamp(time_s, 0.0, whole) * step.rate(rate);
     time_s -= whole;
   }
   return moved(steps, name, come);

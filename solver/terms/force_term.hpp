@@ -45,7 +45,7 @@ class ForceTerm {
   /// Whether it acts from outside, as gravity does. Such forces are a measure of what is left unbalanced;
   /// those within the body, as its tissue's, are not.
   virtual bool is_load() const { return true; }
-  /// Of a pressure on all of the surface that follows it [Pa]; see ForceState::hold_pressures().
+  /// Of a pressure on all of the surface that follows it [Pa]; see ForceState::press_around().
   virtual double pressure_around() const { return 0.0; }
   /// u ends a step.
   virtual void accept(const Nodal&, const Instant&) {}

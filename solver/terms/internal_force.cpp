@@ -36,8 +36,7 @@ void ForceSystem::gradients_at(Index q, std::vector<int>& node, Points& dphi) co
 }
 
 bool ForceSystem::viscoelastic() const {
-  return std::any_of(tissues_.material.begin(), tissues_.material.end(),
-                     [](const Material& m) { return !m.prony.empty(); });
+  return relaxes(tissues_.material);
 }
 
 template <class Then>

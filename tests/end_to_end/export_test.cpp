@@ -39,6 +39,16 @@ TEST(Export, WritesTheSameSceneForBothPrograms) {
   EXPECT_THAT(text_of(folder / "again.feb"), HasSubstr("<value lc=\"1\">-1</value>"));
 }
 
+TEST(Export, SaysWhereItsMeshIsNotTheBody) {
+  const fs::path folder = fresh_folder();
+  ASSERT_EQ(dimple(folder, "phantom round.nrrd --shape cylinder -q").code, 0);
+  ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3 -q").code, 0);
+  const std::string words = "the two are not the same body";
+  EXPECT_THAT(dimple(folder, "export round.nrrd -o round.inp --nodes 1500").err, HasSubstr(words));
+  EXPECT_THAT(dimple(folder, "export block.nrrd -o block.inp --nodes 1500").err,
+              testing::Not(HasSubstr(words)));
+}
+
 TEST(Export, OfTheSameSceneGivesTheSameBytesEachTime) {
   const fs::path folder = fresh_folder();
   ASSERT_EQ(dimple(folder, "phantom brain.nrrd --spacing 3").code, 0);

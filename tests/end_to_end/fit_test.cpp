@@ -185,6 +185,16 @@ TEST_F(Fit, RefusesACurveThatItsToolCannotFollow) {
   refused("--tool sphere:5mm --depth 3mm", 2, "as deep as the curve");
 }
 
+TEST_F(Fit, AsksForTheUnitsWhereItsModulusIsOfNoSoftTissue) {
+  const std::string rows = "0.5,1.2\n1,4.4\n1.5,9.6\n2,16.8\n";
+  std::ofstream(folder / "right.csv") << "indentation_mm,force_mN\n" << rows;
+  std::ofstream(folder / "wrong.csv") << "indentation_mm,force_N\n" << rows;
+  const std::string scene = "fit " + block + " --tool sphere:5mm --nodes 600 --curve ";
+  const std::string asks = "is not known of soft tissue";
+  EXPECT_THAT(good(scene + "wrong.csv -o wrong").err, HasSubstr(asks));
+  EXPECT_THAT(good(scene + "right.csv -o right").err, testing::Not(HasSubstr(asks)));
+}
+
 TEST_F(Fit, RefusesWhatItCannotDo) {
   std::ofstream(folder / "good.csv") << "indentation_mm,force_N\n0,0\n1,0.01\n2,0.02\n3,0.03\n";
   std::ofstream(folder / "one.csv") << "indentation_mm,force_N\n0,0\n1,0.01\n";

@@ -181,7 +181,7 @@ TEST_F(OneTruth, OfTwoTissuesWithoutABand) {
 TEST_F(OneTruth, OfAnExplanationTooAndOfHowItEnded) {
   ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3").code, 0);
   run("block.nrrd -o out --nodes 500 --depth 2mm --frames 2 --band off --write report --explain --time-limit "
-      "8s",
+      "4s",
       130);
   EXPECT_EQ(summary.at("exit_code"), 130);
   EXPECT_EQ(summary.at("status"), "interrupted");

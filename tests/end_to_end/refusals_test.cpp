@@ -391,9 +391,17 @@ TEST_F(Refusal, OfPlacesAndNumbersThatNoModelCanHave) {
            Row{4, "--nodes 400 --support 0.5", "code:  supports"},
            Row{4, "--nodes 400 --rim 0.001", "takes more nodes than are asked for"},
            Row{4, "--spacing 0.2", "at most 1000000 are possible"},
+           Row{2, "--nodes 400 --spacing 5", "both 400 nodes and a spacing of 5.00 mm are asked for"},
        }) {
     expect(row.code, std::string("run brain.nrrd -o out ") + row.options, {row.word});
   }
+}
+
+TEST_F(Refusal, IsNotOfANumberOfNodesBesideAFilesSpacing) {
+  std::ofstream(folder / "even.toml") << "[cloud]\nspacing_mm = 5\n";
+  const Ran ran = dimple(folder, "model brain.nrrd -o model --config even.toml --nodes 400");
+  ASSERT_EQ(ran.code, 0) << ran.err;
+  EXPECT_NE(ran.err.find("400 nodes"), std::string::npos) << ran.err;
 }
 
 // --------------------------------------------------------------------------------------------- 6: output

@@ -44,9 +44,12 @@ TEST(Shift, GrowsWithTheFluidThatIsLostAndFallsAlongGravity) {
 TEST(Shift, BesideAnOpeningOnTheSideSaysNothingOfATool) {
   const fs::path folder = fresh_folder();
   const Ran ran =
-      dimple(folder, "shift " + block_of_brain +
-                         " -o out --opening 30,0,15,12 --up left --nodes 500 --mu 300 --skull derived");
+      dimple(folder,
+             "shift " + block_of_brain +
+                 " -o out --opening 30,0,15,12 --up left --nodes 500 --mu 300 --skull derived --density 500");
   ASSERT_EQ(ran.code, 0) << ran.err;
+  const Json assumed = Json::parse(text_of(folder / "out" / "summary.json"))["shift"]["assumed"];
+  EXPECT_NE(assumed.dump().find("density, which was given, plays no part"), std::string::npos) << assumed;
   EXPECT_EQ(ran.err.find("passes through"), std::string::npos) << ran.err;
 }
 

@@ -82,6 +82,10 @@ TEST(Wall, ThatTheToolGoesThroughIsWarnedOfUnlessItIsOpenThere) {
           .find(through),
       std::string::npos)
       << "where it goes later";
+  const std::string two =
+      said(ball + "--set wall.floor.shape=plane:-31,0,0,1,0,0 --set wall.lid.shape=plane:0,0,30.5,0,0,-1");
+  EXPECT_NE(two.find("inside of the wall 'lid'"), std::string::npos) << two;
+  EXPECT_NE(two.find("--set wall.lid.opening"), std::string::npos) << two;
   const std::string lid =
       "--depth 2mm --set wall.lid.shape=plane:0,0,30.5,0,0,-1 --set wall.lid.opening=0,0,30,";
   EXPECT_NE(said(lid + "2").find(through), std::string::npos) << "the circle is wider than that";

@@ -2,7 +2,8 @@
 import { chartLegend, forceChart } from './chart.js';
 import { body, canDraw } from './body.js';
 import { at, baseName, data, element, facts, heat, number, place3, quantity, section, there, word, written } from './numbers.js';
-import { assumedOfShift, furtherTools, head as headOfShift, shift, slicesOfShift, walls } from './shift.js';
+import { furtherTools, walls } from './rigid.js';
+import { assumedOfShift, head as headOfShift, shift, slicesOfShift } from './shift.js';
 import { slices, taken, tintOf } from './slices.js';
 
 

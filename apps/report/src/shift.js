@@ -1,6 +1,7 @@
 // The page of a brain shift: what the head, the curve and the planes of an indentation are there.
 import { curveChart } from './chart.js';
 import { at, baseName, data, element, facts, number, place3, quantity, section, there, word, written } from './numbers.js';
+import { walls } from './rigid.js';
 
 export function head() {
   const image = at('image');
@@ -23,20 +24,6 @@ function table(list, first) {
   }
   return made;
 }
-
-// Of what is rigid: the force on each, and how deep the body reaches into it. `where` in the summary.
-function rigid(what, where, places, area) {
-  const made = element('table', { class: 'list' }, element('tr', {}, ...[what, 'force on it', 'area that touches', 'reached into by'].map((name) => element('th', { scope: 'col', class: name === what ? 'text' : '' }, name))));
-  for (const name of Object.keys(at(where))) {
-    const its = `${where}.${name}`;
-    made.append(element('tr', {}, element('td', { class: 'text', style: 'white-space:nowrap' }, name), ...(at(`${its}.${places}`) > 0
-      ? [element('td', {}, written(`${its}.force_size_N`)), element('td', {}, quantity(`${its}.${area}`, 'mm²', { decimals: 0 })), element('td', {}, written(`${its}.largest_penetration_mm`))]
-      : [element('td', { colspan: 3 }, 'not touched at the end')])));
-  }
-  return made;
-}
-export const walls = () => rigid('wall', 'walls', 'places_that_touch', 'area_that_touches_mm2');
-export const furtherTools = () => rigid('tool', 'other_tools', 'samples_in_contact', 'contact_area_mm2');
 
 export function shift() {
   const place = section('force');

@@ -1,0 +1,16 @@
+// What is rigid beside the tool that is measured, as tables.
+import { at, element, quantity, written } from './numbers.js';
+
+// Of what is rigid: the force on each, and how deep the body reaches into it. `where` in the summary.
+function rigid(what, where, places, area) {
+  const made = element('table', { class: 'list' }, element('tr', {}, ...[what, 'force on it', 'area that touches', 'reached into by'].map((name) => element('th', { scope: 'col', class: name === what ? 'text' : '' }, name))));
+  for (const name of Object.keys(at(where))) {
+    const its = `${where}.${name}`;
+    made.append(element('tr', {}, element('td', { class: 'text', style: 'white-space:nowrap' }, name), ...(at(`${its}.${places}`) > 0
+      ? [element('td', {}, written(`${its}.force_size_N`)), element('td', {}, quantity(`${its}.${area}`, 'mm²', { decimals: 0 })), element('td', {}, written(`${its}.largest_penetration_mm`))]
+      : [element('td', { colspan: 3 }, 'not touched at the end')])));
+  }
+  return made;
+}
+export const walls = () => rigid('wall', 'walls', 'places_that_touch', 'area_that_touches_mm2');
+export const furtherTools = () => rigid('tool', 'other_tools', 'samples_in_contact', 'contact_area_mm2');
