@@ -89,14 +89,20 @@ struct Loading {
 struct SolverOptions {
   double safety = 0.9;              ///< time step = safety x stable step
   double damping = 0.0;             ///< mass-proportional [1/s]
-  int frames = 16;                  ///< after the first; explicit: the step is re-estimated at each
-  double step_radii = 0.1;          ///< slowly: longest step of the load, in radii of the circle
+  int frames = 8;                   ///< after the first; explicit: the step is re-estimated at each
+  double step_radii = 0.0;          ///< slowly: longest step of the load, in radii of the tool; 0: chosen
   double sample_rate = 150.0;       ///< of the force [1/s]; the paper's sensor
   double energy_rate = 20.0;        ///< of the energies [1/s]
   double tolerance = 1e-4;          ///< of static equilibrium: unbalanced force / reactions
   std::int64_t evaluations = 2000;  ///< of the force for one static equilibrium, at most
   bool guards = true;               ///< false: only to measure what they cost
 };
+
+/// What longest step is chosen, in radii of the tool: shorter under one that touches, whose contact changes
+/// as it goes.
+inline double longest_step(bool touches) {
+  return touches ? 0.1 : 0.2;
+}
 
 /// The tool at one time. `force` and `base_force` are components along the push, positive when tissue
 /// resists.

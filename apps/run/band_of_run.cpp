@@ -138,9 +138,9 @@ std::string why_no_band(const Config& config, const std::vector<Material>& tissu
   if (const std::string none = why_no_band(tissues); !none.empty()) return none;
   if (config.solver.tolerance > usual.solver.tolerance)
     return fmt::format("it was measured for a tolerance of {:g}", usual.solver.tolerance);
-  if (config.solver.step_radii > usual.solver.step_radii)
-    return fmt::format("it was measured with steps of the load of at most {:g} radii",
-                       usual.solver.step_radii);
+  if (const double usual_step = longest_step(tool_of(config).has_value());
+      longest_step_radii(config) > usual_step)
+    return fmt::format("it was measured with steps of the load of at most {:g} radii", usual_step);
   if (config.boundary.direction != usual.boundary.direction)
     return "it was measured for a circle that moves straight towards the base";
   if (config.cloud.rim != usual.cloud.rim || config.cloud.jitter != usual.cloud.jitter ||

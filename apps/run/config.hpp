@@ -133,8 +133,8 @@ struct Config {
   struct SolverSection {
     double safety = 0.9;
     double damping_per_s = 0.0;
-    std::int64_t frames = 16;
-    double step_radii = 0.1;
+    std::int64_t frames = 8;
+    double step_radii = 0.0;
     double sample_rate_per_s = 150.0;
     std::string time = "auto";
     std::string precision = "single";

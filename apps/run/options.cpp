@@ -188,8 +188,9 @@ std::vector<Option> solver_options_of(Config& c) {
        .most = 1e6, .stage = "solve", .help = "mass-proportional damping"},
       {.key = "solver.frames", .flag = "--frames", .value = &c.solver.frames, .least = 1, .most = 100000,
        .stage = "solve", .help = "frames written after the first"},
-      {.key = "solver.step_radii", .value = &c.solver.step_radii, .least = 0.001, .most = 1,
-       .stage = "solve", .help = "longest step of the load between two equilibria, in radii of the circle"},
+      {.key = "solver.step_radii", .value = &c.solver.step_radii, .most = 1, .stage = "solve",
+       .help = "longest step of the load between two equilibria, in radii of the tool, at least 0.001; 0: 0.2, "
+               "0.1 under a tool that touches"},
       {.key = "solver.time", .flag = "--time", .value = &c.solver.time,
        .choices = {"auto", "quasi-static", "dynamic", "explicit"}, .stage = "solve",
        .help = "quasi-static: equilibrium after each step of the load; explicit: central differences; "

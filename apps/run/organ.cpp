@@ -13,6 +13,7 @@
 #include "apps/run/results.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/supports.hpp"
+#include "apps/run/tool.hpp"
 #include "apps/run/walls.hpp"
 #include "apps/run/words.hpp"
 #include "io/error.hpp"
@@ -206,7 +207,7 @@ Work work_of(const Config& config, const Result& result) {
                        : nodes * scheme_of(config).points_per_node,
       .depths = std::max(
           static_cast<double>(config.solver.frames),
-          config.load.depth_mm / (0.5 * config.solver.step_radii * config.boundary.indenter_diameter_mm)),
+          config.load.depth_mm / (0.5 * longest_step_radii(config) * config.boundary.indenter_diameter_mm)),
       .picture = wanted.picture,
       .band = config.accuracy.band == "on",
       .refinement = !config.accuracy.goal.empty() || config.accuracy.budget_s > 0.0};

@@ -153,6 +153,18 @@ std::optional<ToolShape> tool_of(const Config& config) {
   return tool_of(config.tool.shape, "--tool (tool.shape)");
 }
 
+double longest_step_radii(const Config& config) {
+  constexpr double shortest = 0.001;
+  const double step = config.solver.step_radii;
+  if (step > 0.0 && step < shortest)
+    throw UsageError(
+        {.fact = fmt::format("steps of the load of {:g} radii are asked for", step),
+         .where = "solver.step_radii",
+         .why = fmt::format("the shortest are {:g} radii: a radius takes a thousand of them", shortest),
+         .remedy = "give a longer one, or 0 for the usual"});
+  return step > 0.0 ? step : longest_step(tool_of(config).has_value());
+}
+
 std::optional<ToolShape> tool_of(const std::string& shape, const std::string& option) {
   if (is_surface_file(shape)) {
     auto mesh = drawn_in(shape);
@@ -261,6 +273,7 @@ void require_tool_as_long_turned(const Config& config, double below) {
 }
 
 void check_tool(const Config& config) {
+  longest_step_radii(config);
   const std::optional<ToolShape> tool = tool_of(config);
   const double friction = friction_of(config);
   if (!tool && friction > 0.0)

@@ -16,6 +16,10 @@ std::optional<ToolShape> tool_of(const Config& config);
 /// The same of a shape that stands in another option.
 std::optional<ToolShape> tool_of(const std::string& shape, const std::string& option);
 
+/// The longest step of the load in equilibrium, in radii of the tool. Throws UsageError: it is too short, or
+/// as tool_of() does.
+double longest_step_radii(const Config& config);
+
 /// "a sphere of 5 mm radius".
 std::string in_words(const ToolShape& shape);
 

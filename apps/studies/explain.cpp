@@ -181,7 +181,7 @@ void add_discretisation(std::vector<Trial>& trials, const Unchanged& u) {
   add(trials, u, "equilibrium", "",
       fmt::format("to {} of the reactions instead of {}", plain(0.1 * tolerance), plain(tolerance)),
       Kind::cloud, [&](Case& c) { c.config.solver.tolerance = std::max(0.1 * tolerance, 1e-8); });
-  const double step = config.solver.step_radii;
+  const double step = longest_step_radii(config);
   add(trials, u, "steps of the load", "",
       fmt::format("{:g} instead of {:g} radii of the {}", 0.5 * step, step, u.tool_name()), Kind::cloud,
       [&](Case& c) { c.config.solver.step_radii = std::max(0.5 * step, 0.001); });

@@ -40,6 +40,7 @@ constexpr int fewest_neighbours = 6;
 constexpr double longest_step = 0.3;
 // Of what the law is at rest: single points have 1e5, and 300 takes no fewer steps.
 constexpr double stiffest = 30.0;
+constexpr double borne = 1e-9;              // of the force that contact lacks: less is nothing
 constexpr double usual_tolerance = 1e-4;    // of a residual, to which contact_error belongs
 constexpr Index quickly_factorised = 3000;  // rows, in a tenth of a second; the time grows as their square
 // Rows. With 100,000 nodes the factors took three times as long as the rest of the solution.
@@ -679,12 +680,14 @@ struct MixedIteration::Parts {
         // body that nothing holds up yet would look better than all that comes after.
         const double counts = its.largest > 1.0 ? std::max(tolerance, usual_tolerance) : tolerance;
         residual = std::max(residual, counts * its.largest);
+        // Nothing bears anything yet: all of it is missing, however little the tool reaches in.
+        if (its.largest > 1.0 && reactions <= borne * its.force) residual = std::max(residual, 1.0);
         continue;
       }
       beside.largest = std::max(beside.largest, its.largest);
       beside.force = std::hypot(beside.force, its.force);
     }
-    reactions = std::max(reactions, 1e-9 * beside.force);  // none at all where nothing has met yet
+    reactions = std::max(reactions, borne * beside.force);  // none at all where nothing has met yet
     return std::max(residual, beside.largest > 1.0
                                   ? std::max(tolerance * beside.largest, beside.force / reactions)
                                   : tolerance * beside.largest);

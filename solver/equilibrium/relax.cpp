@@ -328,7 +328,7 @@ struct DampedVibration {
       const double work = work_of_reactions();
       if (!(result.residual < 1e3) || !std::isfinite(work)) return false;
       if (result.residual < options.tolerance &&
-          std::abs(work - work_before) < 0.1 * options.tolerance * std::abs(work))
+          std::abs(work - work_before) <= 0.1 * options.tolerance * std::abs(work))  // both may be none
         return true;
       work_before = work;
     }

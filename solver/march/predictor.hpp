@@ -1,6 +1,8 @@
 #pragma once
 
+#include <cmath>
 #include <deque>
+#include <vector>
 
 #include "solver/terms/internal_force.hpp"
 
@@ -22,16 +24,39 @@ struct Predictor {
     point.push_back({at, u, lambda});
     if (point.size() > most) point.pop_front();
   }
+  /// Through the last of the points, of which as many count as do not blow up what the search for equilibrium
+  /// has left in them: all where they are evenly spaced, fewer where the last way was short.
   void extrapolate(double at, ForceSystem::Nodal& u, Eigen::VectorXd& lambda) const {
+    std::vector<double> weight;
+    double size = 0.0;
+    for (std::size_t first = 0;; ++first) {
+      weight = weights(at, first);
+      size = 0.0;
+      for (const double w : weight) size += std::abs(w);
+      if (size <= largest || weight.size() <= 2) break;
+    }
     u.setZero();
     lambda.setZero();
-    for (const Point& mine : point) {
-      double weight = 1.0;
-      for (const Point& other : point)
-        if (&other != &mine) weight *= (at - other.at) / (mine.at - other.at);
-      u += weight * mine.u;
-      lambda += weight * mine.lambda;
+    for (std::size_t k = 0; k < weight.size(); ++k) {
+      const Point& mine = point[point.size() - weight.size() + k];
+      u += weight[k] * mine.u;
+      lambda += weight[k] * mine.lambda;
     }
+  }
+
+ private:
+  static constexpr double largest = 16.0;  // of four evenly spaced points 15: 4, -6, 4, -1
+
+  // Of the polynomial through the points from `first` on.
+  std::vector<double> weights(double at, std::size_t first) const {
+    std::vector<double> all;
+    for (std::size_t k = first; k < point.size(); ++k) {
+      double weight = 1.0;
+      for (std::size_t j = first; j < point.size(); ++j)
+        if (j != k) weight *= (at - point[j].at) / (point[k].at - point[j].at);
+      all.push_back(weight);
+    }
+    return all;
   }
 };
 

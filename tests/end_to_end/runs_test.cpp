@@ -530,7 +530,8 @@ TEST_F(Run, IsSilentOnStderrWhenAskedToBe) {
 }
 
 TEST_F(Run, SaysEveryTenthWithoutATerminalIfDetailIsWanted) {
-  const Ran run = good("run brain.nrrd -o out -v --write force --depth 8mm" + cloud);
+  const Ran run =
+      good("run brain.nrrd -o out -v --write force --depth 8mm --set solver.step_radii=0.1" + cloud);
   EXPECT_EQ(run.err.find('\r'), std::string::npos);
   EXPECT_EQ(run.err.find('\033'), std::string::npos);
   for (int tenth = 1; tenth <= 10; ++tenth) {

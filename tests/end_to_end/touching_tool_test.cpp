@@ -54,7 +54,7 @@ TEST(ToolThatTouches, SaysAtEachFrameWhatItDoesToEachPartOfTheSurface) {
     ASSERT_EQ(
         dimple(folder,
                std::string("run brain.nrrd -o out --force --write surface --tool sphere:5mm --band off") +
-                   (rubs ? " --friction 0.2" : "") + quick)
+                   (rubs ? " --friction 0.5" : "") + quick)
             .code,
         0);
     const auto tool = nlohmann::json::parse(text_of(folder / "out" / "summary.json")).at("tool");

@@ -47,11 +47,11 @@ TEST(Frames, HoweverManyLeaveTheForceAsItIsToTheBit) {
   const Model model = averaged_block(5);
   for (const Material& material : {plain, relaxing}) {
     const Tissues tissues{{material}, Eigen::VectorXi::Zero(model.point_count())};
-    const Seen few = march(model, tissues, 4e-3, {.frames = 1});
+    const Seen few = march(model, tissues, 4e-3, {.frames = 1, .step_radii = 0.1});
     ASSERT_EQ(few.history.force.size(), 11u) << "ten steps of a tenth of the radius";
     for (const int frames : {3, 4, 16, 40}) {
       SCOPED_TRACE(frames);
-      const Seen many = march(model, tissues, 4e-3, {.frames = frames});
+      const Seen many = march(model, tissues, 4e-3, {.frames = frames, .step_radii = 0.1});
       EXPECT_EQ(many.depth.size(), static_cast<std::size_t>(frames) + 1);
       for (const ForceSample& s : few.history.force) {
         const ForceSample* same = sample_at(many.history, s.depth);
@@ -96,10 +96,10 @@ TEST(Frames, AreNoReasonForAMarchToEnd) {
 TEST(Frames, StepsGrowWithTheDepthInRadiiAlone) {
   const Model model = averaged_block(4);
   const double radius = model.tool.radius;
-  EXPECT_EQ(steps_of_load(model, {.depth = 1.6 * radius}, {.frames = 3}), 16);
-  EXPECT_EQ(steps_of_load(model, {.depth = 1.6 * radius}, {.frames = 300}), 16);
-  EXPECT_EQ(steps_of_load(model, {.depth = 0.3 * radius}, {}), 3);
-  EXPECT_EQ(steps_of_load(model, {.depth = 0.31 * radius}, {}), 4);
+  EXPECT_EQ(steps_of_load(model, {.depth = 1.6 * radius}, {.frames = 3}), 8);
+  EXPECT_EQ(steps_of_load(model, {.depth = 1.6 * radius}, {.frames = 300}), 8);
+  EXPECT_EQ(steps_of_load(model, {.depth = 0.6 * radius}, {}), 3);
+  EXPECT_EQ(steps_of_load(model, {.depth = 0.61 * radius}, {}), 4);
   EXPECT_EQ(steps_of_load(model, {.depth = 1e-9 * radius}, {}), 1);
   EXPECT_EQ(steps_of_load(model, {.depth = radius}, {.step_radii = 0.05}), 20);
 }

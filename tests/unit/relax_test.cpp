@@ -268,7 +268,8 @@ TEST(LoadSlowly, PassesALimitPointToTheBranchOfTheMotionAndSaysWhere) {
     History history;
     solve(TimeMode::quasi_static, system, model, loading, {.frames = frames}, {}, history);
     EXPECT_NEAR(history.force.back().force, end, 0.01 * largest);
-    EXPECT_LT(history.evaluations, 36 * steps_of_load(model, loading, {}));
+    EXPECT_LT(history.evaluations, 60 * steps_of_load(model, loading, {}))
+        << "what a run may take on the average";
     EXPECT_LT(history.residual, 1e-4);
     EXPECT_NEAR(history.energy.back().error(), 0.0, 0.02 * history.energy.back().external);
     EXPECT_GT(history.energy.back().dissipated, 0.05 * history.energy.back().external);

@@ -41,8 +41,8 @@ Seen march(const Model& model, const std::vector<Step>& steps, std::vector<HeldS
                         [&](const std::function<MarchState()>& state) {
                           if (keep_after > 0 && ++passed == keep_after) seen.kept = state();
                         }};
-  solve(TimeMode::quasi_static, forces, model, loading, {.frames = 4, .tolerance = 1e-6}, observer,
-        seen.history, from);
+  solve(TimeMode::quasi_static, forces, model, loading, {.frames = 4, .step_radii = 0.1, .tolerance = 1e-6},
+        observer, seen.history, from);
   return seen;
 }
 

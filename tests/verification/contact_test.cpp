@@ -762,13 +762,13 @@ TEST(ToolInSteps, HoldsNothingBeforeItsFirstIncrementEndsAndWhatItHoldsDoesNotSl
       EXPECT_GE(frame.tool->forces()[s], 0.0) << "nothing pulls, between two equilibria either";
       EXPECT_LT(frame.tool->slid_along()[s], 0.02e-3) << "all but what comes to touch, which may slip once";
     }
-    // Increments end at each half of a millimetre.
-    EXPECT_EQ(held > 0, frame.depth > 0.51e-3) << frame.depth;
+    // The first increment ends at a seventh of half a millimetre.
+    EXPECT_EQ(held > 0, frame.depth > 0.5e-3 / 7.0 + 1e-9) << frame.depth;
     ++frames;
   };
   History history;
-  solve(TimeMode::quasi_static, system, model, loading, {.frames = 12}, observer, history);
-  EXPECT_EQ(frames, 13);
+  solve(TimeMode::quasi_static, system, model, loading, {.frames = 28}, observer, history);
+  EXPECT_EQ(frames, 29);
 }
 
 // What friction has taken is summed over the steps of the load: the balance closes with their length.
