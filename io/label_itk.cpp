@@ -434,6 +434,8 @@ void check_nrrd_header(const TextHeader& header, const fs::path& file) {
       if (const auto v = vector_of_three(words[a]); v && !(v->stableNorm() > 1e-100))
         throw no_place_in_space(
             file, fmt::format("axis {} has the direction {}, which has no length", a + 1, words[a]));
+  } else if (dimension.value_or(0) >= 3 && !header.has("spacings")) {
+    throw refuse("it does not say how large a voxel is (no space directions and no spacings)");
   } else if (const auto spacings = words_in(header.at("spacings")); !are_finite(spacings)) {
     throw refuse(fmt::format("its spacings are {}", header.at("spacings")));
   } else {
@@ -572,6 +574,15 @@ void check_metaimage_header(const TextHeader& header, const fs::path& file,
     warnings.push_back("The file does not say where its first voxel lies (no Offset); the origin is taken.");
 }
 
+void scale_from_unit(StoredImage& image, const std::string& unit) {
+  if (const std::optional<double> factor = millimetres_in(unit)) {
+    if (*factor != 1.0) scale_to_millimetres(image, *factor, unit);
+  } else {
+    image.warnings.push_back(
+        fmt::format("The file's unit of length '{}' is unknown; millimetres are assumed.", unit));
+  }
+}
+
 void read_metaimage_voxels(StoredImage& image, const TextHeader& header, const fs::path& file,
                            bool detached) {
   std::uintmax_t begin = detached ? 0 : header.bytes;
@@ -673,12 +684,7 @@ StoredImage read_nrrd(const fs::path& file) {
     std::string unit;
     words >> unit;
     std::erase(unit, '"');
-    if (const std::optional<double> factor = millimetres_in(unit)) {
-      if (*factor != 1.0) scale_to_millimetres(image, *factor, unit);
-    } else {
-      image.warnings.push_back(
-          fmt::format("The file's unit of length '{}' is unknown; millimetres are assumed.", unit));
-    }
+    scale_from_unit(image, unit);
   }
   read_nrrd_voxels(image, header, data_file, !data_key.empty());
   return image;
@@ -697,6 +703,7 @@ StoredImage read_metaimage(const fs::path& file) {
   const auto io = itk::MetaImageIO::New();
   StoredImage image = read_information(*io, file, "MetaImage");
   image.warnings = std::move(warnings);
+  if (header.has("DistanceUnits")) scale_from_unit(image, header.at("DistanceUnits"));  // ITK leaves it out
   read_metaimage_voxels(image, header, data_file, detached);
   return image;
 }

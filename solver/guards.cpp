@@ -436,15 +436,20 @@ void Guards::check_wall(const Touch& wall, double penetration, const Moment& now
   const double spacing = wall.surface.count() > 0 ? wall.surface.spacing.mean() : 0.0;
   const bool is_tool = wall.is_tool;
   if (!on_ || penetration <= (is_tool ? most_penetration * wall.shape.radius : wall_poor * spacing)) return;
-  find({{.fact = text("the body's surface reaches ", fixed(1e3 * penetration, is_tool ? 4 : 2),
-                      " mm into the ", is_tool ? "tool" : "wall", " '", wall.name,
-                      "' between the places where contact is enforced"),
-         .where = moment(now),
-         .why = text("nodes are ", fixed(1e3 * spacing, 1),
-                     " mm apart there, and the load bends the surface between them"),
-         .remedy = "use more nodes (--nodes), or a smaller load",
-         .code = is_tool ? "tool-penetration" : "wall-penetration"},
-        penetration});
+  const Report report = {
+      .fact =
+          text("the body's surface reaches ", fixed(1e3 * penetration, is_tool ? 4 : 2), " mm into the ",
+               is_tool ? "tool" : "wall", " '", wall.name, "' between the places where contact is enforced"),
+      .where = moment(now),
+      .why = text("nodes are ", fixed(1e3 * spacing, 1),
+                  " mm apart there, and the load bends the surface between them"),
+      .remedy = is_tool ? "use more nodes (--nodes), or a smaller load; a model must be made with "
+                          "all of its tools"
+                        : "use more nodes (--nodes), or a smaller load",
+      .code = is_tool ? "tool-penetration" : "wall-penetration"};
+  if (is_tool && penetration > penetration_wrong * most_penetration * wall.shape.radius)
+    throw SolveError(report);
+  find({report, penetration});
 }
 
 void Guards::found_limit_point(const Nodal& jump, double way, bool folds_touch, const Moment& now) {

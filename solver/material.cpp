@@ -391,8 +391,10 @@ void set_prony(const MaterialNumbers& m, Material& material) {
   double relaxing = 0.0;
   for (std::size_t k = 0; k < m.prony_g.size(); ++k) {
     if (!(m.prony_g[k] > 0.0) || !(m.prony_tau_s[k] > 0.0))
-      refuse_numbers("a Prony term is not positive", "a part of the modulus relaxes within some time",
-                     "give positive numbers");
+      refuse_numbers(
+          text("a Prony term is not positive: ", m.prony_g[k], " of the modulus in ", m.prony_tau_s[k], " s"),
+          "a part of the modulus relaxes within some time",
+          "give positive numbers, or none for tissue that does not relax");
     material.prony.push_back({m.prony_g[k], m.prony_tau_s[k]});
     relaxing += m.prony_g[k];
   }

@@ -600,11 +600,8 @@ Wrench Session::on_tool() const {
   p.system->set({.depth = p.depth});
   return p.system->on_tool(p.u, p.f);
 }
-Points Session::displacement() const {
+Points Session::nodal_parameters() const {
   return parts_->u.topRows<3>();
-}
-Points Session::positions() const {
-  return parts_->model.X + parts_->u.topRows<3>();
 }
 Points Session::forces() const {
   return parts_->f.topRows<3>();

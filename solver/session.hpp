@@ -100,12 +100,13 @@ class Session {
   /// session is then as it was; std::invalid_argument: other numbers of nodes or patches.
   void go_on_from(const Session& before, const Points& u, const std::vector<Index>& of_patch);
 
-  double depth() const;         ///< of the tool [m]
-  double force() const;         ///< along the push on the tool [N], positive when the tissue resists
-  double base_force() const;    ///< along the push on the base [N]
-  Wrench on_tool() const;       ///< all of the force on the tool and its moment
-  Points displacement() const;  ///< 3 x N, metres, of each node
-  Points positions() const;     ///< 3 x N, metres LPS, of each node
+  double depth() const;       ///< of the tool [m]
+  double force() const;       ///< along the push on the tool [N], positive when the tissue resists
+  double base_force() const;  ///< along the push on the base [N]
+  Wrench on_tool() const;     ///< all of the force on the tool and its moment
+  /// 3 x N, metres: u_a, of which the displacement at X is sum_a phi_a(X) u_a (node_interpolation() gives
+  /// that at the nodes themselves).
+  Points nodal_parameters() const;
   /// 3 x N, newtons: what the tissue resists with at each node; on held nodes the reaction.
   Points forces() const;
   const Model& model() const;

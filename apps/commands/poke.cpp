@@ -60,7 +60,7 @@ struct Skin {
     moved = inner_interpolation(model, 1e-3 * rest_mm);
   }
   // A cloud that was cut since has further nodes behind those that this knows.
-  Points displacement_mm(const Session& session) const { return 1e3 * moved(session.displacement()); }
+  Points displacement_mm(const Session& session) const { return 1e3 * moved(session.nodal_parameters()); }
 };
 
 // Of the tool's cloud as it now is: what is drawn of it is made anew when that changes.

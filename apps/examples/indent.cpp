@@ -34,7 +34,7 @@ int main(int argc, char** argv) try {
   const dimple::Interpolation skin = dimple::surface_interpolation(session.model());
   for (double d = 1e-4; d < 1.05e-3; d += 1e-4) {
     session.equilibrate(d);
-    const Eigen::MatrixXd moved = skin(session.displacement());  // 3 x vertices, metres
+    const Eigen::MatrixXd moved = skin(session.nodal_parameters());  // 3 x vertices, metres
     std::printf("%.1f mm  %.5f N, skin moved by up to %.2f mm\n", 1e3 * d, session.force(),
                 1e3 * moved.colwise().norm().maxCoeff());
   }

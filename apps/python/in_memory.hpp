@@ -29,10 +29,14 @@ struct ModelInMemory {
     std::call_once(made_, [this] { to_surface_ = surface_interpolation(model); });
     return to_surface_;
   }
+  const Interpolation& to_nodes() const {
+    std::call_once(made_for_nodes_, [this] { to_nodes_ = node_interpolation(model); });
+    return to_nodes_;
+  }
 
  private:
-  mutable std::once_flag made_;
-  mutable Interpolation to_surface_;
+  mutable std::once_flag made_, made_for_nodes_;
+  mutable Interpolation to_surface_, to_nodes_;
 };
 using ModelHolder = std::shared_ptr<ModelInMemory>;
 

@@ -397,7 +397,7 @@ py::array_t<double> at_surface(const ModelInMemory& built,
          .where = "Model.at_surface",
          .why = fmt::format("the model has {} nodes, and takes a row of values for each",
                             built.model.node_count()),
-         .remedy = "give an array of shape (nodes, components), such as displacement_m[-1]"});
+         .remedy = "give an array of shape (nodes, components), such as nodal_parameter_m[-1]"});
   const Index components = nodal.shape(1);
   const Eigen::Map<const Eigen::MatrixXd> values(nodal.data(), components, nodal.shape(0));
   Eigen::MatrixXd at = computing([&] { return built.to_surface()(values); });
@@ -488,8 +488,19 @@ std::unique_ptr<Solved> solved(const Case& given, const std::function<Json(const
   });
 }
 
+// A model that was made for a tool that touches has none.
+void require_nodes_of_circle(const ModelInMemory& built, const char* where) {
+  if (!built.model.circle.empty()) return;
+  throw UsageError(
+      {.fact = "the model has no nodes of a circle",
+       .where = where,
+       .why = "it was made for a tool that touches the body, and what moves here is a circle of nodes",
+       .remedy = "build the model without --tool, or solve it with the --tool that it was made for"});
+}
+
 std::unique_ptr<Solved> solve_model(const ModelHolder& built, const Settings& settings) {
   Case given{.config = settings.config()};
+  if (!tool_of(given.config)) require_nodes_of_circle(*built, "solve");
   given.band = given.config.accuracy.band == "on";
   given.model = ModelFiles{.places = built->model,
                            .scheme = built->model.scheme,
@@ -545,6 +556,7 @@ class LiveSession {
       require_no_walls(config, "a Session");
       require_one_tool(config, "a Session");
       require_circle(config, "a Session");
+      require_nodes_of_circle(built, "Session");
       require_unloaded(config, "a Session");
       require_open_folds(config, "a Session");
       const std::vector<Material> materials = materials_of(config);
@@ -563,10 +575,11 @@ class LiveSession {
       const std::lock_guard alone(mutex_);
       const Model& before = session_->model();
       if (!rest_) rest_.emplace(before.surface.vertex_mm, before.surface.triangles);
-      const Points u = session_->displacement();
+      const Points u = session_->nodal_parameters();
       CutSession made = cut_session(given(), before, u, {1e-3 * from, 1e-3 * to, 1e-3 * depth});
       made.session.go_on_from(*session_, carried(made.cut, u), made.cut.of_patch);
       *session_ = std::move(made.session);
+      to_nodes_ = {};
       return 0;
     });
   }
@@ -586,7 +599,18 @@ class LiveSession {
     });
   }
 
+  Points displacements() {
+    return now([&](Session& session) { return displacements_of(session); });
+  }
+  Points positions() {
+    return now([&](Session& session) { return Points(session.model().X + displacements_of(session)); });
+  }
+
  private:
+  Points displacements_of(const Session& session) {
+    if (to_nodes_.weight.size() == 0) to_nodes_ = node_interpolation(session.model());
+    return to_nodes_(session.nodal_parameters());
+  }
   SessionGiven given() const { return {config_, materials_, label_names_, rest_ ? &*rest_ : nullptr, 0.0}; }
 
   std::mutex mutex_;
@@ -595,6 +619,7 @@ class LiveSession {
   std::map<std::string, int> label_names_;
   std::optional<BodySurface> rest_ = {};  // made by the first cut
   std::unique_ptr<Session> session_;
+  Interpolation to_nodes_ = {};  // empty: not asked for since the body was cut
 };
 
 std::string shown(LiveSession& session) {
@@ -766,12 +791,12 @@ Positions are LPS, in metres, but for those whose name ends in `_mm`.)")
 Parameters
 ----------
 nodal : (N, k) array
-    A row for each node, for instance ``result.displacement_m[-1]``.
+    A row for each node, for instance ``result.nodal_parameter_m[-1]``.
 
 Returns
 -------
 (V, k) float64 array
-    In the same unit: with displacements, ``model.surface_mm + 1e3 * model.at_surface(u)`` is the deformed boundary.)")
+    In the same unit: with the nodal parameters, ``model.surface_mm + 1e3 * model.at_surface(u)`` is the deformed boundary.)")
       .def_property_readonly(
           "report", [](const ModelInMemory& self) { return dictionary(self.report_json); },
           "dict: counts, volumes, spacings, and why the base and the circle are where they are.")
@@ -843,17 +868,38 @@ void add_band(py::class_<Solved>& result) {
           "str: why there is no band; empty where there is one.");
 }
 
+// Of each node at each frame [F x N x 3].
+py::array_t<double> displacements(const Solved& kept) {
+  const Index nodes = kept.model->model.node_count(), frames = static_cast<Index>(kept.frame_time.size());
+  std::vector<double> all(kept.frame_u.size());
+  computing([&] {
+    const Interpolation& to_nodes = kept.model->to_nodes();
+    for (Index k = 0; k < frames; ++k) {
+      const auto first = 3 * nodes * k;
+      Eigen::Map<Points>(all.data() + first, 3, nodes) =
+          to_nodes(Eigen::Map<const Points>(kept.frame_u.data() + first, 3, nodes));
+    }
+    return 0;
+  });
+  return handed_over(std::move(all), {frames, nodes, 3});
+}
+
 void add_frames(py::class_<Solved>& result) {
   result
       .def_property_readonly(
-          "displacement_m",
+          "displacement_m", [](const Solved& self) { return displacements(self); },
+          "(F, N, 3) float64, metres, LPS: of each node at each frame, the first at rest; a new array each "
+          "time.")
+      .def_property_readonly(
+          "nodal_parameter_m",
           [](const py::object& self) {
             const auto& kept = self.cast<const Solved&>();
             return view(
                 self, kept.frame_u.data(),
                 {static_cast<py::ssize_t>(kept.frame_time.size()), kept.model->model.node_count(), 3});
           },
-          "(F, N, 3) float64, metres, LPS: of each node at each frame, the first at rest.")
+          "(F, N, 3) float64, metres, LPS: u_a, of which the displacement at X is sum_a phi_a(X) u_a; what "
+          "``Model.at_surface`` takes. A node's displacement is another number.")
       .def_property_readonly(
           "frame_depth_m",
           [](const py::object& self) {
@@ -1005,14 +1051,18 @@ void add_state(py::class_<LiveSession>& session) {
           "tool; a new "
           "array each time.")
       .def_property_readonly(
-          "displacement_m",
-          [](LiveSession& self) {
-            return handed_over(self.now([](Session& s) { return s.displacement(); }));
-          },
+          "displacement_m", [](LiveSession& self) { return handed_over(self.displacements()); },
           "(N, 3) float64, metres, LPS: of each node now; a new array each time.")
       .def_property_readonly(
-          "positions_m",
-          [](LiveSession& self) { return handed_over(self.now([](Session& s) { return s.positions(); })); },
+          "nodal_parameter_m",
+          [](LiveSession& self) {
+            return handed_over(self.now([](Session& s) { return s.nodal_parameters(); }));
+          },
+          "(N, 3) float64, metres, LPS: u_a, of which the displacement at X is sum_a phi_a(X) u_a; a new "
+          "array "
+          "each time.")
+      .def_property_readonly(
+          "positions_m", [](LiveSession& self) { return handed_over(self.positions()); },
           "(N, 3) float64, metres, LPS: the nodes now; a new array each time.")
       .def_property_readonly(
           "forces_N",

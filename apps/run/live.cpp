@@ -283,7 +283,7 @@ void take_cut(LiveTool& tool) {
   tool.strokes.pop_front();
   try {
     CutSession made = tool.cutting.get();
-    made.session.go_on_from(*tool.session, carried(made.cut, tool.session->displacement()),
+    made.session.go_on_from(*tool.session, carried(made.cut, tool.session->nodal_parameters()),
                             made.cut.of_patch);
     tool.session.emplace(std::move(made.session));
     tool.sheets.push_back(std::move(made.sheet));
@@ -307,7 +307,7 @@ void next_cut(LiveTool& tool) {
   if (tool.strokes.empty() || tool.cutting.valid()) return;
   // The model stays where it is until the cut is taken up.
   tool.cutting = beside_frames(
-      [organ = tool.organ, model = &tool.session->model(), u = tool.session->displacement(),
+      [organ = tool.organ, model = &tool.session->model(), u = tool.session->nodal_parameters(),
        stroke = tool.strokes.front().stroke] { return cut_session(given_of(*organ), *model, u, stroke); },
       tbb::task_arena::automatic);
 }

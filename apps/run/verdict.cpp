@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <initializer_list>
+#include <limits>
 #include <nlohmann/json.hpp>
 #include <set>
 
@@ -24,7 +25,7 @@ struct Answer {
     return {{"word", bad               ? "bad"
                      : reasons.empty() ? "good"
                                        : "check"},
-            {"value", value},
+            {"value", std::isfinite(value) ? Json(value) : Json()},
             {"unit", unit},
             {"of", of},
             {"reasons", reasons}};
@@ -105,7 +106,10 @@ Answer of_equilibrium(const Result& result, const std::string& status) {
   Answer answer{.value = 100.0 * history.residual,
                 .unit = "%",
                 .of = "of the reactions is unbalanced, at the worst depth"};
-  if (result.time != TimeMode::quasi_static && !history.force.empty()) {
+  if (status == "failed" && history.force.size() < 2) {  // what is at rest before the load is none of its
+    answer.value = std::numeric_limits<double>::quiet_NaN();
+    answer.of = "of the reactions is unbalanced: no equilibrium was found";
+  } else if (result.time != TimeMode::quasi_static && !history.force.empty()) {
     const ForceSample& last = history.force.back();
     answer.value = last.force != 0.0 ? 100.0 * std::abs(last.base_force / last.force - 1.0) : 0.0;
     answer.of = "difference between the tool's and the base's force at the end";

@@ -198,6 +198,7 @@ void come_to_rest(const Config& config, const ShiftScene& scene, const ShiftHook
   now.system = make_system(*now.tissue, result.model, loading.contact, loading.further, loading.loads,
                            config.solver.tolerance, nullptr, loading.folds, loading.walls);
   const Rest& rest = now.system->step_start();
+  result.history.settled = rest.u.colwise().norm().maxCoeff();
   now.f.setZero(4, rest.u.cols());
   now.system->set({});
   now.sweep = now.system->force_at(rest.u, rest.lambda, now.f);

@@ -189,15 +189,16 @@ Vec3 side_by_axes(const BodySurface& body, const std::optional<Vec3>& from, std:
 // Sides are those of the scan, which is cut along its own axes.
 void tell_of_turned_axes(const BodySurface& body, const Vec3& lps, const std::string& side,
                          Boundary& result) {
-  constexpr double much_degrees = 15.0;
+  constexpr double much_degrees = 5.0;
   const double off = 180.0 / std::numbers::pi *
                      std::acos(std::min(1.0, nearest_axis(body, lps).dot(local_direction(body, lps))));
   if (off > much_degrees)
-    result.warnings.push_back(
-        fmt::format("the scan's axes are turned by {:.0f} degrees against the patient's, and the base on the "
-                    "{} side is that of the scan's nearest axis, against which the tool comes; for the "
-                    "patient's own give it in numbers, as --base {:g},{:g},{:g}",
-                    off, side, lps.x() + 0.0, lps.y() + 0.0, lps.z() + 0.0));
+    result.warnings.push_back(fmt::format(
+        "the scan's axes are turned by {:.0f} degrees against the patient's, and the base on the "
+        "{} side is that of the scan's nearest axis, against which the tool comes, while supports, loads "
+        "and films on a side, and gravity, go by the patient's; for the patient's own base give it in "
+        "numbers, as --base {:g},{:g},{:g}",
+        off, side, lps.x() + 0.0, lps.y() + 0.0, lps.z() + 0.0));
 }
 
 // `from`: as above.

@@ -26,7 +26,7 @@ constexpr int memory = 60;  // iterations over which a change is compared for th
 }  // namespace
 
 SolveError no_equilibrium(const Relaxed& found, const Model& model) {
-  const bool gave_way = found.gave_way();
+  const bool gave_way = found.gave_way(), drifts = model.base.empty() && !gave_way;
   return SolveError(
       {.fact = text(gave_way ? "the tissue gave way, and no equilibrium was found beyond: "
                              : "no equilibrium was found: ",
@@ -38,15 +38,22 @@ SolveError no_equilibrium(const Relaxed& found, const Model& model) {
        .why = gave_way
                   ? "the path of equilibria has a limit point here: a wall has buckled, a fold rolled over, "
                     "or what a tool held has slipped from under it"
+              : drifts
+                  ? "nothing but walls holds the body, which drifts where they stand apart from it or the "
+                    "load does "
+                    "not press it against them; or the load is more than this cloud can follow in one step"
                   : "the load is more than this cloud can follow in one step, or the body has lost its "
                     "stiffness",
        .remedy =
            gave_way
                ? "use a smaller --depth, a coarser spacing at the circle's rim (--rim 0.15 or more), a "
                  "place further from folds and edges (--indent-at), or for a bonded circle --time dynamic"
-               : "use shorter steps of the load (--set solver.step_radii=0.05), a coarser spacing at "
-                 "the circle's "
-                 "rim (--rim 0.15 or more), or a smaller --depth",
+           : drifts ? "let a wall touch it at rest beneath the tool, hold its base (--base-hold fixed), or "
+                      "use a smaller "
+                      "--depth"
+                    : "use shorter steps of the load (--set solver.step_radii=0.05), a coarser spacing at "
+                      "the circle's "
+                      "rim (--rim 0.15 or more), or a smaller --depth",
        .code = gave_way ? "limit-point" : "no-equilibrium"});
 }
 

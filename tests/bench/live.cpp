@@ -307,7 +307,7 @@ struct Reduced : Body {
     for (int k = 0; k < snapshots; ++k) {
       at.push_back(deepest * (k + 1) / snapshots);
       session.equilibrate(at.back());
-      const Nodal u = to_nodal(session.displacement());
+      const Nodal u = to_nodal(session.nodal_parameters());
       all.col(k) = Eigen::Map<const Eigen::VectorXd>(u.data(), u.size()) / at.back();
     }
     mean = all.rowwise().mean();
@@ -422,7 +422,7 @@ std::string jerks(const fs::path& image, Index nodes, double rate, std::int64_t 
       ++frames;
       there += f.tool == LiveFrame::Tool::there, lags += f.tool == LiveFrame::Tool::lags,
           stopped += f.tool == LiveFrame::Tool::stopped;
-      const double furthest = session.displacement().colwise().norm().maxCoeff();
+      const double furthest = session.nodal_parameters().colwise().norm().maxCoeff();
       const bool wrong =
           !std::isfinite(f.force) || f.force < -1e-6 || furthest > 2.5 * std::max(f.depth, 1e-9);
       if (wrong)

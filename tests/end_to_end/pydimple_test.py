@@ -242,7 +242,7 @@ class Arrays(InAFolder):
         for owner, names in (
             (model, "positions_m points_m volume_m3 label base circle circle_centre_m push surface_mm triangles"),
             (result, "depth_m force_N base_force_N time_s force_on_tool_N moment_on_tool_Nm"),
-            (result, "displacement_m frame_depth_m frame_time_s"),
+            (result, "nodal_parameter_m frame_depth_m frame_time_s"),
         ):
             for name in names.split():
                 array, again = getattr(owner, name), getattr(owner, name)
@@ -269,7 +269,7 @@ class Arrays(InAFolder):
         np.testing.assert_allclose(result.displacement_m[-1][model.base], 0, atol=1e-12)
         self.assertAlmostEqual(model.volume_m3.sum(), 60e-3 * 60e-3 * 30e-3, delta=2e-6)
         self.assertAlmostEqual(model.circle_radius_m, 5e-3)
-        at_surface = model.at_surface(result.displacement_m[-1])
+        at_surface = model.at_surface(result.nodal_parameter_m[-1])
         self.assertEqual(at_surface.shape, model.surface_mm.shape)
         self.assertEqual(model.at_surface(np.ones((n, 1))).shape, (len(model.surface_mm), 1))
         self.assertGreater((at_surface @ model.push).max(), 0.45e-3)

@@ -139,7 +139,7 @@ TEST(Live, ALiftedToolFeelsNothingAndLeavesNoDent) {
   EXPECT_EQ(lifted.force, 0.0);
   EXPECT_EQ(lifted.depth, 0.0);
   EXPECT_EQ(lifted.tool, LiveFrame::Tool::there);
-  EXPECT_TRUE(session.displacement().isZero(0.0));
+  EXPECT_TRUE(session.nodal_parameters().isZero(0.0));
   EXPECT_NEAR(session.follow(1e-3, {.evaluations = 8}).force, pressed, 1e-2 * pressed);
 }
 
@@ -159,7 +159,7 @@ TEST(Live, RandomJerksShowNoStateThatIsNoneAndNeverHoldTheToolOnItsWayBack) {
       ASSERT_TRUE(std::isfinite(frame.force) && std::isfinite(frame.error));
       ASSERT_GE(frame.force, 0.0);
       ASSERT_LT(frame.residual, 0.05);
-      ASSERT_LT(session.displacement().colwise().norm().maxCoeff(), 2.5 * frame.depth + 1e-9);
+      ASSERT_LT(session.nodal_parameters().colwise().norm().maxCoeff(), 2.5 * frame.depth + 1e-9);
       held_back = frame.asked < last - 1e-9 && frame.depth == last ? held_back + 1 : 0;
       ASSERT_LT(held_back, 3) << "asked for " << 1e3 * frame.asked << " mm, stays at " << 1e3 * last;
       last = frame.depth;

@@ -286,9 +286,9 @@ TEST(ALiveBodyThatIsCut, ComesToTheForceOfTheBodyThatWasCutFromTheStart) {
   const double depth = 1.5e-3;
   for (int k = 1; k <= 15; ++k) whole.follow(1e-4 * k, {.evaluations = 40});
   for (int k = 1; k <= 15; ++k) from_start.follow(1e-4 * k, {.evaluations = 40});
-  live.go_on_from(whole, carried(cut, whole.displacement()), cut.of_patch);
+  live.go_on_from(whole, carried(cut, whole.nodal_parameters()), cut.of_patch);
   EXPECT_EQ(live.depth(), whole.depth());
-  EXPECT_TRUE(live.displacement().leftCols(before.node_count()) == whole.displacement());
+  EXPECT_TRUE(live.nodal_parameters().leftCols(before.node_count()) == whole.nodal_parameters());
   LiveFrame frame;
   for (int k = 0; k < 12; ++k) frame = live.follow(depth, {.evaluations = 20});
   EXPECT_EQ(frame.tool, LiveFrame::Tool::there);
@@ -303,7 +303,7 @@ TEST(ALiveBodyThatIsCut, StatesAnErrorAsLargeAsTheForceUntilItHasFoundItsEquilib
   const SheetCut cut = cut_of(before, beside_circle());
   Session whole = session_on(before), live = session_on(cut.model);
   for (int k = 1; k <= 15; ++k) whole.follow(1e-4 * k, {.evaluations = 40});
-  live.go_on_from(whole, carried(cut, whole.displacement()), cut.of_patch);
+  live.go_on_from(whole, carried(cut, whole.nodal_parameters()), cut.of_patch);
   const LiveFrame first = live.follow(1.5e-3, {.evaluations = 1});
   EXPECT_EQ(first.tool, LiveFrame::Tool::lags);
   EXPECT_GE(first.error, std::abs(first.force));
@@ -313,9 +313,9 @@ TEST(ALiveBodyThatIsCut, LiesAtRestWithoutAToolInIt) {
   const Model before = testing_bodies::averaged_block();
   const SheetCut cut = cut_of(before, beside_circle());
   Session whole = session_on(before), live = session_on(cut.model);
-  live.go_on_from(whole, carried(cut, whole.displacement()), cut.of_patch);
+  live.go_on_from(whole, carried(cut, whole.nodal_parameters()), cut.of_patch);
   EXPECT_EQ(live.follow(0.0, {.evaluations = 5}).force, 0.0);
-  EXPECT_EQ(live.displacement().norm(), 0.0);
+  EXPECT_EQ(live.nodal_parameters().norm(), 0.0);
 }
 
 }  // namespace

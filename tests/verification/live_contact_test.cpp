@@ -58,7 +58,7 @@ double deepest_in_tool(const Session& session, double depth, bool between) {
   const Touch& touch = *session.touch();
   const ToolPose pose{touch.pose.tip + depth * touch.pose.points_at, touch.pose.points_at};
   Nodal u = Nodal::Zero(4, session.model().node_count());
-  u.topRows<3>() = session.displacement();
+  u.topRows<3>() = session.nodal_parameters();
   const ContactSurface& surface = touch.surface;
   const Points moved[] = {surface.place + surface.at_place(u.topRows<3>()),
                           surface.between + surface.at_between(u.topRows<3>())};
@@ -115,7 +115,7 @@ TEST(LiveTouch, EquilibriaAreThoseOfAMarch) {
   session.equilibrate(-1e-3);
   EXPECT_EQ(session.force(), 0.0);
   EXPECT_EQ(session.depth(), -1e-3);
-  EXPECT_TRUE(session.displacement().isZero(0.0));
+  EXPECT_TRUE(session.nodal_parameters().isZero(0.0));
 }
 
 TEST(LiveTouch, AForceIsBetterForWhatIsLeftUnbalancedBeingAccountedFor) {
@@ -167,7 +167,7 @@ TEST(LiveTouch, RandomJerksNeverPullNorComeIntoTheBodyAndLeaveNothingBehind) {
     ASSERT_LT(deepest_in_tool(session, frame.depth, true), 0.05 * 5e-3);
   }
   EXPECT_EQ(session.follow(-1e-3, {.evaluations = 1}).force, 0.0);
-  EXPECT_TRUE(session.displacement().isZero(0.0));
+  EXPECT_TRUE(session.nodal_parameters().isZero(0.0));
 }
 
 TEST(LiveTouch, TheSameWayGivesTheSameForcesWithAnyNumberOfThreads) {

@@ -54,7 +54,8 @@ def __dir__():
 
 
 _OPTIONS = {option["keyword"]: option for option in _core.options()}
-_OF_SESSION = ("load.contact", "load.gravity", "solver.precision", "solver.tolerance")
+# The depth is that at which supports have come all of their way.
+_OF_SESSION = ("load.contact", "load.gravity", "load.depth_mm", "solver.precision", "solver.tolerance")
 
 
 def _is_for_session(option):
@@ -142,6 +143,14 @@ def _named(tissue, pressures, supports, steps=None, membranes=None, walls=None, 
 
 def _array(where, image):
     """A numpy array that the library can read where it is."""
+    if np.ma.isMaskedArray(image) and np.ma.is_masked(image):
+        raise UsageError(
+            "the image is an array with masked voxels",
+            where,
+            "whether these are organ or background is not known",
+            "fill them with a label: image.filled(0)",
+            "usage",
+        )
     array = np.asarray(image)
     if array.ndim != 3 or array.dtype.kind not in "biuf" or array.dtype.itemsize not in (1, 2, 4, 8):
         raise UsageError(
@@ -258,6 +267,14 @@ def run(
                     f"add out=FOLDER, or leave {keyword} out",
                     "usage",
                 )
+        if overwrite:
+            raise UsageError(
+                "overwrite is given and no folder",
+                "run",
+                "without out nothing is written that could replace something",
+                "add out=FOLDER, or leave overwrite out",
+                "usage",
+            )
         return _core.run_in_memory(settings, array)
     return _core.run_into_folder(settings, array, os.fsencode(out), bool(overwrite))
 
