@@ -434,8 +434,11 @@ void check_nrrd_header(const TextHeader& header, const fs::path& file) {
       if (const auto v = vector_of_three(words[a]); v && !(v->stableNorm() > 1e-100))
         throw no_place_in_space(
             file, fmt::format("axis {} has the direction {}, which has no length", a + 1, words[a]));
-  } else if (dimension.value_or(0) >= 3 && !header.has("spacings")) {
-    throw refuse("it does not say how large a voxel is (no space directions and no spacings)");
+  } else if (dimension.value_or(0) == 3 && !header.has("spacings")) {
+    throw refuse(
+        "it does not say how large a voxel is (no space directions and no spacings): where it is known, a "
+        "line of "
+        "the header such as `spacings: 1 1 1` says it in mm");
   } else if (const auto spacings = words_in(header.at("spacings")); !are_finite(spacings)) {
     throw refuse(fmt::format("its spacings are {}", header.at("spacings")));
   } else {

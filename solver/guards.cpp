@@ -432,7 +432,7 @@ void Guards::check_apart(const std::vector<ToolNow>& tools, const Moment& now) c
   throw SolveError(*std::move(report));
 }
 
-void Guards::check_wall(const Touch& wall, double penetration, const Moment& now) {
+void Guards::check_wall(const Touch& wall, double penetration, bool touches, const Moment& now) {
   const double spacing = wall.surface.count() > 0 ? wall.surface.spacing.mean() : 0.0;
   const bool is_tool = wall.is_tool;
   if (!on_ || penetration <= (is_tool ? most_penetration * wall.shape.radius : wall_poor * spacing)) return;
@@ -447,7 +447,7 @@ void Guards::check_wall(const Touch& wall, double penetration, const Moment& now
                           "all of its tools"
                         : "use more nodes (--nodes), or a smaller load",
       .code = is_tool ? "tool-penetration" : "wall-penetration"};
-  if (is_tool && penetration > penetration_wrong * most_penetration * wall.shape.radius)
+  if (is_tool && !touches && penetration > penetration_wrong * most_penetration * wall.shape.radius)
     throw SolveError(report);
   find({report, penetration});
 }

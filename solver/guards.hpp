@@ -90,8 +90,8 @@ class Guards {
   void check_apart(const std::vector<ToolNow>& tools, const Moment& now) const;
   /// Of a wall or a further tool (`wall-penetration`, `tool-penetration`): how deep the body's surface is in
   /// it between the places where contact is looked for [m]; nodes are as far apart there as its samples.
-  /// Throws SolveError: of a tool, by as much as check_contact() throws for.
-  void check_wall(const Touch& wall, double penetration, const Moment& now);
+  /// Throws SolveError: of a tool, by as much as check_contact() throws for, and it touches at no sample.
+  void check_wall(const Touch& wall, double penetration, bool touches, const Moment& now);
   /// `hourglass` of gradients at points, where nothing holds it: what the displacements of each point's nodes
   /// differ from the linear field with the point's gradient,
   ///

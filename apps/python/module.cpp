@@ -495,7 +495,7 @@ void require_nodes_of_circle(const ModelInMemory& built, const char* where) {
       {.fact = "the model has no nodes of a circle",
        .where = where,
        .why = "it was made for a tool that touches the body, and what moves here is a circle of nodes",
-       .remedy = "build the model without --tool, or solve it with the --tool that it was made for"});
+       .remedy = "make it by build_model, or give the image to run, which takes the tool"});
 }
 
 std::unique_ptr<Solved> solve_model(const ModelHolder& built, const Settings& settings) {

@@ -198,11 +198,11 @@ void come_to_rest(const Config& config, const ShiftScene& scene, const ShiftHook
   now.system = make_system(*now.tissue, result.model, loading.contact, loading.further, loading.loads,
                            config.solver.tolerance, nullptr, loading.folds, loading.walls);
   const Rest& rest = now.system->step_start();
-  result.history.settled = rest.u.colwise().norm().maxCoeff();
   now.f.setZero(4, rest.u.cols());
   now.system->set({});
   now.sweep = now.system->force_at(rest.u, rest.lambda, now.f);
   now.surface_mm = 1e3 * surface_interpolation(result.model)(rest.u.topRows<3>());
+  result.history.settled = 1e-3 * now.surface_mm.colwise().norm().maxCoeff();
   now.line_mm = now.at(now.line);
   now.targets_mm = now.at(points_of(scene.targets));
   for (const TouchingTool* wall : now.system->walls()) {

@@ -467,7 +467,7 @@ void QuasiStaticMarch::look_at_walls(const Moment& now) {
   for (std::size_t k = 0; k < history_.walls.size(); ++k) {
     double& deepest = history_.walls[k].penetration;
     deepest = std::max(deepest, system_.walls()[k]->audit(now_.u, system_.now()).penetration);
-    guards_.check_wall(system_.walls()[k]->touch(), deepest, now);  // notes it
+    guards_.check_wall(system_.walls()[k]->touch(), deepest, system_.walls()[k]->touched().samples > 0, now);
   }
 }
 

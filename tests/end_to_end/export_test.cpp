@@ -49,6 +49,18 @@ TEST(Export, SaysWhereItsMeshIsNotTheBody) {
               testing::Not(HasSubstr(words)));
 }
 
+TEST(Export, SaysWhichElementsLock) {
+  const fs::path folder = fresh_folder();
+  ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3 -q").code, 0);
+  for (const auto& [scene, locks] : {std::pair{"--elements tetrahedra", true},
+                                     {"--elements tetrahedra --nu 0.45", false},
+                                     {"--elements hexahedra", false}})
+    EXPECT_EQ(dimple(folder, std::string("export block.nrrd -o block.inp --nodes 600 ") + scene)
+                      .err.find("tetrahedra lock") != std::string::npos,
+              locks)
+        << scene;
+}
+
 TEST(Export, OfTheSameSceneGivesTheSameBytesEachTime) {
   const fs::path folder = fresh_folder();
   ASSERT_EQ(dimple(folder, "phantom brain.nrrd --spacing 3").code, 0);
@@ -113,6 +125,17 @@ TEST(Export, RefusesWhatItCannotSay) {
       dimple(folder, "export block.nrrd -o a.inp --set material.prony_g=0.5 --set material.prony_tau_s=1");
   EXPECT_EQ(ogden.code, 2);
   EXPECT_THAT(ogden.err, HasSubstr("only one neo-Hookean tissue"));
+  for (const auto& [option, what] :
+       {std::pair{"--set tool.x.shape=sphere:3mm", "further tools cannot be exported"},
+        {"--set load.fluid_lost=superior,50%", "lost fluid cannot be exported"},
+        {"--gravity inferior", "gravity cannot be exported"},
+        {"--scheme horton2007", "a scheme cannot be exported"},
+        {"--time dynamic", "inertia cannot be exported"},
+        {"--set load.imaged=loaded", "imaged under its loads cannot be exported"}}) {
+    const Ran ran = dimple(folder, std::string("export block.nrrd -o a.inp ") + option);
+    EXPECT_EQ(ran.code, 2) << option;
+    EXPECT_THAT(ran.err, HasSubstr(what));
+  }
   EXPECT_FALSE(fs::exists(folder / "a.inp"));
 }
 

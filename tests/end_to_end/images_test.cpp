@@ -270,11 +270,12 @@ TEST_F(Images, LabelsOfWhatHasHardlyMovedAreThoseAtRest) {
     tissue += before->GetPixel(at) > 0;
     others += before->GetPixel(at) != after->GetPixel(at);
   });
-  // Sides are the scan's, which is turned by 17 degrees.
+  // Sides are the scan's, which is turned by 17 degrees; gravity is the patient's.
   for (const auto& [base, said] : {std::pair{"inferior", true}, {"0,0,-1", false}}) {
     const Ran ran = dimple(folder, std::string("model labels.nrrd -o m --force --nodes 300 --base ") + base);
     EXPECT_EQ(ran.err.find("axes are turned by 17 degrees against the patient's") != std::string::npos, said)
         << ran.err;
+    EXPECT_EQ(ran.err.find("and gravity, go by the patient's") != std::string::npos, said) << ran.err;
   }
   ASSERT_GT(tissue, 4000);
   EXPECT_LE(others, 3);

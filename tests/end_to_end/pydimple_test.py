@@ -79,7 +79,7 @@ class Walls(InAFolder):
 
     def test_a_further_tool_has_a_name_and_is_pressed(self):
         labels, to_lps = half_ellipsoid()
-        scene = dict(image=labels, affine=to_lps, space="LPS", nodes=400, depth_mm=2, frames=1)
+        scene = dict(image=labels, affine=to_lps, space="LPS", nodes=1000, depth_mm=2, frames=1)
         place = pydimple.run(**scene, time="quasi-static").summary["counts"]["circle_centre_mm"]
         beside = [place[0] + 14, place[1], place[2] - 1]
         ran = pydimple.run(**scene, tools={"other": {"shape": "sphere:4mm", "at": beside, "move": 1}})
@@ -264,9 +264,10 @@ class Arrays(InAFolder):
         self.assertEqual(result.displacement_m.shape, (frames, n, 3))
         np.testing.assert_allclose(result.frame_depth_m, [0, 0.25e-3, 0.5e-3], atol=1e-12)
         np.testing.assert_array_equal(result.displacement_m[0], np.zeros((n, 3)))
-        moved = result.displacement_m[-1][model.circle] @ model.push
+        moved = result.nodal_parameter_m[-1][model.circle] @ model.push  # what the tool prescribes
         np.testing.assert_allclose(moved, 0.5e-3, atol=1e-9)
-        np.testing.assert_allclose(result.displacement_m[-1][model.base], 0, atol=1e-12)
+        np.testing.assert_allclose(result.displacement_m[-1][model.circle] @ model.push, 0.5e-3, rtol=0.01)
+        np.testing.assert_allclose(result.nodal_parameter_m[-1][model.base], 0, atol=1e-12)
         self.assertAlmostEqual(model.volume_m3.sum(), 60e-3 * 60e-3 * 30e-3, delta=2e-6)
         self.assertAlmostEqual(model.circle_radius_m, 5e-3)
         at_surface = model.at_surface(result.nodal_parameter_m[-1])
@@ -275,6 +276,18 @@ class Arrays(InAFolder):
         self.assertGreater((at_surface @ model.push).max(), 0.45e-3)
         self.assertLess(model.triangles.max(), len(model.surface_mm))
         self.raised(pydimple.UsageError, model.at_surface, np.ones((n + 1, 3)))
+
+    def test_displacements_are_of_the_nodes_and_parameters_are_others(self):
+        scene = dict(nodes=400, depth_mm=1, frames=1, band="off", supports={"strap": {"on": "left", "move_mm": (1, 0, 0)}})
+        result = pydimple.run(SAMPLE, **scene)
+        model, moved = result.model, result.displacement_m[-1]
+        self.assertGreater(np.abs(result.nodal_parameter_m[-1] - moved).max(), 5e-5)
+        # The surface at a node's place goes as the node does.
+        corner = np.linalg.norm(model.surface_mm[:, None] - 1e3 * model.positions_m[None], axis=2).argmin(0)
+        near = np.linalg.norm(model.surface_mm[corner] - 1e3 * model.positions_m, axis=1) < 0.05
+        self.assertGreater(near.sum(), 5)
+        surface = model.at_surface(result.nodal_parameter_m[-1])[corner]
+        self.assertLess(np.abs(surface - moved)[near].max(), 2e-5)
 
     def test_a_session_hands_over_arrays_of_their_own(self):
         session = pydimple.Session(pydimple.build_model(SAMPLE, nodes=300), mu_Pa=210)
@@ -388,6 +401,23 @@ class Program(InAFolder):
         file.write_text("[cloud]\nnodes = 300\n[load]\ndepth_mm = 0.5\n[solver]\nframes = 1\n")
         result = pydimple.run(SAMPLE, config=file, frames=2)
         np.testing.assert_array_equal(result.force_N, pydimple.run(SAMPLE, **FAST).force_N)
+
+    def test_a_model_for_a_tool_that_touches_has_no_circle_to_move(self):
+        model = pydimple.run(SAMPLE, nodes=500, tool="sphere:5mm", depth_mm=0.5, band="off").model
+        for move in (pydimple.Session, lambda of: pydimple.solve(of, depth_mm=0.5)):
+            self.assertIn("no nodes of a circle", self.raised(pydimple.UsageError, move, model).fact)
+
+    def test_what_would_be_ignored_is_refused(self):
+        masked = np.ma.masked_less(np.ones((9, 9, 9), np.uint8), 2)
+        self.raised(pydimple.UsageError, pydimple.build_model, masked, affine=np.eye(4), space="LPS")
+        self.raised(pydimple.UsageError, pydimple.run, SAMPLE, overwrite=True, **FAST)
+
+    def test_supports_of_a_session_go_with_the_depth_that_they_go_with_in_a_run(self):
+        scene = dict(supports={"strap": {"on": "left", "move_mm": (1, 0, 0)}}, depth_mm=1)
+        model = pydimple.build_model(SAMPLE, nodes=300)
+        session = pydimple.Session(model, **scene)
+        session.equilibrate(depth_mm=1)
+        self.assertAlmostEqual(session.force_N / pydimple.solve(model, band="off", **scene).force_N[-1], 1, delta=2e-3)
 
     def test_a_session_comes_to_the_force_of_a_run(self):
         result = pydimple.run(SAMPLE, time="quasi-static", **FAST)  # in equilibrium, as the session
@@ -823,7 +853,7 @@ class Errors(InAFolder):
         self.assertIn("did you mean mu_Pa?", self.raised(pydimple.UsageError, pydimple.run, SAMPLE, mu=300).fact)
         self.raised(pydimple.UsageError, pydimple.run, SAMPLE, zzz=300)
         self.assertIn("build_model", self.raised(pydimple.UsageError, pydimple.solve, model, nodes=300).why)
-        self.assertIn("solve", self.raised(pydimple.UsageError, pydimple.Session, model, depth_mm=3).why)
+        self.assertIn("solve", self.raised(pydimple.UsageError, pydimple.Session, model, frames=3).why)
         self.assertEqual("nu=", self.raised(pydimple.UsageError, pydimple.solve, model, nu=0.5).where)
         self.raised(pydimple.UsageError, pydimple.solve, model, mu_Pa=True)
         self.raised(pydimple.UsageError, pydimple.solve, model, mu_Pa={})

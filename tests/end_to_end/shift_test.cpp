@@ -32,7 +32,10 @@ TEST(Shift, GrowsWithTheFluidThatIsLostAndFallsAlongGravity) {
   const fs::path folder = fresh_folder();
   double before = 0.0;
   for (const char* lost : {"20%", "60%", "100%"}) {
-    const Json shift = shifted(folder, std::string("-q --fluid-lost ") + lost, lost)["shift"];
+    const Json summary = shifted(folder, std::string("-q --fluid-lost ") + lost, lost),
+               &shift = summary["shift"];
+    EXPECT_NEAR(summary["loads"]["settled_mm"].get<double>(), shift["largest_of_all_mm"].get<double>(),
+                0.006);
     const double most = shift["largest_at_opening_mm"];
     EXPECT_GT(most, before) << lost;
     EXPECT_GT(shift["along_gravity_mm"].get<double>(), 0.9 * most) << lost;

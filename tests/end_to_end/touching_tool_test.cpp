@@ -381,6 +381,38 @@ TEST(ToolThatTouches, APunchThatIsLiftedLeavesABlockWithoutALimitPoint) {
   EXPECT_LT(std::abs(energy.find("error_J")->back()), 0.02 * most);
 }
 
+// What first comes to touch slips from where it does so: no step of the load is so long that this is lost.
+TEST(ToolThatTouches, HasTheFrictionOfShorterStepsFromItsFirstTouchOn) {
+  const fs::path folder = with_phantom();
+  std::vector<double> force;
+  for (const char* steps : {"0", "0.025"}) {
+    ASSERT_EQ(
+        dimple(folder, std::string("run brain.nrrd -o out --force --write force --tool sphere:5mm --band off "
+                                   "--friction 0.3 -q --nodes 1000 --depth 2mm --set solver.step_radii=") +
+                           steps)
+            .code,
+        0);
+    force.push_back(nlohmann::json::parse(text_of(folder / "out" / "summary.json"))["force_N"]);
+  }
+  EXPECT_NEAR(force[0] / force[1], 1.0, 0.004);
+  const Ran too_short = dimple(folder, "run brain.nrrd -o out --force --set solver.step_radii=1e-4");
+  EXPECT_EQ(too_short.code, 2);
+  EXPECT_NE(too_short.err.find("steps of the load of 0.0001 radii"), std::string::npos) << too_short.err;
+}
+
+// At the end of the first increment, where friction and normal force are tiny and what they lack looked worse
+// than that nothing touched.
+TEST(ToolThatTouches, ThatHasComeInByHardlyAnythingFindsItsFirstForce) {
+  const char* place = std::getenv("DIMPLE_SHARED_DATA");
+  if (!place) GTEST_SKIP() << "skipped: DIMPLE_SHARED_DATA names no folder with label images";
+  const fs::path folder = fresh_folder();
+  const Ran ran = dimple(folder, {"run", fs::path(place) / "heart_ct_1.5mm.nii.gz", "-o", "out", "-q",
+                                  "--write", "force", "--band", "off", "--tool", "sphere:5mm", "--friction",
+                                  "0.3", "--depth", "4mm", "--set", "solver.step_radii=0.0933333333"});
+  ASSERT_EQ(ran.code, 0) << ran.err;
+  EXPECT_TRUE(nlohmann::json::parse(text_of(folder / "out" / "summary.json"))["retries"].empty());
+}
+
 // A small sphere slides over a liver of 3 mm voxels, away from where the nodes are fine.
 TEST(ToolThatTouches, WhoseForceJumpsAsItSlidesSaysSo) {
   const char* place = std::getenv("DIMPLE_SHARED_DATA");
@@ -650,6 +682,18 @@ TEST(SeveralTools, AreWarnedOfAlikeWhereTheSurfaceReachesIntoThem) {
   const double in = both["other_tools"]["other"]["largest_penetration_mm"];
   ASSERT_GT(in, 5e-3) << "a thousandth of its radius";
   EXPECT_NE(both["guards"].dump().find("tool-penetration"), std::string::npos) << both["guards"].dump();
+}
+
+// Nodes are as fine there as anywhere: the surface between them is in the tool, and nothing has touched.
+TEST(SeveralTools, ThatNoNodesWereMadeForEndARun) {
+  const fs::path folder = fresh_folder();
+  const std::string block = DIMPLE_SAMPLE_DATA "/block_3mm.nrrd";
+  ASSERT_EQ(dimple(folder, "model " + block + " -o model -q --nodes 800").code, 0);
+  const Ran ran = dimple(folder,
+                         "solve model -o out -q --depth 2mm --set tool.other.shape=sphere:4mm --set "
+                         "tool.other.at=20,0,30 --set tool.other.move=1mm");
+  EXPECT_EQ(ran.code, 5) << ran.err;
+  EXPECT_NE(ran.err.find("made with all of its tools"), std::string::npos) << ran.err;
 }
 
 // In ParaView's file; the page has their forces.

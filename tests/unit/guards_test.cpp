@@ -192,15 +192,18 @@ TEST_F(StateGuard, TellsWhetherTheSurfaceReachesIntoAWallOrIntoAFurtherTool) {
   rigid.name = "skull";
   rigid.surface.place.setZero(3, 1);
   rigid.surface.spacing.setConstant(1, 1e-3);
-  guards.check_wall(rigid, 0.14e-3, now);
+  guards.check_wall(rigid, 0.14e-3, false, now);
   EXPECT_TRUE(findings.empty());
-  guards.check_wall(rigid, 0.16e-3, now);
+  guards.check_wall(rigid, 0.16e-3, true, now);
   rigid.name = "spatula";
   rigid.is_tool = true;
-  guards.check_wall(rigid, 0.16e-3, now);
+  guards.check_wall(rigid, 0.16e-3, true, now);
   ASSERT_EQ(findings.size(), 2u);
   EXPECT_THAT(findings[0].report.fact, HasSubstr("into the wall 'skull'"));
   EXPECT_THAT(findings[1].report.fact, HasSubstr("into the tool 'spatula'"));
+  const double deep = 0.06 * rigid.shape.radius;
+  EXPECT_NO_THROW(guards.check_wall(rigid, deep, true, now)) << "its force is something";
+  EXPECT_THROW(guards.check_wall(rigid, deep, false, now), SolveError) << "its force is none";
 }
 
 TEST_F(StateGuard, SeesWhatIsNoNumberInAnyComponentOfAnyNode) {

@@ -413,6 +413,28 @@ TEST(LabelImage, ScalesAnNrrdInMetresAsAWhole) {
                "'pc' is unknown"));
 }
 
+TEST(LabelImage, ScalesAMetaImageInCentimetresAsAWhole) {
+  const LabelImage organ = body();
+  LabelImage in_cm = organ;
+  in_cm.to_world = Eigen::Scaling(0.1) * organ.to_world;
+  const auto of_unit = [&](const LabelImage& image, const std::string& unit) {
+    std::string file = metaimage(as_it_is(image));
+    file.insert(file.find("ElementDataFile"), "DistanceUnits = " + unit + "\n");
+    return read("unit.mha", file);
+  };
+  expect_same(of_unit(in_cm, "cm"), organ, 1e-4);
+  EXPECT_TRUE(warns_of(of_unit(in_cm, "cm"), "lengths in cm;"));
+  expect_same(of_unit(organ, "mm"), organ, 1e-4);
+  EXPECT_TRUE(warns_of(of_unit(organ, "furlong"), "'furlong' is unknown"));
+}
+
+TEST(LabelImage, OfNoKnownVoxelSizeIsRefused) {
+  const std::string voxels = bytes_of(as_it_is(body()).voxel),
+                    header = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 5 7 4\nencoding: raw\n";
+  refusal("bare.nrrd", header + "\n" + voxels);
+  refusal("thick.nrrd", header + "thicknesses: 2 3 4\n\n" + voxels);
+}
+
 TEST(LabelImage, WarnsOfAnImageWithoutOrientationOrOfUnusualSize) {
   const std::string voxels = bytes_of(as_it_is(body()).voxel);
   const LabelImage image =

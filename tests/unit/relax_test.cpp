@@ -250,6 +250,28 @@ const Finding* with_code(const History& history, const std::string& code) {
   return nullptr;
 }
 
+// What the search for equilibrium leaves in each of them, 1e-4 here, must not become the way ahead.
+TEST(Predictor, FollowsACubicThroughEvenPointsAndIsNotLedAstrayByShortOnes) {
+  const auto ahead = [&](const std::vector<std::pair<double, double>>& known, double x) {
+    Predictor path(4);
+    for (const auto& [from, y] : known)
+      path.push(from, ForceSystem::Nodal::Constant(4, 1, y), Eigen::VectorXd::Constant(1, 2.0 * from));
+    ForceSystem::Nodal u(4, 1);
+    Eigen::VectorXd lambda(1);
+    path.extrapolate(x, u, lambda);
+    EXPECT_NEAR(lambda[0], 2.0 * x, 1e-12) << "which is a line";
+    return u(0, 0);
+  };
+  const auto cubic = [](double x) { return x * (1.0 + x * (0.5 - 0.1 * x)); };
+  EXPECT_NEAR(ahead({{1, cubic(1)}, {2, cubic(2)}, {3, cubic(3)}, {4, cubic(4)}}, 5), cubic(5), 1e-12);
+  const double off = 1e-4;
+  const std::vector<double> short_first = {0.0, 1.0 / 7.0, 3.0 / 7.0, 1.0};
+  std::vector<std::pair<double, double>> known;
+  for (std::size_t k = 0; k < short_first.size(); ++k)
+    known.emplace_back(short_first[k], short_first[k] + (k % 2 == 0 ? off : -off));
+  EXPECT_NEAR(ahead(known, 2.0), 2.0, 10.0 * off);
+}
+
 // At some 12.1 mm the arch snaps through, its own way of 5 mm within no way of the tool.
 TEST(LoadSlowly, PassesALimitPointToTheBranchOfTheMotionAndSaysWhere) {
   const Model model = arch_under_a_pad();

@@ -142,6 +142,14 @@ TEST(Verdict, ARunThatFailedIsNotInEquilibrium) {
   EXPECT_EQ(words(good_run(), {}, "interrupted"), "good good check good good ");
 }
 
+TEST(Verdict, WithoutAnEquilibriumHasNoNumberOfHowFarItWasFromOne) {
+  Result result = good_run();
+  EXPECT_TRUE(verdict_of({}, result, "failed")["equilibrium"]["value"].is_number())
+      << "of those that were found";
+  result.history.force.resize(1);  // at rest
+  EXPECT_TRUE(verdict_of({}, result, "failed")["equilibrium"]["value"].is_null());
+}
+
 TEST(Verdict, ANumberThatIsNoneIsNeverGood) {
   Result result = good_run();
   result.model.volume[0] = std::nan("");

@@ -146,7 +146,7 @@ TEST(VolumeImage, ThatCannotBeReadIsRefusedInTheWordsOfAnImage) {
   write_file(folder / "text.txt", "no image");
   write_file(folder / "text.nii.gz", "no image");
   write_file(folder / "short.nrrd",
-             "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 9 9 9\nencoding: raw\n\nshort");
+             "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 9 9 9\nspacings: 1 1 1\nencoding: raw\n\nshort");
   write_file(folder / "flat.nrrd", "NRRD0004\ntype: uint8\ndimension: 2\nsizes: 2 2\nencoding: raw\n\nabcd");
   expect("text.txt", "known suffix");
   expect("text.nii.gz", "ends after");
