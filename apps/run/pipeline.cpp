@@ -205,10 +205,13 @@ void tell_of_lost_contact(const RunLog& log, const Result& result) {
   constexpr double nothing = 1e-6;  // of the largest force: the search for equilibrium has a tolerance
   const std::vector<ForceSample>& force = result.history.force;
   if (!result.loading.touch || force.empty()) return;
+  const auto size = [](const ForceSample& sample) {  // one that sticks may pull, and across its push
+    return Eigen::Map<const Wrench>(sample.on_tool.data()).head<3>().norm();
+  };
   double largest = 0.0;
-  for (const ForceSample& sample : force) largest = std::max(largest, sample.force);
+  for (const ForceSample& sample : force) largest = std::max(largest, size(sample));
   const auto last = std::find_if(force.rbegin(), force.rend(),
-                                 [&](const ForceSample& sample) { return sample.force > nothing * largest; });
+                                 [&](const ForceSample& sample) { return size(sample) > nothing * largest; });
   if (last != force.rend() && last != force.rbegin())
     log.say(
         fmt::format("touch    the tool has left the body: it touched last at a depth of {}, after {:.3g} s",

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
 #include <utility>
 
 #include "io/error.hpp"
@@ -29,6 +30,17 @@ bool has_friction(const Loading& loading) {
   return (loading.touch && loading.touch->friction > 0.0) ||
          std::any_of(loading.walls.begin(), loading.walls.end(),
                      [](const Touch& t) { return t.friction > 0.0; });
+}
+
+// Of a force that grows from nothing at no depth, over the last increment: a power of the depth through its
+// ends, as contact has it at first; nothing where it is none.
+std::optional<double> work_of_growing(const std::vector<double>& depth, const std::vector<double>& force) {
+  const std::size_t k = depth.size() - 1;
+  if (depth.front() != 0.0 || force.front() != 0.0 || !(force[k - 1] > 0.0 && force[k] > 0.0))
+    return std::nullopt;
+  const double power = std::log(force[k] / force[k - 1]) / std::log(depth[k] / depth[k - 1]);
+  if (!(power > 0.5 && power < 3.0)) return std::nullopt;  // it is not at its beginning
+  return (force[k] * depth[k] - force[k - 1] * depth[k - 1]) / (power + 1.0);
 }
 
 // Of the force over the last increment: the parabola through the last three places, or a line; from where a
@@ -186,6 +198,7 @@ class QuasiStaticMarch {
   void set_tool(double travel);
   void search(double tolerance, Found& found);
   void check(const Increment& increment, Found& found);
+  bool begins_to_rub() const { return loading_.begun.frame == 0 && has_friction(loading_); }
   bool tool_alone_moves(double along) const;
   double work_of(const Increment& increment, bool snapped) const;
   void check_equilibrium(const Moment& now, const Found& found);
@@ -289,7 +302,7 @@ Increment QuasiStaticMarch::next_increment() const {
   const std::vector<double>& depths = state_.depths;
   const double end = step_ * static_cast<double>(state_.step + 1), at = depths.back();
   const double last = depths.size() > 1 ? at - depths[depths.size() - 2] : step_;
-  const double first = depths.size() == 1 && has_friction(loading_) ? first_with_friction * step_ : step_;
+  const double first = depths.size() == 1 && begins_to_rub() ? first_with_friction * step_ : step_;
   const double length = std::min({after_failure_, state_.longest, 2.0 * last, end - at, first});
   const bool arrives = end - at - length < same_depth * step_;
   const double to = arrives ? end : at + length;
@@ -400,6 +413,9 @@ double QuasiStaticMarch::work_of(const Increment& increment, bool snapped) const
   if (tool_alone_moves(-1.0) && force[k] == 0.0 && before > 0.0 &&
       before <= at[k] - at[k - 1] + same_depth * step_)
     return share_of_first_work(system_.touching()->touch().shape, before) * before * force[k - 1];
+  constexpr std::size_t first_few = 4;  // up to the end of a load step with friction
+  const bool begins = k > 1 && k < first_few && tool_alone_moves(1.0) && !increment.has_no_curve && !snapped;
+  if (const std::optional<double> work = begins ? work_of_growing(at, force) : std::nullopt) return *work;
   const double first_share =
       tool_alone_moves(1.0) ? share_of_first_work(system_.touching()->touch().shape, increment.to) : 0.5;
   return work_of_last(at, force, increment.has_no_curve || snapped, first_share);
@@ -426,7 +442,7 @@ void QuasiStaticMarch::check(const Increment& increment, Found& found) {
   // Of a body that is left to itself what is off came before, and no shorter increment mends it.
   const bool rests = system_.touching() && stored.sum() <= 1e-6 * state_.account.largest_external &&
                      system_.touching()->touched().samples == 0;
-  if (state_.depths.size() > few)
+  if (state_.depths.size() > few + (begins_to_rub() ? 2 : 0))  // one step in three increments
     guards_.check_energy(found.energy,
                          std::max(state_.account.largest_external, std::abs(found.energy.external)),
                          /*duration=*/now.t, /*conserves=*/false, now, /*warns_alone=*/rests);

@@ -54,7 +54,8 @@ ToolPose first_touch(const Touch& touch, const Nodal& u);
 ///
 ///     |t_s| <= friction lambda_s;   slip_s = 0 where it is less, opposite to t_s where it is not.
 /// A sample that comes to touch slips from where it would touch if it went on as in the step before; in the
-/// first step all slide freely along a tool, and along a wall from where it is nearest to them at rest.
+/// first step, which a march keeps short, all slide freely along a tool, and along a wall from where it is
+/// nearest to them at rest.
 /// Friction takes energy, see heat().
 class TouchingTool : public ContactTerm {
  public:

@@ -82,6 +82,17 @@ TEST_F(Compare, ARunIsItself) {
   EXPECT_THAT(ran.out, HasSubstr("the same force; the bands overlap"));
 }
 
+TEST_F(Compare, SaysHowManyNodesAnAccuracyHasTakenAndNotHowManyWereNotAskedFor) {
+  const Ran ran = dimple(folder,
+                         "run body.nrrd -o b --depth 1mm --frames 4 --indenter-diameter 10mm --write force "
+                         "--quiet --accuracy 20%");
+  ASSERT_EQ(ran.code, 0) << ran.err;
+  const auto nodes = Json::parse(read_file(folder / "b/summary.json"))["counts"]["nodes"].get<int>();
+  const std::string differences = compared("a", "b")["differences"].dump();
+  EXPECT_EQ(differences.find("cloud.nodes"), std::string::npos) << differences;
+  EXPECT_EQ(differences.find("chosen nodes") != std::string::npos, nodes != 1000) << differences;
+}
+
 TEST_F(Compare, BandsOverlapWhereTheyTouchAndNotBeyond) {
   // The modulus moves the second band by its own width at most where it is given so.
   const Json own = compared("a", "a")["at_depth"][3];
