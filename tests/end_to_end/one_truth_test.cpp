@@ -27,7 +27,7 @@ Json held(const std::string& page, const std::string& id) {
   return Json::parse(page.substr(from, page.find("</script>", from) - from));
 }
 
-/// "75.4 mN at 8.00 mm, 69.3 to 81.4 (discretisation)", from the summary.
+/// "75.4 mN at 8.00 mm, 69.3 to 81.5 (discretisation)", from the summary.
 std::string headline(const Json& summary) {
   const double force = summary.at("force_N");
   const Written as = force_written(force);
