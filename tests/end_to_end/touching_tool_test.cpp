@@ -406,9 +406,9 @@ TEST(ToolThatTouches, ThatHasComeInByHardlyAnythingFindsItsFirstForce) {
   const char* place = std::getenv("DIMPLE_SHARED_DATA");
   if (!place) GTEST_SKIP() << "skipped: DIMPLE_SHARED_DATA names no folder with label images";
   const fs::path folder = fresh_folder();
-  const Ran ran = dimple(folder, {"run", fs::path(place) / "heart_ct_1.5mm.nii.gz", "-o", "out", "-q",
-                                  "--write", "force", "--band", "off", "--tool", "sphere:5mm", "--friction",
-                                  "0.3", "--depth", "4mm", "--set", "solver.step_radii=0.0933333333"});
+  const Ran ran =
+      dimple(folder, {"run", fs::path(place) / "heart_ct_1.5mm.nii.gz", "-o", "out", "-q", "--write", "force",
+                      "--band", "off", "--tool", "sphere:5mm", "--friction", "0.3", "--depth", "4mm"});
   ASSERT_EQ(ran.code, 0) << ran.err;
   EXPECT_TRUE(nlohmann::json::parse(text_of(folder / "out" / "summary.json"))["retries"].empty());
 }
