@@ -439,6 +439,7 @@ _SUPPORTS = """\
 supports : dict, optional
     Parts of the body that are held beside the base or moved beside the tool, by names of your own:
     ``{"retractor": {"on": "left", "move_mm": (3, 0, 0)}}``. `build_model` needs to know those that are the tissue of a label.
+    Under a `Session` they have come all of their way where the tool is at ``depth_mm``.
 """
 _PRESSURES = """\
 pressures : dict, optional
