@@ -26,7 +26,7 @@ demo: build
 test: bootstrap
 	cmake --preset release -DDIMPLE_TESTS=ON
 	cmake --build $(BUILD)
-	ctest --test-dir $(BUILD) --output-on-failure -j 2
+	ctest --test-dir $(BUILD) --output-on-failure -j 3
 
 build: bootstrap
 	cmake --preset release -DDIMPLE_TESTS=OFF

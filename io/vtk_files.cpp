@@ -236,7 +236,7 @@ void write_xml(const fs::path& file, vtkDataObject& data, bool small, bool even_
 
 // ------------------------------------------------------------------------------------------ fields from VTK
 
-[[noreturn]] void refuse(const fs::path& file, std::string fact, std::string why, std::string remedy) {
+[[noreturn]] void refuse_vtk(const fs::path& file, std::string fact, std::string why, std::string remedy) {
   throw InputError({.fact = std::move(fact),
                     .where = fmt::format("reading {}", file.string()),
                     .why = std::move(why),
@@ -288,16 +288,17 @@ std::vector<Field> fields_of(vtkFieldData& data) {
 /// Finite positions, at least one.
 Points positions_of(const fs::path& file, vtkPointSet& set) {
   if (set.GetNumberOfPoints() == 0)
-    refuse(file, fmt::format("{} holds no point", file.filename().string()),
-           "the file is well formed but its point list is empty", "export it again, or name another file");
+    refuse_vtk(file, fmt::format("{} holds no point", file.filename().string()),
+               "the file is well formed but its point list is empty",
+               "export it again, or name another file");
   Points position_mm = unpacked(*set.GetPoints()->GetData());
   for (Index n = 0; n < position_mm.cols(); ++n)
     if (!position_mm.col(n).allFinite())
-      refuse(file,
-             fmt::format("point {} of {} lies at ({}, {}, {})", n, position_mm.cols(), position_mm(0, n),
-                         position_mm(1, n), position_mm(2, n)),
-             "a position must be three finite numbers; the program that wrote the file did not check",
-             "remove that point or repair the file");
+      refuse_vtk(file,
+                 fmt::format("point {} of {} lies at ({}, {}, {})", n, position_mm.cols(), position_mm(0, n),
+                             position_mm(1, n), position_mm(2, n)),
+                 "a position must be three finite numbers; the program that wrote the file did not check",
+                 "remove that point or repair the file");
   return position_mm;
 }
 
@@ -441,11 +442,11 @@ auto read_xml(const fs::path& file, const std::string& kind, const std::string& 
   const std::string name = file.filename().string();
   std::error_code ignored;
   if (!fs::exists(file, ignored))
-    refuse(file, fmt::format("there is no file {}", file.string()), "no such file or folder",
-           "check the path; it is relative to the current folder");
+    refuse_vtk(file, fmt::format("there is no file {}", file.string()), "no such file or folder",
+               "check the path; it is relative to the current folder");
   if (fs::is_directory(file, ignored))
-    refuse(file, fmt::format("{} is a folder", name), fmt::format("a {} file is needed", suffix),
-           "name a file in it");
+    refuse_vtk(file, fmt::format("{} is a folder", name), fmt::format("a {} file is needed", suffix),
+               "name a file in it");
   require_regular_file(file);
   const std::string content = read_file(file);
 
@@ -453,17 +454,17 @@ auto read_xml(const fs::path& file, const std::string& kind, const std::string& 
   vtkNew<vtkXMLFileReadTester> tester;
   tester->SetFileName(file.c_str());
   if (tester->TestReadFile() == 0)
-    refuse(file, fmt::format("{} is not a VTK XML file", name),
-           "it does not start with an XML element <VTKFile type=...>",
-           fmt::format("convert it to {} (ParaView: File > Save Data)", suffix));
+    refuse_vtk(file, fmt::format("{} is not a VTK XML file", name),
+               "it does not start with an XML element <VTKFile type=...>",
+               fmt::format("convert it to {} (ParaView: File > Save Data)", suffix));
   const std::string found = tester->GetFileDataType() == nullptr ? "nothing" : tester->GetFileDataType();
   if (found != kind)
-    refuse(file, fmt::format("{} holds {}, not {}", name, found, kind),
-           fmt::format("a {} file is needed here", suffix),
-           fmt::format("name a {} file, or convert this one in ParaView", suffix));
+    refuse_vtk(file, fmt::format("{} holds {}, not {}", name, found, kind),
+               fmt::format("a {} file is needed here", suffix),
+               fmt::format("name a {} file, or convert this one in ParaView", suffix));
 
   if (const std::string flaw = fatal_flaw(content, kind); !flaw.empty())
-    refuse(file, fmt::format("{} is damaged", name), flaw, "copy or export it again");
+    refuse_vtk(file, fmt::format("{} is damaged", name), flaw, "copy or export it again");
 
   vtkNew<CheckedReader<Reader>> reader;
   reader->SetFileName(file.c_str());
@@ -471,20 +472,20 @@ auto read_xml(const fs::path& file, const std::string& kind, const std::string& 
     reader->UpdateInformation();
     const auto bytes = fs::file_size(file);
     if (const auto count = reader->impossible_count(bytes))
-      refuse(file, fmt::format("{} is damaged", name),
-             fmt::format("its header states {} points or cells; the file has {} bytes", *count, bytes),
-             "copy or export it again");
+      refuse_vtk(file, fmt::format("{} is damaged", name),
+                 fmt::format("its header states {} points or cells; the file has {} bytes", *count, bytes),
+                 "copy or export it again");
     reader->Update();
   } catch (const Error&) {
     throw;
   } catch (const std::exception& e) {  // no memory, or the file has just disappeared
-    refuse(file, fmt::format("{} is damaged", name), fmt::format("reading gave up: {}", e.what()),
-           "copy or export it again");
+    refuse_vtk(file, fmt::format("{} is damaged", name), fmt::format("reading gave up: {}", e.what()),
+               "copy or export it again");
   }
   if (!messages.empty() || reader->GetErrorCode() != 0)
-    refuse(file, fmt::format("{} is damaged or incomplete", name),
-           fmt::format("VTK says: {}", messages.text()),
-           "copy or export it again; a full disk or a broken transfer cuts files short");
+    refuse_vtk(file, fmt::format("{} is damaged or incomplete", name),
+               fmt::format("VTK says: {}", messages.text()),
+               "copy or export it again; a full disk or a broken transfer cuts files short");
   return vtkSmartPointer(reader->GetOutput());
 }
 
@@ -693,15 +694,15 @@ TriangleStrips strips_of(const fs::path& file, vtkPolyData& mesh) {
   for (vtkIdType s = 0; s < cells.GetNumberOfCells(); ++s) {
     cells.GetCellAtId(s, corners, corner);
     if (corners < 3)
-      refuse(file,
-             fmt::format("triangle strip {} of {} has {} corners", s, file.filename().string(), corners),
-             "it needs three", "export it again");
+      refuse_vtk(file,
+                 fmt::format("triangle strip {} of {} has {} corners", s, file.filename().string(), corners),
+                 "it needs three", "export it again");
     for (vtkIdType c = 0; c < corners; ++c) {
       if (corner[c] < 0 || corner[c] >= mesh.GetNumberOfPoints())
-        refuse(file,
-               fmt::format("triangle strip {} of {} uses point {}; there are {}", s, file.filename().string(),
-                           corner[c], mesh.GetNumberOfPoints()),
-               "the file contradicts itself", "export it again");
+        refuse_vtk(file,
+                   fmt::format("triangle strip {} of {} uses point {}; there are {}", s,
+                               file.filename().string(), corner[c], mesh.GetNumberOfPoints()),
+                   "the file contradicts itself", "export it again");
       strips.corner.push_back(static_cast<int>(corner[c]));
     }
     strips.offset.push_back(static_cast<int>(strips.corner.size()));
@@ -779,23 +780,23 @@ SurfaceFile read_vtp(const fs::path& file) {
   vtkCellArray& polygons = *mesh->GetPolys();
   const TriangleStrips strips = strips_of(file, *mesh);
   if (polygons.GetNumberOfCells() == 0 && strips.corner.empty())
-    refuse(file, fmt::format("{} holds points but no triangle", name), "it is not a surface",
-           "name the file of a triangle surface");
+    refuse_vtk(file, fmt::format("{} holds points but no triangle", name), "it is not a surface",
+               "name the file of a triangle surface");
   surface.triangles.resize(3, polygons.GetNumberOfCells());
   vtkIdType corners = 0;
   const vtkIdType* corner = nullptr;
   for (Index t = 0; t < surface.triangles.cols(); ++t) {
     polygons.GetCellAtId(t, corners, corner);
     if (corners != 3)
-      refuse(file, fmt::format("polygon {} of {} has {} corners", t, name, corners),
-             "a surface of triangles is needed",
-             "apply the Triangulate filter in ParaView and save the result");
+      refuse_vtk(file, fmt::format("polygon {} of {} has {} corners", t, name, corners),
+                 "a surface of triangles is needed",
+                 "apply the Triangulate filter in ParaView and save the result");
     for (Index c = 0; c < 3; ++c) {
       if (corner[c] < 0 || corner[c] >= surface.position_mm.cols())
-        refuse(file,
-               fmt::format("triangle {} of {} uses point {}; there are {}", t, name, corner[c],
-                           surface.position_mm.cols()),
-               "the file contradicts itself", "export it again");
+        refuse_vtk(file,
+                   fmt::format("triangle {} of {} uses point {}; there are {}", t, name, corner[c],
+                               surface.position_mm.cols()),
+                   "the file contradicts itself", "export it again");
       surface.triangles(c, t) = corner[c];
     }
   }

@@ -20,7 +20,7 @@ constexpr int lines_per_edge = 4;
 constexpr double sliver = 0.1;  // of a cell
 // Bounds, per point wanted: cells of a body's whole box, and leaves.
 constexpr double box_cells_per_point = 1000.0;
-constexpr std::size_t leaves_per_point = 20, fewest_bound = 20000;
+constexpr std::size_t leaves_per_point = 20, fewest_leaves = 20000;
 constexpr int trials = 5;
 constexpr double most_at_a_time = 8.0;  // by which a trial changes the volume of the cells
 
@@ -258,7 +258,7 @@ IntegrationGrid make_integration_grid(const BodySurface& body, const GridOptions
   Cells cells;
   const Vec3 size = body.upper() - body.lower();
   for (int trial = 0; trial < trials; ++trial) {
-    if (!(((size / edge).array() + 2.0).prod() < box_cells_per_point * wanted + fewest_bound))
+    if (!(((size / edge).array() + 2.0).prod() < box_cells_per_point * wanted + fewest_leaves))
       refuse_grid(body, wanted);
     cells = fill(body, edge);
     const double error =
@@ -301,7 +301,7 @@ std::vector<Leaf> graded_leaves(const BodySurface& body, const PointDensity& den
   };
   double scale =
       static_cast<double>(node_count) * 13.0 / wanted;  // as clouds of 1000 to 30,000 nodes have it
-  const std::size_t most = std::max(fewest_bound, leaves_per_point * static_cast<std::size_t>(wanted));
+  const std::size_t most = std::max(fewest_leaves, leaves_per_point * static_cast<std::size_t>(wanted));
   std::optional<std::vector<Leaf>> found;
   for (int trial = 0; trial < trials; ++trial) {
     found = bisect(

@@ -15,7 +15,7 @@ namespace {
 
 constexpr double margin = 3.0;         // of the largest displacement, within which the surroundings follow
 constexpr double settled = 1e-3;       // of a voxel
-constexpr int most_steps = 16;         // of Newton's method
+constexpr int most_newton_steps = 16;  // of Newton's method
 constexpr int cheap_steps = 4;         // of them with the gradient that is known
 constexpr double neighbourhood = 2.0;  // cells that it may leave its start by
 constexpr double on_edge = 1e-6;       // of a tetrahedron's coordinates
@@ -556,7 +556,7 @@ void DeformationMap::solve(std::vector<Seeker>& group, WayBackReport& report) co
   for (Seeker& one : group) open.push_back(&one);
   Points places, u;
   Eigen::Matrix<double, 9, Eigen::Dynamic> derivative;
-  for (int step = 0; step < most_steps && !open.empty(); ++step) {
+  for (int step = 0; step < most_newton_steps && !open.empty(); ++step) {
     places.resize(3, static_cast<Index>(open.size()));
     for (std::size_t m = 0; m < open.size(); ++m) places.col(static_cast<Index>(m)) = open[m]->X;
     // The tetrahedron's gradient is there already, and serves nearly all.

@@ -24,11 +24,11 @@ constexpr double sought = 2.3;         // radii: a little beyond the room that i
 // limit.
 constexpr double gentle_slope = 60.0, steep_slope = 80.0, gentle_turn = 25.0, sharp_turn = 60.0;  // degrees
 constexpr double negligible = 0.03;
-constexpr double smoothing = 0.25;     // radii: of the heights before they are judged
-constexpr Index most_steps = 10;       // of the lattice of cuts, to a radius
-constexpr double whole_disc = 1.05;    // radii: the disc and a little more
-constexpr double half_disc = 0.5;      // radii
-constexpr double price_of_room = 4.0;  // radii of height for a whole radius of margin
+constexpr double smoothing = 0.25;        // radii: of the heights before they are judged
+constexpr Index most_lattice_steps = 10;  // of the lattice of cuts, to a radius
+constexpr double whole_disc = 1.05;       // radii: the disc and a little more
+constexpr double half_disc = 0.5;         // radii
+constexpr double price_of_room = 4.0;     // radii of height for a whole radius of margin
 // Slopes less than five degrees, such as the voxels' ripples are, decide nothing: of a plateau its middle is
 // taken, along the directions in which the body is longest and shortest.
 constexpr double level = 0.08;
@@ -75,7 +75,7 @@ class Cuts {
 Cuts::Cuts(const HeightMap& map, double radius) : radius_(radius), corner_(map.corner), step_(map.step) {
   grade(map);
   // Of a lattice that is finer than the question needs the mean of several places.
-  const Index merge = static_cast<Index>(radius / static_cast<double>(most_steps) / map.step);
+  const Index merge = static_cast<Index>(radius / static_cast<double>(most_lattice_steps) / map.step);
   if (merge < 2) {
     count_missing();
     return;

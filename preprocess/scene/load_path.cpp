@@ -18,7 +18,7 @@ constexpr double most_in_box = 4e6;  // and all, in a body that fills little of 
 constexpr double most_finer = 30.0;  // times the half-space's flux
 
 // Cells of one edge that fill the body's box.
-struct Lattice {
+struct FlowLattice {
   std::array<Index, 3> n = {}, stride = {};
   double edge = 0.0;
   Vec3 origin = Vec3::Zero();             // the first cell's centre
@@ -27,7 +27,7 @@ struct Lattice {
   std::vector<int> number;                // among those inside, or -1
   std::vector<Index> cell;                // those inside
 
-  explicit Lattice(const BodySurface& body) {
+  explicit FlowLattice(const BodySurface& body) {
     const Vec3 size = body.upper() - body.lower();
     edge = std::cbrt(std::max(body.volume() / cells, size.prod() / most_in_box));
     for (std::size_t d = 0; d < 3; ++d)
@@ -81,7 +81,7 @@ struct Lattice {
 };
 
 // Where a cell's face lies on the surface beneath, low enough, it is held: half a cell's way from there.
-void hold(const Lattice& lattice, const Boundary& boundary, Index c, double& diagonal) {
+void hold(const FlowLattice& lattice, const Boundary& boundary, Index c, double& diagonal) {
   const auto [i, j, k] = lattice.at(c);
   if (boundary.lowest - lattice.place(i, j, k).dot(boundary.down) > boundary.base_depth + lattice.edge)
     return;
@@ -94,7 +94,7 @@ void hold(const Lattice& lattice, const Boundary& boundary, Index c, double& dia
 }
 
 // Between cells inside: what flows from one to the next is the difference of their potentials.
-Eigen::SparseMatrix<double> conduction(const Lattice& lattice, const Boundary& boundary) {
+Eigen::SparseMatrix<double> conduction(const FlowLattice& lattice, const Boundary& boundary) {
   const auto rows = static_cast<Index>(lattice.cell.size());
   Eigen::VectorXd diagonal = Eigen::VectorXd::Constant(rows, 1e-9);
   std::vector<Eigen::Triplet<double>> entries;
@@ -118,7 +118,7 @@ Eigen::SparseMatrix<double> conduction(const Lattice& lattice, const Boundary& b
 }
 
 // The cell inside that is nearest to a place, of those around it; -1: none is.
-Index cell_near(const Lattice& lattice, const Vec3& x) {
+Index cell_near(const FlowLattice& lattice, const Vec3& x) {
   const Eigen::Matrix<Index, 3, 1> near = ((x - lattice.origin) / lattice.edge).array().round().cast<Index>();
   const auto& n = lattice.n;
   Index best = -1;
@@ -137,7 +137,7 @@ Index cell_near(const Lattice& lattice, const Vec3& x) {
 }
 
 // [cells inside] What flows in under the circle, 1 in all; none where no cell is near it.
-Eigen::VectorXd inflow(const Lattice& lattice, const Boundary& boundary, const Points& rim) {
+Eigen::VectorXd inflow(const FlowLattice& lattice, const Boundary& boundary, const Points& rim) {
   Eigen::VectorXd flux = Eigen::VectorXd::Zero(static_cast<Index>(lattice.cell.size()));
   for (const double part : {0.25, 0.55, 0.75, 0.93})
     for (Index k = 0; k < rim.cols(); ++k) {
@@ -161,7 +161,7 @@ Eigen::VectorXd potential(const Eigen::SparseMatrix<double>& matrix, const Eigen
 }
 
 // Through a cell's faces, the mean of each two.
-Vec3 flux_through(const Lattice& lattice, const Eigen::VectorXd& phi, Index r) {
+Vec3 flux_through(const FlowLattice& lattice, const Eigen::VectorXd& phi, Index r) {
   const Index c = lattice.cell[static_cast<std::size_t>(r)];
   Vec3 through = Vec3::Zero();
   for (std::size_t d = 0; d < 3; ++d) {
@@ -176,7 +176,7 @@ Vec3 flux_through(const Lattice& lattice, const Eigen::VectorXd& phi, Index r) {
 }
 
 // Nowhere steeper: `step` from a cell to the next.
-void limit_slope(const Lattice& lattice, double step, std::vector<double>& value) {
+void limit_slope(const FlowLattice& lattice, double step, std::vector<double>& value) {
   for (int pass = 0; pass < 2; ++pass)
     for (Index k = 0; k < lattice.all(); ++k) {
       const Index c = pass == 0 ? k : lattice.all() - 1 - k;
@@ -196,7 +196,7 @@ void limit_slope(const Lattice& lattice, double step, std::vector<double>& value
 LoadPath::LoadPath(const BodySurface& body, const Boundary& boundary, const Points& rim, double exponent,
                    double slope)
     : slope_(slope) {
-  const Lattice lattice(body);
+  const FlowLattice lattice(body);
   n_ = lattice.n;
   edge_ = lattice.edge;
   origin_ = lattice.origin;

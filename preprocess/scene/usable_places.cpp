@@ -14,7 +14,7 @@
 namespace dimple {
 namespace {
 
-constexpr double most_places = 3000.0;  // that are looked at
+constexpr double most_looked_at = 3000.0;  // that are looked at
 
 std::string side_of(const BodySurface& body, const Vec3& local) {
   return side_towards(body.to_world().linear() * local);
@@ -87,7 +87,7 @@ struct Surveyed {
 Surveyed surveyed(const BodySurface& body, const Boundary& boundary) {
   const View view(body, moments_of(body), boundary.push);
   const double stride =
-      std::max(boundary.radius, std::sqrt(Eigen::Vector2d(view.high - view.low).prod() / most_places));
+      std::max(boundary.radius, std::sqrt(Eigen::Vector2d(view.high - view.low).prod() / most_looked_at));
   const auto is_free = [&](const Vec3& leaves) { return !reaches_base(boundary, leaves); };
   Surveyed result;
   for (const SurveyedPlace& place : survey(view, boundary.radius, stride, is_free)) {

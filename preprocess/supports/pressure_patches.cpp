@@ -24,7 +24,7 @@ constexpr double far_corner = 3.0;      // from this growth on the nearest patch
 constexpr double snap =
     1e-8;  // [m]: coordinates that differ by less are ties, broken by number; and a small share
 
-struct Places {
+struct PointPlaces {
   Points x;               // in the image's axes, [m]
   Eigen::VectorXd h;      // spacing of the nodes around
   Eigen::VectorXd worth;  // in nodes
@@ -33,7 +33,7 @@ struct Places {
 using Groups = std::vector<std::vector<int>>;
 
 // Halves `group` into `count` groups of equal worth, each time across its longest side.
-Groups split(const Places& places, std::vector<int> group, Index count) {
+Groups split(const PointPlaces& places, std::vector<int> group, Index count) {
   stop_if_asked();
   if (count <= 1 || group.size() < 2) return {std::move(group)};
   Vec3 lower = Vec3::Constant(std::numeric_limits<double>::infinity()), upper = -lower;
@@ -117,7 +117,7 @@ Groups connected(const CompressedRows& support, const Groups& groups) {
   return result;
 }
 
-Patches patches_of(const Places& places, const std::vector<int>& points, Index count, double worth,
+Patches patches_of(const PointPlaces& places, const std::vector<int>& points, Index count, double worth,
                    const CompressedRows* support) {
   Groups groups = split(places, points, count);
   const auto whole = static_cast<double>(groups.size());
@@ -179,9 +179,9 @@ Patches patches_of(const Places& places, const std::vector<int>& points, Index c
 
 using Share = std::vector<std::pair<int, double>>;  // patches that a point belongs to, and how much
 
-Places places_of(const Model& model) {
+PointPlaces places_of(const Model& model) {
   const Index count = model.point_count();
-  Places places;
+  PointPlaces places;
   places.x = model.axes.transpose() * model.point;
   places.h.resize(count);
   places.worth.resize(count);
@@ -204,7 +204,7 @@ struct Nearby {
 
 // Of point q, with patches numbered from `first` on. `folded`: only those that are met through
 // common nodes.
-Share share_of(const Model& model, const Places& places, const Nearby& nearby, int q, int first,
+Share share_of(const Model& model, const PointPlaces& places, const Nearby& nearby, int q, int first,
                bool folded) {
   const auto& [patches, tree, largest_radius] = nearby;
   const int most = static_cast<int>(std::min<Index>(40, patches.centre.cols())), few = std::min(most, 20);
@@ -387,7 +387,7 @@ std::vector<Index> divide_patches(Model& model, const std::vector<Index>& whole,
 
 void make_pressure_patches(Model& model, bool folded, double nodes_per_patch) {
   const Index count = model.point_count();
-  const Places places = places_of(model);
+  const PointPlaces places = places_of(model);
   const double nodes_per_worth = static_cast<double>(model.node_count()) / places.worth.sum();
 
   std::map<int, std::vector<int>> of_tissue;

@@ -22,9 +22,9 @@
 namespace dimple {
 namespace {
 
-constexpr int each_way = 4;             // samples of a cell along each of its axes
-constexpr double least_part = 0.125;    // of a cell
-constexpr double farthest_grown = 2.5;  // radii that a support is enlarged to at most, see find_supports()
+constexpr int each_way = 4;              // samples of a cell along each of its axes
+constexpr double least_of_cell = 0.125;  // of a cell
+constexpr double farthest_grown = 2.5;   // radii that a support is enlarged to at most, see find_supports()
 // Of the nodes on the banks, in spacings: from each other, from nodes that are there, from where the sheet
 // ends in the tissue, and off the sheet.
 constexpr double apart = 0.7, from_others = 0.4, from_end = 0.5, off_sheet = 1e-3;
@@ -86,7 +86,7 @@ std::optional<std::array<Part, 2>> parts_of(const Model& model, Index q, const S
   const std::size_t all = sides[0].size() + sides[1].size();
   const Mat3 of_sample = about / (each_way * each_way);
   const std::array<Part, 2> parts = {part_of(sides[0], of_sample, all), part_of(sides[1], of_sample, all)};
-  return parts[1].share < least_part ? std::nullopt : std::optional(parts);
+  return parts[1].share < least_of_cell ? std::nullopt : std::optional(parts);
 }
 
 // Where the way between the middles of a cell's parts passes the sheet; or none, where it goes round it.

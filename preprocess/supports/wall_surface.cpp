@@ -17,7 +17,7 @@ namespace {
 
 constexpr double most_held = 0.5;  // of a sample that moves with the base: it has nothing to give
 
-using Cells = std::vector<std::vector<Index>>;  // the pieces of each sample
+using PiecesOfSamples = std::vector<std::vector<Index>>;  // the pieces of each sample
 
 double held_share(const Model& model, const std::vector<Index>& pieces, const Points& area,
                   const Interpolation& at_piece) {
@@ -66,7 +66,7 @@ ContactSurface wall_surface(const Model& model, const MayTouch& may_touch, Index
   result.at_between = surface_interpolation(model, result.between, area);
   const auto of_node = by_node(node, area);
   // Neighbours in a grid that is as coarse as it must be join.
-  Cells cells;
+  PiecesOfSamples cells;
   std::vector<double> spacing;
   double coarse = 0.0;
   for (double edge = 0.0;; edge = edge > 0.0 ? 1.2 * edge : model.spacing.minCoeff()) {

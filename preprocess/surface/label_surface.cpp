@@ -369,12 +369,12 @@ using Quads = Eigen::Matrix<double, 4, Eigen::Dynamic>;
 
 // Vertices block by block, in each by how many neighbours they have: a loop that mostly ends after as many
 // steps as the last one is foreseen.
-constexpr Index block = 1024;
+constexpr Index block_size = 1024;
 std::vector<int> by_neighbours(const CompressedRows& next) {
   std::vector<int> order(static_cast<std::size_t>(next.rows()));
   std::iota(order.begin(), order.end(), 0);
-  for (Index first = 0; first < next.rows(); first += block)
-    std::stable_sort(order.begin() + first, order.begin() + std::min(first + block, next.rows()),
+  for (Index first = 0; first < next.rows(); first += block_size)
+    std::stable_sort(order.begin() + first, order.begin() + std::min(first + block_size, next.rows()),
                      [&](int a, int b) { return next.count(a) < next.count(b); });
   return order;
 }
@@ -392,8 +392,8 @@ template <class Change>
 void for_each_vertex(const std::vector<int>& order, const Change& change) {
   const auto count = static_cast<Index>(order.size());
   stop_if_asked();
-  tbb::parallel_for(Index{0}, (count + block - 1) / block, [&](Index k) {
-    for (Index i = block * k; i < std::min(block * (k + 1), count); ++i)
+  tbb::parallel_for(Index{0}, (count + block_size - 1) / block_size, [&](Index k) {
+    for (Index i = block_size * k; i < std::min(block_size * (k + 1), count); ++i)
       change(order[static_cast<std::size_t>(i)]);
   });
 }

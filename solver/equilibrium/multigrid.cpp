@@ -11,8 +11,6 @@
 namespace dimple {
 namespace {
 
-using Sparse = Multigrid::Sparse;
-
 constexpr Eigen::Index coarsest_rows = 300;  // few enough for a dense inverse
 constexpr std::int32_t rows_per_task = 1024;
 // Of the largest eigenvalue: what lies below is left to the coarser level. 0.2 and 0.3 serve as well, 0.1
@@ -24,25 +22,26 @@ constexpr int cycles = 2;
 
 // Each row belongs to the aggregate whose number is given; -1 for rows without neighbours, which the smoother
 // solves. First whole neighbourhoods, then what is left joins the aggregate that holds it most.
-std::vector<int> aggregate(const Sparse& matrix, int& count) {
+std::vector<int> aggregate(const Multigrid::Sparse& matrix, int& count) {
   const auto n = static_cast<std::size_t>(matrix.rows());
   std::vector<int> of_row(n, -1);
   count = 0;
   for (int i = 0; i < matrix.rows(); ++i) {
     bool untouched = true, alone = true;
-    for (Sparse::InnerIterator e(matrix, i); e; ++e) {
+    for (Multigrid::Sparse::InnerIterator e(matrix, i); e; ++e) {
       untouched = untouched && of_row[static_cast<std::size_t>(e.col())] < 0;
       alone = alone && (e.col() == i || e.value() == 0.0);
     }
     if (!untouched || alone) continue;
-    for (Sparse::InnerIterator e(matrix, i); e; ++e) of_row[static_cast<std::size_t>(e.col())] = count;
+    for (Multigrid::Sparse::InnerIterator e(matrix, i); e; ++e)
+      of_row[static_cast<std::size_t>(e.col())] = count;
     ++count;
   }
   const std::vector<int> first = of_row;
   for (int i = 0; i < matrix.rows(); ++i) {
     if (first[static_cast<std::size_t>(i)] >= 0) continue;
     double strongest = 0.0;
-    for (Sparse::InnerIterator e(matrix, i); e; ++e)
+    for (Multigrid::Sparse::InnerIterator e(matrix, i); e; ++e)
       if (e.col() != i && first[static_cast<std::size_t>(e.col())] >= 0 && -e.value() > strongest) {
         strongest = -e.value();
         of_row[static_cast<std::size_t>(i)] = first[static_cast<std::size_t>(e.col())];
@@ -52,7 +51,7 @@ std::vector<int> aggregate(const Sparse& matrix, int& count) {
 }
 
 // Of D^-1 A, about: Gershgorin's bound is half as much again, and the cycle then half as good.
-double largest_eigenvalue(const Sparse& matrix, const Eigen::VectorXd& diagonal) {
+double largest_eigenvalue(const Multigrid::Sparse& matrix, const Eigen::VectorXd& diagonal) {
   Eigen::VectorXd v(matrix.rows());
   for (Eigen::Index i = 0; i < v.size(); ++i) v[i] = std::sin(12.9898 * static_cast<double>(i));
   double largest = 0.0;
@@ -79,7 +78,7 @@ Multigrid::Rows Multigrid::pack(const Sparse& matrix) {
   rows.offset.assign(1, 0);
   rows.entry.reserve(static_cast<std::size_t>(matrix.nonZeros()));
   for (int i = 0; i < matrix.outerSize(); ++i) {
-    for (Sparse::InnerIterator e(matrix, i); e; ++e)
+    for (Multigrid::Sparse::InnerIterator e(matrix, i); e; ++e)
       rows.entry.push_back({static_cast<std::int32_t>(e.col()), static_cast<float>(e.value())});
     rows.offset.push_back(static_cast<std::int32_t>(rows.entry.size()));
   }

@@ -44,7 +44,7 @@ Vec3 place_on(const LiveTool& tool, const Vec3& near) {
   const Points& X = tool.session->model().X;
   Index node = 0;
   (X.colwise() - rest).colwise().squaredNorm().minCoeff(&node);
-  return rest + tool.session->displacement().col(node);
+  return rest + tool.session->nodal_parameters().col(node);
 }
 
 // 10 mm long, 4 to 10 deep, beside the tool: half of it is as long as the tool is wide to a side.
@@ -83,7 +83,7 @@ void one_stroke(LiveTool& tool, double depth, std::mt19937& random, int number, 
     ++frames;
     slowest = std::max(slowest, took);
     tally.frame_ms.push_back(1e3 * took);
-    const double farthest = tool.session->displacement().colwise().norm().maxCoeff();
+    const double farthest = tool.session->nodal_parameters().colwise().norm().maxCoeff();
     if (!std::isfinite(frame.force) || frame.force < -1e-6 || farthest > 2.5 * std::max(frame.depth, 1e-9)) {
       ++bad;
       fmt::print("bad frame: {} mm, {} N, farthest {} mm\n", 1e3 * frame.depth, frame.force, 1e3 * farthest);
