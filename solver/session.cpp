@@ -130,6 +130,11 @@ struct Session::Parts {
   };
   std::optional<Begun> begun;
   bool unsettled = false;  // what is shown is a state of the body before it was cut
+  // Of tissue that relaxes: what it remembers where it was never touched, whether that is so, and the time
+  // [s] that it has not been followed through.
+  std::vector<double> untouched = system->past();
+  bool resting = true;
+  double waited = 0.0;
 
   // Where the next equilibrium is looked for: on the line through the last two, if they are as far apart.
   void look_ahead(double to) {
@@ -184,7 +189,7 @@ struct Session::Parts {
     v.setZero();
     begun.reset();
     nothing_left();
-    unsettled = false;
+    unsettled = resting = false;
     residual = found.residual;
     return found.evaluations;
   }
@@ -195,7 +200,8 @@ struct Session::Parts {
       next = system->step_start().u;
       l = system->step_start().lambda;
       if (!options.touch) first_guess(model, model.tool.push, to, next);
-    } else if (system->viscoelastic()) {  // its states are no curve
+    } else if (system->viscoelastic() || (depth > known.deepest() && to > depth)) {
+      // What relaxes has no curve of states; and where the tool is may be known less well than close by.
       const KnownStates::Slope slope = known.slope(depth);
       next = u + (to - depth) * slope.u;
       l = lambda + (to - depth) * slope.lambda;
@@ -212,7 +218,7 @@ struct Session::Parts {
     if (known.state.size() < 2) return known.apart;
     const double way = caution * longest;
     if (system->viscoelastic()) return std::clamp(asked, depth - way, depth + way);
-    return std::min(asked, known.deepest() + way);
+    return std::min(asked, std::max(known.deepest(), depth) + way);
   }
 
   // What the forces and volumes left unbalanced at a depth are to the force on the tool; see
@@ -231,7 +237,7 @@ struct Session::Parts {
   }
 
   bool good(const Relaxed& found, const Nodal& its, double at) const {
-    const double reach = system->viscoelastic() ? std::max(at, depth) : at;
+    const double reach = system->viscoelastic() ? std::max({at, depth, known.deepest()}) : at;
     return std::isfinite(found.residual) && found.residual < shown && found.sweep.ok() &&
            static_cast<double>(found.sweep.inverted) <= folded * static_cast<double>(model.point_count()) &&
            (its - system->step_start().u).colwise().norm().maxCoeff() <
@@ -277,7 +283,11 @@ struct Session::Parts {
     return Wrench::Zero();
   }
 
+  // Of tissue that relaxes the dent is forgotten: whose nodes a circle has let go is not modelled.
   void lift() {
+    if (system->viscoelastic()) system->restore_past(untouched);
+    resting = true;
+    waited = 0.0;
     lie_at_rest();
     nothing_left();
     residual = 0.0;
@@ -339,18 +349,21 @@ struct Session::Parts {
   LiveFrame follow(double asked, const FrameLimit& limit, double dt) {
     Call call(asked, longest_tool, limit, options.tolerance, beside);
     call.force.resize(4, u.cols());
-    system->begin_step(dt);
+    system->begin_step(waited += dt);
     v.setZero();
     const std::int64_t at_first =
         options.touch && call.to > 0.0 && known.state.size() < 2 && !(unsettled && begun)
             ? find_first_contact()
             : 0;
-    if (call.to > 0.0 || system->viscoelastic())
+    if (call.to > 0.0 || (system->viscoelastic() && asked == 0.0 && !resting))
       while (comes_nearer(call)) {
       }
     else
       lift();
-    if (system->viscoelastic() && call.moved) system->accept_step(u);
+    if (call.moved) {
+      if (system->viscoelastic()) system->accept_step(u);
+      waited = 0.0;
+    }
     path.point.clear();
     path.push(depth, u, lambda);
     LiveFrame frame = frame_at_depth(asked, at_first + call.all - call.how.evaluations);
@@ -381,6 +394,20 @@ struct Session::Parts {
     return evaluations;
   }
 
+  // From the state that is tried, whichever that is.
+  Relaxed search(Call& call, bool anew) {
+    system->set({.depth = call.now.at});
+    const Relaxed found =
+        relax.mixed().within(call.now.u, call.now.lambda, call.force, call.how, anew, call.left);
+    call.how.evaluations -= found.evaluations;
+    call.time_is_up = call.how.evaluations < 1 || call.left.late;
+    return found;
+  }
+  bool is_good(const Call& call, const Relaxed& found) const {
+    return good(found, call.now.u, call.now.at) && pushes_back(call.now, call.force, call.left) &&
+           touches_well(call.now, call.left);
+  }
+
   // One search for an equilibrium. False: no further one follows it.
   bool comes_nearer(Call& call) {
     const Clock::time_point lap = call.timed ? Clock::now() : Clock::time_point();
@@ -389,13 +416,17 @@ struct Session::Parts {
     call.how.tolerance = call.arrives() ? options.tolerance : std::max(options.tolerance, passed);
     const bool anew = gradient_at < 0.0 || std::abs(now.at - gradient_at) > gradient_good * tool.radius;
     if (anew) gradient_at = now.at;
-    system->set({.depth = now.at});  // whichever state it begins from
-    const Relaxed found = relax.mixed().within(now.u, now.lambda, call.force, call.how, anew, call.left);
+    Relaxed found = search(call, anew);
+    bool is_well = is_good(call, found);
+    // On the way little is asked of a state: what is not good then may be where more is asked.
+    if (!is_well && !call.time_is_up && call.how.tolerance > options.tolerance &&
+        found.residual < call.how.tolerance) {
+      call.how.tolerance = options.tolerance;
+      found = search(call, false);
+      is_well = is_good(call, found);
+    }
     if (call.timed) call.iterating += Clock::now() - lap;
-    call.how.evaluations -= found.evaluations;
-    call.time_is_up = call.how.evaluations < 1 || call.left.late;
-    if (good(found, now.u, now.at) && pushes_back(now, call.force, call.left) &&
-        touches_well(now, call.left)) {
+    if (is_well) {
       take(call, found.residual);
       return !call.arrives() && !call.back && !call.time_is_up;
     }
@@ -425,7 +456,7 @@ struct Session::Parts {
     std::swap(left, call.left);
     residual = its_residual;
     depth = call.now.at;
-    unsettled = false;
+    unsettled = resting = false;
     call.moved = true;
     caution = std::min(1.0, 1.3 * caution);
     const LiveFrame here = frame_at_depth(call.asked, 0);
@@ -476,14 +507,14 @@ struct Session::Parts {
     const Predictor path_before = path;
     const double depth_before = depth;
     const std::optional<Begun> begun_before = begun;
-    const bool unsettled_before = unsettled;
+    const bool unsettled_before = unsettled, resting_before = resting;
     const std::vector<double> past = system->past();
     try {
       return move();
     } catch (...) {
       u = u_before, v = v_before, f = f_before, lambda = lambda_before, path = path_before;
       depth = depth_before;
-      begun = begun_before, unsettled = unsettled_before;
+      begun = begun_before, unsettled = unsettled_before, resting = resting_before;
       system->restore_past(past);
       throw;
     }
@@ -524,6 +555,12 @@ LiveFrame Session::follow(double depth, const FrameLimit& limit, double dt) {
          .remedy = "take the scheme 'converging' and a Poisson's ratio above 0.3, or call equilibrate()",
          .code = "no-live"});
   return p.follow(depth, limit, dt);
+}
+
+void Session::lift() {
+  parts_->lift();
+  parts_->path.point.clear();
+  parts_->path.push(0.0, parts_->u, parts_->lambda);
 }
 
 std::int64_t Session::step(double depth, double dt) {

@@ -76,7 +76,9 @@ class Session {
   /// Moves the tool towards `depth` [m] and follows the body for as long as the limit allows: the tool
   /// lags where that does not suffice, and every later frame goes on from there. No state is shown that is
   /// far from equilibrium, has folded over or lies beyond the tool; in its place the last good one stays.
-  /// Lifted (depth <= 0) the body is at rest. `dt` [s]: since the last frame, for viscoelastic tissue.
+  /// Lifted (depth <= 0) the body is at rest. Tissue that relaxes draws a circle that came back to depth 0
+  /// in, until it is lifted (depth < 0), which it forgets all by. `dt` [s]: since the last frame, for such
+  /// tissue.
   ///
   /// The force is that on the tool plus w.r + m.s, with r, s the forces and volumes left unbalanced and w, m
   /// the derivatives of displacements and pressures by the depth: its error is of second order in theirs.
@@ -86,6 +88,9 @@ class Session {
   /// The first frame of a tool that touches takes up to 240 evaluations more, to find what to begin with.
   /// Throws SolveError: a scheme that MixedIteration does not serve; Stopped.
   LiveFrame follow(double depth, const FrameLimit& limit, double dt = 0.0);
+
+  /// Lifts the tool: the body is as it was before it was touched, its states on the way remain known.
+  void lift();
 
   /// Moves the tool to `depth` [m] at an even speed within `dt` [s] and follows the body with its inertia, by
   /// central differences. Returns their number. Throws SolveError: they would be more than

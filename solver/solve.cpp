@@ -96,7 +96,7 @@ void solve(TimeMode mode, const ForceSystem& tissue, const Model& model, const L
     const std::unique_ptr<System> system =
         make_system(tissue, model, loading.contact, loading.further, loading.loads, options.tolerance,
                     loading.touch.get(), loading.folds, loading.walls, loading.settled.get());
-    if (!part || !part->near) history.settled = system->step_start().u.colwise().norm().maxCoeff();
+    if (!from && (!part || !part->near)) history.settled = system->step_start().u.colwise().norm().maxCoeff();
     switch (mode) {
       case TimeMode::quasi_static:
         if (!loading.steps.empty())

@@ -150,6 +150,9 @@ std::string why_no_band(const Config& config, const std::vector<Material>& tissu
     return "it was measured for the default nodes, points and supports alone";
   if (const std::optional<ToolShape> tool = tool_of(config)) {
     if (tool->mesh) return "it was measured for spheres, rods and punches, not for a tool that was drawn";
+    if (1e-3 * config.load.depth_mm < shallowest_with_tool_band * tool->radius * (1.0 - 1e-9))
+      return fmt::format("of a tool that touches it was measured from {:g} of its radius on",
+                         shallowest_with_tool_band);
     if (1e-3 * config.load.depth_mm <= deepest_with_tool_band * tool->radius * (1.0 + 1e-9)) return {};
     return fmt::format("of a tool that touches it was measured down to {:g} of its radius",
                        deepest_with_tool_band);

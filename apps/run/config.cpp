@@ -524,6 +524,20 @@ void resolve_spacing(Config& config) {
                       .remedy = "give one of --nodes and --spacing"});
 }
 
+// What was said nearer to the terminal takes back the other.
+void resolve_points(Config& config) {
+  if (!(config.grid.points > 0) || !(config.grid.ratio > 0.0)) return;
+  const int points = weight_of(config, "grid.points"), ratio = weight_of(config, "grid.ratio");
+  if (points < ratio) config.grid.points = 0;
+  if (points > ratio) config.grid.ratio = 0.0;
+  if (points == ratio)
+    throw UsageError({.fact = fmt::format("both {} integration points and {} of them per node are asked for",
+                                          config.grid.points, plain(config.grid.ratio)),
+                      .where = "--points (grid.points) and grid.ratio",
+                      .why = "one follows from the other",
+                      .remedy = "give one of them"});
+}
+
 }  // namespace
 
 void resolve_material(Config& config) {
@@ -537,6 +551,7 @@ void resolve_material(Config& config) {
   resolve_steps(config);
   resolve_depth(config);
   resolve_spacing(config);
+  resolve_points(config);
 }
 
 std::string beside_preset(const Config& config) {
@@ -984,7 +999,12 @@ std::vector<Material> materials_of(const Config& c) {
       static_cast<MaterialNumbers&>(own.material) = {};
     for (const auto& [key, text] : differing) set_option(own, key, text, "tissue." + label);
     resolve_material(own);
-    result.push_back(material_of(own));
+    try {
+      result.push_back(material_of(own));
+    } catch (UsageError& error) {
+      error.report.where = fmt::format("[tissue.{}]", label);
+      throw;
+    }
   }
   return result;
 }

@@ -182,7 +182,7 @@ std::vector<ForceSample> forces_to_radius(Session& session) {
     if (frame.tool != LiveFrame::Tool::there) break;
     curve.push_back({.t = 0.0, .depth = frame.depth, .force = frame.force, .base_force = frame.force});
   }
-  session.follow(0.0, {.evaluations = 1});
+  session.lift();
   return curve;
 }
 
@@ -352,7 +352,8 @@ LiveTool make_live_tool(const LiveOrgan& organ, Index nodes) {
 void put_down(LiveTool& tool, const Vec3& tip, bool beside) {
   const Stopwatch making;
   finish_cuts(tool);
-  beside = beside && tool.nodes > first_nodes;
+  // What tissue remembers of a tool would stay with the coarse cloud.
+  beside = beside && tool.nodes > first_nodes && !relaxes(tool.organ->materials);
   if (tool.finer.valid()) tool.given_up.push_back(std::move(tool.finer));
   std::erase_if(tool.given_up, [](const auto& one) { return is_ready(one); });
   constexpr std::size_t most_given_up = 2;  // each takes a processor until it is done
@@ -386,7 +387,7 @@ CutSession cut_session(const SessionGiven& given, const Model& before, const Poi
 std::optional<double> half_band(const LiveTool& tool) {
   const LiveFrame& now = tool.frame;
   if (tool.fine.size() < 2) return {};
-  if (now.depth <= 0.0) return 0.0;
+  if (now.depth <= 0.0) return now.force == 0.0 ? std::optional(0.0) : std::nullopt;
   const double radius = tool.session->tool().radius, radii = now.depth / radius;
   if (radii > deepest_with_band) return {};
   double change = 0.0;
@@ -454,7 +455,7 @@ LiveFrame move_tip(LiveTool& tool, const Vec3& tip, const FrameLimit& limit, dou
   if (beside && !in_touch) {
     if (!is_inside(*tool.organ, tip)) {  // in the air, on its way elsewhere
       tool.tip = tip;
-      tool.session->follow(0.0, limit, dt);
+      tool.session->lift();
       return tool.frame = {};
     }
     put_down(tool, tip, limit.evaluations == 0);

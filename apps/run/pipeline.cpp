@@ -20,6 +20,7 @@
 #include "apps/run/unloaded.hpp"
 #include "apps/run/walls.hpp"
 #include "apps/run/words.hpp"
+#include "io/digits.hpp"
 #include "io/error.hpp"
 #include "io/memory.hpp"
 #include "io/stop.hpp"
@@ -187,6 +188,15 @@ TimeMode time_of(const Config& config, const RunLog& log, const Result& result) 
   log.line(mode == TimeMode::quasi_static && !shallow ? Line::detail : Line::said,
            time_in_words(mode, crossings, shallow));
   return mode;
+}
+
+// What only a march with inertia knows.
+void tell_of_damping(const Config& config, const RunLog& log, TimeMode mode) {
+  if (mode == TimeMode::quasi_static && config.solver.damping_per_s > 0.0)
+    log.warn(
+        fmt::format("{} 1/s of damping is not used: the force is that of equilibrium at each depth, which "
+                    "nothing damps (--time explicit or dynamic does)",
+                    plain(config.solver.damping_per_s)));
 }
 
 std::unique_ptr<ForceSystem> force_system(const Config& config, Result& result) {
@@ -406,6 +416,7 @@ void make_ready(const Case& given, Placed placed, const RunLog& log, Result& res
       given.change.tool ? touch_of(config, model, *given.change.tool) : touch_of(config, model);
   result.loading.walls = std::move(others.touch);
   result.time = time_of(config, log, result);
+  tell_of_damping(config, log, result.time);
   tell_of_fast_steps(log, result);
   const double down = deepest(config, model.tool);
   if (result.time == TimeMode::quasi_static || config.load.self_contact == "on")
@@ -520,6 +531,9 @@ class Watched {
  private:
   void see(const Frame& frame) {
     if (place_) result_.followed->u = displacement_at(*place_, frame.u);
+    // The solver knows the nodes' parameters alone, which are no displacements.
+    if (frame.number == 0 && result_.loading.loads.move_the_body())
+      result_.history.settled = node_interpolation(result_.model)(frame.u).colwise().norm().maxCoeff();
     feel_supports(frame.f, frame.depth, result_);
     bending_.see(frame);
     closing_.see(frame);

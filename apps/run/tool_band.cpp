@@ -47,6 +47,10 @@ std::vector<double> tool_half_widths(const std::vector<ForceSample>& force, cons
     changes.most.push_back(k > 0 ? std::max(changes.most.back(), here) : here);
   }
   const double spacing = model.spacing.minCoeff();
+  const double shallowest = shallowest_with_tool_band * shape.radius * (1.0 - 1e-9);
+  const auto first = std::find_if(force.begin(), force.end(),
+                                  [&](const ForceSample& sample) { return sample.depth >= shallowest; });
+  if (first == force.end()) return {};
   std::vector<double> half;
   for (const ForceSample& sample : force) {
     if (!(sample.depth > 0.0)) {
@@ -60,6 +64,12 @@ std::vector<double> tool_half_widths(const std::vector<ForceSample>& force, cons
             ? Guards::off_by_penetration(penetration.largest, std::max(penetration.at, sample.depth))
             : 0.0;
     half.push_back(std::abs(sample.force) * std::max(least, of_clouds));
+  }
+  const auto measured = static_cast<std::size_t>(first - force.begin());
+  const double most = std::abs(first->force) + half[measured];
+  for (std::size_t k = 0; k < measured; ++k) {
+    const double here = std::abs(force[k].force), line = most * force[k].depth / first->depth;
+    half[k] = std::max({half[k], here, line - here});
   }
   return half;
 }

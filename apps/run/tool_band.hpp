@@ -31,7 +31,9 @@ struct Penetration {
 
 /// Half the band's width [N] at each depth of a force curve of the model, against that of a coarser cloud; no
 /// less than penetration may put the force off by (Guards::off_by_penetration), which is less the deeper the
-/// tool has gone on since. Empty if the coarser curve ends before.
+/// tool has gone on since. Shallower than it was measured, where a handful of nodes touch, the force is known
+/// to lie between none and the straight line to the first depth that was: contact grows with the depth. Empty
+/// if the coarser curve ends before, or the force does before that depth.
 std::vector<double> tool_half_widths(const std::vector<ForceSample>& force, const Model& model,
                                      const std::vector<ForceSample>& coarse, const ToolShape& shape,
                                      const Penetration& penetration = {});
@@ -40,7 +42,8 @@ std::vector<double> tool_half_widths(const std::vector<ForceSample>& force, cons
 inline constexpr Index fewest_nodes_with_tool_band = 1500;
 /// Bodies for which it was measured [radii of the contact].
 inline constexpr double thinnest_with_tool_band = 3.5;
-/// Down to so many of a tool's radii the band was measured.
+/// From so many of a tool's radii the band was measured, and down to so many.
+inline constexpr double shallowest_with_tool_band = 0.08;
 inline constexpr double deepest_with_tool_band = 0.8;
 
 }  // namespace dimple

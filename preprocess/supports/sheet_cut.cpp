@@ -6,6 +6,8 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <array>
+#include <cmath>
+#include <functional>
 #include <limits>
 #include <map>
 #include <numeric>
@@ -566,8 +568,100 @@ Points carried(const SheetCut& cut, const Points& u) {
   return result;
 }
 
-SheetCut cut_by_sheet(const Model& before, const std::shared_ptr<const Sheet>& sheet,
+namespace {
+
+// Vertices by their places, and triangles of them.
+struct Pieces {
+  std::map<std::array<double, 3>, int> number;
+  std::vector<Vec3> vertex;
+  std::vector<std::array<int, 3>> triangle;
+  void add(const std::array<Vec3, 3>& corner) {
+    std::array<int, 3> its{};
+    for (std::size_t k = 0; k < 3; ++k) {
+      const Vec3& x = corner[k];
+      const auto [at, is_new] = number.emplace(std::array{x[0], x[1], x[2]}, static_cast<int>(vertex.size()));
+      if (is_new) vertex.push_back(x);
+      its[k] = at->second;
+    }
+    triangle.push_back(its);
+  }
+};
+
+// In quarters, and these again, as often.
+void quarter(const std::array<Vec3, 3>& t, int rounds,
+             const std::function<void(const std::array<Vec3, 3>&)>& each) {
+  if (rounds == 0) return each(t);
+  const Vec3 ab = 0.5 * (t[0] + t[1]), bc = 0.5 * (t[1] + t[2]), ca = 0.5 * (t[2] + t[0]);
+  for (const std::array<Vec3, 3>& part :
+       {std::array{t[0], ab, ca}, std::array{ab, t[1], bc}, std::array{ca, bc, t[2]}, std::array{ab, bc, ca}})
+    quarter(part, rounds - 1, each);
+}
+
+// What of a sheet does not go along one that has cut the model before. Between two sheets that lie closer
+// together than the nodes there would be cells and nodes that belong to nothing: a body cut twice at one
+// place came out stiffer than cut once, and found no equilibrium.
+std::shared_ptr<const Sheet> not_cut_yet(const Model& before, const std::shared_ptr<const Sheet>& sheet) {
+  constexpr double close = 0.25;  // spacings
+  constexpr int most_rounds = 5;
+  if (!before.sight || before.sight->sheets().empty()) return sheet;
+  const Neighbours nodes(before.X);
+  const auto spacing_at = [&](const Vec3& x) { return before.spacing[nodes.nearest(x, 1).front()]; };
+  const auto is_cut = [&](const Vec3& x) {
+    const double h = spacing_at(x);
+    return std::any_of(before.sight->sheets().begin(), before.sight->sheets().end(),
+                       [&](const auto& other) { return other->reaches(x, close * h); });
+  };
+  // One that crosses another lies close to it along a line alone: a spacing farther, on neither side.
+  const auto goes_on = [&](const std::array<Vec3, 3>& t) {
+    const Vec3 middle = (t[0] + t[1] + t[2]) / 3.0, along = (t[1] - t[0]).normalized();
+    const Vec3 across = (t[1] - t[0]).cross(t[2] - t[0]).cross(along).normalized();
+    const double h = spacing_at(middle);
+    return (is_cut(middle + h * along) || is_cut(middle - h * along)) &&
+           (is_cut(middle + h * across) || is_cut(middle - h * across));
+  };
+  const auto corners = [&](Index t) {
+    const auto& v = sheet->triangles();
+    return std::array<Vec3, 3>{sheet->vertex().col(v(0, t)), sheet->vertex().col(v(1, t)),
+                               sheet->vertex().col(v(2, t))};
+  };
+  double longest = 0.0;  // edge, in spacings
+  for (Index t = 0; t < sheet->triangles().cols(); ++t) {
+    const std::array<Vec3, 3> c = corners(t);
+    for (std::size_t k = 0; k < 3; ++k)
+      longest = std::max(longest, (c[k] - c[(k + 1) % 3]).norm() / spacing_at(c[k]));
+  }
+  const int rounds =
+      std::clamp(static_cast<int>(std::ceil(std::log2(std::max(longest, 1.0)))), 0, most_rounds);
+  Pieces left;
+  bool goes_along = false;
+  for (Index t = 0; t < sheet->triangles().cols(); ++t) {
+    stop_if_asked();
+    quarter(corners(t), rounds, [&](const std::array<Vec3, 3>& part) {
+      const bool along = std::all_of(part.begin(), part.end(), is_cut) && goes_on(part);
+      goes_along = goes_along || along;
+      if (!along) left.add(part);
+    });
+  }
+  if (!goes_along) return sheet;
+  if (left.triangle.empty())
+    refuse("the body is cut there already",
+           "all of the blade's way lies within a quarter of a node spacing of an earlier cut",
+           "cut beside it, or deeper");
+  Points vertex(3, static_cast<Index>(left.vertex.size()));
+  for (Index v = 0; v < vertex.cols(); ++v) vertex.col(v) = left.vertex[static_cast<std::size_t>(v)];
+  Triangles triangles(3, static_cast<Index>(left.triangle.size()));
+  for (Index t = 0; t < triangles.cols(); ++t) {
+    const std::array<int, 3>& its = left.triangle[static_cast<std::size_t>(t)];
+    triangles.col(t) << its[0], its[1], its[2];
+  }
+  return std::make_shared<const Sheet>(std::move(vertex), std::move(triangles));
+}
+
+}  // namespace
+
+SheetCut cut_by_sheet(const Model& before, const std::shared_ptr<const Sheet>& blade,
                       const std::vector<double>& density, const std::vector<Index>& held, Looked looked) {
+  const std::shared_ptr<const Sheet> sheet = not_cut_yet(before, blade);
   Divided divided = divide(before, *sheet);
   add_nodes(before, *sheet, divided);
   const std::vector<Index> changed = changed_points(before, divided, *sheet, looked);

@@ -41,6 +41,8 @@ enum class Looked {
 /// overlap them. All else keeps its bits: where gradients were made consistent (make_consistent()), they stay
 /// so away from the sheet.
 ///
+/// Where it goes along a sheet that has cut the model before, within a quarter of a spacing, it cuts nothing.
+///
 /// The surface stays that of the body before: the sheet's banks are for whoever draws them. So does the
 /// report on supports, but for what is unseen and unconnected.
 ///

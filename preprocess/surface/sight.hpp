@@ -45,6 +45,8 @@ class Sight {
   bool point_sees(Index point, const Vec3& x) const;
   /// A node has nothing within its radius that it may not see.
   bool sees_all(Index node) const { return clear_radius_[node] > 0.0; }
+  /// That have cut the body since its surface was laid, in their order [m, LPS].
+  const std::vector<std::shared_ptr<const Sheet>>& sheets() const { return sheets_; }
   /// No node has.
   bool all_clear() const { return clear_radius_.minCoeff() > 0.0; }
 

@@ -180,6 +180,32 @@ TEST(Live, TissueThatRelaxesResistsLessAndLessUnderAToolThatStands) {
   EXPECT_GT(force, 0.4 * first);
 }
 
+TEST(Live, TissueThatRelaxesIsFollowedInAndOutAsEquilibriaInTimeHaveItAndForgetsWhereItIsLifted) {
+  Material slow = tissue;
+  slow.prony = {{0.5, 0.4}};
+  const Model model = testing_bodies::averaged_block();
+  Session session(model, {slow}), in_time(model, {slow});
+  session.follow(2e-3, {.evaluations = 100});
+  session.lift();  // as if it had not been there
+  EXPECT_EQ(session.follow(0.0, {.evaluations = 8}, 0.04).force, 0.0);
+  const auto press = [&](double depth) { return session.follow(depth, {.evaluations = 30}, 0.04); };
+  double largest = 0.0, first = 0.0;
+  for (int k = 1; k <= 40; ++k) {
+    const double depth = 0.1e-3 * (k <= 10 ? k : k <= 20 ? 10 : std::max(0, 30 - k));
+    in_time.equilibrate(depth, 0.04);
+    const LiveFrame frame = press(depth);
+    EXPECT_EQ(frame.depth, depth);
+    largest = std::max(largest, frame.force);
+    if (k == 10) first = frame.force;
+    EXPECT_NEAR(frame.force, in_time.force(), 0.01 * largest) << k;
+  }
+  EXPECT_LT(session.force(), -0.05 * largest) << "the dent draws the circle in";
+  EXPECT_EQ(press(-1e-3).force, 0.0);
+  EXPECT_EQ(press(0.0).force, 0.0);
+  for (int k = 1; k <= 10; ++k) largest = press(0.1e-3 * k).force;
+  EXPECT_NEAR(largest, first, 0.01 * first);
+}
+
 TEST(Live, ThePapersSchemeIsRefusedInWords) {
   Session session(testing_bodies::block(), {tissue});
   try {

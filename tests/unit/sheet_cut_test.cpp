@@ -279,6 +279,31 @@ Session session_on(const Model& model) {
   return Session(model, {tissue});
 }
 
+// As a hand goes along a cut again: no cell lies between two sheets, and nothing becomes stiffer.
+TEST(ABodyThatASheetCuts, IsNotCutAgainWhereItIsCut) {
+  const SheetCut first = cut_of(testing_bodies::averaged_block(), beside_circle());
+  const auto beside = [](double off, double down) {
+    return flat_sheet({21.3e-3 + off, 9e-3, 22e-3}, {0.0, 12e-3, 0.0}, {0.0, 0.0, -down});
+  };
+  for (const double off : {0.0, 0.1e-3, -0.1e-3})
+    EXPECT_THROW(cut_of(first.model, beside(off, 9e-3)), ModelError) << off;
+  // One that goes on deeper cuts what is left; across it, all of it.
+  const SheetCut deeper = cut_of(first.model, beside(0.1e-3, 15e-3));
+  const SheetCut at_once = cut_of(testing_bodies::averaged_block(), beside(0.0, 15e-3));
+  EXPECT_GT(deeper.area, 0.0);
+  EXPECT_LT(deeper.area + first.area, 1.3 * at_once.area);
+  const auto across = flat_sheet({17e-3, 15.3e-3, 22e-3}, {9e-3, 0.0, 0.0}, {0.0, 0.0, -8e-3});
+  EXPECT_EQ(cut_of(first.model, across).area, cut_of(testing_bodies::averaged_block(), across).area);
+  // Nothing is stiffer for it.
+  const auto force = [](const SheetCut& cut) {
+    Session session(cut.model, {tissue});
+    session.equilibrate(1e-3);
+    return session.force();
+  };
+  EXPECT_LT(force(deeper), force(first));
+  EXPECT_NEAR(force(deeper), force(at_once), 0.01 * force(at_once));
+}
+
 TEST(ALiveBodyThatIsCut, ComesToTheForceOfTheBodyThatWasCutFromTheStart) {
   const Model before = testing_bodies::averaged_block(8);
   const SheetCut cut = cut_of(before, beside_circle());
