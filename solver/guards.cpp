@@ -478,9 +478,11 @@ void Guards::found_limit_point(const Nodal& jump, double way, bool folds_touch, 
 void Guards::found_lost_contact(const Nodal& jump, double way, const Moment& now) {
   Index furthest = 0;
   const double largest = jump.colwise().norm().maxCoeff(&furthest);
-  if (!on_ || largest <= way || std::any_of(findings_.begin(), findings_.end(), [](const Finding& f) {
-        return f.report.code == "tool-left";
-      }))
+  // Of nodal parameters, which are somewhat longer than displacements where a tool touches.
+  constexpr double longer = 1.25;
+  if (!on_ || largest <= longer * way ||
+      std::any_of(findings_.begin(), findings_.end(),
+                  [](const Finding& f) { return f.report.code == "tool-left"; }))
     return;
   find(
       {{.fact = text("the tool has left the body, and a node sprang back by ", fixed(1e3 * largest, 2),

@@ -52,6 +52,13 @@ Command add_phantom(CLI::App& app, Invocation& shared) {
   return {command, [&shared, options] {
             PhantomOptions& body = options->body;
             if (!options->size.empty()) body.size_mm = lengths(options->size, "--size", "extent of the body");
+            if (!options->size.empty() && body.shape == "cylinder" && body.size_mm.x() != body.size_mm.y())
+              throw UsageError({.fact = fmt::format("a cylinder is {:g} mm wide and {:g} mm deep",
+                                                    body.size_mm.x(), body.size_mm.y()),
+                                .where = "--size",
+                                .why = "its axis is along S, and its section is a circle",
+                                .remedy = fmt::format("for instance --size {0:g},{0:g},{1:g}",
+                                                      body.size_mm.x(), body.size_mm.z())});
             if (!options->voxel.empty())
               body.spacing_mm = quantity(options->voxel, "--spacing", "mm", "voxel edge");
             try_file(shared.out);

@@ -54,19 +54,23 @@ class Results {
       refuse(folder_, fmt::format("{} holds no surface", folder_.string()),
              "there is no surface/surface_0000.vtp in it");
     const Table force = read_csv(folder_ / "force.csv");
-    const auto *depth = force.find("indentation_mm"), *newtons = force.find("force_N"),
-               *low = force.find("low_N"), *high = force.find("high_N");
-    if (!depth || !newtons)
-      refuse(folder_ / "force.csv", "it has no indentation_mm and force_N", "it is no force curve of a run");
+    const auto *time = force.find("time_s"), *depth = force.find("indentation_mm"),
+               *newtons = force.find("force_N"), *low = force.find("low_N"), *high = force.find("high_N");
+    if (!time || !depth || !newtons)
+      refuse(folder_ / "force.csv", "it has no time_s, indentation_mm and force_N",
+             "it is no force curve of a run");
+    time_ = *time;
     for (std::size_t k = 0; k < depth->size(); ++k)
       curve_.push_back(
           {(*depth)[k], (*newtons)[k], low ? (*low)[k] : (*newtons)[k], high ? (*high)[k] : (*newtons)[k]});
+    goes_straight_ = !force.find("aside_x_mm") && std::is_sorted(depth->begin(), depth->end());
   }
 
   int last() const { return count_ - 1; }
 
-  ShownBody body() const {
-    const Read now = read(0);
+  // At rest, with the triangles of a frame: a cut between two steps gives it others.
+  ShownBody body(int number) const {
+    const Read& now = read(number);
     ShownBody body{.surface_mm = now.surface.position_mm - now.moved,
                    .triangles = now.surface.triangles,
                    .section_mm = now.section.position_mm - now.section_moved,
@@ -76,7 +80,6 @@ class Results {
                    .up = -needed(now.tool.facts, "push", file("tool", 0)).values.col(0),
                    .front = needed(now.tool.facts, "front", file("tool", 0)).values.col(0),
                    .centre_mm = needed(now.tool.facts, "centre_mm", file("tool", 0)).values.col(0)};
-    body.tool_mm.colwise() += depth_of(now) * body.up;
     for (const Field& field : now.section.on_triangles)
       if (field.name == "label")
         for (Index t = 0; t < field.values.cols(); ++t)
@@ -85,33 +88,45 @@ class Results {
     return body;
   }
 
-  double most_mm() const { return read(last()).moved.colwise().norm().maxCoeff(); }
+  // The longest way in all frames: the last one's where the tool only goes in.
+  double most_mm() const {
+    double most = 0.0;
+    for (int number = goes_straight_ ? last() : 0; number <= last(); ++number) {
+      stop_if_asked();
+      most = std::max(most, read(number).moved.colwise().norm().maxCoeff());
+    }
+    return most;
+  }
 
-  ShownFrame frame(int number, const Vec3& up) const {
-    const Read now = read(number);
+  bool has_triangles_of(int number, const ShownBody& body) const {
+    const Read& now = read(number);
+    return now.surface.triangles.cols() == body.triangles.cols() && now.surface.triangles == body.triangles &&
+           now.section.triangles.cols() == body.section_triangles.cols() &&
+           now.section.triangles == body.section_triangles;
+  }
+
+  ShownFrame frame(int number) const {
+    const Read& now = read(number);
     const double depth = depth_of(now);
     ShownFrame frame{.surface_mm = now.surface.position_mm,
                      .displacement_mm = now.moved.colwise().norm(),
                      .section_mm = now.section.position_mm,
                      .section_displacement_mm = now.section_moved.colwise().norm(),
-                     .tool_mm = -depth * up,
+                     .tool_vertex_mm = now.tool.position_mm,
                      .words = {}};
     const double force = needed(now.tool.facts, "force_N", file("tool", number)).values(0, 0);
-    const auto at = std::find_if(curve_.begin(), curve_.end(),
-                                 [&](const ShownForce& f) { return std::abs(f.x - depth) < 1e-6; });
+    const std::size_t until = rows_until(number);
     std::optional<double> half_N;
-    if (at != curve_.end() && at->high_N > at->low_N) half_N = 0.5 * (at->high_N - at->low_N);
+    if (until > 0 && std::abs(curve_[until - 1].x - depth) < 1e-6)
+      if (const ShownForce& at = curve_[until - 1]; at.high_N > at.low_N)
+        half_N = 0.5 * (at.high_N - at.low_N);
     frame.words = fmt::format("frame {} of {}: {}", number, last(), force_title(force, depth, half_N));
     return frame;
   }
 
   // Of the curve, what has been by then.
   std::vector<ShownForce> curve_to(int number) const {
-    const double depth = depth_of(read(number));
-    std::vector<ShownForce> until;
-    for (const ShownForce& f : curve_)
-      if (f.x <= depth + 1e-6) until.push_back(f);
-    return until;
+    return {curve_.begin(), curve_.begin() + static_cast<std::ptrdiff_t>(rows_until(number))};
   }
 
  private:
@@ -138,6 +153,13 @@ class Results {
     return folder_ / series / fmt::format("{}_{:04d}.vtp", series, number);
   }
 
+  // Rows of force.csv up to a frame's time.
+  std::size_t rows_until(int number) const {
+    const double now = needed(read(number).tool.facts, "TimeValue", file("tool", number)).values(0, 0);
+    return static_cast<std::size_t>(std::upper_bound(time_.begin(), time_.end(), now * (1.0 + 1e-9) + 1e-12) -
+                                    time_.begin());
+  }
+
   double depth_of(const Read& now) const {
     return needed(now.tool.facts, "indentation_mm", file("tool", 0)).values(0, 0);
   }
@@ -157,7 +179,9 @@ class Results {
 
   fs::path folder_;
   int count_ = 0;
+  std::vector<double> time_;  // of the curve [s]
   std::vector<ShownForce> curve_;
+  bool goes_straight_ = true;
   mutable std::optional<Read> read_;
   mutable int number_ = -1;
 };
@@ -171,19 +195,21 @@ void view(const ViewArguments& options) {
                       .why = fmt::format("{} holds frames 0 to {}", options.folder, results.last()),
                       .remedy = "name one of them, or leave --frame out for the last"});
   BodyWindow window({.title = "Dimple: " + options.folder, .hidden = !options.picture.empty()});
-  const ShownBody body = results.body();
+  ShownBody body = results.body(0);
   int now = options.frame < 0 ? results.last() : options.frame;
   bool labels = options.labels, cut = body.section_mm.cols() > 0, playing = false;
   double before = 0.0;
+  const double most_mm = results.most_mm();
   const double step =
       0.02 * (body.surface_mm.rowwise().maxCoeff() - body.surface_mm.rowwise().minCoeff()).norm();
   const auto go_to = [&](int number) {
     now = std::clamp(number, 0, results.last());
-    window.show(results.frame(now, body.up));
+    if (!results.has_triangles_of(now, body)) window.show(body = results.body(now), most_mm, false);
+    window.show(results.frame(now));
     window.show(results.curve_to(now));
     window.move_slider(now);
   };
-  window.show(body, results.most_mm(), true);
+  window.show(body, most_mm, true);
   window.colour_by_label(labels);
   window.cut(cut);
   go_to(now);

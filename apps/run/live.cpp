@@ -506,6 +506,26 @@ ToolPath read_tool_path(const fs::path& file) {
   return path;
 }
 
+namespace {
+
+// Where no cloud of nodes fits the tool is not there, and the rest of its way is followed all the same.
+LiveFrame move_on_path(LiveTool& tool, const Vec3& tip, const FrameLimit& limit, double dt) {
+  const bool known = tool.no_place && is_inside(*tool.organ, tip) &&
+                     (tip - *tool.no_place).norm() < aside * tool.session->tool().radius;
+  if (!known) try {
+      return move_tip(tool, tip, limit, dt);
+    } catch (const ModelError&) {
+      tool.no_place = tip;
+    }
+  tool.tip = tip;
+  tool.session->lift();
+  tool.frame = {};
+  tool.frame.tool = LiveFrame::Tool::ignored;
+  return tool.frame;
+}
+
+}  // namespace
+
 PathFrame path_frame(LiveTool& tool, const ToolPath& path, double time, const FrameLimit& limit, double dt) {
   const auto after = std::upper_bound(path.time.begin() + 1, path.time.end() - 1, time) - path.time.begin();
   const auto k = static_cast<std::size_t>(after - 1);
@@ -515,7 +535,7 @@ PathFrame path_frame(LiveTool& tool, const ToolPath& path, double time, const Fr
   if (path.depth.empty()) {
     now.tip =
         (1.0 - share) * path.tip.col(static_cast<Index>(k)) + share * path.tip.col(static_cast<Index>(k) + 1);
-    now.frame = move_tip(tool, now.tip, limit, dt);
+    now.frame = move_on_path(tool, now.tip, limit, dt);
   } else {
     now.frame = move_depth(tool, (1.0 - share) * path.depth[k] + share * path.depth[k + 1], limit, dt);
     now.tip = tool.tip;
@@ -702,9 +722,10 @@ std::string in_words(Index nodes, const std::vector<PathFrame>& frames) {
       : unknown == pressed ? " and what the discretisation leaves, which is unknown"
                            : " and what the discretisation leaves, unknown in some frames",
       ignored > 0
-          ? fmt::format("; in {} of {} frames the tool was to move across its push at depth, which is not "
-                        "followed: lift it first",
-                        ignored, frames.size())
+          ? fmt::format(
+                "; in {} of {} frames the tool was to move across its push at depth, for which it must "
+                "be lifted first, or to come down where no cloud of nodes fits: neither is followed",
+                ignored, frames.size())
           : "");
 }
 

@@ -100,6 +100,7 @@ struct LiveTool {
   Vec3 tip = Vec3::Zero();  ///< LPS m, of the last frame
   LiveFrame frame = {};
   std::vector<ForceSample> fine = {}, coarse = {};     ///< of this touch, see TriedTouch
+  std::optional<Vec3> no_place = {};                   ///< where it could not come down last [m]
   Index touches = 0;                                   ///< places that it has come down at
   Index clouds = 0;                                    ///< that have been in use
   double made_s = 0.0;                                 ///< until the last touch could be followed [s]

@@ -466,6 +466,7 @@ void BodyWindow::show(const ShownFrame& frame) {
     p.section.move(frame.section_mm);
     p.section.colour(frame.section_displacement_mm);
   }
+  if (frame.tool_vertex_mm.cols() > 0) p.tool.move(frame.tool_vertex_mm);
   p.tool.actor->SetPosition(frame.tool_mm.x(), frame.tool_mm.y(), frame.tool_mm.z());
   p.words->SetInput(frame.words.c_str());
 }

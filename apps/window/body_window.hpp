@@ -30,6 +30,7 @@ struct ShownFrame {
   Points section_mm = {};
   Eigen::VectorXd section_displacement_mm = {};
   Vec3 tool_mm = Vec3::Zero();  ///< the tool's way from rest
+  Points tool_vertex_mm = {};   ///< where its vertices are, in place of that way
   std::string words;
 };
 

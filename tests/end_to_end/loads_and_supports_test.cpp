@@ -2,6 +2,11 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <vtkDataArray.h>
+#include <vtkNew.h>
+#include <vtkPointData.h>
+#include <vtkUnstructuredGrid.h>
+#include <vtkXMLUnstructuredGridReader.h>
 
 #include <Eigen/Geometry>
 #include <chrono>
@@ -64,6 +69,23 @@ TEST_F(GravityInAScene, BySideAndByNumbersGivesTheSameBits) {
   EXPECT_EQ(force(), by_side);
   run(touch);
   EXPECT_NE(force(), by_side);
+}
+
+// The longest displacement of a node, which its parameter is not; damping has no part in it, and that is
+// told.
+TEST_F(GravityInAScene, SettlesByWhatItsNodesAreDisplaced) {
+  const Ran ran =
+      dimple(folder, "run block.nrrd --force -o out" + scene +
+                         " --mu 2kPa --nodes 600 --depth 0.5mm --write nodes --gravity left --damping 3");
+  ASSERT_EQ(ran.code, 0) << ran.err;
+  vtkNew<vtkXMLUnstructuredGridReader> nodes;
+  nodes->SetFileName((folder / "out/nodes/nodes_0000.vtu").c_str());
+  nodes->Update();
+  vtkDataArray* moved = nodes->GetOutput()->GetPointData()->GetArray("displacement_mm");
+  ASSERT_NE(moved, nullptr);
+  const Json summary = Json::parse(text_of(folder / "out/summary.json"));
+  EXPECT_NEAR(summary["loads"]["settled_mm"].get<double>(), moved->GetMaxNorm(), 1e-4);
+  EXPECT_THAT(summary["warnings"].dump(), HasSubstr("3 1/s of damping is not used"));
 }
 
 TEST_F(GravityInAScene, IsBorneByTheBaseWhereTheToolBarelyTouches) {

@@ -392,6 +392,9 @@ TEST_F(Refusal, OfPlacesAndNumbersThatNoModelCanHave) {
            Row{4, "--nodes 400 --rim 0.001", "takes more nodes than are asked for"},
            Row{4, "--spacing 0.2", "at most 1000000 are possible"},
            Row{2, "--nodes 400 --spacing 5", "both 400 nodes and a spacing of 5.00 mm are asked for"},
+           Row{2, "--points 4000 --set grid.ratio=5",
+               "both 4000 integration points and 5 of them per node are asked for"},
+           Row{2, "--set tissue.1.prony_g=0.6,0.5 --set tissue.1.prony_tau_s=1,2", "where: [tissue.1]"},
        }) {
     expect(row.code, std::string("run brain.nrrd -o out ") + row.options, {row.word});
   }
@@ -417,6 +420,8 @@ TEST_F(Refusal, OfAPlaceWhereNothingCanBeWritten) {
   expect(6, "run brain.nrrd -o file/out --nodes 400 -q", {"file/out", "-o"});
   expect(6, "model brain.nrrd -o file --nodes 400 -q", {"file", "-o"});
   expect(6, "phantom file/brain.nrrd -q", {"file/brain.nrrd"});
+  expect(2, "phantom round.nrrd --shape cylinder --size 30,20,10",
+         {"a cylinder is 30 mm wide and 20 mm deep"});
 }
 
 TEST_F(Refusal, OfAFolderThatMayNotBeWrittenTo) {

@@ -121,6 +121,36 @@ TEST(View, NamesTheLabelsOnTheirColours) {
   EXPECT_EQ(shares("plain.png"), std::pair(0.0, 0.0));
 }
 
+// The tool stands where it has come to across its push, the curve is all of what was, colours are of the
+// largest way in any frame, and a cut is open from its frame on.
+TEST(View, ShowsASceneOfStepsAsItWentOn) {
+  if (const std::string what = missing_for_windows(); !what.empty()) GTEST_SKIP() << what;
+  const fs::path folder = fresh_folder();
+  ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 40,40,20 -q").code, 0);
+  const Ran ran =
+      dimple(folder,
+             "run block.nrrd -o out -q --tool sphere:4mm --nodes 1000 --write surface --set step.a.move=2mm "
+             "--set step.b.move=4,0,0 --set step.k.cut=line:9,-30,20,9,30,20,depth=10mm "
+             "--set step.c.move=-3mm");
+  ASSERT_EQ(ran.code, 0) << ran.err;
+  const Ran drawn = under_xvfb(folder, fmt::format("set -e\n'{0}' view out --picture last.png\n"
+                                                   "'{0}' view out --picture pressed.png --frame 2\n",
+                                                   DIMPLE_PROGRAM));
+  ASSERT_EQ(drawn.code, 0) << drawn.err;
+  const auto is_tool = [](int r, int g, int b) { return b > r + 25 && g > r + 20 && b > 40; };
+  const Part beside{.left = 0.415, .top = 0.2, .right = 0.5, .bottom = 0.6};
+  EXPECT_EQ(share_of_pixels(folder / "pressed.png", is_tool, beside), 0.0);
+  EXPECT_GT(share_of_pixels(folder / "last.png", is_tool, beside), 0.01);
+  const auto is_curve = [](int r, int g, int b) { return r < 80 && g > 90 && g < 150 && b > 150; };
+  const Part chart{.left = 0.7, .top = 0.0, .right = 1.0, .bottom = 1.0};
+  EXPECT_GT(share_of_pixels(folder / "last.png", is_curve, chart),
+            share_of_pixels(folder / "pressed.png", is_curve, chart));
+  const auto is_hot = [](int r, int g, int b) { return r > 200 && g < 160 && b < 110; };
+  const Part body{.left = 0.1, .top = 0.25, .right = 0.6, .bottom = 0.8};
+  EXPECT_GT(share_of_pixels(folder / "pressed.png", is_hot, body), 1e-3);
+  EXPECT_EQ(share_of_pixels(folder / "last.png", is_hot, body), 0.0) << "it lies at rest again";
+}
+
 TEST(View, SaysWhatIsMissingInAFolderWithoutResults) {
   const fs::path folder = fresh_folder();
   const Ran ran = dimple(folder, "view .");
@@ -563,6 +593,74 @@ TEST(Poke, AScriptThatMovesTheToolAcrossAtDepthIsToldOfIt) {
   EXPECT_EQ(felt.find("tool")->back(), 3.0) << "ignored";
   EXPECT_NE(ran.out.find(" frames the tool was to move across its push at depth"), std::string::npos)
       << ran.out;
+  EXPECT_GT(felt.find("force_N")->back(), 1e-3);
+}
+
+// Pressed in, held, drawn back and held there: the tissue's memory is of this way alone.
+TEST(Poke, OfTissueThatRelaxesFeelsWhatARunInTimeFeels) {
+  const fs::path folder = fresh_folder();
+  ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 40,40,20 --spacing 2 -q").code, 0);
+  const std::string tissue = " --nodes 700 --set material.prony_g=0.5 --set material.prony_tau_s=1";
+  write_file(folder / "way.csv", "time_s,depth_mm\n0,0\n1,2\n2,2\n3,0\n4,0\n4.5,-1\n5,-1\n");
+  ASSERT_EQ(
+      dimple(folder, "poke block.nrrd --script way.csv --record live --evaluations 16 --fps 20 -q" + tissue)
+          .code,
+      0);
+  ASSERT_EQ(dimple(folder,
+                   "run block.nrrd -o out -q --write force --set step.a.move=2mm --set step.a.time=1 --set "
+                   "step.b.time=1 "
+                   "--set step.c.move=-2mm --set step.c.time=1 --set step.d.time=1" +
+                       tissue)
+                .code,
+            0);
+  const Table felt = read_csv(folder / "live" / "forces.csv"), known = read_csv(folder / "out" / "force.csv");
+  const auto &time = *known.find("time_s"), &force = *known.find("force_N");
+  const double largest = *std::max_element(force.begin(), force.end());
+  for (std::size_t k = 0; k <= 80; ++k) {
+    const double t = felt.find("time_s")->at(k);
+    const auto after = std::lower_bound(time.begin() + 1, time.end() - 1, t) - time.begin();
+    const auto i = static_cast<std::size_t>(after);
+    const double share = (t - time[i - 1]) / (time[i] - time[i - 1]);
+    EXPECT_NEAR(felt.find("force_N")->at(k), (1.0 - share) * force[i - 1] + share * force[i], 0.02 * largest)
+        << t;
+    EXPECT_EQ(felt.find("tool")->at(k), 0.0) << t;
+  }
+  EXPECT_LT(felt.find("force_N")->at(62), -0.1 * largest) << "the dent draws the circle in";
+  EXPECT_EQ(felt.find("force_N")->back(), 0.0) << "it is lifted";
+}
+
+TEST(Poke, ASphereArrivesWhereARunArrives) {
+  const fs::path folder = fresh_folder();
+  ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 40,40,20 -q").code, 0);
+  write_file(folder / "way.csv", "time_s,x_mm,y_mm,z_mm\n0,0,0,25\n1,0,0,18\n2,0,0,18\n");
+  ASSERT_EQ(
+      dimple(
+          folder,
+          "poke block.nrrd --script way.csv --record live --tool sphere:4mm --indent-at 0,0,top --nodes 800 "
+          "--evaluations 8 --fps 10 -q")
+          .code,
+      0);
+  const Table felt = read_csv(folder / "live" / "forces.csv");
+  EXPECT_EQ(felt.find("depth_mm")->back(), felt.find("asked_mm")->back());
+  EXPECT_GT(felt.find("depth_mm")->back(), 2.0);
+  EXPECT_EQ(felt.find("tool")->back(), 0.0);
+}
+
+TEST(Poke, AScriptGoesOnWhereTheToolCannotComeDown) {
+  const fs::path folder = fresh_folder();
+  ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 40,40,20 --spacing 2 -q").code, 0);
+  write_file(folder / "way.csv",
+             "time_s,x_mm,y_mm,z_mm\n0,0,0,25\n0.4,0,0,18\n0.8,0,0,25\n1.2,18.5,0,25\n1.6,18.5,0,16\n2,0,0,"
+             "25\n2.4,0,0,18\n");
+  const Ran ran =
+      dimple(folder,
+             "poke block.nrrd --script way.csv --record live --tool sphere:4mm --nodes 500 --evaluations 8 "
+             "--fps 10 -q");
+  ASSERT_EQ(ran.code, 0) << ran.err;
+  EXPECT_NE(ran.out.find("where no cloud of nodes fits"), std::string::npos) << ran.out;
+  const Table felt = read_csv(folder / "live" / "forces.csv");
+  EXPECT_EQ(felt.find("tool")->at(16), 3.0) << "ignored";
+  EXPECT_EQ(felt.find("force_N")->at(16), 0.0);
   EXPECT_GT(felt.find("force_N")->back(), 1e-3);
 }
 

