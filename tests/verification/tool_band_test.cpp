@@ -124,6 +124,29 @@ TEST(ToolBandWidth, IsNeverLessThanWhatIsKnownToBeOff) {
   EXPECT_EQ(tool_half_widths(force, model, force, sphere, {0.5e-3, 0.0}), usual) << "too little to warn of";
 }
 
+// Where next to nothing touches a cloud may be off by a factor: a sphere of 12 mm that had come in by 0.16 mm
+// had a sixth of its force, and a band of three quarters to each side.
+TEST(ToolBandWidth, ShallowerThanItWasMeasuredReachesFromNothingToTheLineToThere) {
+  Model model;
+  model.X = Points::Zero(3, 2000);
+  model.spacing = Eigen::VectorXd::Constant(2000, 0.3e-3);
+  const ToolShape sphere{.kind = ToolShape::Kind::sphere, .radius = 10e-3};
+  const std::vector<ForceSample> force = {{},
+                                          {.t = 0.1, .depth = 0.1e-3, .force = 1e-5},
+                                          {.t = 0.4, .depth = 0.4e-3, .force = 4e-4},
+                                          {.t = 1.0, .depth = 0.8e-3, .force = 1e-3},
+                                          {.t = 2.0, .depth = 2e-3, .force = 5e-3}};
+  const std::vector<double> half = tool_half_widths(force, model, force, sphere);
+  ASSERT_EQ(half.size(), 5U);
+  for (const std::size_t k : {1U, 2U}) {
+    EXPECT_LE(force[k].force - half[k], 0.0);
+    EXPECT_GE(force[k].force + half[k],
+              (force[3].force + half[3]) * force[k].depth / force[3].depth * (1.0 - 1e-12));
+  }
+  EXPECT_LT(half[3], 0.3 * force[3].force);
+  EXPECT_TRUE(tool_half_widths({force.begin(), force.begin() + 3}, model, force, sphere).empty());
+}
+
 class ToolBand : public testing::TestWithParam<bool> {};
 
 TEST_P(ToolBand, HoldsAtAllDepthsAtOnceOnScenesOfFiniteElements) {
