@@ -574,6 +574,7 @@ std::int64_t Session::step(double depth, double dt) {
                       .code = "no-live"});
   return p.whole([&] {
     p.system->tissue().hold_pressures({});  // an equilibrium has left its own
+    p.resting = false;
     const double stable = safety * stable_time_step(*p.system, p.model.mass, p.u).dt;
     const double needed = std::max(1.0, std::ceil(dt / stable));
     if (!(needed <= static_cast<double>(p.options.steps)))

@@ -227,7 +227,10 @@ class Poking {
       frame = server_->move(tool_, limit, period);
       frame.time = time;
     } else {
-      frame.frame = move_depth(tool_, asked_, limit, period);
+      // Let go of: tissue that relaxes would hold a circle that stands where it first touched.
+      constexpr double above = -1e-3;
+      const bool is_held = asked_ > 0.0 || !relaxes(tool_.organ->materials);
+      frame.frame = move_depth(tool_, is_held ? asked_ : above, limit, period);
       frame.tip = tool_.tip;
       frame.half_band = half_band(tool_);
       frame.seconds = solving.seconds();

@@ -692,7 +692,7 @@ std::string words_of(const PathFrame& now, bool by_hand) {
                            ? " (a move that is not followed: the tool must be lifted first)"
                        : f.tool == Tool::beyond ? " (asked to go deeper than the body reaches)"
                                                 : "";
-  if (!(f.depth > 0.0)) {
+  if (!(f.depth > 0.0) && f.force == 0.0) {
     if (by_hand) return "no touch: press the left button on the body and draw it in";
     return fmt::format("no touch: the tool is at {}{}", in_words(1e3 * now.tip), status);
   }

@@ -384,7 +384,8 @@ class Session(_core.Session):
         """Moves the tool towards a depth and follows the body for as long as a frame may take.
 
         Where that does not suffice the tool lags, and the next call goes on from there. No state is shown that is far from
-        equilibrium: in its place the last good one stays. Lifted (0 and less) the body is at rest.
+        equilibrium: in its place the last good one stays. Lifted (0 and less) the body is at rest;
+        tissue that relaxes draws a circle at 0 in until it is lifted (below 0), which it forgets all by.
 
         Parameters
         ----------
