@@ -405,8 +405,11 @@ void Guards::check_contact(const TouchingTool::Audit& audit, double most, const 
       .fact = text("the body's surface reaches ", fixed(1e3 * audit.penetration, 4),
                    " mm into the tool between the places where contact is enforced"),
       .where = moment(now),
-      .why = text("the nodes under the tool are too far apart for its shape; the force may be off by ",
-                  percent(off_by_penetration(audit.penetration, now.depth)), " or more"),
+      .why =
+          text("the nodes under the tool are too far apart for its shape",
+               now.depth > 0.0 ? text("; the force may be off by ",
+                                      percent(off_by_penetration(audit.penetration, now.depth)), " or more")
+                               : ""),
       .remedy = "use more nodes (--nodes), a smaller --depth, or a tool with a rounder edge",
       .code = "penetration"};
   if (audit.penetration <= penetration_wrong * most) return find({report, audit.penetration});
@@ -459,14 +462,17 @@ void Guards::found_limit_point(const Nodal& jump, double way, bool folds_touch, 
   Index furthest = 0;
   const Eigen::RowVectorXd size = jump.colwise().norm();
   const double largest = size.maxCoeff(&furthest);
-  find({{.fact =
-             text("the tissue gave way at ", fixed(1e3 * now.depth, 2), " mm: a node moved by ",
-                  fixed(1e3 * largest, 2), " mm while the tool moved by ", fixed(1e3 * way, 2), " mm, and ",
-                  (size.array() > way).count(), " of ", size.size(), " nodes by more than the tool"),
+  find({{.fact = text("the tissue gave way at ", fixed(1e3 * now.depth, 2), " mm: a node moved by ",
+                      fixed(1e3 * largest, largest < 1e-5 ? 6 : 2), " mm while the tool moved by ",
+                      fixed(1e3 * way, 2), " mm, and ", (size.array() > way).count(), " of ", size.size(),
+                      " nodes by more than the tool"),
          .where = moment(now) + "; " + place_of(model_, furthest),
-         .why = text("the path of equilibria has a limit point there: a wall buckled or a fold rolled over. "
-                     "The force beyond is that of the equilibrium in which the tissue came to rest",
-                     folds_touch ? "" : "; its folds pass through each other (--self-contact)"),
+         .why =
+             text(largest > way ? "the path of equilibria has a limit point there: a wall buckled or a fold "
+                                  "rolled over. "
+                                : "no further equilibrium was found on the path, and one close by was. ",
+                  "The force beyond is that of the equilibrium in which the tissue came to rest",
+                  folds_touch ? "" : "; its folds pass through each other (--self-contact)"),
          .remedy =
              text("trust the curve to ", fixed(1e3 * (now.depth - way), 2),
                   " mm; beyond, put the circle further from folds and edges (--indent-at), or follow the "

@@ -245,7 +245,8 @@ std::string image_in_words(const FinishedRun& a, const FinishedRun& b) {
 }
 
 Written force_at(const Row& row) {
-  return force_written(std::max(std::abs(row.force_a), std::abs(row.force_b)));
+  const auto [less, more] = std::minmax(std::abs(row.force_a), std::abs(row.force_b));
+  return force_written(less > 0.0 ? less : more);  // a unit in which both have digits
 }
 
 std::string verdict_in_words(const FinishedRun& a, const FinishedRun& b, const Row& deepest) {

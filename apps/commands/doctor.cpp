@@ -8,6 +8,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
+#include <nlohmann/json.hpp>
 
 #include "apps/commands/command.hpp"
 #include "apps/commands/terminal.hpp"
@@ -145,7 +146,7 @@ Check check_force() {
   }
 }
 
-int examine(const fs::path& folder) {
+int examine(const fs::path& folder, bool as_json) {
   std::vector<Check> checks = {
       {true, "libraries", DIMPLE_LIBRARIES}, check_threads(), check_simd(), check_memory(), check_locale()};
   checks.push_back(
@@ -156,13 +157,17 @@ int examine(const fs::path& folder) {
                             : Check{false, "self test", "not made: it needs a folder for temporary files",
                                     "see the line `temporary`", ExitCode::output});
   ExitCode code = ExitCode::ok;
-  print(fmt::format("dimple {}\n", DIMPLE_VERSION));
+  nlohmann::ordered_json json = {{"version", DIMPLE_VERSION}, {"checks", nlohmann::ordered_json::array()}};
+  if (!as_json) print(fmt::format("dimple {}\n", DIMPLE_VERSION));
   for (const Check& check : checks) {
+    json["checks"].push_back({{"what", check.what}, {"ok", check.ok}, {"found", check.found}});
+    if (!check.ok) json["checks"].back()["remedy"] = check.remedy;
     std::string text = fmt::format("  {:<6} {:<11} {}\n", check.ok ? "ok" : "wrong", check.what, check.found);
     if (!check.ok) text += fmt::format("{:21}try: {}\n", "", check.remedy);
-    print(wrapped(text, 21, terminal_width(STDOUT_FILENO)));
+    if (!as_json) print(wrapped(text, 21, terminal_width(STDOUT_FILENO)));
     if (!check.ok && code == ExitCode::ok) code = check.code;
   }
+  if (as_json) print_json(json.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n");
   return static_cast<int>(code);
 }
 
@@ -176,7 +181,7 @@ Command add_doctor(CLI::App& app, Invocation& shared) {
           ->group("About the program");
   command->add_option("-o,--out,--output", shared.out, "folder in which results are to be written [.]");
   add_common(*command, shared);
-  return {command, [&shared] { return examine(shared.out.empty() ? "." : shared.out); }};
+  return {command, [&shared] { return examine(shared.out.empty() ? "." : shared.out, shared.json); }};
 }
 
 }  // namespace dimple

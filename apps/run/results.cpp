@@ -452,7 +452,8 @@ void ResultWriter::tables(const History& history, const Band& band, double sprea
   const auto add_from_to = [&](const char* low, const char* high, const auto& half) {
     std::vector<double> least, most;
     for (std::size_t k = 0; k < history.force.size(); ++k) {
-      least.push_back(history.force[k].force - half(k));
+      const double force = history.force[k].force, low = force - half(k);
+      least.push_back(touch_ && force >= 0.0 ? std::max(low, 0.0) : low);  // what touches does not pull
       most.push_back(history.force[k].force + half(k));
     }
     force.header.insert(force.header.end(), {low, high});

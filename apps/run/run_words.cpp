@@ -28,8 +28,10 @@ std::string nodes_for_band_in_words(Index nodes, Index usual, double facing_shar
 }
 
 std::string nodes_for_edge_in_words(Index nodes, Index usual) {
-  return fmt::format("nodes    {} instead of {}, as none were given: fewer do not follow the edge of a punch",
-                     nodes, usual);
+  return fmt::format(
+      "nodes    {} instead of {}, as none were given: fewer do not follow edges, as a punch or a "
+      "drawn tool may have them",
+      nodes, usual);
 }
 
 void tell_of_supports(const RunLog& log, const Model& model) {

@@ -231,10 +231,11 @@ Json consistency_json(const ConsistencyReport& consistency) {
 }
 
 // Of the last force.
-Json band_json(const Band& band, const History& history) {
+Json band_json(const Band& band, const History& history, bool touches) {
   if (!band.known()) return {{"unknown", band.unknown}};
   const double force = history.force.back().force, half = band.half.back();
-  return {{"low_N", force - half},
+  const double low = touches && force >= 0.0 ? std::max(force - half, 0.0) : force - half;
+  return {{"low_N", low},
           {"high_N", force + half},
           {"half_N", half},
           {"of", "discretisation"},
@@ -425,7 +426,7 @@ void add_force(Json& summary, const Result& result) {
     summary["lateral_share"] = lateral_share(on_tool, model.tool.push);
   }
   summary["base_force_N"] = history.force.empty() ? 0.0 : history.force.back().base_force;
-  summary["band"] = band_json(result.band, history);
+  summary["band"] = band_json(result.band, history, result.loading.touch != nullptr);
   if (result.spread > 0.0)
     summary["band_of_mu"] = {{"low_N", force - result.spread * std::abs(force)},
                              {"high_N", force + result.spread * std::abs(force)}};

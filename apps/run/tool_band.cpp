@@ -35,9 +35,10 @@ std::vector<double> tool_half_widths(const std::vector<ForceSample>& force, cons
                                      const std::vector<ForceSample>& coarse, const ToolShape& shape,
                                      const Penetration& penetration) {
   if (force.empty() || coarse.empty() || coarse.back().depth < force.back().depth * (1.0 - 1e-9)) return {};
-  Changes changes;
+  const double shallowest = shallowest_with_tool_band * shape.radius * (1.0 - 1e-9);
+  Changes changes;  // where next to nothing touches two clouds differ by a factor
   for (const ForceSample& sample : coarse)
-    if (sample.force > 0.0 && sample.depth <= force.back().depth * (1.0 + 1e-9))
+    if (sample.force > 0.0 && sample.depth >= shallowest && sample.depth <= force.back().depth * (1.0 + 1e-9))
       changes.depth.push_back(sample.depth);
   if (changes.depth.empty()) return {};
   const std::vector<double> fine = forces_between(force, changes.depth),
@@ -47,7 +48,6 @@ std::vector<double> tool_half_widths(const std::vector<ForceSample>& force, cons
     changes.most.push_back(k > 0 ? std::max(changes.most.back(), here) : here);
   }
   const double spacing = model.spacing.minCoeff();
-  const double shallowest = shallowest_with_tool_band * shape.radius * (1.0 - 1e-9);
   const auto first = std::find_if(force.begin(), force.end(),
                                   [&](const ForceSample& sample) { return sample.depth >= shallowest; });
   if (first == force.end()) return {};

@@ -114,8 +114,9 @@ Answer of_equilibrium(const Result& result, const std::string& status) {
     answer.value = last.force != 0.0 ? 100.0 * std::abs(last.base_force / last.force - 1.0) : 0.0;
     answer.of = "difference between the tool's and the base's force at the end";
   }
-  answer.reasons = fired(result, {"non-finite", "inverted", "volume", "time-step", "limit-point",
-                                  "no-equilibrium", "kinetic", "jagged"});
+  answer.reasons = fired(
+      result, {"non-finite", "inverted", "volume", "time-step", "limit-point", "no-equilibrium", "kinetic",
+               "jagged", "penetration", "tool-penetration", "wall-penetration", "tool-left"});
   if (result.time != TimeMode::quasi_static) {
     answer.check_beyond(100.0 * inertia_to_check);
     if (!history.force.empty() && history.force.back().force < 0.0 && history.force.back().depth > 0.0)

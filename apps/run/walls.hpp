@@ -41,7 +41,8 @@ GapAt gap_to_walls(const Config& config, const Loading& loading);
 /// a warning. Empty: none does.
 std::string tool_in_wall(const Config& config, const Model& model, const Loading& loading);
 
-/// "skull: pushed with 1.20 N over 350 mm2; the surface reaches 0.0123 mm into it at most", or "not touched".
+/// "skull: pushed with 1.20 N net over 350 mm2; the surface reaches 0.0123 mm into it at most", or "not
+/// touched".
 std::string in_words(const std::string& name, const TouchingTool::Touched& wall);
 
 }  // namespace dimple

@@ -106,6 +106,8 @@ void read_summary(const fs::path& folder, const std::vector<double>& depths_mm, 
   one.indentation_mm = field(summary, {"indentation_mm"});
   one.force = {field(summary, {"force_N"}), field(summary, {"band", "low_N"}),
                field(summary, {"band", "high_N"})};
+  // One that found no equilibrium: what is at rest is no force of it.
+  if (one.status == "failed" && one.indentation_mm == "0") one.indentation_mm = one.force[0] = "";
   one.total_s = field(summary, {"total_wall_s"});
   one.nodes = field(summary, {"counts", "nodes"});
   if (summary.contains("warnings") && summary.at("warnings").is_array())

@@ -224,6 +224,7 @@ std::vector<std::string> assumptions_of(const Config& config, const ShiftOptions
   if (assumed("image.close_mm"))
     all.push_back(fmt::format("sulci narrower than {} are filled with tissue, as their walls hold together",
                               length_in_words(usual_close_mm)));
+  if (assumed("boundary.base")) all.push_back("the brain is held at its inferior side, whichever side is up");
   if (options.skull == "derived")
     all.push_back(
         fmt::format("the skull is the brain's outer hull at a gap of {} mm", plain(gap_of_skull(options))));
@@ -246,7 +247,8 @@ Config config_of_shift(Config config, const ShiftOptions& options) {
   skull.opening = fmt::format("{},{},{},{}", opening[0], opening[1], opening[2], opening[3]);
   config.load.fluid_lost = fmt::format("{},{},{},{}", up.x(), up.y(), up.z(), options.fluid_lost);
   fluid_lost_of(config);
-  if (!was_given(config, "boundary.base")) config.boundary.base = "inferior";
+  config.source["load.fluid_lost"] = "--up, --fluid-lost";
+  if (!was_given(config, "boundary.base")) set_option(config, "boundary.base", "inferior", by_shift);
   if (!was_given(config, "material.mu_Pa") && !was_given(config, "material.young_Pa") &&
       config.material.preset == "none")
     set_option(config, "material.mu_Pa", plain(usual_mu_Pa), by_shift);
@@ -256,6 +258,7 @@ Config config_of_shift(Config config, const ShiftOptions& options) {
   config.load.depth_mm = fold_reach_mm;
   config.solver.time = "quasi-static";
   config.output.write = {options.tables_alone ? "force" : "images"};
+  for (const char* key : {"load.depth_mm", "solver.time", "output.write"}) config.source[key] = by_shift;
   return config;
 }
 

@@ -145,6 +145,10 @@ TEST(ToolBandWidth, ShallowerThanItWasMeasuredReachesFromNothingToTheLineToThere
   }
   EXPECT_LT(half[3], 0.3 * force[3].force);
   EXPECT_TRUE(tool_half_widths({force.begin(), force.begin() + 3}, model, force, sphere).empty());
+  // Nor does what two clouds have there make the band wider where it was measured.
+  std::vector<ForceSample> coarse = force;
+  coarse[1].force = 9e-5;
+  EXPECT_EQ(tool_half_widths(force, model, coarse, sphere), half);
 }
 
 class ToolBand : public testing::TestWithParam<bool> {};
