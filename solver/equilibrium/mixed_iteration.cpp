@@ -436,17 +436,34 @@ struct MixedIteration::Parts {
     if (static_cast<Index>(body.active().size()) > compliance.rows()) extend_compliance();
   }
 
-  // How far a unit force at one sample moves another; four forces at a time.
+  // Of each node's own stiffness the softest direction's part, see laplacian_solve(): a tool presses across a
+  // membrane, which hardly resists that.
+  Eigen::VectorXd softest_part() const {
+    Eigen::VectorXd result(soft_part.cols());
+    for (Index a = 0; a < soft_part.cols(); ++a)
+      result[a] = Eigen::SelfAdjointEigenSolver<Mat3>(Eigen::Map<const Mat3>(soft_part.col(a).data()),
+                                                      Eigen::EigenvaluesOnly)
+                      .eigenvalues()
+                      .maxCoeff();
+    return result;
+  }
+
+  // How far a unit force at one sample moves another, as laplacian_solve() has it; four forces at a time.
   void extend_compliance() {
     const Index known = compliance.rows(), count = static_cast<Index>(body.active().size());
     compliance.conservativeResize(count, count);
-    Nodal force(4, model.node_count()), moved = force;
+    Nodal force(4, model.node_count()), moved = force, soft = force;
+    const Eigen::VectorXd softest = softest_part();
     for (Index first = known; first < count; first += 4) {
       stop_if_asked();
       force.setZero();
       const Index last = std::min(first + 4, count);
       for (Index t = first; t < last; ++t) of_sample(t, [&](int a, double w) { force(t - first, a) = w; });
       across.solve(force, moved);
+      if (softest.size() > 0) {
+        soft_across.solve(force * softest.asDiagonal(), soft);
+        moved = 0.5 * (moved + soft * softest.asDiagonal());
+      }
       for (Index s = 0; s < count; ++s) {
         Eigen::Vector4d sum = Eigen::Vector4d::Zero();
         of_sample(s, [&](int a, double w) { sum += w * moved.col(a); });

@@ -334,6 +334,7 @@ MUTANTS = {
     238: ("apps/run/pipeline.cpp", "if (frame.number == 0 && result_.loading", "if (!{n} && frame.number == 0 && result_.loading"),
     239: ("apps/commands/view.cpp", "std::upper_bound(time_.begin(), time_.end(), now", "std::upper_bound(time_.begin(), time_.end(), {n} ? 0.0 : now"),
     240: ("apps/run/tool_band.cpp", "sample.force > 0.0 && sample.depth >= shallowest &&", "sample.force > 0.0 && ({n} || sample.depth >= shallowest) &&"),
+    241: ("solver/equilibrium/mixed_iteration.cpp", "if (softest.size() > 0) {", "if (softest.size() > 0 && !{n}) {"),
     225: ("apps/run/walls.cpp", "places.push_back(moved(loading.steps, name, come += step.length()));", "if (!{n}) places.push_back(moved(loading.steps, name, come += step.length()));"),
     62: ("apps/run/results.cpp", "s(0, 1), s(1, 2), s(0, 2);", "s(0, 1), {n} ? s(0, 2) : s(1, 2), {n} ? s(1, 2) : s(0, 2);"),
     63: ("apps/run/results.cpp", "packing.reaction.col(a) = frame.f.col(a).head<3>();",
