@@ -276,6 +276,9 @@ TEST_F(Terminal, TheDoctorTellsWhetherTheProgramWorksHere) {
   const auto at = std::find(depth.begin(), depth.end(), 5.0) - depth.begin();
   EXPECT_THAT(said, HasSubstr(force_in_words((*known.find("force_N"))[static_cast<std::size_t>(at)]) +
                               " by finite elements"));
+  const auto told = nlohmann::json::parse(good("doctor --json").out);
+  EXPECT_GE(told.at("checks").size(), 8U);
+  for (const auto& check : told.at("checks")) EXPECT_TRUE(check.at("ok").get<bool>()) << check;
   const Ran ill = dimple(folder, "doctor -o /proc");  // where nobody can make a file
   EXPECT_EQ(ill.code, 6);
   EXPECT_THAT(ill.out, HasSubstr("/proc cannot be written"));

@@ -71,6 +71,13 @@ fs::path folder_with_brain() {
   return folder;
 }
 
+fs::path folder_with_block(int spacing_mm) {
+  const fs::path folder = fresh_folder();
+  const std::string image = "phantom block.nrrd --shape block --size 40,40,20 -q --spacing ";
+  EXPECT_EQ(dimple(folder, image + std::to_string(spacing_mm)).code, 0);
+  return folder;
+}
+
 const char* const there_and_back = "time_s,depth_mm\n0,0\n0.4,4\n1.0,4\n1.3,1\n1.6,1\n1.8,0\n2,0\n";
 
 TEST(View, ShowsAFrameOfResultsWithItsSectionAndForce) {
@@ -125,8 +132,7 @@ TEST(View, NamesTheLabelsOnTheirColours) {
 // largest way in any frame, and a cut is open from its frame on.
 TEST(View, ShowsASceneOfStepsAsItWentOn) {
   if (const std::string what = missing_for_windows(); !what.empty()) GTEST_SKIP() << what;
-  const fs::path folder = fresh_folder();
-  ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 40,40,20 -q").code, 0);
+  const fs::path folder = folder_with_block(1);
   const Ran ran =
       dimple(folder,
              "run block.nrrd -o out -q --tool sphere:4mm --nodes 1000 --write surface --set step.a.move=2mm "
@@ -598,8 +604,7 @@ TEST(Poke, AScriptThatMovesTheToolAcrossAtDepthIsToldOfIt) {
 
 // Pressed in, held, drawn back and held there: the tissue's memory is of this way alone.
 TEST(Poke, OfTissueThatRelaxesFeelsWhatARunInTimeFeels) {
-  const fs::path folder = fresh_folder();
-  ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 40,40,20 --spacing 2 -q").code, 0);
+  const fs::path folder = folder_with_block(2);
   const std::string tissue = " --nodes 700 --set material.prony_g=0.5 --set material.prony_tau_s=1";
   write_file(folder / "way.csv", "time_s,depth_mm\n0,0\n1,2\n2,2\n3,0\n4,0\n4.5,-1\n5,-1\n");
   ASSERT_EQ(
@@ -630,8 +635,7 @@ TEST(Poke, OfTissueThatRelaxesFeelsWhatARunInTimeFeels) {
 }
 
 TEST(Poke, ASphereArrivesWhereARunArrives) {
-  const fs::path folder = fresh_folder();
-  ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 40,40,20 -q").code, 0);
+  const fs::path folder = folder_with_block(1);
   write_file(folder / "way.csv", "time_s,x_mm,y_mm,z_mm\n0,0,0,25\n1,0,0,18\n2,0,0,18\n");
   ASSERT_EQ(
       dimple(
@@ -647,8 +651,7 @@ TEST(Poke, ASphereArrivesWhereARunArrives) {
 }
 
 TEST(Poke, AScriptGoesOnWhereTheToolCannotComeDown) {
-  const fs::path folder = fresh_folder();
-  ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 40,40,20 --spacing 2 -q").code, 0);
+  const fs::path folder = folder_with_block(2);
   write_file(folder / "way.csv",
              "time_s,x_mm,y_mm,z_mm\n0,0,0,25\n0.4,0,0,18\n0.8,0,0,25\n1.2,18.5,0,25\n1.6,18.5,0,16\n2,0,0,"
              "25\n2.4,0,0,18\n");
