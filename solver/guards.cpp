@@ -218,8 +218,8 @@ void Guards::check_points(const ForceSystem::Sweep& sweep, const Moment& now) {
                      " at ", far, " points, ", percent(share), " of the volume; most at one: det F ",
                      1.0 + forces_.dilation(furthest)),
         .where = moment(now) + text("; that point at rest at ", in_mm(model_.point.col(furthest))),
-        .why = "the cloud is too coarse there to bend around the tool at constant volume",
-        .remedy = "use more nodes (--nodes) or a smaller --depth",
+        .why = "the cloud is too coarse there to bend at constant volume",
+        .remedy = "use more nodes (--nodes), a smaller --depth, or weaker loads where they bend it",
         .code = "volume"};
     if (share > volume_wrong) throw SolveError(report);
     find({report, share});
@@ -396,7 +396,9 @@ void Guards::check_contact(const TouchingTool::Audit& audit, double most, const 
          .why =
              "contact is looked for near the tool's axis, to half its radius or the depth beyond it, on what "
              "faces the tool: it has "
-             "passed through thin tissue, or reached the base, or a fold beside it",
+             "passed through thin tissue, or reached the base or a fold beside it, or was moved or turned to "
+             "where "
+             "none is looked for",
          .remedy = "use a smaller --depth, a smaller tool, or a place further from folds and edges "
                    "(--indent-at)",
          .code = "contact-surface"});

@@ -5,12 +5,15 @@
 
 #include <algorithm>
 #include <map>
+#include <nlohmann/json.hpp>
 #include <sstream>
 
 #include "apps/run/config.hpp"
 
 namespace dimple {
 namespace {
+
+using Json = nlohmann::ordered_json;
 
 std::map<std::string, std::vector<std::string>> choices_by_flag() {
   Config config;
@@ -261,6 +264,27 @@ std::string completion_for(const CLI::App& app, const std::string& shell) {
          : shell == "zsh"  ? for_zsh(app)
          : shell == "fish" ? for_fish(app)
                            : "";
+}
+
+std::string image_as_json(const std::filesystem::path& file, const LabelImage& image) {
+  const auto three = [](const Vec3& v) { return Json::array({v.x(), v.y(), v.z()}); };
+  Json out = {{"file", file.string()},
+              {"format", image.format},
+              {"orientation", image.orientation},
+              {"size", {image.stored_size[0], image.stored_size[1], image.stored_size[2]}},
+              {"spacing_mm", three(image.stored_spacing)},
+              {"labels", Json::array()},
+              {"warnings", image.warnings}};
+  for (const LabelMeasure& l : measure_labels(image))
+    out["labels"].push_back({{"value", l.value},
+                             {"name", l.name},
+                             {"voxels", l.voxels},
+                             {"volume_mm3", l.volume_mm3},
+                             {"centre_mm", three(l.centre_mm)},
+                             {"pieces", l.pieces},
+                             {"touches_border", l.touches_border}});
+  // A file's name may be no UTF-8.
+  return out.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
 }
 
 }  // namespace dimple

@@ -1,8 +1,11 @@
 #pragma once
 
 #include <CLI/CLI.hpp>
+#include <filesystem>
 #include <string>
 #include <vector>
+
+#include "io/label_image.hpp"
 
 namespace dimple {
 
@@ -21,6 +24,9 @@ std::vector<FlagWords> flags_of(const CLI::App& command);
 
 /// dimple(1), or dimple-COMMAND(1), as roff.
 std::string man_page(const CLI::App& app, const CLI::App* command);
+
+/// What a label image holds, as `info --json` and `phantom --json` print it.
+std::string image_as_json(const std::filesystem::path& file, const LabelImage& image);
 
 /// For bash, zsh or fish; empty for another word.
 std::string completion_for(const CLI::App& app, const std::string& shell);

@@ -1,9 +1,9 @@
 #include <fmt/format.h>
 
 #include <filesystem>
-#include <nlohmann/json.hpp>
 
 #include "apps/commands/command.hpp"
+#include "apps/commands/describe.hpp"
 #include "apps/commands/log.hpp"
 #include "apps/commands/terminal.hpp"
 #include "io/label_image.hpp"
@@ -13,34 +13,11 @@
 namespace dimple {
 namespace {
 
-using Json = nlohmann::ordered_json;
-
-Json three(const Vec3& v) {
-  return Json::array({v.x(), v.y(), v.z()});
-}
-
 void describe_image(const std::filesystem::path& file, const std::filesystem::path& label_names,
                     bool as_json) {
   const LabelImage image = read_label_image(file, label_names);
-  const std::vector<LabelMeasure> labels = measure_labels(image);
   if (as_json) {
-    Json out = {{"file", file.string()},
-                {"format", image.format},
-                {"orientation", image.orientation},
-                {"size", {image.stored_size[0], image.stored_size[1], image.stored_size[2]}},
-                {"spacing_mm", three(image.stored_spacing)},
-                {"labels", Json::array()},
-                {"warnings", image.warnings}};
-    for (const LabelMeasure& l : labels)
-      out["labels"].push_back({{"value", l.value},
-                               {"name", l.name},
-                               {"voxels", l.voxels},
-                               {"volume_mm3", l.volume_mm3},
-                               {"centre_mm", three(l.centre_mm)},
-                               {"pieces", l.pieces},
-                               {"touches_border", l.touches_border}});
-    // A file's name may be no UTF-8.
-    print_json(out.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
+    print_json(image_as_json(file, image));
     return;
   }
   print(fmt::format(
@@ -51,7 +28,7 @@ void describe_image(const std::filesystem::path& file, const std::filesystem::pa
       image.orientation));
   print(fmt::format("{:>6}  {:<28} {:>12} {:>14}  {:<24}  {:>6}  {}\n", "label", "name", "voxels", "volume",
                     "centre L, P, S [mm]", "pieces", "touches border"));
-  for (const LabelMeasure& l : labels)
+  for (const LabelMeasure& l : measure_labels(image))
     print(
         fmt::format("{:>6}  {:<28} {:>12} {:>14}  {:<24}  {:>6}  {}\n", l.value, printable(l.name), l.voxels,
                     volume_in_words(l.volume_mm3),

@@ -5,6 +5,8 @@
 #include <sstream>
 
 #include "apps/commands/command.hpp"
+#include "apps/commands/describe.hpp"
+#include "apps/commands/log.hpp"
 #include "apps/commands/terminal.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
@@ -63,8 +65,13 @@ Command add_phantom(CLI::App& app, Invocation& shared) {
               body.spacing_mm = quantity(options->voxel, "--spacing", "mm", "voxel edge");
             try_file(shared.out);
             remove_temporaries_of(shared.out);
-            write_label_image(shared.out, make_phantom(body));
-            print(printable(shared.out) + "\n");
+            const LabelImage image = make_phantom(body);
+            write_label_image(shared.out, image);
+            for (const std::string& warning : image.warnings) warn(warning);
+            if (shared.json)
+              print_json(image_as_json(shared.out, image));
+            else
+              print(printable(shared.out) + "\n");
             return 0;
           }};
 }

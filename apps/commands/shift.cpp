@@ -67,7 +67,7 @@ Command add_shift(CLI::App& app, Invocation& shared) {
                     "tables and summary alone, without images, pictures and page");
   command->add_flag("--explain", options->explain,
                     "then repeat the shift, changing one choice at a time, and show what it depends on");
-  options->flags.add(*command, "shift");
+  options->flags.add(*command, "shift", defaults_of_shift());
   add_common(*command, shared);
   return {command, [&shared, command, options] {
             const Config config =

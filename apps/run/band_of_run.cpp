@@ -14,6 +14,7 @@
 
 #include "apps/run/folds.hpp"
 #include "apps/run/pipeline.hpp"
+#include "apps/run/run_words.hpp"
 #include "apps/run/steps.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/tool.hpp"
@@ -113,16 +114,6 @@ const Result& CoarserMarch::operator()() {
 
 namespace {
 
-// Those that points are of.
-std::vector<Material> in_use(const Tissues& tissues) {
-  std::vector<char> met(tissues.material.size(), 0);
-  for (const int tissue : tissues.of_point) met[static_cast<std::size_t>(tissue)] = 1;
-  std::vector<Material> result;
-  for (std::size_t t = 0; t < met.size(); ++t)
-    if (met[t]) result.push_back(tissues.material[t]);
-  return result;
-}
-
 std::string why_no_band(const Config& config, const std::vector<Material>& tissues) {
   const Config usual;
   if (config.scheme.name != usual.scheme.name) return "it was measured for the converging scheme alone";
@@ -141,8 +132,6 @@ std::string why_no_band(const Config& config, const std::vector<Material>& tissu
   if (const double usual_step = longest_step(tool_of(config).has_value());
       longest_step_radii(config) > usual_step)
     return fmt::format("it was measured with steps of the load of at most {:g} radii", usual_step);
-  if (config.boundary.direction != usual.boundary.direction)
-    return "it was measured for a circle that moves straight towards the base";
   if (config.cloud.rim != usual.cloud.rim || config.cloud.jitter != usual.cloud.jitter ||
       config.grid.points != usual.grid.points || config.grid.ratio != usual.grid.ratio ||
       config.support.basis != usual.support.basis || config.support.weight != usual.support.weight ||
@@ -175,6 +164,9 @@ std::string why_no_band(const Config& config, const Organ& organ, const Boundary
                         const Result& result) {
   if (result.time != TimeMode::quasi_static) return not_for_dynamics;
   if (const std::string none = why_no_band(config, in_use(result.tissues)); !none.empty()) return none;
+  constexpr double straight = 0.9998;  // a degree
+  if (config.boundary.direction != Config().boundary.direction && boundary.push.dot(boundary.down) < straight)
+    return "it was measured for a circle that moves straight towards the base";
   if (result.loading.folds && (!(result.facing_share > most_facing) || result.cut.area_mm2 > 0.0))
     return "where folds touch it was measured for folded bodies that are not cut";
   const BodyUnderCircle body =

@@ -63,6 +63,15 @@ void tell_of_supports(const RunLog& log, const Model& model) {
                          three_digits(model.mass.maxCoeff() * 1e3)));
 }
 
+std::vector<Material> in_use(const Tissues& tissues) {
+  std::vector<char> met(tissues.material.size(), 0);
+  for (const int tissue : tissues.of_point) met[static_cast<std::size_t>(tissue)] = 1;
+  std::vector<Material> result;
+  for (std::size_t t = 0; t < met.size(); ++t)
+    if (met[t]) result.push_back(tissues.material[t]);
+  return result;
+}
+
 std::string describe(const Tissues& tissues, std::size_t t) {
   const Material& m = tissues.material[t];
   const LawWords words = words_of(m);

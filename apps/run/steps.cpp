@@ -92,7 +92,8 @@ void check_way(const Config& config, const std::string& name, const Config::Step
   if (all_zero(step.move_mm))
     refuse(name, "move_mm", "moves by nothing", "a step ends where something has come",
            "leave move_mm out and give time_s, which holds so long; or leave the step out");
-  if (is_of_tool(step) && !along_push && config.load.contact == "frictionless")
+  if (is_of_tool(step) && config.tool.shape == "circle" && !along_push &&
+      config.load.contact == "frictionless")
     refuse(name, "move_mm", "moves the tool in space, and it is frictionless",
            "tissue slides under it and is not taken along",
            "give one number, along its push, or --contact bonded");

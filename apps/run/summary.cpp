@@ -355,10 +355,12 @@ Json steps_json(const Result& result) {
 }
 
 double largest_energy_error(const History& history) {
+  if (history.energy.empty()) return 0.0;
+  const EnergySample& rest = history.energy.front();  // what loads did before the tool came is not its work
   double error = 0.0, scale = 0.0;
   for (const EnergySample& e : history.energy) {
-    error = std::max(error, std::abs(e.error()));
-    scale = std::max(scale, std::abs(e.external));
+    error = std::max(error, std::abs(e.error() - rest.error()));
+    scale = std::max(scale, std::abs(e.external - rest.external));
   }
   return scale > 0.0 ? error / scale : 0.0;
 }
@@ -447,7 +449,7 @@ void add_steps(Json& summary, const Result& result) {
   summary["momentum_error"] = history.momentum_error;
 }
 
-void add_times(Json& summary, const Config& config, const Result& result, const RunTimes& times) {
+void add_times(Json& summary, const Result& result, const RunTimes& times) {
   const History& history = result.history;
   const double reached_s = history.force.empty() ? 0.0 : history.force.back().t;
   const double evaluations = evaluations_of(history);
@@ -513,7 +515,7 @@ void add_run(Json& summary, const Config& config, const Result& result, const Ru
   add_force(summary, result);
   add_levels(summary, result);
   add_steps(summary, result);
-  add_times(summary, config, result, times);
+  add_times(summary, result, times);
   summary["threads"] = tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism);
   summary["warnings"] = result.warnings;
   add_guards(summary, result);

@@ -128,9 +128,12 @@ Answer of_equilibrium(const Result& result, const std::string& status) {
 }
 
 Answer of_energy(const Result& result) {
-  Answer answer{.value = 100.0 * largest_energy_error(result.history),
-                .unit = "%",
-                .of = "of the tool's work is what the energy balance is off by"};
+  Answer answer{
+      .value = 100.0 * largest_energy_error(result.history),
+      .unit = "%",
+      .of = result.loading.loads.move_the_body() || !result.loading.further.empty()
+                ? "of the work done since the body came to rest is what the energy balance is off by"
+                : "of the tool's work is what the energy balance is off by"};
   answer.reasons = fired(result, {"energy"});
   answer.check_beyond(100.0 * energy_to_check);
   if (!answer.reasons.empty() && relaxes(result.tissues.material))

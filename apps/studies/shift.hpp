@@ -24,6 +24,9 @@ struct ShiftOptions {
 /// its lowest part held, and no tool. Throws UsageError: one of the options is not understood.
 Config config_of_shift(Config config, const ShiftOptions& options);
 
+/// What a shift takes where nobody says it, where that is not what a run takes: modulus, nodes, gaps, base.
+Config defaults_of_shift();
+
 /// The equilibrium after it: displacement and deformed images, targets.csv, profile.csv, surface.vtp,
 /// nodes.vtu, summary.json. `config`: as config_of_shift() returns it. Throws as simulate() does.
 Outcome shift(const Config& config, const ShiftOptions& options, const std::filesystem::path& folder,

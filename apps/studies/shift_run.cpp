@@ -27,9 +27,6 @@ namespace dimple {
 namespace {
 
 constexpr double usual_gap_mm = 2.0;    // where a skull is derived and nobody says one
-constexpr double usual_mu_Pa = 1000.0;  // of brain, where no material is given
-constexpr double usual_nodes = 4000;
-constexpr double usual_close_mm = 4.0;  // sulci narrower than this hold together
 constexpr double held_share = 0.15;     // of the brain's smallest extent, and at most that
 constexpr double held_depth_mm = 20.0;  // of the brain's lowest part
 constexpr double unheld_mm = 5.0;       // around the place of no tool, where no node is held
@@ -220,10 +217,10 @@ std::vector<std::string> assumptions_of(const Config& config, const ShiftOptions
   };
   std::vector<std::string> all;
   if (assumed("material.mu_Pa"))
-    all.push_back(fmt::format("the brain's shear modulus is {}", stress_in_words(usual_mu_Pa)));
+    all.push_back(fmt::format("the brain's shear modulus is {}", stress_in_words(defaults_of_shift().material.mu_Pa)));
   if (assumed("image.close_mm"))
     all.push_back(fmt::format("sulci narrower than {} are filled with tissue, as their walls hold together",
-                              length_in_words(usual_close_mm)));
+                              length_in_words(defaults_of_shift().image.close_mm)));
   if (assumed("boundary.base")) all.push_back("the brain is held at its inferior side, whichever side is up");
   if (options.skull == "derived")
     all.push_back(
@@ -236,7 +233,17 @@ std::vector<std::string> assumptions_of(const Config& config, const ShiftOptions
   return all;
 }
 
+Config defaults_of_shift() {
+  Config config;
+  config.material.mu_Pa = 1000.0;  // of brain
+  config.cloud.nodes = 4000;
+  config.image.close_mm = 4.0;  // sulci narrower than this hold together
+  config.boundary.base = "inferior";
+  return config;
+}
+
 Config config_of_shift(Config config, const ShiftOptions& options) {
+  const Config defaults = defaults_of_shift();
   const auto [opening, up, targets] = scene_of(options);
   if (!options.brain.empty()) set_option(config, "image.label", options.brain, "--brain");
   Config::Wall& skull = config.wall[skull_name];
@@ -248,13 +255,13 @@ Config config_of_shift(Config config, const ShiftOptions& options) {
   config.load.fluid_lost = fmt::format("{},{},{},{}", up.x(), up.y(), up.z(), options.fluid_lost);
   fluid_lost_of(config);
   config.source["load.fluid_lost"] = "--up, --fluid-lost";
-  if (!was_given(config, "boundary.base")) set_option(config, "boundary.base", "inferior", by_shift);
+  if (!was_given(config, "boundary.base")) set_option(config, "boundary.base", defaults.boundary.base, by_shift);
   if (!was_given(config, "material.mu_Pa") && !was_given(config, "material.young_Pa") &&
       config.material.preset == "none")
-    set_option(config, "material.mu_Pa", plain(usual_mu_Pa), by_shift);
-  if (default_nodes(config)) set_option(config, "cloud.nodes", plain(usual_nodes), by_shift);
+    set_option(config, "material.mu_Pa", plain(defaults.material.mu_Pa), by_shift);
+  if (default_nodes(config)) set_option(config, "cloud.nodes", plain(static_cast<double>(defaults.cloud.nodes)), by_shift);
   if (!was_given(config, "image.close_mm"))
-    set_option(config, "image.close_mm", plain(usual_close_mm), by_shift);
+    set_option(config, "image.close_mm", plain(defaults.image.close_mm), by_shift);
   config.load.depth_mm = fold_reach_mm;
   config.solver.time = "quasi-static";
   config.output.write = {options.tables_alone ? "force" : "images"};

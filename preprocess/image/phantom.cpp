@@ -109,6 +109,19 @@ Shape shape_of(const PhantomOptions& options) {
                 "known are brain, block, cut-ellipsoid and cylinder", "choose one of them with --shape");
 }
 
+// A block has whole voxels.
+void say_size(LabelImage& image, const PhantomOptions& options) {
+  const double h = options.spacing_mm;
+  const VoxelBox box = foreground_box(image);
+  Vec3 size;
+  for (std::size_t axis = 0; axis < 3; ++axis)
+    size[static_cast<Index>(axis)] = static_cast<double>(box.high[axis] - box.low[axis] + 1) * h;
+  if ((size - options.size_mm).cwiseAbs().maxCoeff() > 1e-6 * h)
+    image.warnings.push_back(fmt::format(
+        "the block is {:g} x {:g} x {:g} mm: whole voxels of {:g} mm, not {:g} x {:g} x {:g} mm", size[0],
+        size[1], size[2], h, options.size_mm[0], options.size_mm[1], options.size_mm[2]));
+}
+
 }  // namespace
 
 LabelImage make_phantom(const PhantomOptions& options) {
@@ -161,6 +174,7 @@ LabelImage make_phantom(const PhantomOptions& options) {
             origin + h * Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k)));
       append_row(image, row);
     }
+  if (options.shape == "block") say_size(image, options);
   return image;
 }
 
