@@ -69,6 +69,8 @@ TEST_F(Compare, ShowsThatAnotherModulusIsTheOnlyDifference) {
   const Ran ran = dimple(folder, "compare a b -o both.png");
   EXPECT_EQ(ran.code, 0) << ran.err;
   EXPECT_THAT(ran.out, HasSubstr("B 50.0 % above A; the bands do not overlap"));
+  EXPECT_THAT(ran.out,
+              testing::ContainsRegex("at 1\\.00 mm: A [0-9]{1,2}\\.[0-9]+ mN, B [0-9]{2}\\.[0-9]+ mN"));
   EXPECT_THAT(ran.out, HasSubstr("differs  material.mu_Pa: A 210.0, B 315.0\n"));
   EXPECT_EQ(text_of(folder / "both.png").substr(1, 3), "PNG");
 }

@@ -88,6 +88,28 @@ TEST_F(GravityInAScene, SettlesByWhatItsNodesAreDisplaced) {
   EXPECT_THAT(summary["warnings"].dump(), HasSubstr("3 1/s of damping is not used"));
 }
 
+// What gravity did before the tool came is several times the tool's work, which an error is a part of.
+TEST_F(GravityInAScene, IsNoWorkOfTheTool) {
+  const Json summary = run(" --nodes 600 --depth 2mm --write force --gravity inferior", "out", "500Pa");
+  const Table energy = read_csv(folder / "out" / "energy.csv");
+  const std::vector<double>&work = *energy.find("external_work_J"), &error = *energy.find("error_J");
+  ASSERT_GT(work.front(), 2.0 * (work.back() - work.front()));
+  double largest = 0.0;
+  for (const double e : error) largest = std::max(largest, std::abs(e));
+  EXPECT_NEAR(summary["energy_error"].get<double>(), largest / (work.back() - work.front()), 1e-6);
+  EXPECT_THAT(summary["verdict"]["energy"]["of"].get<std::string>(),
+              HasSubstr("since the body came to rest"));
+}
+
+TEST_F(GravityInAScene, ThatCrushesTheBodyIsToldOfAndThatSettlesItALittleIsNot) {
+  const auto warned = [&](const char* mu) {
+    return run(" --nodes 600 --depth 0.1mm --write force --gravity left", "out", mu)["warnings"].dump().find(
+               "more than half of its smallest extent") != std::string::npos;
+  };
+  EXPECT_FALSE(warned("2kPa"));
+  EXPECT_TRUE(warned("300Pa"));
+}
+
 TEST_F(GravityInAScene, IsBorneByTheBaseWhereTheToolBarelyTouches) {
   const Json summary = run(" --nodes 800 --depth 0.01mm --write force --gravity inferior");
   const double weight = 1e-3 * summary["mass_g"].get<double>() * 9.81;

@@ -738,6 +738,15 @@ TEST_F(Run, MakesPhantomsWhoseLengthsHaveUnits) {
     EXPECT_EQ(dimple(folder, "phantom third.nrrd " + std::string(wrong)).code, 2) << wrong;
 }
 
+TEST_F(Run, MakesABlockOfWholeVoxelsAndSaysSoWhereItIsNotWhatWasAskedFor) {
+  EXPECT_EQ(good("phantom even.nrrd --shape block --size 60,60,30 --spacing 3").err, "");
+  const Ran odd = good("phantom odd.nrrd --shape block --size 61,60,31 --spacing 3 --json");
+  EXPECT_NE(odd.err.find("the block is 63 x 60 x 30 mm: whole voxels of 3 mm, not 61 x 60 x 31 mm"),
+            std::string::npos)
+      << odd.err;
+  EXPECT_EQ(Json::parse(odd.out)["labels"], Json::parse(good("info odd.nrrd --json").out)["labels"]);
+}
+
 TEST_F(Run, AsksForTheUnitOfAnImageOfAnotherScale) {
   good("phantom small.nrrd --shape block --size 60,60,30 --spacing 3");
   const std::string axes = "(3,0,0) (0,3,0) (0,0,3)";

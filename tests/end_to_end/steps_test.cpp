@@ -221,7 +221,9 @@ TEST_F(SceneOfSteps, WhatMakesNoSceneIsRefusedInWords) {
   refused(all + " --set step.a.move=2 --time explicit", {"inertia", "solver.time"});
   refused(all + " --set step.a.move=2 --rate 10m/s", {"too fast"});
   refused(all + " --set step.a.move=2 --set step.b.time=20s --rate 10m/s", {"too fast"});
-  refused(all + " --set step.a.move=1,0,0 --contact frictionless", {"frictionless"});
+  refused(all + " --set step.a.move=1,0,0 --contact frictionless",
+          {"moves the tool in space", "frictionless"});
+  refused(all + " --tool sphere:4mm --set step.a.move=1,0,0 --contact frictionless", {"leave --contact out"});
   refused(all + " --set step.a.move=-1 --contact frictionless", {"frictionless", "pulls"});
   refused(all + " --set step.a.move=2 --compare horton2007", {"--compare", "steps"});
   refused(all + " --set step.a.move=2 --explain", {"--explain", "steps"});

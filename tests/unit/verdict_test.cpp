@@ -52,6 +52,10 @@ TEST(Verdict, IsGoodWhereNothingSpeaksAgainstIt) {
 TEST(Verdict, AGuardSpeaksToItsOwnQuestionAlone) {
   const std::pair<const char*, const char*> guards[] = {{"supports", "good check good good good "},
                                                         {"limit-point", "good good check good good "},
+                                                        {"penetration", "good good check good good "},
+                                                        {"tool-penetration", "good good check good good "},
+                                                        {"wall-penetration", "good good check good good "},
+                                                        {"tool-left", "good good check good good "},
                                                         {"energy", "good good good check good "}};
   for (const auto& [code, expected] : guards) {
     Result result = good_run();
