@@ -303,9 +303,8 @@ Rest come_to_rest(System& system, double tolerance) {
       if (part >= smallest_part && (sweeps() < most_in_all || !relax.has_mixed())) continue;
       Report report = error.report;
       report.fact = text("the body does not carry its loads: ", report.fact);
-      report.where =
-          text("before the tool touches, at ", percent(share), " of gravity and pressures; ", report.where);
-      report.remedy = "lower gravity or the pressures, raise the stiffness, or hold more of the body";
+      report.where = text("before the tool touches, at ", percent(share), " of its loads; ", report.where);
+      report.remedy = "lower the loads, raise the stiffness, or hold more of the body";
       throw SolveError(report);
     }
   }

@@ -134,10 +134,9 @@ const std::vector<NotModelled>& not_modelled() {
        "--tool",
        "dimple run IMAGE --tool sphere:5mm, punch:5mm,edge=1mm, capsule:2mm,length=20mm or probe.stl"},
       {{"--unload", "--unloading", "--retract", "--relax", "--hold"},
-       "unloading is a step of a scene, of elastic tissue in equilibrium; a tool that is held while tissue "
-       "relaxes is not modelled",
-       "--set step.press.move=4mm --set step.lift.move=-2mm, or `dimple poke IMAGE --script PATH`, which "
-       "follows a tool in and out"},
+       "a tool is held and lifted by steps of a scene, in equilibrium",
+       "--set step.press.move=4mm --set step.hold.time=5s --set step.lift.move=-2mm, or `dimple poke IMAGE "
+       "--script PATH`, which follows a tool in and out"},
       {{"--adhesion", "--adhesive", "--stick", "--cohesion"},
        "adhesion is not modelled: a tool that touches sticks while it is pressed, and does not pull",
        "--friction stick under --tool; or the circle, which is bonded and pulls"},
@@ -182,6 +181,14 @@ void refuse_what_is_not_modelled(const CLI::App& app, const std::vector<std::str
              .code = "not-modelled"});
 }
 
+// "load.depth" of "--depth", as --set takes it; empty: that is no option of the table.
+std::string key_of(const std::string& flag) {
+  Config config;
+  for (const Option& option : options_of(config))
+    if (option.flag == flag) return without_unit(option);
+  return {};
+}
+
 [[noreturn]] void usage_error(const CLI::App& app, const CLI::ParseError& error,
                               const std::vector<std::string>& words) {
   refuse_what_is_not_modelled(app, words);
@@ -191,7 +198,7 @@ void refuse_what_is_not_modelled(const CLI::App& app, const std::vector<std::str
     for (const CLI::Option* option : command->get_options())
       for (const std::string& name : option->get_lnames()) flags.push_back("--" + name);
   }
-  std::string fact = error.what();
+  std::string fact = error.what(), remedy = "see `dimple --help`, or `dimple COMMAND --help`";
   // CLI11: "--gravity: 1 required TEXT missing"
   if (const std::size_t missing = fact.find(": 1 required"); missing != std::string::npos)
     fact = fmt::format("{} is given without its value", fact.substr(0, missing));
@@ -205,11 +212,18 @@ void refuse_what_is_not_modelled(const CLI::App& app, const std::vector<std::str
       if (flag.rfind("--", 0) == 0 && std::find(flags.begin(), flags.end(), flag) == flags.end() &&
           flag != "--help" && flag != "--help-all" && flag != "--version")
         fact = fmt::format("there is no option {}{}", flag, did_you_mean(flag, flags));
+      else if (flag.rfind("--", 0) == 0 && !has_option(app, words, flag)) {
+        fact = fmt::format("`dimple {}` has no option {}", words[0], flag);
+        if (const std::string key = key_of(flag); !key.empty() && has_option(app, words, "--set"))
+          remedy = fmt::format("give it as --set {}={}", key,
+                               word.size() > flag.size() ? word.substr(flag.size() + 1) : "VALUE");
+        break;
+      }
     }
   throw UsageError({.fact = fact,
                     .where = "command line",
                     .why = "it does not follow the usage of the command",
-                    .remedy = "see `dimple --help`, or `dimple COMMAND --help`"});
+                    .remedy = remedy});
 }
 
 // 3D Slicer knows one program as one module, and gives flags without a command.

@@ -30,7 +30,10 @@ void print_place(const UsablePlace& place) {
 
 void print_places(const UsablePlaces& places, double diameter_mm) {
   print(fmt::format(
-      "Places for a circle of {:.4g} mm; --indent-at takes a side or x,y,z (LPS, mm).\n\n{:<9}  {:<22}  {:<9}"
+      "Places for a circle of {:.4g} mm; --indent-at takes a side, or x,y,z (LPS, mm) with the base and, "
+      "where the tool "
+      "does not come from opposite to it, its way: --base inferior --direction=-1,0,0.\n\n{:<9}  {:<22}  "
+      "{:<9}"
       "  {:>9}  {:>10}  {:>7}  {}\n",
       diameter_mm, "tool from", "x,y,z [mm]", "base", "tissue mm", "tilt [deg]", "room mm", "verdict"));
   for (const UsablePlace& place : places.sides) print_place(place);

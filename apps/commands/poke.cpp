@@ -379,10 +379,8 @@ int poke(const Invocation& shared, const CLI::App& command, PokeArguments& optio
                       .where = "--tool scalpel",
                       .why = "it is what the hand holds in a window",
                       .remedy = "add --window, or give --strokes"});
-  if (!options.record.empty()) {
-    ResultFolder folder(options.record, shared.existing());
-    folder.prepare();
-  }
+  std::optional<ResultFolder> folder;  // to the end: it lists what is written and keeps others out
+  if (!options.record.empty()) folder.emplace(options.record, shared.existing()).prepare();
   const LiveOrgan organ = read_live_organ(config, {.line = to_log().line});
   // A count that was not asked for is what this machine can follow; with a limit in evaluations nothing
   // depends on it.

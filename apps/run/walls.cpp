@@ -500,8 +500,13 @@ Walls walls_beside(const Config& config, const Model& model, const LabelImage* i
       throw ModelError(
           {.fact = fmt::format("nothing of the body can come to the wall '{}'", name),
            .where = wall_key(name, "shape"),
-           .why = fmt::format("no part of its surface faces it within {}", length_in_words(1e3 * reach)),
-           .remedy = "`dimple info IMAGE` shows where the body is; a plane's normal points to it",
+           .why = fmt::format(
+               "no part of its surface that is free faces it within {}: what the base or a support "
+               "holds and what lies in an opening does not touch a wall",
+               length_in_words(1e3 * reach)),
+           .remedy =
+               "`dimple info IMAGE` shows where the body is; a plane's normal points to it; make its opening "
+               "smaller, if it has one",
            .code = "wall"});
     const double allowed = image && !image->run.empty() ? 1e-3 * overlap_voxels * image->spacing().maxCoeff()
                                                         : overlap_spacings * model.spacing.mean();

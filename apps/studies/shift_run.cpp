@@ -217,7 +217,8 @@ std::vector<std::string> assumptions_of(const Config& config, const ShiftOptions
   };
   std::vector<std::string> all;
   if (assumed("material.mu_Pa"))
-    all.push_back(fmt::format("the brain's shear modulus is {}", stress_in_words(defaults_of_shift().material.mu_Pa)));
+    all.push_back(
+        fmt::format("the brain's shear modulus is {}", stress_in_words(defaults_of_shift().material.mu_Pa)));
   if (assumed("image.close_mm"))
     all.push_back(fmt::format("sulci narrower than {} are filled with tissue, as their walls hold together",
                               length_in_words(defaults_of_shift().image.close_mm)));
@@ -233,6 +234,18 @@ std::vector<std::string> assumptions_of(const Config& config, const ShiftOptions
   return all;
 }
 
+namespace {
+
+void check_fluid_lost(const ShiftOptions& options) {
+  if (options.fluid_lost.size() < 2 || options.fluid_lost.back() != '%')
+    throw UsageError({.fact = fmt::format("the fluid that is lost is '{}'", options.fluid_lost),
+                      .where = "--fluid-lost",
+                      .why = "it is a share of the brain's height, in percent",
+                      .remedy = "for instance --fluid-lost 60%"});
+}
+
+}  // namespace
+
 Config defaults_of_shift() {
   Config config;
   config.material.mu_Pa = 1000.0;  // of brain
@@ -245,6 +258,7 @@ Config defaults_of_shift() {
 Config config_of_shift(Config config, const ShiftOptions& options) {
   const Config defaults = defaults_of_shift();
   const auto [opening, up, targets] = scene_of(options);
+  check_fluid_lost(options);
   if (!options.brain.empty()) set_option(config, "image.label", options.brain, "--brain");
   Config::Wall& skull = config.wall[skull_name];
   const double gap = gap_of_skull(options);
@@ -255,11 +269,13 @@ Config config_of_shift(Config config, const ShiftOptions& options) {
   config.load.fluid_lost = fmt::format("{},{},{},{}", up.x(), up.y(), up.z(), options.fluid_lost);
   fluid_lost_of(config);
   config.source["load.fluid_lost"] = "--up, --fluid-lost";
-  if (!was_given(config, "boundary.base")) set_option(config, "boundary.base", defaults.boundary.base, by_shift);
+  if (!was_given(config, "boundary.base"))
+    set_option(config, "boundary.base", defaults.boundary.base, by_shift);
   if (!was_given(config, "material.mu_Pa") && !was_given(config, "material.young_Pa") &&
       config.material.preset == "none")
     set_option(config, "material.mu_Pa", plain(defaults.material.mu_Pa), by_shift);
-  if (default_nodes(config)) set_option(config, "cloud.nodes", plain(static_cast<double>(defaults.cloud.nodes)), by_shift);
+  if (default_nodes(config))
+    set_option(config, "cloud.nodes", plain(static_cast<double>(defaults.cloud.nodes)), by_shift);
   if (!was_given(config, "image.close_mm"))
     set_option(config, "image.close_mm", plain(defaults.image.close_mm), by_shift);
   config.load.depth_mm = fold_reach_mm;

@@ -22,7 +22,7 @@ constexpr double flat_share = 0.25;  // of the outline that must touch for a fac
 // Of the outline, for a face where an organ was cut: the gentle sides of livers, lungs and hearts have 0.29
 // to 0.39, an ellipsoid has 0.16.
 constexpr double cut_share = 0.45;
-constexpr double same_area = 0.02;       // flat faces that differ by less are as large
+constexpr double same_area = 0.05;  // flat faces that differ by less are as large: few voxels leave 0.035
 constexpr double bed_depth = 1.0 / 3.0;  // of the height, for an organ without a flat face
 constexpr double dome_depth = 0.2;       // of the height: the part of a side that counts as its dome
 constexpr double same_dome = 0.05;       // domes that differ by less are as broad
@@ -330,6 +330,21 @@ Asked parse_place(const std::string& text) {
   return {.from = from, .half = half, .place = {}};
 }
 
+// How to press a place that lies on another side than the tool comes from; empty where it does not.
+std::string from_its_side(const BodySurface& body, const Vec3& asked, const Boundary& boundary) {
+  const BodySurface::Closest nearest = body.closest(asked);
+  const Vec3 out = body.normal().col(nearest.triangle);
+  constexpr double aslant = 0.7;
+  if (nearest.distance > boundary.radius || -out.dot(boundary.push) > aslant) return {};
+  const Vec3 lps = body.to_world().linear() * out;
+  Vec3 along = Vec3::Zero();
+  Index axis = 0;
+  lps.cwiseAbs().maxCoeff(&axis);
+  along[axis] = lps[axis] < 0.0 ? 1.0 : -1.0;
+  return fmt::format("press it from its own side, the {} one, with --base {} --direction={:g},{:g},{:g}; or ",
+                     side_towards(lps), side_towards(-lps), along[0] + 0.0, along[1] + 0.0, along[2] + 0.0);
+}
+
 // `least_room`: around the place, without an edge [mm].
 void place_as_asked(const BodySurface& body, const std::string& asked_for, const Asked& place,
                     const View& view, double least_room, Boundary& result) {
@@ -362,10 +377,11 @@ void place_as_asked(const BodySurface& body, const std::string& asked_for, const
                             "at {}; that is more "
                             "than two diameters away, so another place is likely to be meant",
                             2.0 * result.radius, words(body, *touch)),
-         .remedy = fmt::format(
-             "give that place, or the place of the surface nearest to the one given, {}, for which "
-             "another --direction may be needed",
-             words(body, body.closest(asked).place)),
+         .remedy =
+             from_its_side(body, asked, result) +
+             fmt::format("give that place, or the place of the surface nearest to the one given, {}, for "
+                         "which another --direction may be needed",
+                         words(body, body.closest(asked).place)),
          .code = "place-moved"});
   result.circle_reason = fmt::format("asked for; moved {:.1f} mm along the push onto the surface", moved);
   if (moved > result.radius && !place.z_is_free)
@@ -382,9 +398,9 @@ void place_as_asked(const BodySurface& body, const std::string& asked_for, const
          .where = "--indent-at (boundary.indent_at)",
          .why = fmt::format("{:.1f} mm from its middle the surface ends or drops by more than a radius",
                             room.whole),
-         .remedy = "move it with --indent-at, make it smaller with --indenter-diameter (or --tool), or leave "
-                   "the place to "
-                   "--indent-at opposite"});
+         .remedy = from_its_side(body, asked, result) +
+                   "move it with --indent-at, make it smaller with --indenter-diameter (or --tool), or leave "
+                   "the place to --indent-at opposite"});
 }
 
 // The way that the tool goes. `known`: of the same body, for a place that does not say it.

@@ -51,6 +51,28 @@ TEST_F(Places, OfThePhantomAreListedInWordsAndAsJsonAndARunTakesThem) {
   }
 }
 
+TEST_F(Places, OnEachSideAreTakenWithTheBaseBesideThemAndTheWayFromThere) {
+  good("phantom brain.nrrd --spacing 3");
+  const Json listed = Json::parse(good("places brain.nrrd --json").out);
+  EXPECT_THAT(good("places brain.nrrd").out, HasSubstr("x,y,z (LPS, mm) with the base"));
+  int others = 0;
+  for (const Json& side : listed.at("sides")) {
+    if (side.at("verdict") == "refused") continue;
+    const std::string place = "model brain.nrrd -o out --force --nodes 500 --indent-at=" + coordinates(side),
+                      base = " --base " + side.at("base").get<std::string>();
+    const Json& push = side.at("push");
+    const std::string way = fmt::format(" --direction={},{},{}", push[0].get<double>(), push[1].get<double>(),
+                                        push[2].get<double>());
+    EXPECT_THAT(good(place + base + way).err, HasSubstr("asked for; moved 0.0 mm"));
+    if (side.at("from") == "superior") continue;
+    ++others;
+    const Ran ran = dimple(folder, place);
+    EXPECT_NE(ran.code, 0);
+    EXPECT_THAT(ran.err, HasSubstr("hangs over the organ's edge"));
+  }
+  EXPECT_GE(others, 2);
+}
+
 TEST_F(Places, InWordsThatMeantSomethingElseAreRefusedWithTheNewOnes) {
   const auto refused = [&](const std::string& words, const std::vector<const char*>& said) {
     const Ran ran = dimple(folder, words);

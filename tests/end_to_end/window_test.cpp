@@ -250,6 +250,22 @@ TEST(Poke, SlidesUnderTheToolWhereThatIsAskedFor) {
   EXPECT_LT(force[1], 0.97 * force[0]);
 }
 
+TEST(Poke, RecordedAnewLeavesNothingOfTheRecordBefore) {
+  const fs::path folder = folder_with_brain();
+  const auto recorded = [&](const char* path) {
+    write_file(folder / "path.csv", std::string("time_s,depth_mm\n0,0\n") + path);
+    const Ran ran = dimple(
+        folder, "poke brain.nrrd --script path.csv --nodes 700 --evaluations 12 -q --record rec --force");
+    EXPECT_EQ(ran.code, 0) << ran.err;
+    std::size_t surfaces = 0;
+    for (const auto& entry : fs::directory_iterator(folder / "rec" / "surface")) surfaces += entry.exists();
+    return surfaces;
+  };
+  EXPECT_GE(recorded("1.5,2\n"), 6u);
+  EXPECT_LE(recorded("0.3,1\n"), 3u);
+  EXPECT_NE(text_of(folder / "rec" / ".dimple_files").find("forces.csv"), std::string::npos);
+}
+
 TEST(Poke, FollowsATipThroughTheAirToAnotherPlace) {
   const fs::path folder = folder_with_brain();
   // Into the dome of one half, out, across, and into that of the other, which is its mirror image.

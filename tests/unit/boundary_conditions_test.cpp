@@ -90,6 +90,17 @@ TEST(Boundary, OfABlockIsItsBroadSideAndTheMiddleOfTheOtherOne) {
   EXPECT_TRUE(found.warnings.empty());
 }
 
+TEST(Boundary, OfABlockOfFiveVoxelsIsTheLowerOfItsTwoEqualFaces) {
+  const LabelImage halves =
+      make_phantom({.shape = "block", .size_mm = {60, 60, 30}, .spacing_mm = 3.0, .two_labels = true});
+  for (const int label : {1, 2}) {
+    const SegmentedBody body = make_body_surface(halves, {label});
+    const Boundary found = find_boundary(body.surface, {});
+    EXPECT_TRUE(found.flat_base);
+    EXPECT_LT((body.surface.to_world().linear() * found.down - Vec3(0, 0, -1)).norm(), 0.03) << label;
+  }
+}
+
 TEST(Boundary, OfAFlatFaceIsThatFaceAndNotTheSidesThatRiseFromIt) {
   const SegmentedBody body =
       make_body_surface(make_phantom({.shape = "block", .size_mm = {60, 60, 30}, .spacing_mm = 1.5}), {});
