@@ -40,7 +40,8 @@ Command add_shift(CLI::App& app, Invocation& shared) {
   command->add_option("IMAGE", shared.image, "label image");
   command->add_option("-o,--out,--output", shared.out, "folder for the results")->required();
   add_over_results(*command, shared, false);
-  command->add_option("--brain", shift_options.brain, "labels of the brain, comma-separated; else all are");
+  command->add_option("--brain,--label", shift_options.brain,
+                      "labels of the brain, comma-separated; else all are");
   command
       ->add_option("--skull", shift_options.skull,
                    "label of the skull, or several, comma-separated; or derived: the outer hull of the "

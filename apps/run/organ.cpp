@@ -141,7 +141,7 @@ void say_labels(const RunLog& log, const Config& config, const std::vector<int>&
   if (chosen.empty() && alike.size() > 1)
     log.warn(
         fmt::format("{} labels form one body of one material, because no --label was given: {}; choose with "
-                    "--label {} (--brain of a shift), or "
+                    "--label {}, or "
                     "give one a material of its own, as in --set tissue.{}.mu=300Pa",
                     alike.size(), in_words(alike), alike.front().value, alike.back().value));
 }

@@ -258,7 +258,8 @@ TEST_F(Refusal, OfWordsItDoesNotKnow) {
 TEST_F(Refusal, OfPhysicsThatIsNotModelledSaysWhatIs) {
   const std::pair<const char*, std::vector<std::string>> asked[] = {
       {"--body-force 9.81", {"gravity alone", "--gravity inferior"}},
-      {"--unload", {"unloading is a step of a scene", "step.lift.move=-2mm", "dimple poke IMAGE --script"}},
+      {"--unload",
+       {"held and lifted by steps of a scene", "step.lift.move=-2mm", "dimple poke IMAGE --script"}},
       {"--adhesion 3kPa", {"adhesion is not modelled", "--friction stick"}},
       {"--stress-at 0,0,0", {"no table of points", "--quantity displacement@x,y,z"}},
       {"--friction-coefficient=0.3",
@@ -284,7 +285,8 @@ TEST_F(Refusal, OfFilesThatNoRunWrites) {
   expect(2, "run brain.nrrd -o out --write ,", {"output.write = ,", "the list is empty"});
   write("none.toml", "[output]\nwrite = []\n");
   expect(2, "run brain.nrrd -o out --config none.toml", {"output.write = nothing", "the list is empty"});
-  expect(2, "model brain.nrrd -o out --write nodes", {"not expected: nodes --write"});
+  expect(2, "model brain.nrrd -o out --write nodes",
+         {"`dimple model` has no option --write", "--set output.write=VALUE"});
 }
 
 TEST_F(Refusal, OfGapsThatCannotBeClosed) {
