@@ -46,34 +46,37 @@ Command add_phantom(CLI::App& app, Invocation& shared) {
       ->capture_default_str();
   command
       ->add_option("--size", options->size,
-                   "extent along L, P, S (default: the swine brain's) [92.5,62.5,28.5 mm]")
+                   "extent along L, P, S (default: the swine brain's) [62.5,92.5,28.5 mm]")
       ->type_name("X,Y,Z");
   command->add_option("--spacing", options->voxel, "voxel edge [1 mm]")->type_name("mm");
   command->add_flag("--two-labels", options->body.two_labels, "with a second tissue inside");
   add_common(*command, shared);
-  return {command, [&shared, options] {
-            PhantomOptions& body = options->body;
-            if (!options->size.empty()) body.size_mm = lengths(options->size, "--size", "extent of the body");
-            if (!options->size.empty() && body.shape == "cylinder" && body.size_mm.x() != body.size_mm.y())
-              throw UsageError({.fact = fmt::format("a cylinder is {:g} mm wide and {:g} mm deep",
-                                                    body.size_mm.x(), body.size_mm.y()),
-                                .where = "--size",
-                                .why = "its axis is along S, and its section is a circle",
-                                .remedy = fmt::format("for instance --size {0:g},{0:g},{1:g}",
-                                                      body.size_mm.x(), body.size_mm.z())});
-            if (!options->voxel.empty())
-              body.spacing_mm = quantity(options->voxel, "--spacing", "mm", "voxel edge");
-            try_file(shared.out);
-            remove_temporaries_of(shared.out);
-            const LabelImage image = make_phantom(body);
-            write_label_image(shared.out, image);
-            for (const std::string& warning : image.warnings) warn(warning);
-            if (shared.json)
-              print_json(image_as_json(shared.out, image));
-            else
-              print(printable(shared.out) + "\n");
-            return 0;
-          }};
+  return {
+      command, [&shared, options] {
+        PhantomOptions& body = options->body;
+        if (!options->size.empty()) body.size_mm = lengths(options->size, "--size", "extent of the body");
+        if (!options->size.empty() && body.shape == "brain")  // whose first length is that from front to back
+          std::swap(body.size_mm.x(), body.size_mm.y());
+        if (!options->size.empty() && body.shape == "cylinder" && body.size_mm.x() != body.size_mm.y())
+          throw UsageError({.fact = fmt::format("a cylinder is {:g} mm wide and {:g} mm deep",
+                                                body.size_mm.x(), body.size_mm.y()),
+                            .where = "--size",
+                            .why = "its axis is along S, and its section is a circle",
+                            .remedy = fmt::format("for instance --size {0:g},{0:g},{1:g}", body.size_mm.x(),
+                                                  body.size_mm.z())});
+        if (!options->voxel.empty())
+          body.spacing_mm = quantity(options->voxel, "--spacing", "mm", "voxel edge");
+        try_file(shared.out);
+        remove_temporaries_of(shared.out);
+        const LabelImage image = make_phantom(body);
+        write_label_image(shared.out, image);
+        for (const std::string& warning : image.warnings) warn(warning);
+        if (shared.json)
+          print_json(image_as_json(shared.out, image));
+        else
+          print(printable(shared.out) + "\n");
+        return 0;
+      }};
 }
 
 }  // namespace dimple

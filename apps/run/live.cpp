@@ -414,6 +414,24 @@ bool is_inside(const LiveOrgan& organ, const Vec3& tip) {
   return surface.contains(surface.to_world().inverse() * (1e3 * tip));
 }
 
+namespace {
+
+// Whether the tool, with its tip there, is in the body at rest: of one that touches its side may be, too.
+bool reaches_in(const LiveTool& tool, const Vec3& tip) {
+  if (is_inside(*tool.organ, tip)) return true;
+  const std::optional<ToolShape> shape = tool_of(tool.organ->config);
+  if (!shape) return false;
+  const BodySurface& surface = tool.organ->organ->body->surface;
+  const ToolPose pose{.tip = tip, .points_at = tool.session->tool().push};
+  constexpr double noticed = 0.02;  // of the radius
+  const Points x = 1e-3 * (surface.to_world() * surface.vertex().colwise().homogeneous());
+  for (Index v = 0; v < x.cols(); ++v)
+    if (distance_to_tool(*shape, pose, x.col(v)).distance < -noticed * shape->radius) return true;
+  return false;
+}
+
+}  // namespace
+
 const char* name_of(LiveFrame::Tool tool) {
   constexpr std::array names = {"there", "lags", "stopped", "ignored", "beyond"};
   return names[static_cast<std::size_t>(tool)];
@@ -453,7 +471,7 @@ LiveFrame move_tip(LiveTool& tool, const Vec3& tip, const FrameLimit& limit, dou
   const bool beside = is_aside(tool.session->tool(), at);
   const bool in_touch = tool.session->depth() > 0.0 && at.depth > 0.0;
   if (beside && !in_touch) {
-    if (!is_inside(*tool.organ, tip)) {  // in the air, on its way elsewhere
+    if (!reaches_in(tool, tip)) {  // in the air, on its way elsewhere
       tool.tip = tip;
       tool.session->lift();
       return tool.frame = {};
@@ -510,7 +528,7 @@ namespace {
 
 // Where no cloud of nodes fits the tool is not there, and the rest of its way is followed all the same.
 LiveFrame move_on_path(LiveTool& tool, const Vec3& tip, const FrameLimit& limit, double dt) {
-  const bool known = tool.no_place && is_inside(*tool.organ, tip) &&
+  const bool known = tool.no_place && reaches_in(tool, tip) &&
                      (tip - *tool.no_place).norm() < aside * tool.session->tool().radius;
   if (!known) try {
       return move_tip(tool, tip, limit, dt);

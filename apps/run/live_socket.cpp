@@ -21,6 +21,7 @@
 #include <utility>
 
 #include "apps/run/stopwatch.hpp"
+#include "apps/run/tool.hpp"
 #include "io/error.hpp"
 #include "io/stop.hpp"
 #include "solver/live/between_frames.hpp"
@@ -129,6 +130,7 @@ struct ForceServer::Parts {
   Parts(const LiveTool& live, const fs::path& at) : path(at), organ(*live.organ), tool(live.session->tool()) {
     tip = tool.centre;
     between.radius = tool.radius;
+    between.touches = tool_of(organ.config).has_value();
     touches = live.touches;
     listen_at(path, listening);
     thread = std::thread([this] { serve(); });
@@ -160,6 +162,7 @@ struct ForceServer::Parts {
 
   // Of the thread that answers.
   std::string received, answers;  // of the program that moves the tool
+  bool too_long = false;          // the line that is being received, which was answered so
   bool within_line = false;       // the last that it took ended amid an answer
   Clock::time_point taken;        // when it last took something
   std::thread thread;
@@ -169,6 +172,7 @@ struct ForceServer::Parts {
   void serve();
   LiveAnswer at_tip();
   std::string answer_to(std::string_view line);
+  std::string refused_line();
   bool read_from(int client);
   bool write_to(int client);
   Descriptor turn_away() const;
@@ -183,9 +187,10 @@ LiveAnswer ForceServer::Parts::at_tip() {
   if (frame.depth > 0.0 && at.depth > 0.0) {
     said = answer(between, at.depth, now());
     if (said.tool != LiveFrame::Tool::beyond) said.tool = LiveFrame::Tool::ignored;
+  } else if (no_place_at(tip)) {
+    said.tool = LiveFrame::Tool::ignored;
   } else if (is_inside(organ, tip)) {
-    said.tool =
-        no_place_at(tip) ? LiveFrame::Tool::ignored : LiveFrame::Tool::lags;  // it is coming down there
+    said.tool = LiveFrame::Tool::lags;  // it is coming down there
   }
   return said;
 }
@@ -215,6 +220,12 @@ std::string ForceServer::Parts::answer_to(std::string_view line) {
   return text + name_of(said.tool) + '\n';
 }
 
+std::string ForceServer::Parts::refused_line() {
+  const std::lock_guard lock(mutex);
+  ++served.refused;
+  return fmt::format("error: a line is longer than {} characters\n", longest_line);
+}
+
 // False: it has gone.
 bool ForceServer::Parts::read_from(int client) {
   const Clock::time_point arrived = Clock::now();
@@ -225,14 +236,15 @@ bool ForceServer::Parts::read_from(int client) {
   received.append(buffer, static_cast<std::size_t>(got));
   taken = arrived;
   std::size_t from = 0;
-  for (std::size_t to; (to = received.find('\n', from)) != std::string::npos; from = to + 1)
-    answers += answer_to(std::string_view(received).substr(from, to - from));
+  for (std::size_t to; (to = received.find('\n', from)) != std::string::npos; from = to + 1) {
+    const std::string_view line = std::string_view(received).substr(from, to - from);
+    if (!std::exchange(too_long, false))
+      answers += line.size() > longest_line ? refused_line() : answer_to(line);
+  }
   received.erase(0, from);
-  if (received.size() > longest_line) {
+  if (received.size() > longest_line || too_long) {  // one answer, and its rest is passed over
     received.clear();
-    answers += "error: a line is longer than 256 characters\n";
-    const std::lock_guard lock(mutex);
-    ++served.refused;
+    if (!std::exchange(too_long, true)) answers += refused_line();
   }
   if (!write_to(client)) return false;
   const std::lock_guard lock(mutex);
@@ -272,7 +284,7 @@ void ForceServer::Parts::serve() {
   const auto leave = [&] {
     client.close();
     received.clear(), answers.clear();
-    within_line = false;
+    within_line = too_long = false;
   };
   while (!end.load()) {
     const short asks = answers.empty() ? POLLIN : POLLOUT;

@@ -15,7 +15,8 @@ constexpr double forgotten = 1e-4;  // share of a frame that is left out
 
 double trusted_of(const BetweenFrames& b, const Known& frame) {
   const bool goes_on = frame.tool != Tool::stopped && frame.tool != Tool::beyond && frame.stiffness > 0.0;
-  return goes_on ? trusted * b.radius : 0.0;
+  if (!goes_on) return 0.0;
+  return b.touches ? std::min(trusted * b.radius, std::max(0.0, frame.depth)) : trusted * b.radius;
 }
 
 double told(const BetweenFrames& b, const Known& frame, double depth) {

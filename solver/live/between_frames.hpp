@@ -19,13 +19,15 @@ struct LiveAnswer {
 /// from the last frame's force and stiffness, without a jump where a new frame corrects them.
 ///
 /// Each frame tells the force at other depths. Deeper: by the line with its stiffness, as far as a fifth of
-/// the tool's radius. Less deep: by the parabola through its force with that slope and through no force at no
-/// depth. An answer is the mean of what the frames tell of the depth that is asked for, by shares that add to
-/// one: a new frame begins with none, and those before it lose theirs by 1/e in `fade`, whether something is
-/// asked or not. So no answer lies outside of what the frames tell.
+/// the tool's radius; of a tool that touches no farther than the frame is deep, as its first contact has no
+/// stiffness. Less deep: by the parabola through its force with that slope and through no force at no depth.
+/// An answer is the mean of what the frames tell of the depth that is asked for, by shares that add to one: a
+/// new frame begins with none, and those before it lose theirs by 1/e in `fade`, whether something is asked
+/// or not. So no answer lies outside of what the frames tell.
 struct BetweenFrames {
   double radius = 5e-3;  ///< of the tool [m]
   double fade = 0.06;    ///< [s]
+  bool touches = false;  ///< no circle: its contact grows with the depth, from none
   struct Known {
     double depth, force, stiffness, error;  ///< [m], [N], [N/m], [N]
     Wrench per_force;

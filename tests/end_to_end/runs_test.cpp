@@ -744,6 +744,8 @@ TEST_F(Run, MakesABlockOfWholeVoxelsAndSaysSoWhereItIsNotWhatWasAskedFor) {
   EXPECT_NE(odd.err.find("the block is 63 x 60 x 30 mm: whole voxels of 3 mm, not 61 x 60 x 31 mm"),
             std::string::npos)
       << odd.err;
+  const Json brain = Json::parse(good("phantom long.nrrd --size 40,60,20 --spacing 2 --json").out);
+  EXPECT_LT(brain["size"][0].get<int>(), brain["size"][1].get<int>()) << "40 mm along L, 60 mm along P";
   EXPECT_EQ(Json::parse(odd.out)["labels"], Json::parse(good("info odd.nrrd --json").out)["labels"]);
 }
 

@@ -320,6 +320,21 @@ TEST(BetweenFrames, TheErrorOfAFirstTouchHoldsWhereTheTissueStiffensWithinARadiu
         << d;
 }
 
+// F ~ d^1.5: at rest there is no stiffness, and a secant's to the first state says nothing of less or more
+// depth.
+TEST(BetweenFrames, OfAToolThatTouchesNothingIsToldBeyondAFrameBeforeItHasTouched) {
+  const auto force = [](double d) { return 1.0 * std::pow(d / 1e-3, 1.5) * 2e-3; };
+  for (const double at : {0.0, 0.1e-3, 0.5e-3, 1e-3, 3e-3}) {
+    BetweenFrames between{.touches = true};
+    correct(between, frame_at(at, force(at), at > 0.0 ? 1.5 * force(at) / at : 1.2), 0.0);
+    for (const double d : {0.2e-3, 1e-3, 2e-3, 4e-3}) {
+      const LiveAnswer said = answer(between, d, 0.0);
+      EXPECT_NEAR(said.force, force(said.depth), said.error + 1e-12) << at << ' ' << d;
+      if (at == 0.0) EXPECT_EQ(said.tool, LiveFrame::Tool::lags);
+    }
+  }
+}
+
 TEST(BetweenFrames, HundredsOfCorrectionsAtOneDepthDoNotAddUpAtAnother) {
   BetweenFrames between;
   double t = 0.0;
