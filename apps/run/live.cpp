@@ -424,9 +424,10 @@ bool reaches_in(const LiveTool& tool, const Vec3& tip) {
   const BodySurface& surface = tool.organ->organ->body->surface;
   const ToolPose pose{.tip = tip, .points_at = tool.session->tool().push};
   constexpr double noticed = 0.02;  // of the radius
-  const Points x = 1e-3 * (surface.to_world() * surface.vertex().colwise().homogeneous());
-  for (Index v = 0; v < x.cols(); ++v)
-    if (distance_to_tool(*shape, pose, x.col(v)).distance < -noticed * shape->radius) return true;
+  for (Index v = 0; v < surface.vertex().cols(); ++v) {
+    const Vec3 x = 1e-3 * (surface.to_world() * Vec3(surface.vertex().col(v)));
+    if (distance_to_tool(*shape, pose, x).distance < -noticed * shape->radius) return true;
+  }
   return false;
 }
 

@@ -235,7 +235,7 @@ TEST_F(Run, ForAnAccuracyIsThatOfTheFewestNodesOfItsRefinement) {
 }
 
 TEST_F(Run, ForAnAccuracyThatFinerCloudsCannotReachHasTheBandOfTheCoarserOnes) {
-  good("phantom small.nrrd --size 68,50,25 --spacing 1.5");
+  good("phantom small.nrrd --size 50,68,25 --spacing 1.5");
   const Ran ran = good("run small.nrrd -o out --accuracy 5% --write force");
   const Json told = summary("out"), levels = told.at("ladder");
   ASSERT_GE(levels.size(), 2u) << ran.err;
