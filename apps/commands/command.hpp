@@ -44,8 +44,8 @@ struct Flags {
   std::vector<std::string> sets;
   bool defaults_are_unsaid = false;  ///< a flag with its default says no more than none
 
-  /// Those of one stage; "": all but of files; "run": those too; "none": --config and --set alone. `defaults`: of
-  /// the help.
+  /// Those of one stage; "": all but of files; "run": those too; "none": --config and --set alone.
+  /// `defaults`: of the help.
   void add(CLI::App& command, const std::string& stage, Config defaults = {});
   /// Defaults, then the file, then --set, then flags; before resolve_material().
   Config stated(const CLI::App& command) const;
