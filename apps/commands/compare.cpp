@@ -245,9 +245,8 @@ std::string image_in_words(const FinishedRun& a, const FinishedRun& b) {
 }
 
 Written force_at(const Row& row) {
-  const double a = std::abs(row.force_a), b = std::abs(row.force_b);
-  return force_written(std::min(a, b) > 0.0 ? std::min(a, b)
-                                            : std::max(a, b));  // one in which both have digits
+  const auto [less, more] = std::minmax({std::abs(row.force_a), std::abs(row.force_b)});  // a list: by value
+  return force_written(less > 0.0 ? less : more);  // a unit in which both have digits
 }
 
 std::string verdict_in_words(const FinishedRun& a, const FinishedRun& b, const Row& deepest) {

@@ -18,6 +18,7 @@
 #include <thread>
 
 #include "apps/commands/terminal.hpp"
+#include "apps/ending.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "io/text.hpp"
 
@@ -266,7 +267,8 @@ RecordObserver to_log() {
           .progress =
               [](double share, const std::string& state) {
                 if (stage_line) stage_line->update(share, state);
-              }};
+              },
+          .waited_s = seconds_since_start()};
 }
 
 std::string times_in_words(double total_s, std::vector<std::pair<std::string, double>> parts) {

@@ -46,7 +46,7 @@ Command add_phantom(CLI::App& app, Invocation& shared) {
       ->capture_default_str();
   command
       ->add_option("--size", options->size,
-                   "extent along L, P, S (default: the swine brain's) [62.5,92.5,28.5 mm]")
+                   "extent along L, P, S [brain: the swine's, 62.5,92.5,28.5 mm; else 92.5,62.5,28.5 mm]")
       ->type_name("X,Y,Z");
   command->add_option("--spacing", options->voxel, "voxel edge [1 mm]")->type_name("mm");
   command->add_flag("--two-labels", options->body.two_labels, "with a second tissue inside");

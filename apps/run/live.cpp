@@ -529,8 +529,8 @@ namespace {
 
 // Where no cloud of nodes fits the tool is not there, and the rest of its way is followed all the same.
 LiveFrame move_on_path(LiveTool& tool, const Vec3& tip, const FrameLimit& limit, double dt) {
-  const bool known = tool.no_place && reaches_in(tool, tip) &&
-                     (tip - *tool.no_place).norm() < aside * tool.session->tool().radius;
+  const bool known = tool.no_place && (tip - *tool.no_place).norm() < aside * tool.session->tool().radius &&
+                     reaches_in(tool, tip);
   if (!known) try {
       return move_tip(tool, tip, limit, dt);
     } catch (const ModelError&) {

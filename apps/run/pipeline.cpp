@@ -552,6 +552,7 @@ class Watched {
   void tell_of_settling(const RunLog& log) const {
     const double way = 1e3 * result_.history.settled;
     log.say(fmt::format("settled  by {} at most, under the loads alone", length_in_words(way)));
+    if (result_.unloaded) return;  // they bring it back to the image
     const Model& model = result_.model;
     const double size = 1e3 * (model.X.rowwise().maxCoeff() - model.X.rowwise().minCoeff()).minCoeff();
     if (way > 0.5 * size)

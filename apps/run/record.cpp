@@ -559,7 +559,7 @@ Outcome record(Case given, Recording how, const RecordObserver& observer) {
 
 Outcome record_run(const Config& config, const fs::path& folder, Existing existing,
                    const RecordObserver& observer, const LabelImage* image) {
-  const Stopwatch whole;
+  const Stopwatch whole(observer.waited_s);
   ResultFolder results(folder, existing);
   RunIdentity identity{DIMPLE_VERSION, option_values(config), ""};
   Recording how{.folder = folder,
@@ -621,7 +621,7 @@ void add_explained(Outcome& outcome, const fs::path& folder, double seconds, con
 
 Outcome record_solve(const Config& config, const fs::path& model, const fs::path& folder, Existing existing,
                      const RecordObserver& observer) {
-  const Stopwatch whole;
+  const Stopwatch whole(observer.waited_s), reading;
   ResultFolder results(folder, existing);
   Case given{.config = config, .model = read_model(model)};
   const ModelFiles& files = *given.model;
@@ -630,7 +630,7 @@ Outcome record_solve(const Config& config, const fs::path& model, const fs::path
       .identity = {DIMPLE_VERSION, option_values(config), sha256_of_model(files.places, files.scheme)},
       .beside = compared_curve(config),
       .images = images_asked_for(config, true),
-      .read_s = whole.seconds(),
+      .read_s = reading.seconds(),
       .whole = whole};
   if (existing == Existing::resume && results.finished())
     return finished_already(folder, config, "model_sha256", how.identity.input_sha256, observer);

@@ -29,6 +29,8 @@ struct RecordObserver {
   std::function<void()> after_cut = {};  ///< of a step: frames are of another model from then on
   /// When all is written, also of a march that was stopped: for who goes on with it in memory.
   std::function<void(Result&)> result = {};
+  double waited_s =
+      0.0;  ///< before this, by who started the program: libraries were loaded, options were read
 };
 
 // simulate() with its results written to a folder as they come: frames, tables, picture, summary, and now and

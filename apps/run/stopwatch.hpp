@@ -4,9 +4,14 @@
 
 namespace dimple {
 
-/// Wall time since it was made.
+/// Wall time since it was made, and what had passed `before` [s].
 class Stopwatch {
  public:
+  Stopwatch() = default;
+  explicit Stopwatch(double before)
+      : start_(std::chrono::steady_clock::now() -
+               std::chrono::duration_cast<std::chrono::steady_clock::duration>(
+                   std::chrono::duration<double>(before))) {}
   double seconds() const {
     return std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
   }

@@ -463,14 +463,12 @@ std::string tool_in_wall(const Config& config, const Model& model, const Loading
 }
 
 std::string in_words(const std::string& name, const TouchingTool::Touched& wall) {
-  if (wall.samples == 0)
-    return name +
-           (wall.penetration > 0.0
-                ? fmt::format(
-                      ": touched at none of its places of contact at the end; between them the surface "
-                      "reaches {} into it",
-                      length_in_words(1e3 * wall.penetration))
-                : std::string(": not touched at the end"));
+  if (wall.samples == 0 && wall.penetration > 0.0)
+    return fmt::format(
+        "{}: touched at none of its places of contact at the end; between them the surface reaches {} into "
+        "it",
+        name, length_in_words(1e3 * wall.penetration));
+  if (wall.samples == 0) return name + ": not touched at the end";
   return fmt::format("{}: pushed with {} net over {:.0f} mm2; the surface reaches {} into it at most", name,
                      force_in_words(wall.force.norm()), 1e6 * wall.area,
                      length_in_words(1e3 * wall.penetration));

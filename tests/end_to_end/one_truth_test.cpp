@@ -126,8 +126,8 @@ class OneTruth : public testing::Test {
     expect_on_stderr(model.at("circle_reason").get<std::string>());
   }
 
-  // The parts are the whole, and the terminal's parts are the summary's but for the program's own start and
-  // end.
+  // The parts are the whole, and the terminal's parts are the summary's but for what comes after the
+  // summary.
   void expect_times_to_be_of_one_clock() const {
     const Json& parts = summary.at("parts_wall_s");
     const double total = summary.at("total_wall_s");

@@ -666,6 +666,37 @@ TEST(Poke, ASphereArrivesWhereARunArrives) {
   EXPECT_EQ(felt.find("tool")->back(), 0.0);
 }
 
+// Beside the block's edge: the tip is 0.7 mm outside of it, and the ball 3 mm inside.
+TEST(Poke, ABallWhoseSideIsInTheBodyIsNotInTheAir) {
+  const fs::path folder = folder_with_block(2);
+  write_file(folder / "way.csv",
+             "time_s,x_mm,y_mm,z_mm\n0,21,0,30\n0.4,21,0,8\n0.8,21,0,8\n1.2,40,0,8\n1.6,40,0,8\n");
+  const Ran ran =
+      dimple(folder,
+             "poke block.nrrd --script way.csv --record live --tool sphere:4mm --nodes 500 --evaluations 8 "
+             "--fps 10 -q");
+  ASSERT_EQ(ran.code, 0) << ran.err;
+  const Table felt = read_csv(folder / "live" / "forces.csv");
+  EXPECT_EQ(felt.find("tool")->front(), 0.0) << "above all";
+  EXPECT_EQ(felt.find("tool")->at(8), 3.0) << "ignored";
+  EXPECT_EQ(felt.find("tool")->back(), 0.0) << "far beside it";
+}
+
+TEST(Poke, ALineThatIsTooLongHasOneAnswerHoweverItComes) {
+  Served served;
+  Device device(served.at);
+  const std::string part(1000, '9');
+  EXPECT_EQ(device.ask(part), "error: a line is longer than 256 characters\n");
+  for (const char* rest : {part.c_str(), "\n"}) {
+    EXPECT_GT(device.pour(rest), 0U);
+    sleep_ms(150);
+  }
+  felt_in(device.ask("0\n"));
+  EXPECT_EQ(device.ask(part.substr(0, 300) + "\n"), "error: a line is longer than 256 characters\n");
+  EXPECT_EQ(device.ask("left a bit\n").rfind("error: a line is x_mm", 0), 0U);
+  EXPECT_EQ(served.end(), 130);
+}
+
 TEST(Poke, AScriptGoesOnWhereTheToolCannotComeDown) {
   const fs::path folder = folder_with_block(2);
   write_file(folder / "way.csv",
