@@ -1,0 +1,79 @@
+#include "tests/bench/surface_antialias.hpp"
+
+#include <itkAntiAliasBinaryImageFilter.h>
+#include <itkImage.h>
+#include <vtkCellArray.h>
+#include <vtkFloatArray.h>
+#include <vtkFlyingEdges3D.h>
+#include <vtkImageData.h>
+#include <vtkNew.h>
+#include <vtkPointData.h>
+#include <vtkPolyData.h>
+
+#include <algorithm>
+#include <cstdint>
+#include <vector>
+
+namespace dimple {
+namespace {
+
+using Level = itk::Image<float, 3>;
+
+Level::Pointer level_of(const LabelImage& image, const std::vector<std::int32_t>& label) {
+  const auto level = Level::New();
+  Level::SizeType size;
+  for (unsigned d = 0; d < 3; ++d) size[d] = static_cast<itk::SizeValueType>(image.size[d]);
+  level->SetRegions(Level::RegionType(size));
+  level->Allocate();
+  std::transform(label.begin(), label.end(), level->GetBufferPointer(),
+                 [](std::int32_t l) { return l != 0 ? 1.0f : 0.0f; });
+  return level;
+}
+
+TriangleMesh contour_at_zero(float* value, const LabelImage& image) {
+  const Index count = image.size[0] * image.size[1] * image.size[2];
+  vtkNew<vtkImageData> grid;
+  grid->SetDimensions(static_cast<int>(image.size[0]), static_cast<int>(image.size[1]),
+                      static_cast<int>(image.size[2]));
+  vtkNew<vtkFloatArray> values;
+  values->SetArray(value, static_cast<vtkIdType>(count), 1);
+  grid->GetPointData()->SetScalars(values);
+  vtkNew<vtkFlyingEdges3D> edges;
+  edges->SetInputData(grid);
+  edges->SetValue(0, 0.0);
+  edges->ComputeNormalsOff();
+  edges->ComputeScalarsOff();
+  edges->Update();
+  vtkPolyData* poly = edges->GetOutput();
+  TriangleMesh mesh;
+  mesh.vertex.resize(3, poly->GetNumberOfPoints());
+  for (Index v = 0; v < mesh.vertex.cols(); ++v) poly->GetPoint(v, mesh.vertex.col(v).data());
+  mesh.triangles.resize(3, poly->GetNumberOfPolys());
+  Index t = 0;
+  vtkIdType corners = 0;
+  const vtkIdType* corner = nullptr;
+  for (poly->GetPolys()->InitTraversal(); poly->GetPolys()->GetNextCell(corners, corner); ++t)
+    for (int c = 0; c < 3; ++c) mesh.triangles(c, t) = corner[c];
+  return mesh;
+}
+
+}  // namespace
+
+TriangleMesh antialiased_surface(const LabelImage& image, double rms_change) {
+  const std::vector<std::int32_t> label = every_voxel(image);
+  const auto filter = itk::AntiAliasBinaryImageFilter<Level, Level>::New();
+  filter->SetInput(level_of(image, label));
+  filter->SetMaximumRMSError(rms_change);
+  filter->Update();
+  float* value = filter->GetOutput()->GetBufferPointer();
+  // The filter leaves many values at 0; there the contour would have triangles without area.
+  constexpr float off_zero = 1e-3f;
+  for (std::size_t i = 0; i < label.size(); ++i)
+    value[i] = label[i] != 0 ? std::max(value[i], off_zero) : std::min(value[i], -off_zero);
+  TriangleMesh mesh = contour_at_zero(value, image);
+  mesh.vertex = image.to_world * mesh.vertex;
+  if (enclosed_volume(mesh) < 0.0) mesh.triangles.row(1).swap(mesh.triangles.row(2));
+  return mesh;
+}
+
+}  // namespace dimple

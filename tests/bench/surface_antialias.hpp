@@ -1,0 +1,18 @@
+#pragma once
+
+#include "io/label_image.hpp"
+#include "preprocess/surface/closed_mesh.hpp"
+
+namespace dimple {
+
+/// The surface of all foreground voxels by the level set of Whitaker (2000), for comparison: ITK's
+/// AntiAliasBinaryImageFilter, contoured at 0 by marching cubes. LPS coordinates [mm].
+///
+/// Source: Whitaker, Reducing aliasing artifacts in iso-surfaces of binary volumes, VolVis 2000. The level
+/// set
+///         moves by its mean curvature and may not leave the voxels that it separates. It moves in units of
+///         voxels, whatever the spacing.
+/// Needs:  three voxels of background on all sides.
+TriangleMesh antialiased_surface(const LabelImage& image, double rms_change);
+
+}  // namespace dimple
