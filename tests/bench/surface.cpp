@@ -7,14 +7,15 @@
 // tests/bench/results. Rows of the same way, body and slices are replaced; all others stay. So the results of
 // several builds can be collected in one table:
 //
-//   --way today        make_body_surface() of this build; any name but the two below does the same
-//   --way antialias    the level set of Whitaker (2000) as ITK has it, with ITK's default end
-//   --way antialias-converged    the same, to a change of 0.001 voxel in one iteration
+//   --way today            make_body_surface() of this build; so does any other name but these:
+//   --way antialias        the level set of Whitaker (2000) by ITK, which ends at its default change of 0.07
+//   --way antialias:0.01   the same with another change in the last iteration
 //
 // --quick measures some bodies in 3 offsets and 2 orientations, and writes surface_quick.csv. --body measures
 // only bodies whose name contains TEXT. --draw draws surface.svg from all rows. --again prints and draws the
 // table without a run. Lengths are in voxels of the finest axis, which are 1 mm; slices are 1 or 4 voxels
-// thick. surface_bodies.cpp lists the bodies, surface_measures.hpp says what is measured.
+// thick. The whole takes about a minute, --quick 10 s. surface_bodies.cpp lists the bodies,
+// surface_measures.hpp says what is measured.
 
 #include <fmt/format.h>
 
@@ -54,11 +55,12 @@ TriangleMesh body_surface(const LabelImage& image) {
 }
 
 Way way_of(const std::string& name) {
-  constexpr double default_change = 0.07, converged_change = 0.001;
-  if (name == "antialias") return [](const LabelImage& i) { return antialiased_surface(i, default_change); };
-  if (name == "antialias-converged")
-    return [](const LabelImage& i) { return antialiased_surface(i, converged_change); };
-  return body_surface;
+  const std::string prefix = "antialias";
+  if (!name.starts_with(prefix)) return body_surface;
+  constexpr double itk_default = 0.07;
+  const std::string end = name.substr(prefix.size());
+  const double rms_change = end.empty() ? itk_default : std::stod(end.substr(1));
+  return [rms_change](const LabelImage& image) { return antialiased_surface(image, rms_change); };
 }
 
 struct Column {

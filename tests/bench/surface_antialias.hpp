@@ -6,12 +6,13 @@
 namespace dimple {
 
 /// The surface of all foreground voxels by the level set of Whitaker (2000), for comparison: ITK's
-/// AntiAliasBinaryImageFilter, contoured at 0 by marching cubes. LPS coordinates [mm].
+/// AntiAliasBinaryImageFilter, contoured at 0 by flying edges. LPS coordinates [mm]. Iterations end at the
+/// root mean square change `rms_change`.
 ///
 /// Source: Whitaker, Reducing aliasing artifacts in iso-surfaces of binary volumes, VolVis 2000. The level
 /// set
-///         moves by its mean curvature and may not leave the voxels that it separates. It moves in units of
-///         voxels, whatever the spacing.
+///         moves by its mean curvature and keeps its sign at each voxel centre. It moves in units of voxels,
+///         whatever the spacing.
 /// Needs:  three voxels of background on all sides.
 TriangleMesh antialiased_surface(const LabelImage& image, double rms_change);
 
