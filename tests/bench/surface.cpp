@@ -265,30 +265,27 @@ void print_table(const std::vector<Row>& rows) {
       "curvature times local radius.\n");
 }
 
-// Errors of the balls and ellipsoids against their radius, for each way and slice thickness.
-Plot plot_of(const std::vector<Row>& rows, const std::string& title,
+// Errors of balls and ellipsoids against their radius, for each way.
+Plot plot_of(const std::vector<Row>& rows, const std::string& slices, const std::string& title,
              const std::function<double(const Row&)>& value) {
-  Plot plot{.title = title,
-            .subtitle =
-                {"worst over the placements; filled: balls, hollow: ellipsoids; dashed: slices of 4 voxels"},
+  Plot plot{.title = fmt::format("{}, slices {} voxel{} thick", title, slices, slices == "1" ? "" : "s"),
+            .subtitle = {"worst over the placements; filled: balls, hollow and dashed: ellipsoids"},
             .x_label = "radius [voxels]",
             .y_label = "error [voxels]",
             .log_x = true,
             .log_y = true};
   std::vector<std::string> ways;
-  std::map<std::string, std::size_t> of_name;  // series
+  std::map<std::string, std::size_t> series_of;
   for (const Row& row : rows) {
-    const std::string& body = row.at("body");
-    const bool ball = body.starts_with("ball"), thick = row.at("slices_voxels") != "1";
-    if ((!ball && !body.starts_with("ellipsoid")) || std::isnan(value(row))) continue;
-    auto way = std::find(ways.begin(), ways.end(), row.at("way"));
-    if (way == ways.end()) way = ways.insert(ways.end(), row.at("way"));
-    const std::string name =
-        fmt::format("{}, {}s{}", *way, ball ? "ball" : "ellipsoid", thick ? ", thick slices" : "");
-    if (of_name.emplace(name, plot.series.size()).second)
-      plot.series.push_back(
-          {.name = name, .dashed = thick, .hollow = !ball, .colour = static_cast<int>(way - ways.begin())});
-    PlotSeries& series = plot.series[of_name.at(name)];
+    const std::string &body = row.at("body"), &way = row.at("way");
+    const bool ball = body.starts_with("ball");
+    if (row.at("slices_voxels") != slices || (!ball && !body.starts_with("ellipsoid"))) continue;
+    if (std::find(ways.begin(), ways.end(), way) == ways.end()) ways.push_back(way);
+    const auto colour = static_cast<int>(std::find(ways.begin(), ways.end(), way) - ways.begin());
+    const std::string name = fmt::format("{}, {}", way, ball ? "balls" : "ellipsoids");
+    if (series_of.emplace(name, plot.series.size()).second)
+      plot.series.push_back({.name = name, .dashed = !ball, .hollow = !ball, .colour = colour});
+    PlotSeries& series = plot.series[series_of.at(name)];
     series.x.push_back(number(row, "radius_voxels"));
     series.y.push_back(std::abs(value(row)));
   }
@@ -296,11 +293,13 @@ Plot plot_of(const std::vector<Row>& rows, const std::string& title,
 }
 
 void draw(const fs::path& folder, const std::string& name, const std::vector<Row>& rows) {
-  write_plots(folder, name,
-              {plot_of(rows, "Error at the extreme points along the grid's axes", worst_top),
-               plot_of(rows, "Root mean square distance from the exact surface",
-                       [](const Row& row) { return number(row, "rms_worst_voxels"); })},
-              2);
+  const auto rms = [](const Row& row) { return number(row, "rms_worst_voxels"); };
+  std::vector<Plot> panels;
+  for (const std::string slices : {"1", "4"}) {
+    panels.push_back(plot_of(rows, slices, "Extreme points along the grid's axes", worst_top));
+    panels.push_back(plot_of(rows, slices, "Root mean square distance from the exact surface", rms));
+  }
+  write_plots(folder, name, panels, 2);
 }
 
 struct Options {
