@@ -1,6 +1,6 @@
 // How far the drawn surface of a label image lies from the exact body that was voxelised.
 //
-//   dimple_surface [FOLDER] [--way NAME] [--quick] [--body TEXT] [--draw] [--again]
+//   dimple_surface [FOLDER] [--way NAME] [--quick] [--projected] [--body TEXT] [--draw] [--again]
 //
 // Writes FOLDER/surface.csv: one row for each way (algorithm), body and slice thickness, with the mean and
 // the worst of each error over the placements of the body on the grid. FOLDER is by default
@@ -11,11 +11,12 @@
 //   --way antialias        the level set of Whitaker (2000) by ITK, which ends at its default change of 0.07
 //   --way antialias:0.01   the same with another change in the last iteration
 //
-// --quick measures some bodies in 3 offsets and 2 orientations, and writes surface_quick.csv. --body measures
-// only bodies whose name contains TEXT. --draw draws surface.svg from all rows. --again prints and draws the
-// table without a run. Lengths are in voxels of the finest axis, which are 1 mm; slices are 1 or 4 voxels
-// thick. The whole takes about a minute, --quick 10 s. surface_bodies.cpp lists the bodies,
-// surface_measures.hpp says what is measured.
+// --quick measures some bodies in 3 offsets and 2 orientations, and writes surface_quick.csv. --projected
+// moves the vertices onto the exact surface first, so that what remains is the error of the measures, and
+// writes surface_projected.csv. --body measures only bodies whose name contains TEXT. --draw draws
+// surface.svg from all rows. --again prints and draws the table without a run. Lengths are in voxels of the
+// finest axis, which are 1 mm; slices are 1 or 4 voxels thick. The whole takes about a minute, --quick 10 s.
+// surface_bodies.cpp lists the bodies, surface_measures.hpp says what is measured.
 
 #include <fmt/format.h>
 
@@ -55,11 +56,12 @@ TriangleMesh body_surface(const LabelImage& image) {
 }
 
 Way way_of(const std::string& name) {
-  const std::string prefix = "antialias";
-  if (!name.starts_with(prefix)) return body_surface;
-  constexpr double itk_default = 0.07;
-  const std::string end = name.substr(prefix.size());
-  const double rms_change = end.empty() ? itk_default : std::stod(end.substr(1));
+  const std::string itk = "antialias";
+  double rms_change = 0.07;  // ITK's default
+  if (name.starts_with(itk + ":"))
+    rms_change = std::stod(name.substr(itk.size() + 1));
+  else if (name != itk)
+    return body_surface;
   return [rms_change](const LabelImage& image) { return antialiased_surface(image, rms_change); };
 }
 
@@ -103,7 +105,7 @@ struct Measured {
 
 // Nothing if the way refuses the image: the body is too thin for the slices.
 std::optional<Measured> measure(const ExactBody& body, const Placement& placement, const Vec3& spacing,
-                                const Way& way) {
+                                const Way& way, bool projected) {
   const LabelImage image = voxelised(body, placement, spacing);
   if (image.run.empty()) return {};
   const Stopwatch drawing;
@@ -115,6 +117,7 @@ std::optional<Measured> measure(const ExactBody& body, const Placement& placemen
   }
   const double time_ms = 1e3 * drawing.seconds();
   if (mesh.triangles.cols() == 0) return {};
+  if (projected) project(mesh, body, placement);
   SurfaceErrors errors = errors_of(mesh, body, placement);
   errors.voxel_volume = 100.0 * (voxel_volume(image) / body.volume - 1.0);
   return Measured{errors, time_ms, mesh.vertex.cols()};
@@ -128,13 +131,14 @@ struct Placements {
   Index vertices_peak = 0;
 };
 
-Placements measure_all(const ExactBody& body, double slice, const Way& way, int offsets, int turns) {
+Placements measure_all(const ExactBody& body, double slice, const Way& way, bool projected, int offsets,
+                       int turns) {
   Placements all;
   const Vec3 spacing(1.0, 1.0, slice);
   for (int turn = 0; turn < turns; ++turn)
     for (int offset = 0; offset < offsets; ++offset) {
       const Placement placement{grid_turn(turn), spacing.cwiseProduct(grid_offset(offset))};
-      const std::optional<Measured> one = measure(body, placement, spacing, way);
+      const std::optional<Measured> one = measure(body, placement, spacing, way, projected);
       if (!one) {
         ++all.refused;
         continue;
@@ -305,7 +309,7 @@ void draw(const fs::path& folder, const std::string& name, const std::vector<Row
 struct Options {
   fs::path folder = DIMPLE_BENCH_RESULTS;
   std::string way = "today", body;
-  bool quick = false, draw = false, again = false;
+  bool quick = false, projected = false, draw = false, again = false;
 };
 
 void measure_bodies(const Options& options, const fs::path& file, Table& table) {
@@ -317,13 +321,15 @@ void measure_bodies(const Options& options, const fs::path& file, Table& table) 
       const int offsets = options.quick ? std::min(all_offsets, quick_offsets) : all_offsets;
       const int turns = options.quick ? std::min(all_turns, quick_turns) : all_turns;
       set_row(table, fmt::format("{},{},{:g}", options.way, body.name, slice),
-              fields_of(body, measure_all(body, slice, way, offsets, turns)));
+              fields_of(body, measure_all(body, slice, way, options.projected, offsets, turns)));
       write_table(file, table);
     }
 }
 
 void report(const Options& options) {
-  const std::string name = options.quick ? "surface_quick" : "surface";
+  const std::string name = options.projected ? "surface_projected"
+                           : options.quick   ? "surface_quick"
+                                             : "surface";
   make_folder(options.folder);
   const fs::path file = options.folder / (name + ".csv");
   Table table = read_table(file);
@@ -344,6 +350,7 @@ int main(int argc, char** argv) try {
   app.add_option("--way", options.way, "name of the algorithm in the table; see the head of surface.cpp");
   app.add_option("--body", options.body, "only bodies whose name contains this");
   app.add_flag("--quick", options.quick, "some bodies in a few placements");
+  app.add_flag("--projected", options.projected, "measure the vertices moved onto the exact surface");
   app.add_flag("--draw", options.draw, "draw the table");
   app.add_flag("--again", options.again, "print and draw the table, without a run");
   CLI11_PARSE(app, argc, argv);

@@ -173,6 +173,13 @@ LabelImage voxelised(const ExactBody& body, const Placement& placement, const Ve
   return image;
 }
 
+void project(TriangleMesh& mesh, const ExactBody& body, const Placement& placement) {
+  for (Index v = 0; v < mesh.vertex.cols(); ++v) {
+    const Foot foot = body.foot(placement.turn.transpose() * (mesh.vertex.col(v) - placement.centre));
+    mesh.vertex.col(v) -= foot.distance * (placement.turn * foot.normal);
+  }
+}
+
 SurfaceErrors errors_of(const TriangleMesh& mesh, const ExactBody& body, const Placement& placement) {
   const VertexGeometry geometry = vertex_geometry(mesh);
   const VertexErrors vertex = vertex_errors(mesh, geometry.normal, body, placement);

@@ -20,6 +20,10 @@ LabelImage voxelised(const ExactBody& body, const Placement& placement, const Ve
 
 constexpr double not_measured = std::numeric_limits<double>::quiet_NaN();
 
+/// Moves each vertex to its nearest point on the exact surface: the errors that remain are those of the
+/// measures.
+void project(TriangleMesh& mesh, const ExactBody& body, const Placement& placement);
+
 /// Deviation of a drawn surface from the exact one, for one placement. Lengths in mm, which are voxels of the
 /// finest axis. A distance is positive where the drawn surface is outside the body. Vertices are weighted by
 /// their area. "Smooth" are those more than 2 mm from a sharp edge. NaN if a quantity does not exist.
