@@ -47,8 +47,9 @@ struct Study {
   bool quick;          ///< it is part of the quick run
 };
 
-/// All bodies. A ball is the same in each orientation and is measured in one. Bodies of more than 100 mm take
-/// 4 offsets and 2 orientations.
+/// All bodies. A ball is the same in each orientation and is measured in one. To save time, some large
+/// bodies take 8 of the 16 offsets, and the largest (ball 60, ellipsoid 50) 4 offsets and at most 2
+/// orientations.
 std::vector<Study> surface_studies();
 
 constexpr int grid_offsets = 16, grid_turns = 5;
