@@ -541,6 +541,7 @@ SegmentedBody make_body_surface(const LabelImage& image, const std::vector<int>&
   const std::vector<double> determined =
       fit_to_boundary_faces(surface, body, frame.voxel_to_local, step, options.outward_mm);
   std::transform(determined.begin(), determined.end(), open.begin(), [](double d) { return 1.0 - d; });
+  relax(surface, open, further_sweeps, leash * finest);
   const double wanted_mm3 = report.voxel_volume_mm3 + drawing.added_mm3;
   match_volume(surface, wanted_mm3, open, 0.5 * leash * finest);
 
