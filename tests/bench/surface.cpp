@@ -10,6 +10,7 @@
 //   --way today            make_body_surface() of this build; so does any other name but these:
 //   --way antialias        the level set of Whitaker (2000) by ITK, which ends at its default change of 0.07
 //   --way antialias:0.01   the same with another change in the last iteration
+//   --way net              a net of constrained vertices whose curvature is smoothed
 //
 // --quick measures some bodies in 3 offsets and 2 orientations, and writes surface_quick.csv. --projected
 // moves the vertices onto the exact surface first, so that what remains is the error of the measures, and
@@ -37,7 +38,7 @@
 #include "io/file.hpp"
 #include "preprocess/surface/label_surface.hpp"
 #include "tests/bench/picture.hpp"
-#include "tests/bench/surface_antialias.hpp"
+#include "tests/bench/surface_alternatives.hpp"
 #include "tests/bench/surface_bodies.hpp"
 #include "tests/bench/surface_measures.hpp"
 
@@ -56,6 +57,8 @@ TriangleMesh body_surface(const LabelImage& image) {
 }
 
 Way way_of(const std::string& name) {
+  constexpr int net_iterations = 300;
+  if (name == "net") return [](const LabelImage& image) { return constrained_net(image, net_iterations); };
   const std::string itk = "antialias";
   double rms_change = 0.07;  // ITK's default
   if (name.starts_with(itk + ":"))

@@ -1,4 +1,4 @@
-#include "tests/bench/surface_antialias.hpp"
+#include "tests/bench/surface_alternatives.hpp"
 
 #include <itkAntiAliasBinaryImageFilter.h>
 #include <itkImage.h>
@@ -30,6 +30,7 @@ Level::Pointer level_of(const LabelImage& image, const std::vector<std::int32_t>
   return level;
 }
 
+// Voxel coordinates.
 TriangleMesh contour_at_zero(float* value, const LabelImage& image) {
   const Index count = image.size[0] * image.size[1] * image.size[2];
   vtkNew<vtkImageData> grid;
@@ -57,7 +58,50 @@ TriangleMesh contour_at_zero(float* value, const LabelImage& image) {
   return mesh;
 }
 
+// Neighbours of each vertex.
+std::vector<std::vector<Index>> neighbours_of(const TriangleMesh& mesh) {
+  std::vector<std::vector<Index>> result(static_cast<std::size_t>(mesh.vertex.cols()));
+  for (const auto& t : mesh.triangles.colwise())
+    for (int c = 0; c < 3; ++c) result[static_cast<std::size_t>(t[c])].push_back(t[(c + 1) % 3]);
+  return result;
+}
+
+// Each column less the mean of its neighbours.
+Points less_mean(const Points& value, const std::vector<std::vector<Index>>& neighbours) {
+  Points result = value;
+  for (Index v = 0; v < value.cols(); ++v) {
+    const auto& around = neighbours[static_cast<std::size_t>(v)];
+    Vec3 sum = Vec3::Zero();
+    for (const Index n : around) sum += value.col(n);
+    result.col(v) -= sum / static_cast<double>(around.size());
+  }
+  return result;
+}
+
+void face_outward(TriangleMesh& mesh) {
+  if (enclosed_volume(mesh) < 0.0) mesh.triangles.row(1).swap(mesh.triangles.row(2));
+}
+
 }  // namespace
+
+TriangleMesh constrained_net(const LabelImage& image, int iterations) {
+  constexpr double step = 0.25, half_voxel = 0.5;
+  const std::vector<std::int32_t> label = every_voxel(image);
+  std::vector<float> value(label.size());
+  std::transform(label.begin(), label.end(), value.begin(),
+                 [](std::int32_t l) { return l != 0 ? 1.0f : -1.0f; });
+  TriangleMesh mesh = contour_at_zero(value.data(), image);
+  const auto neighbours = neighbours_of(mesh);
+  const Points start = mesh.vertex;
+  for (int k = 0; k < iterations; ++k) {
+    mesh.vertex -= step * less_mean(less_mean(mesh.vertex, neighbours), neighbours);
+    mesh.vertex = mesh.vertex.cwiseMax((start.array() - half_voxel).matrix())
+                      .cwiseMin((start.array() + half_voxel).matrix());
+  }
+  mesh.vertex = image.to_world * mesh.vertex;
+  face_outward(mesh);
+  return mesh;
+}
 
 TriangleMesh antialiased_surface(const LabelImage& image, double rms_change) {
   const std::vector<std::int32_t> label = every_voxel(image);
@@ -72,7 +116,7 @@ TriangleMesh antialiased_surface(const LabelImage& image, double rms_change) {
     value[i] = label[i] != 0 ? std::max(value[i], off_zero) : std::min(value[i], -off_zero);
   TriangleMesh mesh = contour_at_zero(value, image);
   mesh.vertex = image.to_world * mesh.vertex;
-  if (enclosed_volume(mesh) < 0.0) mesh.triangles.row(1).swap(mesh.triangles.row(2));
+  face_outward(mesh);
   return mesh;
 }
 

@@ -16,4 +16,13 @@ namespace dimple {
 /// Needs:  three voxels of background on all sides.
 TriangleMesh antialiased_surface(const LabelImage& image, double rms_change);
 
+/// The surface of all foreground voxels as a constrained net, for comparison: the contour of the labels,
+/// `iterations` steps along the Laplacian of its discrete curvature vector, each vertex held within half a
+/// voxel of where it began. LPS coordinates [mm].
+///
+/// Source: Gibson, Constrained elastic surface nets, MICCAI 1998, who smooths positions; here curvature is
+///         smoothed, so that a sphere does not shrink.
+/// Needs:  one voxel of background on all sides.
+TriangleMesh constrained_net(const LabelImage& image, int iterations);
+
 }  // namespace dimple
