@@ -1,0 +1,162 @@
+// The surface between voxels, against the bodies that were voxelised. Lengths in voxels of 1 mm.
+#include "preprocess/surface/boundary_fit.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+
+#include "preprocess/surface/label_surface.hpp"
+
+namespace dimple {
+namespace {
+
+using Distance = std::function<double(const Vec3&)>;  // signed, negative inside
+
+Distance ball(double radius) {
+  return [radius](const Vec3& x) { return x.norm() - radius; };
+}
+
+Distance box(const Vec3& half) {
+  return [half](const Vec3& x) {
+    const Vec3 beyond = x.cwiseAbs() - half;
+    return beyond.cwiseMax(0.0).norm() + std::min(beyond.maxCoeff(), 0.0);
+  };
+}
+
+// Voxel centres inside are labelled. The body's centre lies `offset` voxels from the middle of the image.
+LabelImage voxelised(const Distance& body, double reach, const Vec3& spacing, const Vec3& offset) {
+  LabelImage image;
+  Vec3 corner;
+  for (Index d = 0; d < 3; ++d) {
+    const auto voxels = 2 * static_cast<Index>(std::ceil((reach + 4.0) / spacing[d]));
+    image.size[static_cast<std::size_t>(d)] = voxels;
+    corner[d] = spacing[d] * (offset[d] - 0.5 * static_cast<double>(voxels - 1));
+  }
+  image.to_world = Eigen::Translation3d(corner) * Eigen::Scaling(spacing);
+  std::vector<std::int32_t> label;
+  for (Index k = 0; k < image.size[2]; ++k)
+    for (Index j = 0; j < image.size[1]; ++j)
+      for (Index i = 0; i < image.size[0]; ++i)
+        label.push_back(body(image.to_world * Vec3(static_cast<double>(i), static_cast<double>(j),
+                                                   static_cast<double>(k))) < 0.0
+                            ? 1
+                            : 0);
+  set_voxels(image, label);
+  return image;
+}
+
+// An evenly spread sequence of grid positions (Roberts 2018).
+Vec3 grid_offset(int n) {
+  const Vec3 step(0.8191725, 0.6710436, 0.5497005);
+  const Vec3 at = Vec3::Constant(0.5) + n * step;
+  return (at.array() - at.array().floor() - 0.5).matrix();
+}
+
+Points drawn(const LabelImage& image, const SurfaceOptions& options = {}) {
+  const SegmentedBody body = make_body_surface(image, {}, options);
+  return body.surface.to_world() * body.surface.vertex();
+}
+
+double rms_distance(const Points& vertex, const Distance& body) {
+  double sum = 0.0;
+  for (const auto& x : vertex.colwise()) sum += body(x) * body(x);
+  return std::sqrt(sum / static_cast<double>(vertex.cols()));
+}
+
+// Of the six extreme points along the grid's axes.
+double worst_top(const Points& vertex, double radius) {
+  const double above = (vertex.rowwise().maxCoeff().array() - radius).abs().maxCoeff();
+  return std::max(above, (vertex.rowwise().minCoeff().array() + radius).abs().maxCoeff());
+}
+
+// The bounds are the goals of the design; the voxels' rounding is 0.29 rms and 0.5 at most.
+TEST(SurfaceBetweenVoxels, OfABallHasItsTopsWhereverTheGridBegins) {
+  for (const auto& [radius, at_top] : {std::pair(10.0, 0.2), {25.0, 0.12}})
+    for (int n = 0; n < 4; ++n) {
+      const Points vertex = drawn(voxelised(ball(radius), radius, Vec3::Ones(), grid_offset(n)));
+      EXPECT_LE(worst_top(vertex, radius), at_top) << "radius " << radius << ", grid " << n;
+      EXPECT_LE(rms_distance(vertex, ball(radius)), 0.05) << "radius " << radius << ", grid " << n;
+    }
+}
+
+TEST(SurfaceBetweenVoxels, OfThickSlicesIsRoundBetweenThem) {
+  const Points vertex = drawn(voxelised(ball(25.0), 25.0, Vec3(1, 1, 4), grid_offset(1)));
+  EXPECT_LE(rms_distance(vertex, ball(25.0)), 0.15);  // terraces alone: 0.6
+  EXPECT_LE(worst_top(vertex, 25.0), 1.0);            // a quarter of a slice
+}
+
+TEST(SurfaceBetweenVoxels, KeepsFlatFacesFlatAndEdgesWithinHalfAVoxel) {
+  const Vec3 half = Vec3::Constant(12.0);
+  const Points vertex = drawn(voxelised(box(half), 12.0, Vec3::Ones(), Vec3::Zero()));
+  for (const auto& x : vertex.colwise()) {
+    Vec3 depth = (x.cwiseAbs() - half).cwiseAbs();
+    std::sort(depth.data(), depth.data() + 3);
+    const bool far_from_edges = depth[1] > 5.0;
+    EXPECT_LE(std::abs(box(half)(x)), far_from_edges ? 0.1 : 0.5) << x.transpose();
+  }
+}
+
+TEST(SurfaceBetweenVoxels, OfATiltedBlockIsFlat) {
+  const Vec3 half(16.0, 14.0, 9.0);
+  const Mat3 turn =
+      (Eigen::AngleAxisd(0.3, Vec3::UnitX()) * Eigen::AngleAxisd(0.2, Vec3::UnitY())).toRotationMatrix();
+  const Distance tilted = [&](const Vec3& x) { return box(half)(turn.transpose() * x); };
+  double sum = 0.0;
+  int count = 0;
+  const Points vertex = drawn(voxelised(tilted, 20.0, Vec3::Ones(), grid_offset(2)));
+  for (const auto& x : vertex.colwise()) {
+    Vec3 depth = ((turn.transpose() * x).cwiseAbs() - half).cwiseAbs();
+    std::sort(depth.data(), depth.data() + 3);
+    if (depth[1] < 5.0) continue;
+    sum += tilted(x) * tilted(x), ++count;
+  }
+  EXPECT_GT(count, 500);
+  EXPECT_LE(std::sqrt(sum / count), 0.06);
+}
+
+TEST(SurfaceBetweenVoxels, KeepsBothWallsOfASlit) {
+  // A block with a slit of two voxels down to its middle.
+  const Distance slit = [](const Vec3& x) {
+    return std::max(box(Vec3(14, 10, 10))(x), -box(Vec3(1.0, 30.0, 10.0))(x - Vec3(0, 0, 10)));
+  };
+  const Points vertex = drawn(voxelised(slit, 14.0, Vec3::Ones(), Vec3::Zero()));
+  int left = 0, right = 0;
+  for (const auto& x : vertex.colwise()) {
+    if (std::abs(x[0]) > 3.0 || x[2] < 4.0 || x[2] > 7.0 || std::abs(x[1]) > 6.0) continue;
+    EXPECT_NEAR(std::abs(x[0]), 1.0, 0.3);
+    ++(x[0] < 0.0 ? left : right);
+  }
+  EXPECT_GT(left, 20);
+  EXPECT_GT(right, 20);
+}
+
+TEST(SurfaceBetweenVoxels, DrawnOutwardIsThatFarOut) {
+  for (const double outward : {-0.5, 0.5}) {
+    const Points vertex =
+        drawn(voxelised(ball(15.0), 15.0, Vec3::Ones(), grid_offset(3)), {.outward_mm = outward});
+    EXPECT_NEAR(vertex.colwise().norm().mean(), 15.0 + outward, 0.06) << outward;
+    EXPECT_LE(rms_distance(vertex, ball(15.0 + outward)), 0.1) << outward;
+  }
+}
+
+TEST(BoundaryFit, LeavesVerticesWhereFacesDisagreeAndMovesNoneFarther) {
+  // One voxel more on a face of a block: no smooth surface agrees with it.
+  LabelImage image = voxelised(box(Vec3::Constant(8.0)), 8.0, Vec3::Ones(), Vec3::Zero());
+  VoxelSet set = voxels_with(image, {});
+  SegmentedBody body = make_body_surface(image, {});
+  TriangleMesh mesh{body.surface.vertex(), body.surface.triangles()};
+  set.first = {1, 1, 1};  // the body's frame begins two voxels before it
+  const Points before = mesh.vertex;
+  const std::vector<double> determined = fit_to_boundary_faces(mesh, set, Mat3::Identity(), 1.0, 0.0);
+  ASSERT_EQ(determined.size(), static_cast<std::size_t>(before.cols()));
+  for (Index v = 0; v < before.cols(); ++v) {
+    const double moved = (mesh.vertex.col(v) - before.col(v)).norm();
+    EXPECT_LE(moved, 1.2 * 0.5 * std::sqrt(3.0));
+    if (determined[static_cast<std::size_t>(v)] == 0.0) EXPECT_EQ(moved, 0.0);
+  }
+}
+
+}  // namespace
+}  // namespace dimple
