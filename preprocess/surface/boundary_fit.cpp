@@ -169,12 +169,10 @@ class Fitter {
 
   double window(int size) const { return unit_ * rules.smallest_window * std::pow(rules.growth, size); }
 
-  /// The fit with the largest window with which the faces agree; none if they do not with the smallest. The
-  /// boundary is expected `outward` below x.
-  std::optional<Fit> grow(const Vec3& x, const Vec3& normal, double outward) const {
+  /// The fit with the largest window with which the faces agree; none if they do not with the smallest.
+  std::optional<Fit> grow(const Vec3& x, const Vec3& normal) const {
     std::optional<Fit> result;
     Fit fit{.centre = x, .frame = frame_along(normal)};
-    fit.c[0] = -outward;
     for (int size = 0; size < rules.windows; ++size) {
       fit.window = window(size);
       bool agrees = improve(fit, size == 0);
@@ -320,18 +318,20 @@ struct Vertices {
   std::vector<char> covered;
 };
 
-Vertices vertices_of(const TriangleMesh& surface) {
+// `place`: where a contour `outward` of the boundary expects that.
+Vertices vertices_of(const TriangleMesh& surface, double outward) {
   const auto count = static_cast<std::size_t>(surface.vertex.cols());
   Vertices result{std::vector<Vec3>(count), std::vector<Vec3>(count, Vec3::Zero()),
                   std::vector<Vec3>(count, Vec3::Zero()), std::vector<double>(count, 0.0),
                   std::vector<char>(count, 0)};
-  for (std::size_t v = 0; v < count; ++v) result.place[v] = surface.vertex.col(static_cast<Index>(v));
   for (const auto& t : surface.triangles.colwise()) {
     const Vec3 a = surface.vertex.col(t[0]), b = surface.vertex.col(t[1]), c = surface.vertex.col(t[2]);
     const Vec3 n = (b - a).cross(c - a);
     for (const Index v : t) result.normal[static_cast<std::size_t>(v)] += n;
   }
   for (Vec3& n : result.normal) n.normalize();
+  for (std::size_t v = 0; v < count; ++v)
+    result.place[v] = surface.vertex.col(static_cast<Index>(v)) - outward * result.normal[v];
   return result;
 }
 
@@ -370,7 +370,7 @@ std::vector<std::size_t> seeds_among(const Vertices& vertices, double edge) {
   return seeds;
 }
 
-void move_by(const Fit& fit, const Fitter& fitter, double outward, std::size_t v, Vertices& vertices) {
+void move_by(const Fit& fit, const Fitter& fitter, std::size_t v, Vertices& vertices) {
   const Vec3 away = vertices.place[v] - fit.centre;
   const double reach = rules.support * fit.window, r2 = away.squaredNorm() / (reach * reach);
   if (r2 >= 1.0) return;
@@ -378,8 +378,7 @@ void move_by(const Fit& fit, const Fitter& fitter, double outward, std::size_t v
   const auto [height, slope_u, slope_v] = fit.at(local[0], local[1]);
   const Vec3 n = (fit.frame.transpose() * Vec3(-slope_u, -slope_v, 1.0)).normalized();
   if (n.dot(vertices.normal[v]) < rules.agreement) return;
-  const double distance =
-      outward + (height - local[2]) / std::sqrt(1.0 + slope_u * slope_u + slope_v * slope_v);
+  const double distance = (height - local[2]) / std::sqrt(1.0 + slope_u * slope_u + slope_v * slope_v);
   if (std::abs(distance) > rules.farthest * fitter.half_voxel(n)) return;
   const double size = fit.window / fitter.window(0);
   const double weight = (1.0 - r2) * (1.0 - r2) * size * size;
@@ -389,7 +388,7 @@ void move_by(const Fit& fit, const Fitter& fitter, double outward, std::size_t v
 }
 
 // All vertices by all fits, those of similar windows at a time.
-void move_by(const std::vector<Fit>& fits, const Fitter& fitter, double outward, Vertices& vertices) {
+void move_by(const std::vector<Fit>& fits, const Fitter& fitter, Vertices& vertices) {
   for (int size = 0; size < rules.windows; ++size) {
     const double least = fitter.window(size) * (1.0 - 1e-9), most = fitter.window(size + 1) * (1.0 - 1e-9);
     std::vector<Vec3> centre;
@@ -402,7 +401,7 @@ void move_by(const std::vector<Fit>& fits, const Fitter& fitter, double outward,
     const PointCells cells(centre, 0.5 * reach);
     tbb::parallel_for(std::size_t{0}, vertices.place.size(), [&](std::size_t v) {
       cells.around(vertices.place[v], reach, [&](std::size_t k) {
-        move_by(*alike[static_cast<std::size_t>(cells.order()[k])], fitter, outward, v, vertices);
+        move_by(*alike[static_cast<std::size_t>(cells.order()[k])], fitter, v, vertices);
       });
     });
   }
@@ -412,21 +411,21 @@ void move_by(const std::vector<Fit>& fits, const Fitter& fitter, double outward,
 
 std::vector<double> fit_to_boundary_faces(TriangleMesh& surface, const VoxelSet& body,
                                           const Mat3& voxel_to_local, double step, double outward) {
-  const double voxel = std::cbrt(std::abs(voxel_to_local.determinant())), unit = std::max(voxel, step);
+  const double voxel = std::cbrt(std::abs(voxel_to_local.determinant())), unit = std::max(voxel, 0.5 * step);
   const auto every = static_cast<std::uint32_t>(std::floor(unit / voxel * unit / voxel));
   const Fitter fitter(boundary_faces(body, voxel_to_local, every), voxel_to_local, unit);
-  Vertices vertices = vertices_of(surface);
+  Vertices vertices = vertices_of(surface, outward);
   for (int size = rules.windows - 1; size >= 0; --size) {
     stop_if_asked();
     const std::vector<std::size_t> seeds = seeds_among(vertices, rules.covered * fitter.window(size));
     std::vector<std::optional<Fit>> grown(seeds.size());
     tbb::parallel_for(std::size_t{0}, seeds.size(), [&](std::size_t s) {
-      grown[s] = fitter.grow(vertices.place[seeds[s]], vertices.normal[seeds[s]], outward);
+      grown[s] = fitter.grow(vertices.place[seeds[s]], vertices.normal[seeds[s]]);
     });
     std::vector<Fit> fits;
     for (const auto& fit : grown)
       if (fit) fits.push_back(*fit);
-    move_by(fits, fitter, outward, vertices);
+    move_by(fits, fitter, vertices);
   }
   std::vector<double> determined(vertices.place.size(), 0.0);
   for (std::size_t v = 0; v < determined.size(); ++v) {
