@@ -458,7 +458,7 @@ std::string shown(const Solved& solved) {
   std::optional<double> half_N;
   if (solved.band.known()) half_N = solved.band.half.back();
   return "<pydimple.Result: " + force_title(last.force, 1e3 * last.depth, half_N) +
-         (half_N ? "" : ", band unknown: " + in_keywords(solved.band.unknown).cast<std::string>()) + ">";
+         (half_N ? "" : ", no error estimate: " + in_keywords(solved.band.unknown).cast<std::string>()) + ">";
 }
 
 // What simulate() makes of a case, all in memory. `summary` begins it; `built`: the model that the case

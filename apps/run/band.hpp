@@ -12,10 +12,10 @@ namespace dimple {
 /// How far the force may be from that of an ever finer cloud of the same body, by what a coarser cloud gives:
 /// the error of the discretisation, and no other.
 struct Band {
-  std::string unknown = "it was not asked for";  ///< why there is none; empty: there is one
-  Index coarse_nodes = 0;                        ///< of the coarser cloud
-  double seconds = 0.0;                          ///< that it took
-  std::vector<double> half;                      ///< [samples of the force curve] half its width [N]
+  std::string unknown = "not requested";  ///< why there is none; empty: there is one
+  Index coarse_nodes = 0;                 ///< of the coarser cloud
+  double seconds = 0.0;                   ///< that it took
+  std::vector<double> half;               ///< [samples of the force curve] half its width [N]
   bool known() const { return unknown.empty(); }
 };
 

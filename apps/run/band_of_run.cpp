@@ -26,7 +26,7 @@
 namespace dimple {
 namespace {
 
-constexpr const char* not_for_dynamics = "it was measured in equilibrium, not for dynamics";
+constexpr const char* not_for_dynamics = "not calibrated for dynamics";
 
 // A finer cloud needs the memory and all processors for itself.
 constexpr Index most_nodes_beside = 20000;
@@ -116,38 +116,35 @@ namespace {
 
 std::string why_no_band(const Config& config, const std::vector<Material>& tissues) {
   const Config usual;
-  if (config.scheme.name != usual.scheme.name) return "it was measured for the converging scheme alone";
+  if (config.scheme.name != usual.scheme.name) return "calibrated for the converging scheme only";
   if (config.solver.time == "explicit" || config.solver.time == "dynamic") return not_for_dynamics;
-  if (config.load.contact != usual.load.contact)
-    return "it was measured for a circle to which the tissue is bonded";
-  if (has_loads(config)) return "it was measured for bodies that bear no load but the tool's";
-  if (has_membranes(config)) return "it was measured for bodies without a membrane";
-  if (has_walls(config)) return "it was measured for bodies that touch no walls";
-  if (!config.step.empty()) return "it was measured for a tool that is pushed straight in, once";
-  if (!has_tool_alone(config))
-    return "it was measured for one tool alone on a body that nothing holds but its base";
+  if (config.load.contact != usual.load.contact) return "not calibrated for a circle that is not bonded";
+  if (has_loads(config)) return "not calibrated for loads other than the tool";
+  if (has_membranes(config)) return "not calibrated for membranes";
+  if (has_walls(config)) return "not calibrated for walls";
+  if (!config.step.empty()) return "not calibrated for a tool that moves in steps";
+  if (!has_tool_alone(config)) return "not calibrated for further tools or supports";
   if (const std::string none = why_no_band(tissues); !none.empty()) return none;
   if (config.solver.tolerance > usual.solver.tolerance)
-    return fmt::format("it was measured for a tolerance of {:g}", usual.solver.tolerance);
+    return fmt::format("not calibrated for a tolerance above {:g}", usual.solver.tolerance);
   if (const double usual_step = longest_step(tool_of(config).has_value());
       longest_step_radii(config) > usual_step)
-    return fmt::format("it was measured with steps of the load of at most {:g} radii", usual_step);
+    return fmt::format("not calibrated for load steps above {:g} radii", usual_step);
   if (config.cloud.rim != usual.cloud.rim || config.cloud.jitter != usual.cloud.jitter ||
       config.grid.points != usual.grid.points || config.grid.ratio != usual.grid.ratio ||
       config.support.basis != usual.support.basis || config.support.weight != usual.support.weight ||
       config.support.radius_factor != usual.support.radius_factor)
-    return "it was measured for the default nodes, points and supports alone";
+    return "calibrated for the default rim, points and supports only";
   if (const std::optional<ToolShape> tool = tool_of(config)) {
-    if (tool->mesh) return "it was measured for spheres, rods and punches, not for a tool that was drawn";
+    if (tool->mesh) return "not calibrated for drawn tools";
     if (1e-3 * config.load.depth_mm < shallowest_with_tool_band * tool->radius * (1.0 - 1e-9))
-      return fmt::format("of a tool that touches it was measured from {:g} of its radius on",
+      return fmt::format("not calibrated for a depth below {:g} radii of the tool",
                          shallowest_with_tool_band);
     if (1e-3 * config.load.depth_mm <= deepest_with_tool_band * tool->radius * (1.0 + 1e-9)) return {};
-    return fmt::format("of a tool that touches it was measured down to {:g} of its radius",
-                       deepest_with_tool_band);
+    return fmt::format("not calibrated for a depth above {:g} radii of the tool", deepest_with_tool_band);
   }
   if (config.load.depth_mm > deepest_with_band * 0.5 * config.boundary.indenter_diameter_mm)
-    return fmt::format("it was measured down to {} radii of the circle", deepest_with_band);
+    return fmt::format("not calibrated for a depth above {} radii of the circle", deepest_with_band);
   return {};
 }
 
@@ -166,35 +163,33 @@ std::string why_no_band(const Config& config, const Organ& organ, const Boundary
   if (const std::string none = why_no_band(config, in_use(result.tissues)); !none.empty()) return none;
   constexpr double straight = 0.9998;  // a degree
   if (config.boundary.direction != Config().boundary.direction && boundary.push.dot(boundary.down) < straight)
-    return "it was measured for a circle that moves straight towards the base";
+    return "not calibrated for an oblique direction";
   if (result.loading.folds && (!(result.facing_share > most_facing) || result.cut.area_mm2 > 0.0))
-    return "where folds touch it was measured for folded bodies that are not cut";
+    return "not calibrated for folds in contact on a cut body";
   const BodyUnderCircle body =
       body_under_circle(organ.body->surface, boundary, organ.options.boundary.voxel_mm);
   if (!tool_of(config)) return why_no_band(body);
   if (body.thickness >= thinnest_with_tool_band) return {};
-  return fmt::format(
-      "it was measured where the body is {:g} radii of the contact thick or more under it, and here it is "
-      "{:.2g}",
-      thinnest_with_tool_band, body.thickness);
+  return fmt::format("not calibrated for a thickness below {:g} radii of the contact (here {:.3g})",
+                     thinnest_with_tool_band, body.thickness);
 }
 
 std::string why_no_labels(const Config& config, const Origin& origin) {
   if (config.tissue.empty() || !origin.image.run.empty()) return {};
-  return "it takes another cloud, and the labels of the image were not kept";
+  return "the second set of nodes needs the labels of the image, which were not kept";
 }
 
 std::string why_no_band_after(const Config& config, const Result& result) {
   const Origin* origin = result.origin.get();
-  if (!origin) return "a model's files hold one cloud, and it takes two";
+  if (!origin) return "a model's files hold one set of nodes, and the estimate needs two";
   if (const std::string none = why_no_labels(config, *origin); !none.empty()) return none;
   if (const std::string none = why_no_band(config, origin->organ, origin->boundary, result); !none.empty())
     return none;
   const Index fewest = std::max(fewest_nodes_with_band(result.facing_share),
                                 tool_of(config) ? fewest_nodes_with_tool_band : Index{0});
   if (result.model.node_count() >= fewest) return {};
-  return fmt::format("it was measured from {0} nodes on{1}; give --nodes {0}", fewest,
-                     result.facing_share > most_facing ? " where a body has folds" : "");
+  return fmt::format("not calibrated below {0} nodes{1} (--nodes {0})", fewest,
+                     result.facing_share > most_facing ? " for folded bodies" : "");
 }
 
 double half_of_displacement(const Result& result, const Vec3& coarse) {
@@ -215,7 +210,7 @@ BandOfRun band_of_run(const Config& config, const Result& result, CoarserMarch& 
   Band& band = found.band;
   band.unknown = "";
   band.coarse_nodes = coarser.nodes();
-  const std::string cloud = fmt::format("with {} nodes, with which it is compared, ", band.coarse_nodes);
+  const std::string cloud = fmt::format("the comparison with {} nodes failed: ", band.coarse_nodes);
   try {
     const Result& coarse = coarser();
     band.half = result.loading.touch
@@ -225,18 +220,18 @@ BandOfRun band_of_run(const Config& config, const Result& result, CoarserMarch& 
                     : half_widths(result.history.force, result.model.node_count(), coarse.history.force,
                                   result.model.tool.radius, !config.tissue.empty());
     if (band.half.empty())
-      band.unknown = cloud + "the force ends before";
+      band.unknown = fmt::format("the comparison with {} nodes ended at a smaller depth", band.coarse_nodes);
     else if (result.loading.touch && has_finding(result.history, "hourglass"))
-      band.half.clear(), band.unknown = "the cloud is too coarse for this load, as a warning says";
+      band.half.clear(), band.unknown = "the nodes are too coarse for this load (see the warning)";
     else if (result.followed)
       found.half_of_displacement = half_of_displacement(result, coarse.followed->u);
   } catch (const Stopped&) {
     found.stopped = true;
-    band.unknown = "the run was stopped before";
+    band.unknown = "the run was stopped first";
   } catch (const Error& error) {
     band.unknown = cloud + error.report.fact;
   } catch (const std::bad_alloc&) {
-    band.unknown = cloud + "memory is short";
+    band.unknown = cloud + "not enough memory";
   }
   band.seconds = whole.seconds();
   return found;

@@ -9,6 +9,7 @@
 
 #include "apps/run/cuts.hpp"
 #include "apps/run/folds.hpp"
+#include "apps/run/grading.hpp"
 #include "apps/run/places.hpp"
 #include "apps/run/results.hpp"
 #include "apps/run/stopwatch.hpp"
@@ -312,6 +313,7 @@ Organ read_organ(const Case& given, const ModelOptions& options, const RunLog& l
   organ.options.boundary.voxel_mm = image.spacing().maxCoeff();
   organ.body = std::make_shared<const SegmentedBody>(body_of(image, labels, options.boundary, given.change));
   const SegmentedBody& body = *organ.body;
+  grade_to_size(body.surface, organ.options);
   result.stages.done("surface");
   result.segment = body.report;
   const SegmentReport& segment = result.segment;

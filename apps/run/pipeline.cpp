@@ -8,6 +8,7 @@
 #include "apps/run/closing_cut.hpp"
 #include "apps/run/cut_scene.hpp"
 #include "apps/run/folds.hpp"
+#include "apps/run/grading.hpp"
 #include "apps/run/loads.hpp"
 #include "apps/run/membranes.hpp"
 #include "apps/run/other_tools.hpp"
@@ -79,6 +80,7 @@ Organ taken_again(const Case& given, Result& result) {
   const double voxel_mm = organ.options.boundary.voxel_mm;
   organ.options = model_options(given.config);
   organ.options.boundary.voxel_mm = voxel_mm;
+  grade_to_size(organ.body->surface, organ.options);
   organ.site = {};  // the case may ask for another
   check_materials(materials_of(given.config), organ.options.scheme);
   check_words(organ.options.boundary);

@@ -42,7 +42,7 @@ void detail(const RecordObserver& observer, const std::string& text) {
 
 // The title of a force, with why there is no band, and with what the material's band adds.
 std::string headline_of(const std::string& title, double force_N, const std::string& unknown, double spread) {
-  return title + (unknown.empty() ? "" : ", band unknown: " + unknown) +
+  return title + (unknown.empty() ? "" : ", no error estimate: " + unknown) +
          (spread > 0.0
               ? from_to(force_N, spread * std::abs(force_N), fmt::format("mu +- {} %", plain(100.0 * spread)))
               : "");

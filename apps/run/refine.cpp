@@ -53,7 +53,7 @@ std::unique_ptr<Level> march_level(Index nodes, const Case& given, const Origin&
 // Its band, by the level before.
 void compare(Result& now, const Level* before, bool several_tissues) {
   if (!before) {
-    now.band.unknown = "the run ended with its first cloud";
+    now.band.unknown = "the run ended with its first set of nodes";
     return;
   }
   const Result& coarse = before->result;
@@ -97,7 +97,7 @@ void compare_with_coarser(const Case& given, const Goal& goal, const Origin& fro
   const Index nodes = finest.asked / 2, fewest = fewest_nodes_with_band(read.facing_share);
   if (finest.asked < fewest) {
     finest.result.band.unknown =
-        fmt::format("it was measured from {} nodes on, and no cloud of as many came to a force", fewest);
+        fmt::format("not calibrated below {} nodes, and no larger set of nodes reached a force", fewest);
     return;
   }
   const bool in_time = goal.budget_s == 0.0 || whole.seconds() + 0.5 * finest.seconds < goal.budget_s;

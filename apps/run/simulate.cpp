@@ -48,7 +48,7 @@ std::unique_ptr<CoarserMarch> begin_band(const Case& given, Result& result) {
   const Config config = given.origin ? with_model_of(given.config, given.origin->config) : given.config;
   result.band.unknown = why_no_band_after(config, result);
   if (!result.band.known()) return {};
-  result.band.unknown = "the run ended before";  // what stays if find_band() is never reached
+  result.band.unknown = "the run ended first";  // what stays if find_band() is never reached
   return std::make_unique<CoarserMarch>(config, result);
 }
 

@@ -28,31 +28,29 @@ double largest_at_opening(const ShiftScene& scene, const Shifted& shifted) {
 std::string why_unknown(const Config& config) {
   const Config usual;
   if (config.accuracy.band == "off") return "accuracy.band is off";
-  if (config.scheme.name != usual.scheme.name) return "it was measured for the converging scheme alone";
+  if (config.scheme.name != usual.scheme.name) return "calibrated for the converging scheme only";
   if (!config.tissue.empty() || has_membranes(config) || config.material.nu != usual.material.nu)
-    return "it was measured for one tissue of the default's Poisson's ratio, without a membrane";
+    return "calibrated for one tissue with the default nu, without membranes";
   if (config.wall.size() != 1 || config.load.wall != usual.load.wall ||
       config.wall.begin()->second.friction != Config::Wall{}.friction)
-    return "it was measured for a skull without friction alone";
+    return "calibrated for a frictionless skull only";
   if (config.cloud.jitter != usual.cloud.jitter || config.grid.points != usual.grid.points ||
       config.grid.ratio != usual.grid.ratio || config.support.basis != usual.support.basis ||
       config.support.weight != usual.support.weight ||
       config.support.radius_factor != usual.support.radius_factor ||
       config.solver.tolerance > usual.solver.tolerance)
-    return "it was measured for the default points, supports and tolerance alone";
+    return "calibrated for the default points, supports and tolerance only";
   return {};
 }
 
 std::string why_unknown(const Config& config, const ShiftScene& scene, const Shifted& shifted) {
   if (const std::string why = why_unknown(config); !why.empty()) return why;
   if (const Index nodes = shifted.result.model.node_count(); nodes < fewest_nodes)
-    return fmt::format("it was measured from {} nodes on", fewest_nodes);
-  if (shifted.result.facing_share > most_facing) return "it was measured for brains whose sulci are filled";
+    return fmt::format("not calibrated below {} nodes", fewest_nodes);
+  if (shifted.result.facing_share > most_facing) return "not calibrated for open sulci";
   if (shifted.sweep.inverted > 0) return "integration points are inverted";
   if (largest_at_opening(scene, shifted) > most_measured_mm)
-    return fmt::format(
-        "clouds were found to differ by a factor of two above {:g} mm, the largest shift that was measured",
-        most_measured_mm);
+    return fmt::format("not calibrated for shifts above {:g} mm", most_measured_mm);
   return {};
 }
 
@@ -82,14 +80,14 @@ ShiftBand band_of_shift(const Config& config, const ShiftScene& scene, const Shi
     });
   } catch (const Stopped&) {
     band.stopped = true;
-    band.unknown = "the run was stopped before";
+    band.unknown = "the run was stopped first";
     return band;
   } catch (const std::bad_alloc&) {
-    band.unknown = "memory is short for the cloud with which it is compared";
+    band.unknown = "not enough memory for the comparison";
     return band;
   } catch (const Error& error) {
     band.unknown =
-        fmt::format("with {} nodes, with which it is compared, {}", band.coarser_nodes, error.report.fact);
+        fmt::format("the comparison with {} nodes failed: {}", band.coarser_nodes, error.report.fact);
     return band;
   }
   const double here = largest_at_opening(scene, shifted);

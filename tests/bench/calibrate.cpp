@@ -6,7 +6,8 @@
 //
 // Writes band_scenes.csv, a row for each scene, number of nodes and depth. Scenes 51 to 120 and 166 to 225
 // prove the band, and from the others its multipliers are taken: no organ is in both. From 256 on they are
-// folded brains of atlases, such as Debian's mricron-data has in /usr/share/mricron/templates. A scene that
+// folded brains of atlases, such as Debian's mricron-data has in /usr/share/mricron/templates. Scenes from
+// 2001 on have large bodies and those from 3001 on thin ones (--from 2001 --scenes 2016). A scene that
 // the file holds is not computed again, so that a study that was stopped goes on. --finer adds a cloud of so
 // many nodes to scenes that hold one of half as many, --points writes band_points.csv: where a random place
 // of each scene's body goes. --bodies writes band_bodies.csv, what each scene's circle sees of its body, and
@@ -27,6 +28,7 @@
 #include <sstream>
 
 #include "apps/run/band.hpp"
+#include "apps/run/grading.hpp"
 #include "apps/run/simulate.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "io/error.hpp"
@@ -37,6 +39,7 @@
 #include "preprocess/supports/support.hpp"
 #include "preprocess/surface/shapes.hpp"
 #include "solver/solve.hpp"
+#include "tests/bench/calibration_scenes.hpp"
 #include "tests/bench/picture.hpp"
 #include "tests/helpers/band_scenes.hpp"
 #include "tests/helpers/draw.hpp"
@@ -47,154 +50,10 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Scenes with these numbers prove, the others calibrate. The second range was drawn when the multipliers that
-// the first had been proved with were known.
-constexpr bool proves(int number) {
-  return (number >= 51 && number <= 120) || (number >= 166 && number <= 225);
-}
-constexpr int second_proof = 166, first_folded = 256, first_held_out = 1001;
 constexpr std::array<Index, 5> level_nodes = {500, 1000, 2000, 4000, 8000};
 constexpr Index finest = band_truth;
 constexpr int frames = 4;
 constexpr std::int64_t most_evaluations = 2000;  // of the force, for one curve
-
-struct Scene {
-  int number = 0;
-  std::string body, law = "neo-Hookean";
-  std::function<SegmentedBody()> surface;
-  fs::path image = {};
-  bool core = false;  // stiffer than what is around it
-  BoundaryOptions boundary = {};
-  double depth_mm = 0.0, nu = 0.499;
-};
-
-struct Organ {
-  const char *name, *file;
-  int label;
-};
-constexpr std::array<Organ, 4> organs_to_calibrate = {{{"liver", "abdomen_mr_3mm.nii.gz", 5},
-                                                       {"spleen", "abdomen_mr_3mm.nii.gz", 6},
-                                                       {"chest_right_lung", "chest_ct_10mm.seg.nrrd", 5},
-                                                       {"chest_left_lung", "chest_ct_10mm.seg.nrrd", 6}}};
-constexpr std::array<Organ, 3> organs_to_prove = {{{"heart", "heart_ct_1.5mm.nii.gz", 0},
-                                                   {"human_brain", "human_brain_mri_2mm.nrrd", 0},
-                                                   {"right_lung", "lung_ct_aniso.mha", 0}}};
-
-// Of two people and a macaque: other brains than the one that proves. The second is its tracts of white
-// matter alone.
-constexpr std::array folded = {"brodmann.nii.gz", "natbrainlab.nii.gz", "inia19-NeuroMaps.nii.gz"};
-
-const PhantomOptions phantom = {.spacing_mm = 1.5, .two_labels = true};
-
-Scene scene_of(int number, const fs::path& data, const fs::path& atlases) {
-  Draw draw{std::mt19937_64(static_cast<std::uint64_t>(number))};
-  Scene scene;
-  scene.number = number;
-  const double diameter = draw.between(6.0, 20.0);
-  double thickness = 30.0, reach_x = 0.0,
-         reach_y = 0.0;  // of the body, and how far from its middle the circle may be
-  const auto exactly = [](auto make) { return [make] { return SegmentedBody{make(), {}}; }; };
-  constexpr int an_organ = 7;
-  switch (number < first_folded ? number % 7 : an_organ) {
-    case 0: {
-      const Vec3 size(draw.between(3.0, 8.0) * diameter, draw.between(3.0, 8.0) * diameter,
-                      draw.between(1.2, 4.0) * diameter);
-      scene.body = fmt::format("block {:.0f}x{:.0f}x{:.0f}", size.x(), size.y(), size.z());
-      scene.surface = exactly([size] {
-        return block_surface({-size.x() / 2, -size.y() / 2, 0.0}, {size.x() / 2, size.y() / 2, size.z()});
-      });
-      thickness = size.z(), reach_x = 0.3 * size.x() - 0.2 * diameter,
-      reach_y = 0.3 * size.y() - 0.2 * diameter;
-      break;
-    }
-    case 1: {
-      const Vec3 half(draw.between(2.0, 4.0) * diameter, draw.between(1.6, 3.0) * diameter,
-                      draw.between(1.2, 2.0) * diameter);
-      scene.body = fmt::format("ellipsoid {:.0f}x{:.0f}x{:.0f}", half.x(), half.y(), half.z());
-      scene.surface = exactly([half] { return cut_ellipsoid_surface(half, -0.7 * half.z()); });
-      thickness = 1.4 * half.z(), reach_x = 0.4 * half.x(), reach_y = 0.3 * half.y();
-      break;
-    }
-    case 2: {
-      const double radius = draw.between(1.5, 3.5) * diameter, height = draw.between(1.2, 4.0) * diameter;
-      scene.body = fmt::format("cylinder {:.0f}x{:.0f}", radius, height);
-      scene.surface = exactly([=] { return cylinder_surface(radius, height); });
-      thickness = height, reach_x = reach_y = 0.4 * radius;
-      break;
-    }
-    case 3: {
-      const Vec3 size(5.0 * diameter, 5.0 * diameter, draw.between(2.0, 3.5) * diameter);
-      const double wall = diameter * draw.between(0.6, 1.3), width = draw.between(0.5, 2.0),
-                   deep = draw.between(0.4, 0.85) * size.z();
-      scene.body = fmt::format("slit block {:.0f}x{:.0f}, wall at {:.1f}, {:.1f} wide, {:.0f} deep", size.x(),
-                               size.z(), wall, width, deep);
-      scene.surface = exactly([=] { return slit_block_surface(size, wall, width, deep); });
-      thickness = size.z();
-      break;
-    }
-    case 4:
-      scene.body = "phantom with a core";
-      scene.surface = [] { return make_body_surface(make_phantom(phantom), {}); };
-      scene.core = true;
-      reach_x = 6.0, reach_y = 15.0;
-      break;
-    case an_organ: {
-      const char* file = draw.of(folded);
-      scene.body = file, scene.image = atlases / file;
-      scene.surface = [=] { return make_body_surface(read_label_image(atlases / file), {}); };
-      scene.boundary.base = draw.of(std::array{"organ", "inferior", "posterior", "left", "right"});
-      scene.boundary.indent_at = draw.of(std::array{"opposite", "opposite,left", "opposite,right"});
-      break;
-    }
-    default: {
-      const Organ organ = proves(number) ? draw.of(organs_to_prove) : draw.of(organs_to_calibrate);
-      scene.body = organ.name, scene.image = data / organ.file;
-      scene.surface = [=] {
-        return make_body_surface(read_label_image(data / organ.file),
-                                 organ.label > 0 ? std::vector<int>{organ.label} : std::vector<int>{});
-      };
-      scene.boundary.base = draw.of(std::array{"organ", "inferior", "posterior", "left", "right"});
-    }
-  }
-  scene.boundary.indenter_diameter_mm = diameter;
-  if (scene.image.empty()) {
-    scene.boundary.base = "inferior";
-    scene.boundary.indent_at =
-        fmt::format("{:.2f},{:.2f},top", draw.between(-reach_x, reach_x), draw.between(-reach_y, reach_y));
-  }
-  scene.depth_mm = std::min(draw.between(0.3, 1.7) * 0.5 * diameter, 0.35 * thickness);
-  scene.nu = draw.of(std::array{0.45, 0.49, 0.499});
-  scene.law = draw.of(std::array{"neo-Hookean", "neo-Hookean", "Mooney-Rivlin", "Ogden"});
-  return scene;
-}
-
-Material material_of(const Scene& scene, double mu) {
-  if (scene.law == "Mooney-Rivlin") return mooney_rivlin(0.35 * mu, 0.15 * mu, scene.nu, 1000.0);
-  if (scene.law == "Ogden") return ogden({{.mu = mu, .alpha = -4.7}}, scene.nu, 1000.0);
-  return neo_hookean(mu, scene.nu, 1000.0);
-}
-
-Scene held_out_scene(int number) {
-  Draw draw{std::mt19937_64(static_cast<std::uint64_t>(number) + 5'000)};
-  const RandomBody body = random_body(number);
-  Scene scene{.number = number, .body = "lump " + body.name, .surface = {}};
-  scene.boundary = body.boundary;
-  scene.boundary.voxel_mm = body.image.spacing().maxCoeff();
-  scene.surface = [image = body.image] { return make_body_surface(image, {}); };
-  scene.depth_mm = 0.5 * body.boundary.indenter_diameter_mm * draw.between(0.3, 1.7);
-  scene.nu = body.nu;
-  scene.law = draw.of(std::array{"neo-Hookean", "neo-Hookean", "Mooney-Rivlin", "Ogden"});
-  return scene;
-}
-
-// The tracts of white matter are no body that anybody can touch: as thin as their own nodes, so that 8000 of
-// these are not enough.
-const char* set_of(const Scene& scene) {
-  return scene.number >= first_held_out ? "held out"
-         : proves(scene.number)         ? "proof"
-         : scene.body == folded[1]      ? "aside"
-                                        : "calibration";
-}
 
 constexpr const char* header =
     "scene,set,body,base,indent_at,facing_share,diameter_mm,nu,law,nodes,indentation_mm,force_N,build_s,"
@@ -227,7 +86,7 @@ Rows measure(const Scene& scene, const std::vector<Index>& sizes, bool with_poin
   const SegmentedBody body = scene.surface();
   const double facing = facing_share(body.surface, narrow_gap_mm);
   std::optional<LabelImage> labels;
-  if (scene.core) labels = make_phantom(phantom);
+  if (scene.core) labels = make_phantom(phantom_with_core);
   TissueOptions tissues;
   std::vector<Material> materials = {material_of(scene, 210.0)};
   if (scene.core) {
@@ -240,6 +99,7 @@ Rows measure(const Scene& scene, const std::vector<Index>& sizes, bool with_poin
     ModelOptions options;
     options.cloud.count = nodes;
     options.boundary = scene.boundary;
+    if (scene.number >= first_large) grade_to_size(body.surface, options);
     try {
       const Stopwatch building;
       const BuiltModel built = build_model(body.surface, options, tissues,
@@ -264,8 +124,11 @@ Rows measure(const Scene& scene, const std::vector<Index>& sizes, bool with_poin
       const Loading loading{.depth = 1e-3 * scene.depth_mm};
       const ForceSystem system(built.model, materials_of_points, Precision::single_);
       History history;
-      solve(choose_time(built.model, materials_of_points, loading), system, built.model, loading,
-            {.frames = frames, .evaluations = 600}, observer, history);
+      // Where dynamics is chosen a run has no band, so that scenes drawn later do not ask.
+      const TimeMode time = scene.number >= first_large
+                                ? TimeMode::quasi_static
+                                : choose_time(built.model, materials_of_points, loading);
+      solve(time, system, built.model, loading, {.frames = frames, .evaluations = 600}, observer, history);
       if (history.interrupted)
         throw SolveError({.fact = fmt::format("no end after {} evaluations", most_evaluations),
                           .where = "the march",
@@ -302,17 +165,18 @@ double median(std::vector<double> values) {
 std::string group_of(const BandScene& scene) {
   return scene.set != "proof" ? scene.set : scene.number < second_proof ? "first proof" : "second proof";
 }
-const std::array groups = {"calibration", "first proof", "second proof", "aside"};
+const std::vector<std::string> groups = {"calibration", "first proof", "second proof", "aside"},
+                               extending = {"large", "thin"};
 
 // What the band says against what is true, with each number of nodes. A band holds if all that the truth may
 // be lies in it.
-std::string table_of_bands(const std::vector<BandScene>& scenes, Plot& stated_against_true,
-                           std::string& misses) {
+std::string table_of_bands(const std::vector<BandScene>& scenes, const std::vector<std::string>& of_groups,
+                           Plot& stated_against_true, std::string& misses) {
   std::string table =
       "| scenes | depth | nodes | bands | hold the truth | median half width, % | median error, % "
       "|\n|---|---|---:|---:|---:|---:|"
       "---:|\n";
-  for (const std::string group : groups) {
+  for (const std::string& group : of_groups) {
     PlotSeries points{.name = group, .line = false, .hollow = group == "calibration"};
     for (const bool deep : {false, true})
       for (Index nodes = fewest_nodes_with_band(0.0); nodes <= band_finest_truth / band_compared;
@@ -324,9 +188,8 @@ std::string table_of_bands(const std::vector<BandScene>& scenes, Plot& stated_ag
             continue;
           if (group_of(scene) != group || !scene.forces.contains(nodes) || !scene.forces.contains(nodes / 2))
             continue;
-          const auto &fine = scene.forces.at(nodes), &coarse = scene.forces.at(nodes / 2);
-          const std::vector<double> half =
-              half_widths(fine, nodes, coarse, scene.radius, scene.several_tissues);
+          const std::vector<ForceSample>& fine = scene.forces.at(nodes);
+          const std::vector<double> half = error_bounds(scene, nodes, nodes / 2);
           if (half.empty() || fine.size() != scene.forces.at(scene.truth).size()) continue;
           double widest = 0.0, largest = 0.0;
           bool holds = true;
@@ -364,8 +227,20 @@ std::string table_of_bands(const std::vector<BandScene>& scenes, Plot& stated_ag
   return table;
 }
 
-// What the circle of each scene of the file sees of its body. Scenes whose image is not there are left out.
+// Rows of a table by the number of their scene, without the header.
+std::map<int, std::string> rows_by_scene(const fs::path& file) {
+  std::map<int, std::string> rows;
+  if (!fs::exists(file)) return rows;
+  std::istringstream lines(read_file(file));
+  std::string line;
+  for (std::getline(lines, line); std::getline(lines, line);) rows[std::stoi(line)] = line + "\n";
+  return rows;
+}
+
+// What the circle of each scene of the file sees of its body. A row that the file holds stays: its image need
+// not be there. Other scenes without their image are left out.
 void write_bodies(const fs::path& folder, const fs::path& data, const fs::path& atlases) {
+  std::map<int, std::string> rows = rows_by_scene(folder / "band_bodies.csv");
   std::string csv =
       "scene,set,body,diameter_mm,thickness_radii,size_radii,voxel_radii,nu,tissues,stiffness_ratio\n";
   std::map<std::string, SegmentedBody> organs;  // which many scenes share
@@ -374,18 +249,21 @@ void write_bodies(const fs::path& folder, const fs::path& data, const fs::path& 
         scene.image.empty() && !scene.core ? fmt::format("scene {}", scene.number) : scene.body;
     if (!organs.contains(key)) organs.emplace(key, scene.surface());
     const BodySurface& body = organs.at(key).surface;
-    const double voxel = scene.core            ? phantom.spacing_mm
+    const double voxel = scene.core            ? phantom_with_core.spacing_mm
                          : scene.image.empty() ? scene.boundary.voxel_mm
                                                : read_label_image(scene.image).spacing().maxCoeff();
     const BodyUnderCircle seen = body_under_circle(body, find_boundary(body, scene.boundary), voxel);
-    csv += fmt::format("{},{},\"{}\",{:.2f},{:.3f},{:.3f},{:.3f},{:g},{},{}\n", scene.number, set_of(scene),
-                       scene.body, scene.boundary.indenter_diameter_mm, seen.thickness, seen.size, seen.voxel,
-                       scene.nu, scene.core ? 2 : 1, scene.core ? 4 : 1);
+    rows[scene.number] =
+        fmt::format("{},{},\"{}\",{:.2f},{:.3f},{:.3f},{:.3f},{:g},{},{}\n", scene.number, set_of(scene),
+                    scene.body, scene.boundary.indenter_diameter_mm, seen.thickness, seen.size, seen.voxel,
+                    scene.nu, scene.core ? 2 : 1, scene.core ? 4 : 1);
   };
   for (const BandScene& known : band_scenes(folder / "band_scenes.csv")) {
+    if (rows.contains(known.number)) continue;
     const Scene scene = scene_of(known.number, data, atlases);
     if (scene.image.empty() || fs::exists(scene.image)) add(scene);
   }
+  for (const auto& [number, row] : rows) csv += row;
   write_file(folder / "band_bodies.csv", csv);
 }
 
@@ -442,9 +320,8 @@ std::string table_of_goals(const std::vector<BandScene>& scenes, int first, std:
         }
         const std::vector<ForceSample>& fine = scene.forces.at(nodes);
         seconds += scene.seconds.at(nodes);
-        const std::vector<double> half = before > 0 ? half_widths(fine, nodes, scene.forces.at(before),
-                                                                  scene.radius, scene.several_tissues)
-                                                    : std::vector<double>();
+        const std::vector<double> half =
+            before > 0 ? error_bounds(scene, nodes, before) : std::vector<double>();
         const double force = std::abs(fine.back().force);
         if (half.empty() || half.back() > goal * force) {
           before = nodes;
@@ -533,7 +410,10 @@ void report(const fs::path& folder) {
              .y_range = std::array{0.005, 30.0}};
   std::string missed_bands, missed_goals;
   std::string unlisted;
-  const std::string bands = table_of_bands(scenes, chart, missed_bands),
+  Plot undrawn;
+  std::string missed_further;
+  const std::string further = table_of_bands(scenes, extending, undrawn, missed_further);
+  const std::string bands = table_of_bands(scenes, groups, chart, missed_bands),
                     goals = table_of_goals(scenes, 1, missed_goals),
                     second = table_of_goals(scenes, second_proof, unlisted);
   chart.series.push_back(
@@ -544,6 +424,8 @@ void report(const fs::path& folder) {
       "second proof alone:\n\n{}\nBands that missed:\n\n{}\nGoals whose band missed:\n\n{}",
       conformal(scores, 0.95, least_scenes), counted(scores, least_scenes), bands, goals, second,
       missed_bands, missed_goals);
+  text += fmt::format("\nLarge and thin bodies, with the same multiplier:\n\n{}{}", further,
+                      missed_further.empty() ? "" : "\nMissed:\n\n" + missed_further);
   if (const fs::path file = folder / "band_points.csv"; fs::exists(file)) {
     const std::vector<PointScene> points = point_scenes(file);
     const BandScores of_points = point_scores(points);
@@ -592,6 +474,8 @@ int main(int argc, char** argv) try {
     std::reverse(sizes.begin(), sizes.end());
   else
     sizes.insert(sizes.begin(), dimple::finest);
+  if (first >= dimple::first_large)  // the truth, and those that the default's number lies between
+    sizes = {dimple::finest, dimple::finest / 2, 500, 1000, 2000};
   if (held_out > 0) {
     sizes = {dimple::finest, dimple::finest / 2, dimple::default_nodes_of_band,
              dimple::default_nodes_of_band / 2};
@@ -608,8 +492,7 @@ int main(int argc, char** argv) try {
   for (int number = first; !again && number <= scenes; ++number) {
     const bool there = csv.find(fmt::format("\n{},", number)) != std::string::npos;
     if (there != (finer > 0) || done.contains(number)) continue;
-    const dimple::Scene scene =
-        held_out > 0 ? dimple::held_out_scene(number) : dimple::scene_of(number, data, atlases);
+    const dimple::Scene scene = dimple::scene_of(number, data, atlases);
     if (!scene.image.empty() && !fs::exists(scene.image)) {
       fmt::print("{}: left out, {} is not there\n", scene.body, scene.image.string());
       continue;

@@ -36,7 +36,7 @@ std::string headline(const Json& summary) {
     text += ", " + as.number(summary.at("band").at("low_N")) + " to " +
             as.number(summary.at("band").at("high_N")) + " (discretisation)";
   else
-    text += ", band unknown: " + summary.at("band").at("unknown").get<std::string>();
+    text += ", no error estimate: " + summary.at("band").at("unknown").get<std::string>();
   return text;
 }
 

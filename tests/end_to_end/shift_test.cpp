@@ -137,7 +137,7 @@ TEST(Shift, SaysByHowMuchItsNodesMayPutItOff) {
   EXPECT_GT(change, 0.0);
   EXPECT_NEAR(shift["band_mm"].get<double>(), std::max(change, 0.25 * largest), 1e-3 * largest);
   EXPECT_NE(table.find(",band_mm"), std::string::npos) << table;
-  EXPECT_EQ(half["band"], "unknown: it was measured from 4000 nodes on");
+  EXPECT_EQ(half["band"], "unknown: not calibrated below 4000 nodes");
   EXPECT_TRUE(half["band_mm"].is_null());
   EXPECT_EQ(text_of(folder / "2000" / "targets.csv").find("band_mm"), std::string::npos);
   EXPECT_EQ(off["band"], "unknown: accuracy.band is off");
@@ -160,7 +160,7 @@ TEST(Shift, ThatIsStoppedWhileItsNodesAreComparedKeepsWhatItHasFound) {
     EXPECT_EQ(program.wait().code, 130);
   }
   EXPECT_EQ(told("out")["status"], "interrupted");
-  EXPECT_EQ(told("out")["shift"]["band"], "unknown: the run was stopped before");
+  EXPECT_EQ(told("out")["shift"]["band"], "unknown: the run was stopped first");
   for (const char* list : {"targets", "profile"})
     EXPECT_EQ(told("out")["shift"][list], told("whole")["shift"][list]) << list;
   EXPECT_EQ(text_of(folder / "out" / "targets.csv"), text_of(folder / "whole" / "targets.csv"));

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <filesystem>
 #include <map>
+#include <optional>
 #include <sstream>
 #include <string>
 #include <vector>
@@ -23,7 +24,7 @@ inline constexpr Index band_compared = 4;
 
 struct BandScene {
   int number = 0;
-  std::string set;  ///< "proof", "calibration", or "aside": in neither
+  std::string set;  ///< "proof", "calibration", "aside": in neither, "large" or "thin": of such bodies
   std::string body;
   double facing_share = 0.0;
   double radius = 0.0;  ///< of the circle [m]
@@ -121,6 +122,24 @@ inline std::vector<HeldOut> held_out_errors(const BandScene& scene) {
 }
 inline bool holds_the_truth(const std::vector<HeldOut>& errors) {
   return std::all_of(errors.begin(), errors.end(), [](const HeldOut& e) { return e.error_most <= e.half; });
+}
+
+/// Half the width of the error bounds of so many nodes, against a coarser set, at each depth [N].
+inline std::vector<double> error_bounds(const BandScene& scene, Index nodes, Index coarse) {
+  const std::vector<ForceSample>& fine = scene.forces.at(nodes);
+  return half_widths(fine, nodes, scene.forces.at(coarse), scene.radius, scene.several_tissues);
+}
+
+/// Do the error bounds of so many nodes, against half as many, contain all that the truth may be, at all
+/// depths? Nothing where one of these has no force at all of them.
+inline std::optional<bool> contains_truth(const BandScene& scene, Index nodes) {
+  const std::size_t samples = scene.forces.at(scene.truth).size();
+  for (const Index of : {nodes, nodes / 2})
+    if (!scene.forces.contains(of) || scene.forces.at(of).size() < samples) return std::nullopt;
+  const std::vector<double> half = error_bounds(scene, nodes, nodes / 2);
+  for (std::size_t k = 1; k < samples; ++k)
+    if (error_at_most(scene, nodes, k) > half[k] / std::abs(scene.forces.at(nodes)[k].force)) return false;
+  return true;
 }
 
 /// Of the calibration's scenes, nodes -> the largest error over the depths, with the truth's own, over what

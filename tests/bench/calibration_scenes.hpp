@@ -1,0 +1,48 @@
+#pragma once
+
+#include <filesystem>
+#include <functional>
+#include <string>
+
+#include "preprocess/image/phantom.hpp"
+#include "preprocess/scene/boundary_conditions.hpp"
+#include "preprocess/surface/label_surface.hpp"
+#include "solver/material.hpp"
+
+namespace dimple {
+
+// The random scenes of dimple_calibrate. A scene's number fixes everything that is drawn.
+
+/// Scenes with these numbers prove, the others up to `first_held_out` calibrate. The second range was drawn
+/// when the multipliers that the first had been proved with were known.
+constexpr bool proves(int number) {
+  return (number >= 51 && number <= 120) || (number >= 166 && number <= 225);
+}
+inline constexpr int second_proof = 166, first_folded = 256, first_held_out = 1001;
+/// Two groups are of other bodies, and the multiplier is not computed from them: large ones of 20 to 320
+/// radii of the circle, and thin ones of 0.8 to 3 radii. The largest were added so that more than four are
+/// larger than 200 radii.
+inline constexpr int first_large = 2001, first_largest = 2020, first_thin = 3001;
+
+struct Scene {
+  int number = 0;
+  std::string body, law = "neo-Hookean";
+  std::function<SegmentedBody()> surface;
+  std::filesystem::path image = {};
+  bool core = false;  ///< stiffer than what is around it
+  BoundaryOptions boundary = {};
+  double depth_mm = 0.0, nu = 0.499;
+};
+
+/// The phantom of scenes with a core.
+extern const PhantomOptions phantom_with_core;
+
+/// Scene with this number, of any group. `data`: folder of the label images, `atlases`: of the folded brains.
+Scene scene_of(int number, const std::filesystem::path& data, const std::filesystem::path& atlases);
+
+Material material_of(const Scene& scene, double mu);
+
+/// Group of the scene, as in column `set` of the tables.
+std::string set_of(const Scene& scene);
+
+}  // namespace dimple
