@@ -7,7 +7,8 @@
 // tests/bench/results. Rows of the same way, body and slices are replaced; all others stay. So the results of
 // several builds can be collected in one table:
 //
-//   --way today            make_body_surface() of this build; so does any other name but these:
+//   --way fitted           make_body_surface() of this build; so does any other name but these. Rows
+//                          named averaged are of the surface before it (means over neighbours):
 //   --way antialias        the level set of Whitaker (2000) by ITK, which ends at its default change of 0.07
 //   --way antialias:0.01   the same with another change in the last iteration
 //   --way net              a net of constrained vertices whose curvature is smoothed
@@ -311,7 +312,7 @@ void draw(const fs::path& folder, const std::string& name, const std::vector<Row
 
 struct Options {
   fs::path folder = DIMPLE_BENCH_RESULTS;
-  std::string way = "today", body;
+  std::string way = "fitted", body;
   bool quick = false, projected = false, draw = false, again = false;
 };
 
