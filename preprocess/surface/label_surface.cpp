@@ -543,7 +543,7 @@ SegmentedBody make_body_surface(const LabelImage& image, const std::vector<int>&
   std::transform(determined.begin(), determined.end(), open.begin(), [](double d) { return 1.0 - d; });
   relax(surface, open, further_sweeps, leash * finest);
   const double wanted_mm3 = report.voxel_volume_mm3 + drawing.added_mm3;
-  match_volume(surface, wanted_mm3, open, 0.5 * leash * finest);
+  match_volume(surface, wanted_mm3, open, 0.2 * leash * finest);
 
   const double error = enclosed_volume(surface) / wanted_mm3 - 1.0;
   if (std::abs(error) > 1e-3)
