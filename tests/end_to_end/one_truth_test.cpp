@@ -37,6 +37,9 @@ std::string headline(const Json& summary) {
             as.number(summary.at("band").at("high_N")) + " (discretisation)";
   else
     text += ", band unknown: " + summary.at("band").at("unknown").get<std::string>();
+  if (summary.at("image_error").contains("half_N"))
+    text += std::string(summary.at("band").contains("low_N") ? "," : ";") + " +- " +
+            as.number(summary.at("image_error").at("half_N")) + " (image resolution)";
   return text;
 }
 
@@ -65,6 +68,9 @@ class OneTruth : public testing::Test {
     EXPECT_DOUBLE_EQ(curve.find("indentation_mm")->back(), summary.at("indentation_mm").get<double>());
     const Json drawn = held(page, "dimple-data").at("curve");
     EXPECT_DOUBLE_EQ(drawn.at("force_N").back().get<double>(), summary.at("force_N").get<double>());
+    const Json& image = summary.at("image_error");
+    if (image.contains("half_N"))
+      EXPECT_DOUBLE_EQ(curve.find("image_half_N")->back(), image.at("half_N").get<double>());
     const Json& band = summary.at("band");
     if (!band.contains("low_N")) return;
     EXPECT_DOUBLE_EQ(curve.find("low_N")->back(), band.at("low_N").get<double>());
