@@ -153,11 +153,11 @@ double radius_at(const ToolShape& shape, double height) {
 void look_under(const Touch& touch, const Surface& surface, const Vec3& push, double depth,
                 UnderTool& under) {
   const Overlap overlap = overlap_of(touch, surface, push, depth);
-  const double area = std::accumulate(overlap.area.begin(), overlap.area.end(), 0.0),
-               flat = radius_at(touch.shape, depth);
+  const double area = std::accumulate(overlap.area.begin(), overlap.area.end(), 0.0);
   if (!(area > 0.0)) return;
-  under.curvature = std::max(0.0, 2.0 * depth * (std::numbers::pi / area - 1.0 / (flat * flat)));
-  under.roughness = roughness_of(overlap, touch.pose.tip, push, flat);
+  const double r = std::min(std::sqrt(area / std::numbers::pi), radius_at(touch.shape, depth));
+  under.curvature = std::max(0.0, 2.0 * (depth - height_of_tool(touch.shape, r)) / (r * r));
+  under.roughness = roughness_of(overlap, touch.pose.tip, push, r);
 }
 
 namespace {

@@ -53,8 +53,9 @@ double thickness_exponent(double contact_per_thickness);
 ImageError image_error(const std::vector<ForceSample>& force, const UnderTool& under);
 
 /// Sets the curvature of a body where a tool touches it, and its roughness, from the area in which the tool,
-/// moved by `depth` [m] from its first touch, would overlap the surface at rest: r^2 = area / pi of a body,
-/// r0^2 of a flat one, and the curvature is 2 depth (1 / r^2 - 1 / r0^2), or 0.
+/// moved by `depth` [m] from its first touch, would overlap the surface at rest: with r^2 = area / pi, the
+/// tool's surface is height(r) above its tip and the body's as far below its top as is left of the depth,
+/// curvature r^2 / 2 = depth - height(r).
 void look_under(const Touch& touch, const Surface& surface, const Vec3& push, double depth, UnderTool& under);
 
 /// Of a run that has come to its end.

@@ -26,7 +26,7 @@ std::string from_to(double force_N, double half_N, const std::string& by) {
 }
 
 std::string plus_minus(double force_N, double half_N, const std::string& by) {
-  return fmt::format(", +- {} ({})", force_written(force_N).number(half_N), by);
+  return fmt::format(", +- {} ({})", plain(force_written(force_N).per_unit * half_N, 2), by);
 }
 
 std::string force_title(double force_N, double depth_mm, std::optional<double> half_N) {

@@ -39,7 +39,8 @@ std::string headline(const Json& summary) {
     text += ", band unknown: " + summary.at("band").at("unknown").get<std::string>();
   if (summary.at("image_error").contains("half_N"))
     text += std::string(summary.at("band").contains("low_N") ? "," : ";") + " +- " +
-            as.number(summary.at("image_error").at("half_N")) + " (image resolution)";
+            plain(as.per_unit * summary.at("image_error").at("half_N").get<double>(), 2) +
+            " (image resolution)";
   return text;
 }
 

@@ -155,7 +155,8 @@ TEST(ImageError, IsWarnedOfWithItsNumberReasonAndRemedy) {
 }
 
 TEST(ImageError, StandsInTheTitleInTheUnitOfTheForce) {
-  EXPECT_EQ(plus_minus(0.0754, 0.0012, "image resolution"), ", +- 1.2 (image resolution)");
+  EXPECT_EQ(plus_minus(0.0754, 0.00121, "image resolution"), ", +- 1.2 (image resolution)");
+  EXPECT_EQ(plus_minus(0.0456, 0.0000361, "image resolution"), ", +- 0.036 (image resolution)");
 }
 
 }  // namespace
