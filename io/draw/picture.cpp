@@ -864,7 +864,8 @@ void draw_chart(Canvas& canvas, const Rect& rect, const Overview& o) {
   const Rect room = panel(
       canvas, rect, "Force against indentation",
       fmt::format("{}; {}", o.tool.empty() ? "reaction of the circle's nodes" : "contact force on the tool",
-                  has_band(o) ? "shaded: how far the discretisation may be off" : "its discretisation error is not known"));
+                  has_band(o) ? "shaded: how far the discretisation may be off"
+                              : "its discretisation error is not known"));
   const ForceCurve in_newton = force_curve(o);
   if (in_newton.points.empty()) return say_nothing_to_show(canvas, room, "no force recorded");
   const Eigen::AlignedBox2d range = range_of(in_newton);

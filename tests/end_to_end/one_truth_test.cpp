@@ -110,9 +110,13 @@ class OneTruth : public testing::Test {
         ++shares;
       }
       EXPECT_EQ(said.find('e'), std::string::npos);
-      if (word[0].get<std::string>()[0] != '<')
-        EXPECT_NEAR(std::stod(word[0].get<std::string>()), x * word[2].get<double>(),
-                    0.005001 * std::abs(x * word[2].get<double>()) + 0.0051);
+      // Rounded to the last digit that is written: an error beside its force has fewer than three.
+      const std::string number = word[0];
+      const std::size_t point = number.find('.'),
+                        decimals = point == std::string::npos ? 0 : number.size() - point - 1;
+      if (number[0] != '<')
+        EXPECT_NEAR(std::stod(number), x * word[2].get<double>(),
+                    0.5000001 * std::pow(10.0, -static_cast<double>(decimals)));
     }
     EXPECT_GE(forces, 2);
     EXPECT_GE(volumes, 4);

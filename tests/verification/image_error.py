@@ -209,14 +209,14 @@ def main(program, data, which):
 
 def table(files):
     """Of each set: how many forces are within the two stated errors, and how wide those are beside the scatter."""
-    print("| set | scenes | forces | within both errors of the mean | within both of the finer image | of those with a band | "
+    print("| set | scenes | forces | within both errors of the mean | within both of the finer image | "
           "mean scatter | mean image error | mean error of the discretisation | warned |")
-    print("|---|---|---|---|---|---|---|---|---|---|")
+    print("|---|---|---|---|---|---|---|---|---|")
     for file in files:
         by_scene = collections.defaultdict(list)
         for row in csv.DictReader(open(file)):
             by_scene[row["scene"]].append(row)
-        off_mean, off_finer, banded, scatter, image, nodes, warned = [], [], [], [], [], [], 0
+        off_mean, off_finer, scatter, image, nodes, warned = [], [], [], [], [], 0
         for rows in by_scene.values():
             rows = [r for r in rows if r["force_N"]]
             coarsest = max(float(r["voxel_mm"]) for r in rows)
@@ -228,16 +228,15 @@ def table(files):
                 off_mean.append(abs(force - mean) <= of_nodes + of_image)
                 if finer:
                     off_finer.append(abs(force - finer[0]) <= of_nodes + of_image)
-                    if of_nodes:
-                        banded.append(off_finer[-1])
-                        nodes.append(of_nodes / force)
+                if of_nodes:
+                    nodes.append(of_nodes / force)
                 image.append(of_image / force)
                 warned += r["warned"] == "yes"
             scatter.append(max(abs(float(r["force_N"]) / mean - 1) for r in grids))
         share = lambda hits: f"{sum(hits)} of {len(hits)}, {100 * sum(hits) / max(len(hits), 1):.0f} %"
         mean_of = lambda x: f"{100 * sum(x) / max(len(x), 1):.2f} %"
         name = os.path.basename(file).removeprefix("image_error_").removesuffix(".csv")
-        print(f"| {name} | {len(by_scene)} | {len(off_mean)} | {share(off_mean)} | {share(off_finer)} | {share(banded)} | {mean_of(scatter)} | "
+        print(f"| {name} | {len(by_scene)} | {len(off_mean)} | {share(off_mean)} | {share(off_finer) if off_finer else '-'} | {mean_of(scatter)} | "
               f"{mean_of(image)} | {mean_of(nodes)} | {warned} |")
 
 
