@@ -202,10 +202,10 @@ void members(Archive& io, T& label) {
 
 template <class Archive, Like<ImageFacts> T>
 void members(Archive& io, T& facts) {
-  auto& [image_words, labels, closed_mm3, cut, facing_share, segment] = facts;
+  auto& [image_words, labels, closed_mm3, cut, facing_share, voxel_edges_mm, segment] = facts;
   auto& [area_mm2, removed_mm3, sizing, parted, taken_out, took] = cut;  // images alone ask what a blade took
   io(image_words, labels, closed_mm3, area_mm2, removed_mm3, sizing, parted, taken_out, facing_share,
-     segment);
+     voxel_edges_mm, segment);
 }
 
 template <class Archive, Like<Origin> T>

@@ -311,6 +311,7 @@ Organ read_organ(const Case& given, const ModelOptions& options, const RunLog& l
   }
   log.begin(Part::surface, config);
   organ.options.boundary.voxel_mm = image.spacing().maxCoeff();
+  result.voxel_edges_mm = image.to_world.linear();
   organ.body = std::make_shared<const SegmentedBody>(body_of(image, labels, options.boundary, given.change));
   const SegmentedBody& body = *organ.body;
   grade_to_size(body.surface, organ.options);

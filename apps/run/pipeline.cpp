@@ -7,6 +7,7 @@
 #include "apps/run/bending.hpp"
 #include "apps/run/closing_cut.hpp"
 #include "apps/run/cut_scene.hpp"
+#include "apps/run/cuts.hpp"
 #include "apps/run/folds.hpp"
 #include "apps/run/grading.hpp"
 #include "apps/run/loads.hpp"

@@ -40,9 +40,25 @@ void detail(const RecordObserver& observer, const std::string& text) {
   if (observer.line) observer.line(Line::detail, text);
 }
 
+<<<<<<< HEAD
 // The title of a force, with why there is no band, and with what the material's band adds.
 std::string headline_of(const std::string& title, double force_N, const std::string& unknown, double spread) {
   return title + (unknown.empty() ? "" : ", no error estimate: " + unknown) +
+=======
+// What the image's resolution adds to a title of a force. A model without an image has nothing to add.
+std::string of_image(double force_N, const Json& image_error) {
+  return image_error.contains("half_N")
+             ? plus_minus(force_N, image_error["half_N"].get<double>(), "image resolution")
+             : "";
+}
+
+// The title of a force, with why there is no band, and with what image and material add to it.
+std::string headline_of(const std::string& title, double force_N, const std::string& unknown,
+                        const Json& image_error, double spread) {
+  std::string image = of_image(force_N, image_error);
+  if (!unknown.empty() && !image.empty()) image.front() = ';';  // the reason may have commas of its own
+  return title + (unknown.empty() ? "" : ", band unknown: " + unknown) + image +
+>>>>>>> resolution
          (spread > 0.0
               ? from_to(force_N, spread * std::abs(force_N), fmt::format("mu +- {} %", plain(100.0 * spread)))
               : "");
@@ -91,10 +107,10 @@ Outcome finished_already(const fs::path& folder, const Config& config, const std
   const Json band = summary.value("band", Json::object());
   const double force = summary.value("force_N", 0.0);
   const std::string unknown = band.value("unknown", "");
-  outcome.headline =
-      headline_of(force_title(force, summary.value("indentation_mm", 0.0),
-                              unknown.empty() ? std::optional(band.value("half_N", 0.0)) : std::nullopt),
-                  force, unknown, 0.01 * before.material.mu_spread_percent);
+  outcome.headline = headline_of(
+      force_title(force, summary.value("indentation_mm", 0.0),
+                  unknown.empty() ? std::optional(band.value("half_N", 0.0)) : std::nullopt),
+      force, unknown, summary.value("image_error", Json::object()), 0.01 * before.material.mu_spread_percent);
   if (summary.contains("displacement")) outcome.further = displacement_title(summary["displacement"]);
   say(observer, fmt::format("resume   {} holds the finished run: nothing to do", folder.string()));
   return outcome;
@@ -297,6 +313,7 @@ class Recorder {
   End end_of(const std::exception_ptr& failure, double solve_s) const;
   std::string ended_by(const Report& stopped, const End& end) const;
   void tell_end(const End& end);
+  void tell_of_voxels(const End& end);
   Comparison compare_with_measured();
   void show_walls();
   void show_beside(const Loading& loading);
@@ -334,13 +351,14 @@ Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reas
   const double solve_s = result.solve_s - writing_s_;
   const Stopwatch ending;
   if (observer_.part) observer_.part(Part::writing, work_of(config, result));
-  writer_->tables(history, result.band, result.spread);
+  writer_->tables(history, result.band, result.image_error, result.spread);
 
   const Report stopped = history.interrupted ? Stopped(stop_asked()).report : Report{};
   const End end = end_of(failure, solve_s_before() + solve_s);
   Outcome outcome;
   outcome.interrupted = history.interrupted;
-  outcome.headline = headline_of(end.title, end.force, result.band.unknown, result.spread);
+  const Json image = image_error_json(result.image_error);
+  outcome.headline = headline_of(end.title, end.force, result.band.unknown, image, result.spread);
   if (history.interrupted) outcome.ended_by = ended_by(stopped, end);
   Config taken = config;  // a run of that file takes these nodes again
   if (result.nodes_for_band > 0) taken.cloud.nodes = result.nodes_for_band;
@@ -355,7 +373,8 @@ Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reas
     show_walls();
     draw_overview(end, comparison);
     if (wanted_of(config).report)
-      page = writer_->report(history, result.band, comparison, slices_, options, !history.interrupted);
+      page = writer_->report(history, result.band, result.image_error, comparison, slices_, options,
+                             !history.interrupted);
   }
   tell_of_images();
   const double write_s = writing_s_ + before_march_s_ + finishing_s_ + ending.seconds();
@@ -446,6 +465,20 @@ void Recorder::tell_end(const End& end) {
                        written.number(end.force - end.half), written(end.force + end.half),
                        percent(end.half / std::abs(end.force)), result.model.node_count(), band.coarse_nodes,
                        band.seconds < 0.05 ? "" : fmt::format(", {:.1f} s more", band.seconds)));
+  tell_of_voxels(end);
+}
+
+void Recorder::tell_of_voxels(const End& end) {
+  const ImageError& image = result.image_error;
+  if (!image.known())
+    return detail(observer_, "voxels   no error by the image's resolution: " + image.unknown);
+  const Written written = force_written(end.force);
+  detail(
+      observer_,
+      fmt::format("voxels   +- {}, +- {}, by the image's resolution: {} by the surface's shape, "
+                  "{} by the thickness, with voxels of {} along the push",
+                  written(image.half.back()), percent(image.half.back() / std::abs(end.force)),
+                  written.number(image.shape), written(image.thickness), length_in_words(1e3 * image.voxel)));
 }
 
 Comparison Recorder::compare_with_measured() {
@@ -491,8 +524,10 @@ void Recorder::show_walls() {
 void Recorder::draw_overview(const End& end, const std::optional<Comparison>& comparison) {
   if (result.history.interrupted) return;
   const std::string ended = end.status == "finished" ? "" : " (" + end.status + ")";
-  writer_->overview(result.history, result.band, comparison,
-                    fmt::format("{}: {}{}", how_.subject, end.title, ended), facts_, result.warnings);
+  writer_->overview(result.history, result.band, result.image_error, comparison,
+                    fmt::format("{}: {}{}{}", how_.subject, end.title,
+                                of_image(end.force, image_error_json(result.image_error)), ended),
+                    facts_, result.warnings);
 }
 
 void Recorder::tell_of_images() {

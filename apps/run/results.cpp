@@ -442,7 +442,8 @@ void ResultWriter::write_view(const Packing& frame) {
   if (touches()) write_vtu(contact_series_.next_frame(), frame.contact, frame.time_s);
 }
 
-void ResultWriter::tables(const History& history, const Band& band, double spread) const {
+void ResultWriter::tables(const History& history, const Band& band, const ImageError& image,
+                          double spread) const {
   Table force{.header = {"time_s", "indentation_mm", "force_N", "base_force_N"},
               .column = std::vector<std::vector<double>>(4)};
   for (const ForceSample& s : history.force) {
@@ -461,6 +462,10 @@ void ResultWriter::tables(const History& history, const Band& band, double sprea
     force.column.push_back(std::move(most));
   };
   if (band.known()) add_from_to("low_N", "high_N", [&](std::size_t k) { return band.half[k]; });
+  if (image.known()) {
+    force.header.push_back("image_half_N");
+    force.column.push_back(image.half);
+  }
   if (spread > 0.0)
     add_from_to("mu_low_N", "mu_high_N",
                 [&](std::size_t k) { return spread * std::abs(history.force[k].force); });
@@ -555,7 +560,7 @@ Overview ResultWriter::body_of(double depth, const Vec3& aside, const Vec3& turn
   return picture;
 }
 
-Overview ResultWriter::picture_of(const History& history, const Band& band) const {
+Overview ResultWriter::picture_of(const History& history, const Band& band, const ImageError& image) const {
   Overview picture = body_of(0.0);
   picture.depth_mm.clear();
   if (!history.force.empty()) picture.aside_mm = 1e3 * Vec3(history.force.back().aside.data());
@@ -564,6 +569,7 @@ Overview ResultWriter::picture_of(const History& history, const Band& band) cons
     picture.force_N.push_back(s.force);
   }
   if (band.known()) picture.half_N = band.half;
+  if (image.known()) picture.image_half_N = image.half.back();
   if (history.force.empty()) return picture;
   // The picture moves them all as the tool that is measured.
   const Vec3 way_mm = picture.depth_mm.back() * picture.push + picture.aside_mm;
@@ -575,12 +581,12 @@ Overview ResultWriter::picture_of(const History& history, const Band& band) cons
   return picture;
 }
 
-void ResultWriter::overview(const History& history, const Band& band,
+void ResultWriter::overview(const History& history, const Band& band, const ImageError& image,
                             const std::optional<Comparison>& comparison, const std::string& title,
                             const std::vector<std::string>& lines,
                             const std::vector<std::string>& warnings) const {
   if (!wanted_.picture) return;
-  Overview picture = picture_of(history, band);
+  Overview picture = picture_of(history, band, image);
   picture.title = title;
   picture.lines = lines;
   picture.warnings = warnings;
@@ -594,10 +600,10 @@ void ResultWriter::overview(const History& history, const Band& band,
   write_overview(folder_ / "overview.png", picture);
 }
 
-Json ResultWriter::report(const History& history, const Band& band,
+Json ResultWriter::report(const History& history, const Band& band, const ImageError& image,
                           const std::optional<Comparison>& comparison, const std::vector<Slice>& slices,
                           const std::string& options, bool drawn) const {
-  const Overview picture = picture_of(history, band);
+  const Overview picture = picture_of(history, band, image);
   return report_data({.model = model_,
                       .tool = tool_,
                       .touch = touch_.get(),

@@ -13,6 +13,7 @@
 #include "apps/run/band.hpp"
 #include "apps/run/compare.hpp"
 #include "apps/run/config.hpp"
+#include "apps/run/image_error.hpp"
 #include "apps/run/report.hpp"
 #include "io/draw/picture.hpp"
 #include "io/error.hpp"
@@ -96,15 +97,15 @@ class ResultWriter {
   /// Of the frames on the disk.
   const std::vector<double>& frame_time_s() const { return frame_time_s_; }
   /// `spread`: of the force by its material, as a share of it; 0: not known.
-  void tables(const History& history, const Band& band, double spread) const;
+  void tables(const History& history, const Band& band, const ImageError& image, double spread) const;
   /// Of overview() and report(): what is rigid beside the body.
   void show_walls(GapAt walls) { walls_ = std::move(walls); }
   /// overview.png: the model at rest, the last frame, the force curve, and what it is compared with.
-  void overview(const History& history, const Band& band, const std::optional<Comparison>& comparison,
-                const std::string& title, const std::vector<std::string>& lines,
-                const std::vector<std::string>& warnings) const;
+  void overview(const History& history, const Band& band, const ImageError& image,
+                const std::optional<Comparison>& comparison, const std::string& title,
+                const std::vector<std::string>& lines, const std::vector<std::string>& warnings) const;
   /// What report.html shows beside the summary; `drawn`: with a picture of the body, for who cannot turn it.
-  nlohmann::ordered_json report(const History& history, const Band& band,
+  nlohmann::ordered_json report(const History& history, const Band& band, const ImageError& image,
                                 const std::optional<Comparison>& comparison, const std::vector<Slice>& slices,
                                 const std::string& options, bool drawn) const;
   /// Of the surface in files and pictures: its triangles, and how far the body's own is from it at most.
@@ -129,7 +130,7 @@ class ResultWriter {
   void add_wrenches_beside(const History& history, Table& force) const;
   bool is_last(double time_s) const { return time_s >= end_s_ * (1.0 - 1e-9); }
   Overview body_of(double depth, const Vec3& aside = Vec3::Zero(), const Vec3& turned = Vec3::Zero()) const;
-  Overview picture_of(const History& history, const Band& band) const;
+  Overview picture_of(const History& history, const Band& band, const ImageError& image) const;
 
   std::filesystem::path folder_;
   const Model& model_;

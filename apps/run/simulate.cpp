@@ -9,6 +9,7 @@
 #include "apps/run/cut_scene.hpp"
 #include "apps/run/cuts.hpp"
 #include "apps/run/folds.hpp"
+#include "apps/run/image_error_of_run.hpp"
 #include "apps/run/loads.hpp"
 #include "apps/run/membranes.hpp"
 #include "apps/run/organ.hpp"
@@ -58,6 +59,18 @@ void find_band(const Case& given, CoarserMarch& coarser, const RunLog& log, Resu
   result.band = std::move(found.band);
   if (result.followed) result.followed->half = found.half_of_displacement;
   if (found.stopped) result.history.interrupted = true;
+}
+
+// What half a voxel changes, and a warning where that is much.
+void find_image_error(const Config& config, const RunLog& log, Result& result) {
+  result.image_error = image_error_of(config, result);
+  const History& history = result.history;
+  if (history.force.empty()) return;
+  const double discretisation = result.band.known() ? result.band.half.back() : 0.0;
+  if (const std::string words = image_warning(result.image_error, history.force.back().force,
+                                              history.force.back().depth, discretisation);
+      !words.empty())
+    log.warn(words);
 }
 
 // As it is, but with the choices of the model that it begins with, other than the number of its nodes.
@@ -146,6 +159,7 @@ void simulate_to(const Goal& goal, const Case& given, const RunObserver& observe
   // The result becomes the finest level's, and the observer hears of it as if it had been the only one.
   replay(std::move(*found.finest), observer, result);
   result.band.seconds = others_s;  // the other levels are what the band has cost
+  find_image_error(config, RunLog{observer, result}, result);
 }
 
 // Steps that cut before anything has moved, which the model has from the start.
@@ -224,6 +238,7 @@ void simulate(const Case& given, const RunObserver& observer, Result& result) {
   march(config, solver_options(config), observer.march, given.from, log, result, cuts ? &*cuts : nullptr,
         &observer);
   if (coarser && !result.history.interrupted) find_band(given, *coarser, log, result);
+  find_image_error(config, log, result);
 }
 
 Result simulate(const Case& given, const RunObserver& observer) {

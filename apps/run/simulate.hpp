@@ -10,6 +10,7 @@
 
 #include "apps/run/band.hpp"
 #include "apps/run/config.hpp"
+#include "apps/run/image_error.hpp"
 #include "apps/run/model_files.hpp"
 #include "apps/run/work.hpp"
 #include "preprocess/build_model.hpp"
@@ -72,6 +73,7 @@ struct ImageFacts {
     std::function<bool(const Vec3&)> took = {};  ///< whether a blade took what was at a place [mm, LPS]
   } cut;
   double facing_share = 0.0;  ///< of the surface: what faces another part across narrow_gap_mm or less
+  Mat3 voxel_edges_mm = Mat3::Zero();  ///< columns: the edges of a voxel, LPS
   SegmentReport segment;
 };
 
@@ -123,6 +125,7 @@ struct Result : ImageFacts {
   std::vector<Vec3> on_support;
   double on_support_at = 0.0;
   Band band;
+  ImageError image_error;
   std::optional<Unloaded> unloaded;  ///< where the body was imaged under its loads
   std::optional<Followed> followed;  ///< where a displacement is asked for
   double spread = 0.0;               ///< of the force by its material: +- this share of it; 0: not asked for

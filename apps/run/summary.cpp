@@ -242,6 +242,18 @@ Json band_json(const Band& band, const History& history, bool touches) {
           {"coarser_nodes", band.coarse_nodes}};
 }
 
+}  // namespace
+
+Json image_error_json(const ImageError& error) {
+  if (!error.known()) return {{"unknown", error.unknown}};
+  return {{"half_N", error.half.back()},
+          {"shape_N", error.shape},
+          {"thickness_N", error.thickness},
+          {"voxel_mm", 1e3 * error.voxel}};
+}
+
+namespace {
+
 // At the last depth, likewise.
 Json displacement_json(const Followed& followed, const Band& band) {
   Json result = {{"place_mm", three(followed.place * 1e3)},
@@ -429,6 +441,7 @@ void add_force(Json& summary, const Result& result) {
   }
   summary["base_force_N"] = history.force.empty() ? 0.0 : history.force.back().base_force;
   summary["band"] = band_json(result.band, history, result.loading.touch != nullptr);
+  summary["image_error"] = image_error_json(result.image_error);
   if (result.spread > 0.0)
     summary["band_of_mu"] = {{"low_N", force - result.spread * std::abs(force)},
                              {"high_N", force + result.spread * std::abs(force)}};

@@ -34,6 +34,9 @@ void add_run(Json& summary, const Config& config, const Result& result, const Ru
 /// What add_run() says of the body and of what surrounds it, of a case without a march.
 void add_scene(Json& summary, const Config& config, const Result& result);
 
+/// What the image's resolution leaves open of the last force: half_N and its parts, or why it is unknown.
+Json image_error_json(const ImageError& error);
+
 /// Force evaluations of the march.
 double evaluations_of(const History& history);
 /// Largest imbalance of the energies, as a part of the largest work of the tool.

@@ -10,6 +10,7 @@
 #include "apps/run/cuts.hpp"
 #include "apps/run/folds.hpp"
 #include "apps/run/loads.hpp"
+#include "apps/run/surface_part.hpp"
 #include "apps/run/walls.hpp"
 #include "apps/run/words.hpp"
 #include "io/error.hpp"

@@ -143,11 +143,20 @@ Answer of_energy(const Result& result) {
 
 Answer of_accuracy(const Config& config, const Result& result) {
   const Band& band = result.band;
-  if (!band.known() || result.history.force.empty())
-    return {.value = static_cast<double>(result.model.node_count()),
-            .unit = "nodes",
-            .of = "and an unknown discretisation error of the force",
-            .reasons = {band.unknown.empty() ? "there is no force" : band.unknown}};
+  const auto check_image = [&](Answer& answer, double discretisation) {
+    const ForceSample last = result.history.force.empty() ? ForceSample() : result.history.force.back();
+    if (is_large(result.image_error, last.force, discretisation))
+      answer.reasons.insert("the image's resolution leaves +- " +
+                            percent(result.image_error.half.back() / std::abs(last.force)));
+  };
+  if (!band.known() || result.history.force.empty()) {
+    Answer answer{.value = static_cast<double>(result.model.node_count()),
+                  .unit = "nodes",
+                  .of = "and an unknown discretisation error of the force",
+                  .reasons = {band.unknown.empty() ? "there is no force" : band.unknown}};
+    check_image(answer, 0.0);
+    return answer;
+  }
   const double force = std::abs(result.history.force.back().force), half = band.half.back();
   Answer answer{.value = 100.0 * half / force, .unit = "%", .of = "discretisation error of the force, +-"};
   const std::optional<Goal> goal = goal_of(config);
@@ -156,6 +165,7 @@ Answer of_accuracy(const Config& config, const Result& result) {
     answer.reasons.insert("larger than the accuracy asked for");
   else if (!asked)
     answer.check_beyond(100.0 * band_to_check);
+  check_image(answer, half);
   answer.bad = !(half <= band_too_wide * force);
   return answer;
 }

@@ -25,6 +25,10 @@ std::string from_to(double force_N, double half_N, const std::string& by) {
                      by);
 }
 
+std::string plus_minus(double force_N, double half_N, const std::string& by) {
+  return fmt::format(", +- {} ({})", plain(force_written(force_N).per_unit * half_N, 2), by);
+}
+
 std::string force_title(double force_N, double depth_mm, std::optional<double> half_N) {
   return fmt::format("{} at {}{}", force_in_words(force_N), length_in_words(depth_mm),
                      half_N ? from_to(force_N, *half_N, "discretisation") : "");

@@ -21,6 +21,8 @@ std::string in_words(const Finding& finding);
 std::string force_title(double force_N, double depth_mm, std::optional<double> half_N = {});
 /// ", 69.3 to 81.4 (discretisation)", in the unit of the force itself.
 std::string from_to(double force_N, double half_N, const std::string& by);
+/// ", +- 1.2 (image resolution)", in the unit of the force itself.
+std::string plus_minus(double force_N, double half_N, const std::string& by);
 
 /// "1500 nodes: 0.55 mm apart at the tool, 24.46 mm far from it".
 std::string nodes_in_words(Index nodes, const ModelReport& report);

@@ -864,7 +864,8 @@ void draw_chart(Canvas& canvas, const Rect& rect, const Overview& o) {
   const Rect room = panel(
       canvas, rect, "Force against indentation",
       fmt::format("{}; {}", o.tool.empty() ? "reaction of the circle's nodes" : "contact force on the tool",
-                  has_band(o) ? "shaded: how far the discretisation may be off" : "its error is not known"));
+                  has_band(o) ? "shaded: how far the discretisation may be off"
+                              : "its discretisation error is not known"));
   const ForceCurve in_newton = force_curve(o);
   if (in_newton.points.empty()) return say_nothing_to_show(canvas, room, "no force recorded");
   const Eigen::AlignedBox2d range = range_of(in_newton);
@@ -923,9 +924,13 @@ std::vector<std::string> rows_of(const std::vector<std::string>& texts, double r
 std::string end_of_curve(const Overview& o) {
   if (o.force_N.empty()) return {};
   const double force_N = o.force_N.back();
-  const std::string text = force_in_words(force_N) + " at " + length_in_words(o.depth_mm.back());
-  const bool has_band = !o.half_N.empty() && o.half_N.size() == o.force_N.size();
-  return has_band ? text + ", +- " + percent(o.half_N.back() / std::abs(force_N)) : text;
+  std::string text = force_in_words(force_N) + " at " + length_in_words(o.depth_mm.back());
+  const auto add = [&](const char* what, double half_N) {
+    text += what + percent(half_N / std::abs(force_N));
+  };
+  if (!o.half_N.empty() && o.half_N.size() == o.force_N.size()) add(", +- ", o.half_N.back());
+  if (o.image_half_N >= 0.0) add(", voxels +- ", o.image_half_N);
+  return text;
 }
 
 void write_overview(const std::filesystem::path& file, const Overview& overview) {

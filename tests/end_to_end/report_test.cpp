@@ -135,6 +135,7 @@ TEST_F(Report, ShowsTheNumbersOfTheSummaryAndNoOthers) {
         "verdict.accuracy.word", "warnings.0", "material.0.mu_Pa", "counts.nodes", "model.base_reason",
         "model.circle_reason", "total_wall_s", "compare.ratio_at_end", "image_sha256", "version"})
     EXPECT_TRUE(keys.contains(key)) << key;
+  EXPECT_TRUE(keys.contains("image_error.half_N"));
 }
 
 TEST_F(Report, OfABrainShiftShowsItsNumbers) {

@@ -858,5 +858,42 @@ TEST(SeveralTools, AreRefusedInWordsWhereWhatIsSaidOfThemMakesNoTool) {
   EXPECT_NE(far.err.find("the nearest place of the surface is"), std::string::npos) << far.err;
 }
 
+TEST(ToolThatTouches, HasAnErrorByTheImagesResolutionAndAWarningWhereThatIsMuch) {
+  const fs::path folder = fresh_folder();
+  const auto summary = [&](const std::string& words) {
+    const Ran ran = dimple(folder, "run " + words +
+                                       " -o out --force --nodes 800 --frames 1 --band off --depth 2mm --base "
+                                       "inferior --indent-at 0,0,top");
+    EXPECT_EQ(ran.code, 0) << ran.err;
+    EXPECT_NE(ran.out.find(" (image resolution)\t"), std::string::npos) << ran.out;
+    auto told = nlohmann::json::parse(text_of(folder / "out" / "summary.json"));
+    told["stderr"] = ran.err;
+    const Table curve = read_csv(folder / "out" / "force.csv");
+    EXPECT_DOUBLE_EQ(curve.find("image_half_N")->back(), told["image_error"]["half_N"].get<double>());
+    return told;
+  };
+  const auto part = [](const nlohmann::json& told) {
+    return told["image_error"]["half_N"].get<double>() / told["force_N"].get<double>();
+  };
+  ASSERT_EQ(dimple(folder, "phantom plate.nrrd --shape block --size 60,60,8 --spacing 1 -q").code, 0);
+  const auto thin = summary("plate.nrrd --tool sphere:20mm --write force");
+  EXPECT_GT(part(thin), 0.1);
+  EXPECT_LT(part(thin), 0.2);
+  EXPECT_NE(thin["stderr"].get<std::string>().find("half a voxel changes the force by"), std::string::npos);
+
+  ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 2 -q").code, 0);
+  const auto thick = summary("block.nrrd --tool sphere:5mm --write force");
+  EXPECT_LT(part(thick), 0.03);
+  EXPECT_EQ(thick["stderr"].get<std::string>().find("half a voxel"), std::string::npos);
+
+  const auto circle = summary("block.nrrd --write model");
+  EXPECT_EQ(circle["image_error"]["shape_N"], 0.0);
+  const Ran solved = dimple(folder, "solve out/model -o solved --depth 1mm --frames 1 --write force");
+  ASSERT_EQ(solved.code, 0) << solved.err;
+  EXPECT_EQ(solved.out.find("image resolution"), std::string::npos);
+  EXPECT_EQ(nlohmann::json::parse(text_of(folder / "solved" / "summary.json"))["image_error"]["unknown"],
+            "the model was made without its image");
+}
+
 }  // namespace
 }  // namespace dimple

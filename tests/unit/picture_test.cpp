@@ -154,6 +154,10 @@ TEST(Overview, SaysTheForceAtTheEndAsTheTerminalDoes) {
   EXPECT_EQ(end_of_curve(o), "75.4 mN at 8.00 mm, +- 8.02 %");
   o.force_N.back() = 0.5434;
   EXPECT_EQ(end_of_curve(o), "0.543 N at 8.00 mm, +- 1.11 %");
+  o.image_half_N = 0.005434;
+  EXPECT_EQ(end_of_curve(o), "0.543 N at 8.00 mm, +- 1.11 %, voxels +- 1.00 %");
+  o.half_N.clear();
+  EXPECT_EQ(end_of_curve(o), "0.543 N at 8.00 mm, voxels +- 1.00 %");
 }
 
 TEST(Overview, IsAPngOf1600By1200PixelsDrawnWithoutADisplay) {

@@ -21,6 +21,8 @@ function head() {
   if (there('band.low_N'))
     place.append(element('p', { class: 'band' }, 'The true value is expected between ', written('band.low_N', false), ' and ', written('band.high_N'), ' (error of the discretisation alone).'));
   else if (there('band.unknown')) place.append(element('p', { class: 'band' }, 'The error of the discretisation is unknown: ', word('band.unknown')));
+  if (there('image_error.half_N'))
+    place.append(element('p', { class: 'band' }, 'The resolution of the image leaves ± ', written('image_error.half_N'), ' in addition.'));
   if (there('band_of_mu.low_N'))
     place.append(element('p', { class: 'band' }, 'Between ', written('band_of_mu.low_N', false), ' and ', written('band_of_mu.high_N'), ' for the range of the modulus.'));
 }
@@ -68,6 +70,8 @@ function forceSection() {
     ['force on the base', written('base_force_N')],
     there('band.half_N') && ['error of the discretisation', '± ', written('band.half_N'), ', estimated from ', number('counts.nodes', { decimals: 0 }), ' and from ', number('band.coarser_nodes', { decimals: 0 }), ' nodes'],
     there('band.unknown') && ['error of the discretisation', 'unknown: ', word('band.unknown')],
+    there('image_error.half_N') && ['error of the image resolution', '± ', written('image_error.half_N'), ', with voxels of ', written('image_error.voxel_mm'), ' along the push'],
+    there('image_error.unknown') && ['error of the image resolution', 'unknown: ', word('image_error.unknown')],
     ['indentation', written('indentation_mm'), ' of ', written('requested.depth_mm')],
   ];
   const table = facts(rows);
