@@ -40,11 +40,6 @@ void detail(const RecordObserver& observer, const std::string& text) {
   if (observer.line) observer.line(Line::detail, text);
 }
 
-<<<<<<< HEAD
-// The title of a force, with why there is no band, and with what the material's band adds.
-std::string headline_of(const std::string& title, double force_N, const std::string& unknown, double spread) {
-  return title + (unknown.empty() ? "" : ", no error estimate: " + unknown) +
-=======
 // What the image's resolution adds to a title of a force. A model without an image has nothing to add.
 std::string of_image(double force_N, const Json& image_error) {
   return image_error.contains("half_N")
@@ -57,8 +52,7 @@ std::string headline_of(const std::string& title, double force_N, const std::str
                         const Json& image_error, double spread) {
   std::string image = of_image(force_N, image_error);
   if (!unknown.empty() && !image.empty()) image.front() = ';';  // the reason may have commas of its own
-  return title + (unknown.empty() ? "" : ", band unknown: " + unknown) + image +
->>>>>>> resolution
+  return title + (unknown.empty() ? "" : ", no error estimate: " + unknown) + image +
          (spread > 0.0
               ? from_to(force_N, spread * std::abs(force_N), fmt::format("mu +- {} %", plain(100.0 * spread)))
               : "");

@@ -36,15 +36,11 @@ std::string headline(const Json& summary) {
     text += ", " + as.number(summary.at("band").at("low_N")) + " to " +
             as.number(summary.at("band").at("high_N")) + " (discretisation)";
   else
-<<<<<<< HEAD
     text += ", no error estimate: " + summary.at("band").at("unknown").get<std::string>();
-=======
-    text += ", band unknown: " + summary.at("band").at("unknown").get<std::string>();
   if (summary.at("image_error").contains("half_N"))
     text += std::string(summary.at("band").contains("low_N") ? "," : ";") + " +- " +
             plain(as.per_unit * summary.at("image_error").at("half_N").get<double>(), 2) +
             " (image resolution)";
->>>>>>> resolution
   return text;
 }
 
