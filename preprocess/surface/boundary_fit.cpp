@@ -25,7 +25,7 @@ struct Rules {
   double floor = 0.15;  // of a face's precision: the quadric itself is off by as much
   double slack = 0.6;   // voxel edges along the normal; 0.75 rounds the edges of boxes
   double misfit = 1.3;  // times that of positions rounded to voxels; 1.6 flattens ellipsoids
-  double outside = 0.05, outside_first = 0.15;  // fraction of faces that may disagree; first: smallest window
+  double outside = 0.02, outside_first = 0.15;  // fraction of faces that may disagree; first: smallest window
   double wrong_side = 0.1;
   double support = 0.75, covered = 0.4;  // windows: how far a fit moves vertices, and makes seeds needless
   double agreement = 0.5;                // cosine of the normals of a vertex and a fit that moves it

@@ -13,7 +13,6 @@
 #include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <numeric>
 
 #include "io/error.hpp"
@@ -21,7 +20,7 @@
 #include "io/words.hpp"
 #include "preprocess/image/voxel_set.hpp"
 #include "preprocess/model.hpp"
-#include "preprocess/surface/boundary_fit.hpp"
+#include "preprocess/surface/between_voxels.hpp"
 #include "preprocess/surface/closed_mesh.hpp"
 #include "preprocess/surface/smooth_lattice.hpp"
 
@@ -29,8 +28,7 @@ namespace dimple {
 namespace {
 
 constexpr double smoothing_voxels = 0.7;
-constexpr int first_sweeps = 10;    // for even triangles; terraces go by the fit to the boundary faces
-constexpr int further_sweeps = 40;  // where no fit determines the surface: edges, folds, noise
+constexpr int relaxation_sweeps = 120;  // enough for the terraces of a slope of one in ten
 constexpr double leash =
     0.5;  // lattice steps or voxels: the voxels do not say more about where the surface is
 constexpr double cavity_share = 1.0 / 500.0;       // of the organ's volume: smaller cavities are filled
@@ -401,17 +399,16 @@ void for_each_vertex(const std::vector<int>& order, const Change& change) {
   });
 }
 
-// Sweeps over the vertices in `order`: half of each one's value stays, half is the mean of its neighbours,
-// both as far as `share` lets it move. No value ends farther than `reach` from where it began.
-void average(Quads& value, const CompressedRows& next, const std::vector<int>& order,
-             const std::vector<double>& share, int sweeps, double reach) {
+// That many sweeps over all vertices: half of each one's value stays, half comes from its neighbours. Not
+// farther than `reach` from where it began.
+void average_on_leash(Quads& value, const CompressedRows& next, const std::vector<int>& order, int sweeps,
+                      double reach) {
   const double surely = reach * reach * (1.0 - 1e-12);  // roots are dear
   const Quads start = value;
-  Quads other = value;
+  Quads other(4, value.cols());
   for (int sweep = 0; sweep < sweeps; ++sweep) {
     for_each_vertex(order, [&](Index v) {
-      const double half = 0.5 * share[static_cast<std::size_t>(v)];
-      const Eigen::Vector4d there = value.col(v) + half * (mean_around(value, next, v) - value.col(v));
+      const Eigen::Vector4d there = 0.5 * (value.col(v) + mean_around(value, next, v));
       other.col(v) = there;
       const Vec3 away = there.head<3>() - start.col(v).head<3>();
       if (away.squaredNorm() < surely) return;
@@ -422,54 +419,75 @@ void average(Quads& value, const CompressedRows& next, const std::vector<int>& o
   }
 }
 
-// Moves each vertex to the mean of its neighbours, over and over, but no farther than `reach` from where it
-// began (Gibson, Constrained elastic surface nets, MICCAI 1998), and only as far as `share`, in [0, 1], lets
-// it. Averaging also shrinks what is round; that part of the motion is smooth and is taken back.
-void relax(TriangleMesh& surface, const std::vector<double>& share, int sweeps, double reach) {
-  constexpr double least_share = 1e-3;
+}  // namespace
+
+std::vector<double> series_of_sweeps(int sweeps, double left_out) {
+  // cos(a/2)^2n = 4^-n (C(2n, n) + 2 sum_k C(2n, n - k) cos(k a)), and T_k(cos a) = cos(k a).
+  double term = 1.0, rest = 1.0;
+  for (int k = 1; k <= sweeps; ++k) term *= (2.0 * k - 1.0) / (2.0 * k);
+  std::vector<double> series = {term};
+  for (int k = 1; k <= sweeps; ++k) {
+    rest -= series.back();
+    if (rest <= left_out) break;
+    term *= static_cast<double>(sweeps - k + 1) / static_cast<double>(sweeps + k);
+    series.push_back(2.0 * term);
+  }
+  const double sum = std::accumulate(series.begin(), series.end(), 0.0);
+  for (double& weight : series) weight /= sum;
+  return series;
+}
+
+namespace {
+
+// As many sweeps without a leash, but for a millionth: their result is a polynomial of the mean over the
+// neighbours, whose Chebyshev series ends after a third of them. Clenshaw's sum.
+void average(Quads& value, const CompressedRows& next, const std::vector<int>& order, int sweeps) {
+  const std::vector<double> series = series_of_sweeps(sweeps, 1e-6);
+  if (series.size() == 1) return;
+  Quads last = series.back() * value, before = Quads::Zero(4, value.cols());
+  for (std::size_t k = series.size() - 1; k-- > 0;) {
+    const double twice = k > 0 ? 2.0 : 1.0;
+    for_each_vertex(order, [&](Index v) {
+      before.col(v) = series[k] * value.col(v) + twice * mean_around(last, next, v) - before.col(v);
+    });
+    last.swap(before);
+  }
+  value.swap(last);
+}
+
+// Moves each vertex to the middle of its neighbours, over and over, on a leash around where it began:
+// terraces of the voxels go, and the surface stays between the voxel centres that it separates (Gibson,
+// Constrained elastic surface nets, MICCAI 1998). Averaging also shrinks what is round; that part of the
+// motion is smooth, where the terraces' is not, and is taken back.
+void relax(TriangleMesh& surface, int sweeps, double reach) {
   const CompressedRows next = next_corners(surface);
   Quads start = Quads::Zero(4, surface.vertex.cols());
   start.topRows<3>() = surface.vertex;
-  std::vector<int> order = by_neighbours(next);
-  std::erase_if(order, [&](int v) { return share[static_cast<std::size_t>(v)] < least_share; });
+  const std::vector<int> order = by_neighbours(next);
   Quads value = start;
-  average(value, next, order, share, sweeps, reach);
+  average_on_leash(value, next, order, sweeps, reach);
   surface.vertex = value.topRows<3>();
   value -= start;
-  average(value, next, order, share, sweeps, std::numeric_limits<double>::infinity());
+  average(value, next, order, sweeps);
   surface.vertex -= value.topRows<3>();
 }
 
-// Moves the surface along its normals until it encloses the given volume: first where the voxels leave it
-// `open`, at edges that smoothing has rounded, by `reach` at most; then everywhere alike.
-void match_volume(TriangleMesh& surface, double volume_mm3, const std::vector<double>& open, double reach) {
-  constexpr int passes = 3;  // of each kind
-  std::vector<double> moved(open.size(), 0.0);
-  for (int pass = 0; pass < 2 * passes; ++pass) {
-    const bool everywhere = pass >= passes;
-    const auto weight = [&](Index v) { return everywhere ? 1.0 : open[static_cast<std::size_t>(v)]; };
+// Moves the surface along its normals, everywhere alike, until it encloses the given volume.
+void match_volume(TriangleMesh& surface, double volume_mm3) {
+  for (int pass = 0; pass < 4; ++pass) {
     Points normal = Points::Zero(3, surface.vertex.cols());
     double area = 0.0;
     for (Index t = 0; t < surface.triangles.cols(); ++t) {
       const Vec3 a = surface.vertex.col(surface.triangles(0, t));
       const Vec3 n = 0.5 * (surface.vertex.col(surface.triangles(1, t)) - a)
                                .cross(surface.vertex.col(surface.triangles(2, t)) - a);
-      for (int c = 0; c < 3; ++c) {
-        const Index v = surface.triangles(c, t);
-        normal.col(v) += n;
-        area += weight(v) * n.norm() / 3.0;
-      }
+      area += n.norm();
+      for (int c = 0; c < 3; ++c) normal.col(surface.triangles(c, t)) += n;
     }
-    if (!(area > 0.0)) continue;
     const double offset = (volume_mm3 - enclosed_volume(surface)) / area;
-    for (Index v = 0; v < normal.cols(); ++v) {
-      const double length = normal.col(v).norm();
-      if (!(length > 0.0)) continue;
-      double& so_far = moved[static_cast<std::size_t>(v)];
-      const double by = everywhere ? offset : std::clamp(so_far + weight(v) * offset, -reach, reach) - so_far;
-      so_far += by;
-      surface.vertex.col(v) += by / length * normal.col(v);
-    }
+    for (Index v = 0; v < normal.cols(); ++v)
+      if (const double length = normal.col(v).norm(); length > 0.0)
+        surface.vertex.col(v) += offset / length * normal.col(v);
   }
 }
 
@@ -535,15 +553,17 @@ SegmentedBody make_body_surface(const LabelImage& image, const std::vector<int>&
         drawing.cavities == 1 ? "one cavity" : fmt::format("{} cavities", drawing.cavities), kept));
   check_lost_volume(enclosed_volume(surface) - drawing.added_mm3, step, report);
   separate_touching_sheets(surface);
-  const double finest = std::min(step, spacing.maxCoeff());
-  std::vector<double> open(static_cast<std::size_t>(surface.vertex.cols()), 1.0);
-  relax(surface, open, first_sweeps, leash * finest);
-  const std::vector<double> determined =
-      fit_to_boundary_faces(surface, body, frame.voxel_to_local, step, options.outward_mm);
-  std::transform(determined.begin(), determined.end(), open.begin(), [](double d) { return 1.0 - d; });
-  relax(surface, open, further_sweeps, leash * finest);
-  const double wanted_mm3 = report.voxel_volume_mm3 + drawing.added_mm3;
-  match_volume(surface, wanted_mm3, open, 0.2 * leash * finest);
+  const double wanted_mm3 = report.voxel_volume_mm3 + drawing.added_mm3,
+               reach_mm = leash * std::min(step, spacing.maxCoeff());
+  if (options.fitted) {
+    place_between_voxels(surface, body, frame.voxel_to_local,
+                         {step, reach_mm, options.outward_mm, wanted_mm3});
+  } else {
+    // Terraces are as long as voxels; where the lattice is coarser, smoothing has taken them already.
+    const double ratio = std::max(1.0, step / spacing.maxCoeff());
+    relax(surface, static_cast<int>(std::ceil(relaxation_sweeps / (ratio * ratio))), reach_mm);
+    match_volume(surface, wanted_mm3);
+  }
 
   const double error = enclosed_volume(surface) / wanted_mm3 - 1.0;
   if (std::abs(error) > 1e-3)
