@@ -446,8 +446,9 @@ void cut_organ(const Config& config, const std::vector<TriangleMesh>& blades, co
 }
 
 // The body without further labels, in the frame that it has with them.
-SegmentedBody without_labels(const LabelImage& image, const SegmentedBody& whole, const Organ& organ) {
-  SegmentedBody rest = body_of(organ.config, image, organ.labels, organ.options.boundary, {});
+SegmentedBody without_labels(const Config& config, const LabelImage& image, const SegmentedBody& whole,
+                             const Organ& organ) {
+  SegmentedBody rest = body_of(config, image, organ.labels, organ.options.boundary, {});
   const Eigen::Isometry3d to_frame = whole.surface.to_world().inverse() * rest.surface.to_world();
   BodySurface surface((to_frame * rest.surface.vertex().colwise().homogeneous()).eval(),
                       rest.surface.triangles(), whole.surface.to_world());
@@ -471,7 +472,7 @@ Organ cut_by_steps(const Config& config, const Organ& whole, const LabelImage& i
     organ.labels.clear();
     for (const LabelMeasure& m : result.labels) organ.labels.push_back(m.value);
     organ.body = std::make_shared<const SegmentedBody>(
-        without_labels(organ.closed ? organ.closed->image : image, *whole.body, organ));
+        without_labels(config, organ.closed ? organ.closed->image : image, *whole.body, organ));
     result.segment = organ.body->report;
   }
   std::vector<TriangleMesh> blades = blades_of(config, *whole.body);
