@@ -402,7 +402,8 @@ TEST_F(Block, RefusesLoadsAndSupportsThatItDoesNotUnderstand) {
   refused(4, support + "inferior", {"no node but the base's", "--base-depth"});
   refused(4, support + "left --set support.r.hold=sliding --set support.r.move=0,2,0",
           {"moves along the surface", "45 degrees"});
-  refused(2, "run block.nrrd -o no -q --accuracy 5% --set support.r.on=left", {"nothing holds but its base"});
+  refused(2, "run block.nrrd -o no -q --accuracy 5% --set support.r.on=left",
+          {"not calibrated for further tools or supports"});
   refused(4,
           "poke block.nrrd --socket s -q --base inferior --indent-at 0,0,top --nodes 600 --set "
           "support.r.on=superior",

@@ -156,7 +156,7 @@ TEST_F(AMembrane, IsRefusedInWordsWhereItIsNotModelled) {
   refused(2, run_it + pia + " --scheme horton2007", {"the scheme of 2007 takes no membrane"});
   refused(2, run_it + pia + " --explain", {"--explain takes no membrane"});
   refused(2, run_it + pia + " --mu 2kPa+-30%", {"a membrane's stiffness does not grow with mu"});
-  refused(2, run_it + pia + " --accuracy 5%", {"without a membrane"});
+  refused(2, run_it + pia + " --accuracy 5%", {"not calibrated for membranes"});
   refused(2, "export block.nrrd -o block.inp" + pia, {"dimple export takes no membrane"});
   refused(2, "fit block.nrrd -o fit --curve curve.csv" + pia,
           {"a membrane's stiffness does not grow with mu"});
