@@ -12,12 +12,13 @@
 #include <tuple>
 
 #include "io/stop.hpp"
+#include "preprocess/surface/mesh_sweeps.hpp"
 
 namespace dimple {
 namespace {
 
 // The constants were chosen with tests/bench/surface.cpp (balls of 6 to 60 voxels, boxes, a torus). Lengths
-// are in units, the cube root of a voxel's volume or the lattice's step, unless said otherwise.
+// are in units, the cube root of a voxel's volume or half the lattice's step, unless said otherwise.
 struct Rules {
   double smallest_window = 4.5;  // 4: a ball of 25 is off by 0.08 instead of 0.05 at its top
   double growth = 1.4142135623730951;
@@ -109,13 +110,16 @@ BoundaryFaces boundary_faces(const VoxelSet& body, const Mat3& voxel_to_local, s
   const auto alone = [](std::span<const VoxelSet::Stretch> row, std::span<const VoxelSet::Stretch> other,
                         const auto& each) {
     auto at = other.begin();
-    for (const auto& [begin, end] : row)
-      for (std::int32_t i = begin; i < end; ++i) {
+    for (auto [i, end] : row)
+      while (i < end) {
         while (at != other.end() && at->end <= i) ++at;
-        if (at == other.end() || at->begin > i) each(static_cast<double>(i));
+        const std::int32_t to = at == other.end() ? end : std::min(end, at->begin);
+        for (; i < to; ++i) each(static_cast<double>(i));
+        if (i < end) i = std::min(end, at->end);
       }
   };
-  for (Index k = 0; k < body.size[2]; ++k)
+  for (Index k = 0; k < body.size[2]; ++k) {
+    stop_if_asked();
     for (Index j = 0; j < body.size[1]; ++j) {
       const auto row = body.row(j, k);
       const auto y = static_cast<double>(j), z = static_cast<double>(k);
@@ -129,6 +133,7 @@ BoundaryFaces boundary_faces(const VoxelSet& body, const Mat3& voxel_to_local, s
         alone(body.row(j, k + 1), row, [&](double i) { add(i, y, z + 0.5, 5); });
       }
     }
+  }
   return faces;
 }
 
@@ -324,14 +329,12 @@ Vertices vertices_of(const TriangleMesh& surface, double outward) {
   Vertices result{std::vector<Vec3>(count), std::vector<Vec3>(count, Vec3::Zero()),
                   std::vector<Vec3>(count, Vec3::Zero()), std::vector<double>(count, 0.0),
                   std::vector<char>(count, 0)};
-  for (const auto& t : surface.triangles.colwise()) {
-    const Vec3 a = surface.vertex.col(t[0]), b = surface.vertex.col(t[1]), c = surface.vertex.col(t[2]);
-    const Vec3 n = (b - a).cross(c - a);
-    for (const Index v : t) result.normal[static_cast<std::size_t>(v)] += n;
+  const AreaNormals sums = area_normals(surface);
+  for (std::size_t v = 0; v < count; ++v) {
+    const auto column = static_cast<Index>(v);
+    result.normal[v] = sums.normal.col(column).normalized();
+    result.place[v] = surface.vertex.col(column) - outward * result.normal[v];
   }
-  for (Vec3& n : result.normal) n.normalize();
-  for (std::size_t v = 0; v < count; ++v)
-    result.place[v] = surface.vertex.col(static_cast<Index>(v)) - outward * result.normal[v];
   return result;
 }
 

@@ -28,10 +28,10 @@ namespace dimple {
 /// weights by each face's own precision are ours, since rounding to voxels has a known distribution.
 ///
 /// `body`: the voxels. `voxel_to_local`: from voxel indices to the coordinates of `surface` [mm]. `step`: the
-/// edge of the contour's lattice [mm]; where it is longer than a voxel, windows are measured in steps and
-/// only a part of the faces is used. `outward`: the contour and the surface lie that far outside of the
-/// boundary [mm]. Returns for each vertex, in [0, 1], how far fits determine its position; at 0 it has not
-/// moved. The result does not depend on the number of threads.
+/// edge of the contour's lattice [mm]; where half of it is longer than a voxel, windows are measured in half
+/// steps and only a part of the faces is used. `outward`: the contour and the surface lie that far outside of
+/// the boundary [mm]. Returns for each vertex, in [0, 1], how far fits determine its position; at 0 it has
+/// not moved. The result does not depend on the number of threads.
 std::vector<double> fit_to_boundary_faces(TriangleMesh& surface, const VoxelSet& body,
                                           const Mat3& voxel_to_local, double step, double outward);
 

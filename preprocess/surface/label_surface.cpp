@@ -1,7 +1,6 @@
 #include "preprocess/surface/label_surface.hpp"
 
 #include <fmt/format.h>
-#include <tbb/parallel_for.h>
 #include <vtkCellArray.h>
 #include <vtkFloatArray.h>
 #include <vtkFlyingEdges3D.h>
@@ -22,6 +21,7 @@
 #include "preprocess/model.hpp"
 #include "preprocess/surface/between_voxels.hpp"
 #include "preprocess/surface/closed_mesh.hpp"
+#include "preprocess/surface/mesh_sweeps.hpp"
 #include "preprocess/surface/smooth_lattice.hpp"
 
 namespace dimple {
@@ -350,75 +350,6 @@ Drawing draw(const VoxelSet& body, const Frame& frame, double step, const Surfac
   return drawing;
 }
 
-// The next corner in each triangle around a vertex: each edge is seen once from either side.
-CompressedRows next_corners(const TriangleMesh& surface) {
-  CompressedRows result;
-  result.offset = Eigen::VectorXi::Zero(surface.vertex.cols() + 1);
-  result.member.resize(surface.triangles.size());
-  for (Index t = 0; t < surface.triangles.cols(); ++t)
-    for (int c = 0; c < 3; ++c) ++result.offset[surface.triangles(c, t) + 1];
-  for (Index v = 0; v < surface.vertex.cols(); ++v) result.offset[v + 1] += result.offset[v];
-  Eigen::VectorXi at = result.offset.head(surface.vertex.cols());
-  for (Index t = 0; t < surface.triangles.cols(); ++t)
-    for (int c = 0; c < 3; ++c)
-      result.member[at[surface.triangles(c, t)]++] = static_cast<int>(surface.triangles((c + 1) % 3, t));
-  return result;
-}
-
-// Of each vertex four numbers, the last of them 0: whole registers.
-using Quads = Eigen::Matrix<double, 4, Eigen::Dynamic>;
-
-// Vertices block by block, in each by how many neighbours they have: a loop that mostly ends after as many
-// steps as the last one is foreseen.
-constexpr Index block_size = 1024;
-std::vector<int> by_neighbours(const CompressedRows& next) {
-  std::vector<int> order(static_cast<std::size_t>(next.rows()));
-  std::iota(order.begin(), order.end(), 0);
-  for (Index first = 0; first < next.rows(); first += block_size)
-    std::stable_sort(order.begin() + first, order.begin() + std::min(first + block_size, next.rows()),
-                     [&](int a, int b) { return next.count(a) < next.count(b); });
-  return order;
-}
-
-// The mean of a vertex's neighbours. As a call it takes half as long again.
-[[gnu::always_inline]] inline Eigen::Vector4d mean_around(const Quads& value, const CompressedRows& next,
-                                                          Index v) {
-  Eigen::Vector4d sum = Eigen::Vector4d::Zero();
-  for (int k = next.offset[v]; k < next.offset[v + 1]; ++k) sum += value.col(next.member[k]);
-  return sum / static_cast<double>(next.count(v));
-}
-
-// Calls change(v) for all vertices, in that order within each block.
-template <class Change>
-void for_each_vertex(const std::vector<int>& order, const Change& change) {
-  const auto count = static_cast<Index>(order.size());
-  stop_if_asked();
-  tbb::parallel_for(Index{0}, (count + block_size - 1) / block_size, [&](Index k) {
-    for (Index i = block_size * k; i < std::min(block_size * (k + 1), count); ++i)
-      change(order[static_cast<std::size_t>(i)]);
-  });
-}
-
-// That many sweeps over all vertices: half of each one's value stays, half comes from its neighbours. Not
-// farther than `reach` from where it began.
-void average_on_leash(Quads& value, const CompressedRows& next, const std::vector<int>& order, int sweeps,
-                      double reach) {
-  const double surely = reach * reach * (1.0 - 1e-12);  // roots are dear
-  const Quads start = value;
-  Quads other(4, value.cols());
-  for (int sweep = 0; sweep < sweeps; ++sweep) {
-    for_each_vertex(order, [&](Index v) {
-      const Eigen::Vector4d there = 0.5 * (value.col(v) + mean_around(value, next, v));
-      other.col(v) = there;
-      const Vec3 away = there.head<3>() - start.col(v).head<3>();
-      if (away.squaredNorm() < surely) return;
-      if (const double length = away.norm(); length > reach)
-        other.col(v).head<3>() = start.col(v).head<3>() + reach / length * away;
-    });
-    value.swap(other);
-  }
-}
-
 }  // namespace
 
 std::vector<double> series_of_sweeps(int sweeps, double left_out) {
@@ -461,11 +392,12 @@ void average(Quads& value, const CompressedRows& next, const std::vector<int>& o
 // motion is smooth, where the terraces' is not, and is taken back.
 void relax(TriangleMesh& surface, int sweeps, double reach) {
   const CompressedRows next = next_corners(surface);
-  Quads start = Quads::Zero(4, surface.vertex.cols());
-  start.topRows<3>() = surface.vertex;
+  const Quads start = quads_of(surface.vertex);
   const std::vector<int> order = by_neighbours(next);
   Quads value = start;
-  average_on_leash(value, next, order, sweeps, reach);
+  sweep_on_leash(value, order, sweeps, reach, [&](const Quads& now, Index v) -> Eigen::Vector4d {
+    return 0.5 * (now.col(v) + mean_around(now, next, v));
+  });
   surface.vertex = value.topRows<3>();
   value -= start;
   average(value, next, order, sweeps);
@@ -475,19 +407,11 @@ void relax(TriangleMesh& surface, int sweeps, double reach) {
 // Moves the surface along its normals, everywhere alike, until it encloses the given volume.
 void match_volume(TriangleMesh& surface, double volume_mm3) {
   for (int pass = 0; pass < 4; ++pass) {
-    Points normal = Points::Zero(3, surface.vertex.cols());
-    double area = 0.0;
-    for (Index t = 0; t < surface.triangles.cols(); ++t) {
-      const Vec3 a = surface.vertex.col(surface.triangles(0, t));
-      const Vec3 n = 0.5 * (surface.vertex.col(surface.triangles(1, t)) - a)
-                               .cross(surface.vertex.col(surface.triangles(2, t)) - a);
-      area += n.norm();
-      for (int c = 0; c < 3; ++c) normal.col(surface.triangles(c, t)) += n;
-    }
-    const double offset = (volume_mm3 - enclosed_volume(surface)) / area;
-    for (Index v = 0; v < normal.cols(); ++v)
-      if (const double length = normal.col(v).norm(); length > 0.0)
-        surface.vertex.col(v) += offset / length * normal.col(v);
+    const AreaNormals sums = area_normals(surface);
+    const double offset = (volume_mm3 - enclosed_volume(surface)) / sums.area;
+    for (Index v = 0; v < sums.normal.cols(); ++v)
+      if (const double length = sums.normal.col(v).norm(); length > 0.0)
+        surface.vertex.col(v) += offset / length * sums.normal.col(v);
   }
 }
 
