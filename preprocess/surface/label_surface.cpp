@@ -1,13 +1,6 @@
 #include "preprocess/surface/label_surface.hpp"
 
 #include <fmt/format.h>
-#include <vtkCellArray.h>
-#include <vtkFloatArray.h>
-#include <vtkFlyingEdges3D.h>
-#include <vtkImageData.h>
-#include <vtkNew.h>
-#include <vtkPointData.h>
-#include <vtkPolyData.h>
 
 #include <Eigen/SVD>
 #include <algorithm>
@@ -282,34 +275,6 @@ int keep_one_body(Lattice& lattice, double level, double smallest_cavity_points)
   }
   set_values(lattice, selection(around, gaps, pocket), 1.0f);
   return cavities;
-}
-
-// In lattice coordinates.
-TriangleMesh contour(const Lattice& lattice, double level) {
-  vtkNew<vtkImageData> grid;
-  grid->SetDimensions(lattice.n.data());
-  vtkNew<vtkFloatArray> values;
-  values->SetArray(const_cast<float*>(lattice.value.data()), static_cast<vtkIdType>(lattice.value.size()), 1);
-  grid->GetPointData()->SetScalars(values);
-  vtkNew<vtkFlyingEdges3D> edges;
-  edges->SetInputData(grid);
-  edges->SetValue(0, level);
-  edges->ComputeNormalsOff();
-  edges->ComputeScalarsOff();
-  edges->Update();
-  vtkPolyData* poly = edges->GetOutput();
-
-  TriangleMesh mesh;
-  mesh.vertex.resize(3, poly->GetNumberOfPoints());
-  for (Index v = 0; v < mesh.vertex.cols(); ++v) poly->GetPoint(v, mesh.vertex.col(v).data());
-  mesh.triangles.resize(3, poly->GetNumberOfPolys());
-  Index t = 0;
-  vtkIdType count = 0;
-  const vtkIdType* corner = nullptr;
-  for (poly->GetPolys()->InitTraversal(); poly->GetPolys()->GetNextCell(count, corner); ++t)
-    for (int c = 0; c < 3; ++c) mesh.triangles(c, t) = corner[c];
-  if (enclosed_volume(mesh) < 0.0) mesh.triangles.row(1).swap(mesh.triangles.row(2));
-  return mesh;
 }
 
 // The contour of the smoothed body, in the local frame.

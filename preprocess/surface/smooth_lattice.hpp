@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "preprocess/image/voxel_set.hpp"
+#include "preprocess/surface/closed_mesh.hpp"
 
 namespace dimple {
 
@@ -17,5 +18,9 @@ struct Lattice {
 /// between voxel centres, at lattice points `step` [voxels] apart. One axis after the other and straight from
 /// the stretches: no array of all voxels is made, however much finer they are than the lattice.
 Lattice smoothed(const VoxelSet& set, const Vec3& sigma, const Vec3& step);
+
+/// The contour of a lattice at a level, facing outward, in lattice coordinates: flying edges by VTK. Needs
+/// values on the border that lie below the level.
+TriangleMesh contour(const Lattice& lattice, double level);
 
 }  // namespace dimple

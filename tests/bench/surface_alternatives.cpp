@@ -2,17 +2,13 @@
 
 #include <itkAntiAliasBinaryImageFilter.h>
 #include <itkImage.h>
-#include <vtkCellArray.h>
-#include <vtkFloatArray.h>
-#include <vtkFlyingEdges3D.h>
-#include <vtkImageData.h>
-#include <vtkNew.h>
-#include <vtkPointData.h>
-#include <vtkPolyData.h>
 
 #include <algorithm>
 #include <cstdint>
+#include <utility>
 #include <vector>
+
+#include "preprocess/surface/smooth_lattice.hpp"
 
 namespace dimple {
 namespace {
@@ -30,32 +26,11 @@ Level::Pointer level_of(const LabelImage& image, const std::vector<std::int32_t>
   return level;
 }
 
-// Voxel coordinates.
-TriangleMesh contour_at_zero(float* value, const LabelImage& image) {
-  const Index count = image.size[0] * image.size[1] * image.size[2];
-  vtkNew<vtkImageData> grid;
-  grid->SetDimensions(static_cast<int>(image.size[0]), static_cast<int>(image.size[1]),
-                      static_cast<int>(image.size[2]));
-  vtkNew<vtkFloatArray> values;
-  values->SetArray(value, static_cast<vtkIdType>(count), 1);
-  grid->GetPointData()->SetScalars(values);
-  vtkNew<vtkFlyingEdges3D> edges;
-  edges->SetInputData(grid);
-  edges->SetValue(0, 0.0);
-  edges->ComputeNormalsOff();
-  edges->ComputeScalarsOff();
-  edges->Update();
-  vtkPolyData* poly = edges->GetOutput();
-  TriangleMesh mesh;
-  mesh.vertex.resize(3, poly->GetNumberOfPoints());
-  for (Index v = 0; v < mesh.vertex.cols(); ++v) poly->GetPoint(v, mesh.vertex.col(v).data());
-  mesh.triangles.resize(3, poly->GetNumberOfPolys());
-  Index t = 0;
-  vtkIdType corners = 0;
-  const vtkIdType* corner = nullptr;
-  for (poly->GetPolys()->InitTraversal(); poly->GetPolys()->GetNextCell(corners, corner); ++t)
-    for (int c = 0; c < 3; ++c) mesh.triangles(c, t) = corner[c];
-  return mesh;
+// Voxel coordinates. `value`: of the voxels, i fastest, positive inside.
+TriangleMesh contour_at_zero(std::vector<float> value, const LabelImage& image) {
+  Lattice lattice{.origin = Vec3::Zero(), .step = Vec3::Ones(), .value = std::move(value)};
+  for (std::size_t d = 0; d < 3; ++d) lattice.n[d] = static_cast<int>(image.size[d]);
+  return contour(lattice, 0.0);
 }
 
 // Neighbours of each vertex.
@@ -78,10 +53,6 @@ Points less_mean(const Points& value, const std::vector<std::vector<Index>>& nei
   return result;
 }
 
-void face_outward(TriangleMesh& mesh) {
-  if (enclosed_volume(mesh) < 0.0) mesh.triangles.row(1).swap(mesh.triangles.row(2));
-}
-
 }  // namespace
 
 TriangleMesh constrained_net(const LabelImage& image, int iterations) {
@@ -90,7 +61,7 @@ TriangleMesh constrained_net(const LabelImage& image, int iterations) {
   std::vector<float> value(label.size());
   std::transform(label.begin(), label.end(), value.begin(),
                  [](std::int32_t l) { return l != 0 ? 1.0f : -1.0f; });
-  TriangleMesh mesh = contour_at_zero(value.data(), image);
+  TriangleMesh mesh = contour_at_zero(std::move(value), image);
   const auto neighbours = neighbours_of(mesh);
   const Points start = mesh.vertex;
   for (int k = 0; k < iterations; ++k) {
@@ -99,7 +70,6 @@ TriangleMesh constrained_net(const LabelImage& image, int iterations) {
                       .cwiseMin((start.array() + half_voxel).matrix());
   }
   mesh.vertex = image.to_world * mesh.vertex;
-  face_outward(mesh);
   return mesh;
 }
 
@@ -114,9 +84,8 @@ TriangleMesh antialiased_surface(const LabelImage& image, double rms_change) {
   constexpr float off_zero = 1e-3f;
   for (std::size_t i = 0; i < label.size(); ++i)
     value[i] = label[i] != 0 ? std::max(value[i], off_zero) : std::min(value[i], -off_zero);
-  TriangleMesh mesh = contour_at_zero(value, image);
+  TriangleMesh mesh = contour_at_zero(std::vector<float>(value, value + label.size()), image);
   mesh.vertex = image.to_world * mesh.vertex;
-  face_outward(mesh);
   return mesh;
 }
 
