@@ -164,7 +164,6 @@ namespace {
 
 std::string why_no_image_error(const Config& config, const Result& result) {
   if (!result.origin || result.voxel_edges_mm.isZero(0.0)) return "the model was made without its image";
-  if (config.image.surface != "fitted") return "it was calibrated for image.surface = \"fitted\" alone";
   if (result.time != TimeMode::quasi_static) return "it was calibrated for equilibrium, not for dynamics";
   if (has_walls(config) || !config.step.empty() || !has_tool_alone(config))
     return "it was calibrated for one tool alone that is pressed straight in, once";

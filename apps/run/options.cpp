@@ -33,8 +33,6 @@ std::vector<Option> image_options(Config& c) {
       {.key = "image.close_mm", .flag = "--close", .unit = "mm", .value = &c.image.close_mm, .most = 1000,
        .stage = "model",
        .help = "close gaps in the organ narrower than this before its surface is drawn; 0: as segmented"},
-      {.key = "image.surface", .value = &c.image.surface, .choices = {"averaged", "fitted"}, .stage = "model",
-       .help = "surface between voxels: means over neighbours, or fitted to the voxels' faces, without terraces"},
       {.key = "image.cut", .flag = "--cut", .value = &c.image.cut, .stage = "model", .common = true,
        .help = "cut the body before the load: line:x,y,z,x,y,z,depth=15mm, plane:x,y,z,nx,ny,nz, sheet.stl, "
                "label:NAME"},

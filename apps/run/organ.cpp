@@ -265,8 +265,7 @@ SegmentedBody body_of(const Config& config, const LabelImage& image, const std::
   return make_body_surface(image, labels,
                            {.indenter_diameter_mm = boundary.indenter_diameter_mm,
                             .smoothing = change.smoothing,
-                            .outward_mm = change.outward_voxels * std::cbrt(image.voxel_volume()),
-                            .fitted = config.image.surface == "fitted"});
+                            .outward_mm = change.outward_voxels * std::cbrt(image.voxel_volume())});
 }
 
 }  // namespace

@@ -148,8 +148,7 @@ struct WallShape {
 };
 
 WallShape wall_shape_of(const std::string& name, const Config::Wall& wall, const Model& model,
-                        const LabelImage* image, const Organ* organ, double reach,
-                        const SurfaceOptions& drawn) {
+                        const LabelImage* image, const Organ* organ, double reach) {
   const WallWords words = words_of_wall(name, wall);
   WallShape result{.shape = {.kind = ToolShape::Kind::field}, .pose = {}, .words = {}};
   if (words.kind == WallWords::Kind::plane) {
@@ -176,7 +175,7 @@ WallShape wall_shape_of(const std::string& name, const Config::Wall& wall, const
     std::vector<int> labels;
     for (const std::string& label : labels_in(words.rest))
       labels.push_back(number_of_label(label, organ->label_names));
-    const SegmentedBody solid = make_body_surface(*image, labels, drawn);
+    const SegmentedBody solid = make_body_surface(*image, labels);
     take(solid.surface, false, voxel);
     result.words = fmt::format("{} {}", labels.size() == 1 ? "label" : "labels", words.rest);
     if (solid.report.dropped_volume_mm3 > 0.0)
@@ -188,7 +187,7 @@ WallShape wall_shape_of(const std::string& name, const Config::Wall& wall, const
   const Vec3 size = organ->body->surface.upper() - organ->body->surface.lower();
   const double closes = std::min(hull_closes_mm, 0.5 * size.minCoeff());
   const ClosedImage closed = close_gaps(organ->closed ? organ->closed->image : *image, organ->labels, closes);
-  take(make_body_surface(closed.image, organ->labels, drawn).surface, true, voxel);
+  take(make_body_surface(closed.image, organ->labels).surface, true, voxel);
   result.words = fmt::format("the outer hull of the body, gaps narrower than {} closed, at a gap of {}",
                              length_in_words(closes), length_in_words(1e3 * result.gap));
   return result;
@@ -488,8 +487,7 @@ Walls walls_beside(const Config& config, const Model& model, const LabelImage* i
       std::max(std::clamp(reach_of_size * size, least_reach, most_reach), 1.5 * deepest(config, model.tool));
   for (const auto& [name, its] : walls_named(config)) {
     Touch wall;
-    const WallShape shape =
-        wall_shape_of(name, its, model, image, organ, reach, {.fitted = config.image.surface == "fitted"});
+    const WallShape shape = wall_shape_of(name, its, model, image, organ, reach);
     wall.shape = shape.shape;
     wall.pose = shape.pose;
     wall.name = name;

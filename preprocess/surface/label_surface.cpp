@@ -5,7 +5,6 @@
 #include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
-#include <numeric>
 
 #include "io/error.hpp"
 #include "io/stop.hpp"
@@ -14,14 +13,12 @@
 #include "preprocess/model.hpp"
 #include "preprocess/surface/between_voxels.hpp"
 #include "preprocess/surface/closed_mesh.hpp"
-#include "preprocess/surface/mesh_sweeps.hpp"
 #include "preprocess/surface/smooth_lattice.hpp"
 
 namespace dimple {
 namespace {
 
 constexpr double smoothing_voxels = 0.7;
-constexpr int relaxation_sweeps = 120;  // enough for the terraces of a slope of one in ten
 constexpr double leash =
     0.5;  // lattice steps or voxels: the voxels do not say more about where the surface is
 constexpr double cavity_share = 1.0 / 500.0;       // of the organ's volume: smaller cavities are filled
@@ -315,71 +312,6 @@ Drawing draw(const VoxelSet& body, const Frame& frame, double step, const Surfac
   return drawing;
 }
 
-}  // namespace
-
-std::vector<double> series_of_sweeps(int sweeps, double left_out) {
-  // cos(a/2)^2n = 4^-n (C(2n, n) + 2 sum_k C(2n, n - k) cos(k a)), and T_k(cos a) = cos(k a).
-  double term = 1.0, rest = 1.0;
-  for (int k = 1; k <= sweeps; ++k) term *= (2.0 * k - 1.0) / (2.0 * k);
-  std::vector<double> series = {term};
-  for (int k = 1; k <= sweeps; ++k) {
-    rest -= series.back();
-    if (rest <= left_out) break;
-    term *= static_cast<double>(sweeps - k + 1) / static_cast<double>(sweeps + k);
-    series.push_back(2.0 * term);
-  }
-  const double sum = std::accumulate(series.begin(), series.end(), 0.0);
-  for (double& weight : series) weight /= sum;
-  return series;
-}
-
-namespace {
-
-// As many sweeps without a leash, but for a millionth: their result is a polynomial of the mean over the
-// neighbours, whose Chebyshev series ends after a third of them. Clenshaw's sum.
-void average(Quads& value, const CompressedRows& next, const std::vector<int>& order, int sweeps) {
-  const std::vector<double> series = series_of_sweeps(sweeps, 1e-6);
-  if (series.size() == 1) return;
-  Quads last = series.back() * value, before = Quads::Zero(4, value.cols());
-  for (std::size_t k = series.size() - 1; k-- > 0;) {
-    const double twice = k > 0 ? 2.0 : 1.0;
-    for_each_vertex(order, [&](Index v) {
-      before.col(v) = series[k] * value.col(v) + twice * mean_around(last, next, v) - before.col(v);
-    });
-    last.swap(before);
-  }
-  value.swap(last);
-}
-
-// Moves each vertex to the middle of its neighbours, over and over, on a leash around where it began:
-// terraces of the voxels go, and the surface stays between the voxel centres that it separates (Gibson,
-// Constrained elastic surface nets, MICCAI 1998). Averaging also shrinks what is round; that part of the
-// motion is smooth, where the terraces' is not, and is taken back.
-void relax(TriangleMesh& surface, int sweeps, double reach) {
-  const CompressedRows next = next_corners(surface);
-  const Quads start = quads_of(surface.vertex);
-  const std::vector<int> order = by_neighbours(next);
-  Quads value = start;
-  sweep_on_leash(value, order, sweeps, reach, [&](const Quads& now, Index v) -> Eigen::Vector4d {
-    return 0.5 * (now.col(v) + mean_around(now, next, v));
-  });
-  surface.vertex = value.topRows<3>();
-  value -= start;
-  average(value, next, order, sweeps);
-  surface.vertex -= value.topRows<3>();
-}
-
-// Moves the surface along its normals, everywhere alike, until it encloses the given volume.
-void match_volume(TriangleMesh& surface, double volume_mm3) {
-  for (int pass = 0; pass < 4; ++pass) {
-    const AreaNormals sums = area_normals(surface);
-    const double offset = (volume_mm3 - enclosed_volume(surface)) / sums.area;
-    for (Index v = 0; v < sums.normal.cols(); ++v)
-      if (const double length = sums.normal.col(v).norm(); length > 0.0)
-        surface.vertex.col(v) += offset / length * sums.normal.col(v);
-  }
-}
-
 // Refuses what smoothing takes away: sheets and strands of a voxel or less of the lattice.
 void check_lost_volume(double enclosed_mm3, double step, SegmentReport& report) {
   const double lost = 1.0 - enclosed_mm3 / report.voxel_volume_mm3;
@@ -444,15 +376,7 @@ SegmentedBody make_body_surface(const LabelImage& image, const std::vector<int>&
   separate_touching_sheets(surface);
   const double wanted_mm3 = report.voxel_volume_mm3 + drawing.added_mm3,
                reach_mm = leash * std::min(step, spacing.maxCoeff());
-  if (options.fitted) {
-    place_between_voxels(surface, body, frame.voxel_to_local,
-                         {step, reach_mm, options.outward_mm, wanted_mm3});
-  } else {
-    // Terraces are as long as voxels; where the lattice is coarser, smoothing has taken them already.
-    const double ratio = std::max(1.0, step / spacing.maxCoeff());
-    relax(surface, static_cast<int>(std::ceil(relaxation_sweeps / (ratio * ratio))), reach_mm);
-    match_volume(surface, wanted_mm3);
-  }
+  place_between_voxels(surface, body, frame.voxel_to_local, {step, reach_mm, options.outward_mm, wanted_mm3});
 
   const double error = enclosed_volume(surface) / wanted_mm3 - 1.0;
   if (std::abs(error) > 1e-3)

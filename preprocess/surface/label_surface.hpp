@@ -35,7 +35,6 @@ struct SurfaceOptions {
   double smoothing = 1.0;  ///< times the Gaussian said below
   double outward_mm =
       0.0;  ///< the body is drawn larger by this, or smaller: its borders are as uncertain as the voxels
-  bool fitted = false;  ///< place_between_voxels() in place of relaxation alone
 };
 
 struct SegmentedBody {
@@ -48,19 +47,13 @@ struct SegmentedBody {
 /// The indicator (1 inside, 0 outside) is smoothed by a Gaussian of 0.7 voxel or half a lattice step,
 /// whichever is more, and contoured half-way on a lattice. Its step is the smallest voxel edge or, if that is
 /// more, the smaller of a seventh of the tool's diameter and 1/100 of the organ, but at least 1/250 of
-/// the organ, whose measure is the cube root of its volume. The vertices are then relaxed by at most half a
-/// voxel, so that no terraces stay, and the surface is moved evenly until it encloses the voxels' volume
-/// within 0.1 %; with `outward_mm`, what that adds to them. It comes from the image and the tool alone,
+/// the organ, whose measure is the cube root of its volume. The vertices then move to where the voxels' faces
+/// place the surface (place_between_voxels()). It encloses the voxels' volume within 0.1 %; with
+/// `outward_mm`, what that adds to them. It comes from the image and the tool alone,
 /// whatever the cloud. Cavities smaller than 1/500 of the organ are filled. Throws InputError (a label that
 /// is not there), ModelError (too few voxels for a body, or one so thin that smoothing takes a third of it).
 SegmentedBody make_body_surface(const LabelImage& image, const std::vector<int>& labels,
                                 const SurfaceOptions& options = {});
-
-/// Sweeps in each of which half of a vertex's value stays and half comes from the mean N over its neighbours,
-/// ((1 + N) / 2)^sweeps, as weights of the Chebyshev polynomials T_0(N), T_1(N), ...: as few as leave out
-/// weights of a sum up to `left_out`. All weights are positive and sum up to one, so that what is alike
-/// everywhere stays.
-std::vector<double> series_of_sweeps(int sweeps, double left_out);
 
 /// Share of the surface's area, in [0, 1], that faces another part of it across less than `width_mm`: its
 /// outward normal meets the surface again within that. A smooth organ has none, one with folds a third. Asked

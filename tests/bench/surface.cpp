@@ -7,9 +7,8 @@
 // tests/bench/results. Rows of the same way, body and slices are replaced; all others stay. So the results of
 // several builds can be collected in one table:
 //
-//   --way fitted           make_body_surface() of this build with SurfaceOptions::fitted; so does any other
-//                          name but these:
-//   --way averaged         make_body_surface() of this build as by default
+//   --way fitted           make_body_surface() of this build; so does any other name but these:
+//   --way averaged         means over neighbours, the surface of earlier versions
 //   --way antialias        the level set of Whitaker (2000) by ITK, which ends at its default change of 0.07
 //   --way antialias:0.01   the same with another change in the last iteration
 //   --way net              a net of constrained vertices whose curvature is smoothed
@@ -52,21 +51,22 @@ namespace fs = std::filesystem;
 // A way draws the surface of an image: a closed mesh in LPS [mm].
 using Way = std::function<TriangleMesh(const LabelImage&)>;
 
-TriangleMesh body_surface(const LabelImage& image, bool fitted) {
+TriangleMesh body_surface(const LabelImage& image) {
   // The tool's default diameter of 10 mm with voxels of 1 mm gives a lattice step of one voxel.
-  const SegmentedBody body = make_body_surface(image, {}, {.fitted = fitted});
+  const SegmentedBody body = make_body_surface(image, {});
   return {body.surface.to_world() * body.surface.vertex(), body.surface.triangles()};
 }
 
 Way way_of(const std::string& name) {
   constexpr int net_iterations = 300;
   if (name == "net") return [](const LabelImage& image) { return constrained_net(image, net_iterations); };
+  if (name == "averaged") return averaged_net;
   const std::string itk = "antialias";
   double rms_change = 0.07;  // ITK's default
   if (name.starts_with(itk + ":"))
     rms_change = std::stod(name.substr(itk.size() + 1));
   else if (name != itk)
-    return [fitted = name != "averaged"](const LabelImage& image) { return body_surface(image, fitted); };
+    return body_surface;
   return [rms_change](const LabelImage& image) { return antialiased_surface(image, rms_change); };
 }
 

@@ -5,9 +5,12 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <limits>
 #include <utility>
 #include <vector>
 
+#include "preprocess/image/voxel_set.hpp"
+#include "preprocess/surface/mesh_sweeps.hpp"
 #include "preprocess/surface/smooth_lattice.hpp"
 
 namespace dimple {
@@ -69,6 +72,54 @@ TriangleMesh constrained_net(const LabelImage& image, int iterations) {
     mesh.vertex = mesh.vertex.cwiseMax((start.array() - half_voxel).matrix())
                       .cwiseMin((start.array() + half_voxel).matrix());
   }
+  mesh.vertex = image.to_world * mesh.vertex;
+  return mesh;
+}
+
+namespace {
+
+// Half of each value and half of the mean over its neighbours, over and over.
+void average(Quads& value, const CompressedRows& next, int sweeps, double reach) {
+  sweep_on_leash(value, by_neighbours(next), sweeps, reach,
+                 [&](const Quads& now, Index v) -> Eigen::Vector4d {
+                   return 0.5 * (now.col(v) + mean_around(now, next, v));
+                 });
+}
+
+void match_volume(TriangleMesh& surface, double volume) {
+  for (int pass = 0; pass < 4; ++pass) {
+    const AreaNormals sums = area_normals(surface);
+    const double offset = (volume - enclosed_volume(surface)) / sums.area;
+    surface.vertex += offset * sums.normal.colwise().normalized();
+  }
+}
+
+}  // namespace
+
+TriangleMesh averaged_net(const LabelImage& image) {
+  constexpr int sweeps = 120;
+  constexpr double leash = 0.5, smoothing = 0.7;
+  const Vec3 spacing = image.spacing();
+  const double step = spacing.minCoeff();
+  const VoxelSet body = voxels_with(image, {});
+  const Vec3 sigma = (0.5 * step * spacing.cwiseInverse()).cwiseMax(smoothing);
+  const Lattice lattice = smoothed(body, sigma, step * spacing.cwiseInverse());
+  TriangleMesh mesh = contour(lattice, 0.5);
+  separate_touching_sheets(mesh);
+  mesh.vertex = step * mesh.vertex;
+  const CompressedRows next = next_corners(mesh);
+  const Quads start = quads_of(mesh.vertex);
+  Quads value = start;
+  average(value, next, sweeps, leash * step);
+  mesh.vertex = value.topRows<3>();
+  value -= start;
+  average(value, next, sweeps, std::numeric_limits<double>::infinity());
+  mesh.vertex -= value.topRows<3>();
+  double voxels = 0.0;
+  for (const auto& [begin, end] : body.stretch) voxels += end - begin;
+  match_volume(mesh, image.voxel_volume() * voxels);
+  const Vec3 inverse = spacing.cwiseInverse();
+  mesh.vertex = (inverse.asDiagonal() * mesh.vertex).colwise() + lattice.origin;
   mesh.vertex = image.to_world * mesh.vertex;
   return mesh;
 }

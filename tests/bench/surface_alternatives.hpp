@@ -25,4 +25,12 @@ TriangleMesh antialiased_surface(const LabelImage& image, double rms_change);
 /// Needs:  one voxel of background on all sides.
 TriangleMesh constrained_net(const LabelImage& image, int iterations);
 
+/// The surface of all foreground voxels by means over neighbours, for comparison: the contour of the smoothed
+/// labels, 120 sweeps in which each vertex moves half-way to the mean of its neighbours, but no farther than
+/// half a voxel; the smooth part of that motion, which shrinks, is taken back; at last it is moved evenly to
+/// the volume of the voxels. LPS coordinates [mm].
+///
+/// Source: Gibson, Constrained elastic surface nets, MICCAI 1998.
+TriangleMesh averaged_net(const LabelImage& image);
+
 }  // namespace dimple

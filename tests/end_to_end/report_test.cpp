@@ -123,7 +123,7 @@ std::set<std::string> keys_shown(const std::string& page, const Json& numbers) {
 
 TEST_F(Report, ShowsTheNumbersOfTheSummaryAndNoOthers) {
   std::ofstream(folder / "measured.csv") << "indentation_mm,force_N\n1,0.01\n2,0.02\n4,0.05\n";
-  run(" --compare measured.csv --set image.surface=fitted");
+  run(" --compare measured.csv");
   const Json numbers = summary();
   EXPECT_EQ(held(text_of(folder / "out" / "report.html"), "dimple-summary"), numbers);
   EXPECT_LT(fs::file_size(folder / "out" / "report.html"), 4'000'000u);

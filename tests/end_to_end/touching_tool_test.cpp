@@ -863,7 +863,7 @@ TEST(ToolThatTouches, HasAnErrorByTheImagesResolutionAndAWarningWhereThatIsMuch)
   const auto summary = [&](const std::string& words) {
     const Ran ran = dimple(folder, "run " + words +
                                        " -o out --force --nodes 800 --frames 1 --band off --depth 2mm --base "
-                                       "inferior --indent-at 0,0,top --set image.surface=fitted");
+                                       "inferior --indent-at 0,0,top");
     EXPECT_EQ(ran.code, 0) << ran.err;
     EXPECT_NE(ran.out.find(" (image resolution)\t"), std::string::npos) << ran.out;
     auto told = nlohmann::json::parse(text_of(folder / "out" / "summary.json"));

@@ -148,7 +148,7 @@ TEST(Wall, IsRefusedWhereItCannotStandOrNothingLooksForIt) {
   refused("--wall around:1mm --scheme horton2007", "takes no walls");
   const Ran ran = dimple(refused.folder, "run " + body + " -o out --accuracy 2% --wall around:1mm");
   EXPECT_NE(ran.code, 0);
-  EXPECT_NE(ran.err.find("no walls"), std::string::npos) << ran.err;
+  EXPECT_NE(ran.err.find("not calibrated for walls"), std::string::npos) << ran.err;
   refused("--socket s --set load.wall=around:1mm", "takes no walls", "poke ");
   EXPECT_FALSE(fs::exists(refused.folder / "out" / "force.csv"));
 }

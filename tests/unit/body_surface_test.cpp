@@ -114,25 +114,6 @@ TEST(ClosedMesh, IsNoneWithAHoleADoubledTriangleATurnedOneOrTwoFansAtACorner) {
   EXPECT_FALSE(is_closed(tetrahedra(place, {{0, 1, 2, 3}, {0, 4, 5, 6}}).triangles, 7));
 }
 
-TEST(Sweeps, AsASeriesAreThePowerThatTheyStandFor) {
-  for (const int sweeps : {0, 1, 2, 7, 40, 120}) {
-    const std::vector<double> series = series_of_sweeps(sweeps, 1e-6);
-    for (double x = -1.0; x <= 1.0; x += 0.01) {
-      double sum = 0.0;
-      for (std::size_t k = 0; k < series.size(); ++k)
-        sum += series[k] * std::cos(static_cast<double>(k) * std::acos(std::clamp(x, -1.0, 1.0)));
-      EXPECT_NEAR(sum, std::pow(0.5 + 0.5 * x, sweeps), 2e-6) << sweeps << " sweeps at " << x;
-    }
-    double all = 0.0;
-    for (const double weight : series) {
-      EXPECT_GT(weight, 0.0);
-      all += weight;
-    }
-    EXPECT_NEAR(all, 1.0, 1e-14);
-  }
-  EXPECT_LT(series_of_sweeps(120, 1e-6).size(), 42U);
-}
-
 TEST(Surface, IsPassedByObliqueLinesWhereItsTrianglesAre) {
   const SegmentedBody body = make_body_surface(ellipsoid(30, Vec3(12, 9, 7)), {});
   const BodySurface& surface = body.surface;

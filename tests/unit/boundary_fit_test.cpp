@@ -55,7 +55,6 @@ Vec3 grid_offset(int n) {
 }
 
 Points drawn(const LabelImage& image, SurfaceOptions options = {}) {
-  options.fitted = true;
   const SegmentedBody body = make_body_surface(image, {}, options);
   return body.surface.to_world() * body.surface.vertex();
 }

@@ -160,7 +160,7 @@ def write_image(file, f, box, voxel, moved):
 
 def run(program, image, folder, options):
     words = [program, "run", image, "-o", folder, "--force", "--frames", "1", "--write", "force", "-q", "--depth", f"{DEPTH_MM}mm",
-             "--set", "image.surface=fitted", *options]
+             *options]
     done = subprocess.run(words, timeout=600, capture_output=True, text=True)
     if done.returncode:
         print(" ".join(words), done.stderr, file=sys.stderr)
