@@ -22,7 +22,7 @@ constexpr double many_grown = 0.02;    // of the points
 constexpr double accuracy = 0.05;      // of the force: what the atlas calls survival, too
 // Volume shares. At a sharp rim the strain is unbounded: tens of points there, a hundred thousandth of the
 // volume, are inverted with every fine cloud, and the force stays within 1 % of the reference.
-constexpr double inverted_wrong = 0.01;
+constexpr double inverted_wrong = 0.01, inverted_minor = 1e-4;
 constexpr double nearly_incompressible = 20.0;  // kappa / mu: nu 0.475
 constexpr double far_from_1 = 0.3;              // |J - 1|; patches hold their volume, points only nearly
 constexpr double volume_poor = 0.01, volume_wrong = 0.2;
@@ -210,7 +210,7 @@ void Guards::check_points(const ForceSystem::Sweep& sweep, const Moment& now) {
           "--depth";
       throw SolveError(report);
     }
-    find({report, sweep.J_min});
+    find({report, sweep.J_min, share < inverted_minor});
   }
   if (const double share = far_volume / whole; share > volume_poor) {
     Report report = {

@@ -21,6 +21,7 @@ constexpr int most_retries = 3;  ///< that a guard asks for, of one run or step 
 struct Finding {
   Report report;
   double worst = 0.0;
+  bool is_minor = false;  ///< it changes no result but those at the place named
 };
 
 /// The last good state was taken up again.

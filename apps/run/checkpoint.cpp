@@ -46,8 +46,8 @@ void members(Archive& io, T& report) {
 
 template <class Archive, Like<Finding> T>
 void members(Archive& io, T& finding) {
-  auto& [report, worst] = finding;
-  io(report, worst);
+  auto& [report, worst, is_minor] = finding;
+  io(report, worst, is_minor);
 }
 
 template <class Archive, Like<Retry> T>

@@ -260,7 +260,7 @@ TissueOptions tissues_of(const Config& config, const std::map<std::string, int>&
 
 namespace {
 
-SegmentedBody body_of(const Config& config, const LabelImage& image, const std::vector<int>& labels,
+SegmentedBody body_of(const LabelImage& image, const std::vector<int>& labels,
                       const BoundaryOptions& boundary, const BodyChange& change) {
   return make_body_surface(image, labels,
                            {.indenter_diameter_mm = boundary.indenter_diameter_mm,
@@ -312,8 +312,7 @@ Organ read_organ(const Case& given, const ModelOptions& options, const RunLog& l
   log.begin(Part::surface, config);
   organ.options.boundary.voxel_mm = image.spacing().maxCoeff();
   result.voxel_edges_mm = image.to_world.linear();
-  organ.body =
-      std::make_shared<const SegmentedBody>(body_of(config, image, labels, options.boundary, given.change));
+  organ.body = std::make_shared<const SegmentedBody>(body_of(image, labels, options.boundary, given.change));
   const SegmentedBody& body = *organ.body;
   grade_to_size(body.surface, organ.options);
   result.stages.done("surface");
@@ -447,7 +446,7 @@ void cut_organ(const Config& config, const std::vector<TriangleMesh>& blades, co
 // The body without further labels, in the frame that it has with them.
 SegmentedBody without_labels(const Config& config, const LabelImage& image, const SegmentedBody& whole,
                              const Organ& organ) {
-  SegmentedBody rest = body_of(config, image, organ.labels, organ.options.boundary, {});
+  SegmentedBody rest = body_of(image, organ.labels, organ.options.boundary, {});
   const Eigen::Isometry3d to_frame = whole.surface.to_world().inverse() * rest.surface.to_world();
   BodySurface surface((to_frame * rest.surface.vertex().colwise().homogeneous()).eval(),
                       rest.surface.triangles(), whole.surface.to_world());

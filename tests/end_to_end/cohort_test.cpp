@@ -416,7 +416,8 @@ TEST_F(Batch, IsCollectedUnderTheNamesOfBids) {
   EXPECT_EQ(description.at("GeneratedBy").at(0).at("Name"), "Dimple");
   const std::string tsv = text_of(folder / "bids/sub-01/sub-01_desc-indentation_force.tsv");
   EXPECT_EQ(tsv.substr(0, tsv.find('\n')),
-            "time_s\tindentation_mm\tforce_N\tbase_force_N\tforce_x_N\tforce_y_N\tforce_z_N\tmoment_x_Nm\t"
+            "time_s\tindentation_mm\tforce_N\tbase_force_N\timage_half_N\tforce_x_N\tforce_y_N\tforce_z_"
+            "N\tmoment_x_Nm\t"
             "moment_y_Nm\tmoment_z_Nm");
   const Json about = Json::parse(text_of(folder / "bids/sub-01/sub-01_desc-indentation_force.json"));
   EXPECT_EQ(about.at("force_N").at("Units"), "N");

@@ -115,7 +115,7 @@ TEST_F(Fit, OnALayerGivesItsModulusWhereTheFormulaOfAHalfSpaceIsFarTooHigh) {
 
 TEST_F(Fit, OfATouchingToolFindsTheModulusThatItsOwnRunWasGivenWithFrictionAndWithout) {
   for (const char* tool : {"sphere:5mm", "sphere:5mm --friction 0.3 --set solver.tolerance=1e-5",
-                           "capsule:3mm,length=20mm --friction stick"}) {
+                           "capsule:3mm,length=20mm --friction stick --set solver.tolerance=1e-5"}) {
     SCOPED_TRACE(tool);
     const std::string scene = std::string(" --nodes 400 --time quasi-static --tool ") + tool;
     good("run " + block + " -o made --force --write force --mu 1Pa --depth 2mm --band off" + scene);

@@ -2,12 +2,14 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <csignal>
 #include <cstring>
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <regex>
 #include <set>
+#include <sstream>
 #include <thread>
 
 #include "io/label_image.hpp"
@@ -35,6 +37,22 @@ class Run : public InFolder {
     const std::string text = text_of(folder / out / "force.csv");
     EXPECT_EQ(text.rfind("time_s,indentation_mm,force_N", 0), 0u) << text;
     return text;
+  }
+  /// force.csv without the column of the image, which a model's files do not hold.
+  std::string without_image_error(const std::string& out) const {
+    std::istringstream lines(force(out));
+    std::string result;
+    std::ptrdiff_t column = -1;
+    for (std::string line; std::getline(lines, line);) {
+      std::vector<std::string> field;
+      std::istringstream fields(line);
+      for (std::string text; std::getline(fields, text, ',');) field.push_back(text);
+      if (column < 0) column = std::find(field.begin(), field.end(), "image_half_N") - field.begin();
+      field.erase(field.begin() + column);
+      for (std::size_t k = 0; k < field.size(); ++k) result += (k > 0 ? "," : "") + field[k];
+      result += '\n';
+    }
+    return result;
   }
   double last_force(const std::string& out) const {
     return read_csv(folder / out / "force.csv").find("force_N")->back();
@@ -86,10 +104,10 @@ TEST_F(Run, IsModelAndSolveBitForBit) {
   good("model brain.nrrd -o model" + cloud);
   good("solve model -o two_steps" + load);
   good("run brain.nrrd -o one_step" + cloud + load);
-  EXPECT_EQ(force("two_steps"), force("one_step"));
+  EXPECT_EQ(force("two_steps"), without_image_error("one_step"));
   EXPECT_EQ(text_of(folder / "model" / "nodes.vtu"), text_of(folder / "one_step" / "model" / "nodes.vtu"));
   good("solve one_step/model -o again" + load);
-  EXPECT_EQ(force("again"), force("one_step"));
+  EXPECT_EQ(force("again"), without_image_error("one_step"));
 }
 
 TEST_F(Run, IsRepeatedBitForBitByTheConfigurationItWrote) {
@@ -111,7 +129,9 @@ const std::string slow_load = " --depth 1mm --frames 4 --write force,picture";
 TEST_F(Run, TellsItsForceWithItsBand) {
   const Ran ran = good("run brain.nrrd -o out --nodes 1000" + slow_load);
   std::smatch told;
-  const std::regex line("([0-9.]+) mN at 1.00 mm, ([0-9.]+) to ([0-9.]+) \\(discretisation\\)\tout\n");
+  const std::regex line(
+      "([0-9.]+) mN at 1.00 mm, ([0-9.]+) to ([0-9.]+) \\(discretisation\\), \\+- [0-9.]+ \\(image "
+      "resolution\\)\tout\n");
   ASSERT_TRUE(std::regex_match(ran.out, told, line)) << ran.out;
   const Table curve = read_csv(folder / "out" / "force.csv");
   ASSERT_NE(curve.find("low_N"), nullptr);
@@ -203,10 +223,10 @@ TEST_F(Run, RestsOnItsBaseWithTheForceThatTheToolFeels) {
 TEST_F(Run, OfTheDefaultPhantomGivesTheForceThatTheReadmeShows) {
   good("phantom default.nrrd");
   const Ran ran = good("run default.nrrd -o out --band off --write force");
-  EXPECT_NE(ran.out.find("75.4 mN at 8.00 mm"), std::string::npos) << ran.out;
-  EXPECT_NEAR(summary("out").at("force_N").get<double>(), 0.0754, 5e-5);
+  EXPECT_NE(ran.out.find("76.5 mN at 8.00 mm"), std::string::npos) << ran.out;
+  EXPECT_NEAR(summary("out").at("force_N").get<double>(), 0.0765, 5e-5);
   EXPECT_EQ(summary("out").at("counts").at("nodes"), 1500);
-  EXPECT_NE(text_of(fs::path(DIMPLE_SOURCE) / "README.md").find("75.4 mN at 8.00 mm"), std::string::npos);
+  EXPECT_NE(text_of(fs::path(DIMPLE_SOURCE) / "README.md").find("76.5 mN at 8.00 mm"), std::string::npos);
 }
 
 TEST_F(Run, ForAnAccuracyIsThatOfTheFewestNodesOfItsRefinement) {
@@ -234,12 +254,12 @@ TEST_F(Run, ForAnAccuracyIsThatOfTheFewestNodesOfItsRefinement) {
 }
 
 TEST_F(Run, ForAnAccuracyThatFinerCloudsCannotReachHasTheBandOfTheCoarserOnes) {
-  good("phantom small.nrrd --size 50,68,25 --spacing 1.5");
+  good("phantom small.nrrd --size 52,70,26 --spacing 1.5");
   const Ran ran = good("run small.nrrd -o out --accuracy 5% --write force");
   const Json told = summary("out"), levels = told.at("ladder");
   ASSERT_GE(levels.size(), 2u) << ran.err;
-  EXPECT_TRUE(ran.err.find("with 2000 nodes: the tissue gave way") != std::string::npos ||
-              ran.err.find("with 2000 nodes: no equilibrium was found") != std::string::npos)
+  EXPECT_TRUE(ran.err.find("with 4000 nodes: the tissue gave way") != std::string::npos ||
+              ran.err.find("with 4000 nodes: no equilibrium was found") != std::string::npos)
       << ran.err;
   EXPECT_NE(ran.err.find("was not reached: the error is +- "), std::string::npos) << ran.err;
   EXPECT_EQ(ran.err.find("half the error would take"), std::string::npos) << "finer clouds end";
@@ -395,7 +415,7 @@ TEST_F(Run, WritesWhatIsAskedForAndTheSameForce) {
   expected = always;
   expected.insert({"points", "points.pvd"});
   EXPECT_EQ(files("solved"), expected);
-  EXPECT_EQ(force("solved"), force("all"));
+  EXPECT_EQ(force("solved"), without_image_error("all"));
   good("run brain.nrrd -o all --force --write force" + cloud + load);
   EXPECT_EQ(files("all"), always) << "an earlier run's files are gone";
 }
@@ -418,7 +438,7 @@ void write_comb(const fs::path& file) {
 
 TEST_F(Run, HasTheFoldsOfAFoldedBodyTouchUnlessTheyAreToPassOrInertiaTakesPart) {
   write_comb(folder / "comb.nrrd");
-  const std::string scene = " --depth 1mm --frames 2";
+  const std::string scene = " --depth 2mm --frames 2";  // gaps up to twice the depth are watched
   good("run comb.nrrd -o touching --nodes 4000 --write model" + scene);
   const Json touching = summary("touching");
   EXPECT_GT(touching.at("self_contact").at("places").get<int>(), 100);
@@ -572,7 +592,8 @@ TEST_F(Run, LeavesAValidPartialResultWhenInterrupted) {
 TEST_F(Run, CanSlideUnderTheIndenterAndUseAQuadraticBasis) {
   good("run brain.nrrd -o bonded" + cloud + tables_alone);
   good("run brain.nrrd -o frictionless --contact frictionless" + cloud + tables_alone);
-  good("run brain.nrrd -o quadratic --basis quadratic" + cloud + tables_alone);
+  good("run brain.nrrd -o quadratic --basis quadratic --nodes 600" +
+       tables_alone);  // 500 nodes lie on too few quadrics
   for (const char* out : {"bonded", "frictionless", "quadratic"}) {
     EXPECT_EQ(summary(out).at("status"), "finished") << out;
     EXPECT_GT(last_force(out), 0.0) << out;

@@ -228,9 +228,9 @@ TEST_F(Terminal, WordsOfTheFieldLeadToTheOptionThatIsMeant) {
   EXPECT_THAT(dimple(folder, "run a.nrrd -o out --base botom").err, HasSubstr("'botom' is not a side"));
   const Ran far = dimple(folder, "run a.nrrd -o out --indent-at 0,0,100");
   EXPECT_EQ(far.code, 4);
-  EXPECT_THAT(far.err, HasSubstr("lies 69.3 mm from where the circle meets the organ"));
+  EXPECT_THAT(far.err, HasSubstr("lies 69.7 mm from where the circle meets the organ"));
   EXPECT_THAT(dimple(folder, "model a.nrrd -o model --nodes 300 --indent-at 0,0,38").err,
-              HasSubstr("was moved by 7.3 mm"));
+              HasSubstr("was moved by 7.7 mm"));
 }
 
 TEST_F(Terminal, ALabelIsFoundByItsNameInTheUsualNumberings) {

@@ -112,7 +112,7 @@ TEST(ToolThatTouches, WhatSticksGoesBackToWhereItWas) {
   ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 -q").code, 0);
   const Ran ran =
       dimple(folder,
-             "run block.nrrd -o out --tool sphere:5mm --friction stick --nodes 1000 --write force "
+             "run block.nrrd -o out --tool sphere:5mm --friction stick --nodes 1500 --write force "
              "--band off -q --set step.press.move=2mm --set step.slide.move=2,0,0 --set "
              "step.back.move=-2,0,0");
   ASSERT_EQ(ran.code, 0) << ran.err;

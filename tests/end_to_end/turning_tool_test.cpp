@@ -21,7 +21,7 @@ using Json = nlohmann::json;
 using testing::HasSubstr;
 
 const std::string scene =
-    "run block.nrrd -q --base inferior --indent-at 0,0,top --nodes 500 --mu 2kPa --band off --frames 2 "
+    "run block.nrrd -q --base inferior --indent-at 0,0,top --nodes 700 --mu 2kPa --band off --frames 2 "
     "--set step.press.move=1.5mm";
 const std::string rod = " --tool capsule:3mm,length=30mm";
 

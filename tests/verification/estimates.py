@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Which default runs have an error estimate: images of folders and bodies drawn at random, with each tool.
+"""Which default runs have both error estimates: images of folders and bodies drawn at random, with each tool.
 
     estimates.py PROGRAM IMAGE_OR_FOLDER... [--random COUNT] [--tools circle,sphere:5mm] > results/estimates.csv
 
 A row is a run without options but the tool: its force, the half-width of its error estimate or the reason why it has
-none. A random body is a lump of three ellipsoids, 30 to 300 mm long and some of them flat; body N follows from N alone.
+none, and the half-width of the error by the image's resolution. A random body is a lump of three ellipsoids, 30 to 300 mm long and some of them flat; body N follows from N alone.
 """
 import argparse
 import csv
@@ -66,11 +66,12 @@ def run(program, image, tool, folder):
         with open(os.path.join(folder, "summary.json"), encoding="utf-8") as file:
             summary = json.load(file)
     except FileNotFoundError:
-        return [done.returncode, "", "", "", done.stderr.strip().split("\n")[0], f"{seconds:.0f}"]
+        return [done.returncode, "", "", "", "", done.stderr.strip().split("\n")[0], f"{seconds:.0f}"]
     band, force = summary.get("band", {}), summary.get("force_N", 0.0)
-    known = "half_N" in band
+    known, image_half = "half_N" in band, summary.get("image_error", {}).get("half_N")
     return [done.returncode, summary.get("counts", {}).get("nodes", ""), force,
-            f"{100.0 * band['half_N'] / force:.1f}" if known and force else "", band.get("unknown", ""), f"{seconds:.0f}"]
+            f"{100.0 * band['half_N'] / force:.1f}" if known and force else "",
+            f"{100.0 * image_half / force:.1f}" if image_half is not None and force else "", band.get("unknown", ""), f"{seconds:.0f}"]
 
 
 def main():
@@ -81,7 +82,8 @@ def main():
     parser.add_argument("--tools", default="circle,sphere:5mm")
     given = parser.parse_args()
     out = csv.writer(sys.stdout, lineterminator="\n")
-    out.writerow(["image", "tool", "exit_code", "nodes", "force_N", "half_width_percent", "no_estimate", "seconds"])
+    out.writerow(["image", "tool", "exit_code", "nodes", "force_N", "half_width_percent", "image_half_width_percent",
+                  "no_estimate", "seconds"])
     with tempfile.TemporaryDirectory() as folder:
         images = list(images_of(given.places))
         for number in range(1, given.random + 1):
