@@ -126,7 +126,7 @@ TEST_F(GuardedRun, SaysThatTheCircleHasTooFewNodes) {
 
 // Deep below the sharp rim some points are inverted with every cloud; the force is right.
 TEST_F(GuardedRun, SaysThatPointsAtTheRimAreInsideOutAndGoesOn) {
-  const Ran ran = dimple(folder, "run block.nrrd -o out --nodes 300 --depth 18mm --frames 16");
+  const Ran ran = dimple(folder, "run block.nrrd -o out -v --nodes 300 --depth 18mm --frames 16");
   EXPECT_EQ(ran.code, 0) << ran.err;
   const Json s = summary("out");
   EXPECT_EQ(s.at("status"), "finished");

@@ -65,9 +65,13 @@ TEST_F(Places, OnEachSideAreTakenWithTheBaseBesideThemAndTheWayFromThere) {
                                         push[2].get<double>());
     EXPECT_THAT(good(place + base + way).err, HasSubstr("asked for; moved 0.0 mm"));
     if (side.at("from") == "superior") continue;
-    ++others;
+    // From above it stands on a slope that is too steep, or nearly so.
     const Ran ran = dimple(folder, place);
-    EXPECT_NE(ran.code, 0);
+    if (ran.code == 0) {
+      EXPECT_THAT(ran.err, HasSubstr("little room"));
+      continue;
+    }
+    ++others;
     EXPECT_THAT(ran.err, HasSubstr("hangs over the organ's edge"));
   }
   EXPECT_GE(others, 2);
