@@ -27,12 +27,14 @@ Mat3 as_matrix(const SecondMoments& moments, Index q) {
   return about;
 }
 
+void set_moments(SecondMoments& moments, Index q, const Mat3& about) {
+  moments.col(q) << about(0, 0), about(1, 1), about(2, 2), about(0, 1), about(1, 2), about(2, 0);
+}
+
 SecondMoments turned(const SecondMoments& moments, const Mat3& R) {
   SecondMoments result(6, moments.cols());
-  for (Index q = 0; q < moments.cols(); ++q) {
-    const Mat3 about = R * as_matrix(moments, q) * R.transpose();
-    result.col(q) << about(0, 0), about(1, 1), about(2, 2), about(0, 1), about(1, 2), about(2, 0);
-  }
+  for (Index q = 0; q < moments.cols(); ++q)
+    set_moments(result, q, R * as_matrix(moments, q) * R.transpose());
   return result;
 }
 

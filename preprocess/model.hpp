@@ -21,8 +21,9 @@ struct CompressedRows {
 /// Symmetric 3x3 matrices, one a column: xx, yy, zz, xy, yz, zx.
 using SecondMoments = Eigen::Matrix<double, 6, Eigen::Dynamic>;
 
-/// Column q as a matrix; and all of them after the rotation R, R S R^T.
+/// Column q as a matrix, and the matrix as column q; and all of them after the rotation R, R S R^T.
 Mat3 as_matrix(const SecondMoments& moments, Index q);
+void set_moments(SecondMoments& moments, Index q, const Mat3& about);
 SecondMoments turned(const SecondMoments& moments, const Mat3& R);
 
 /// A coarser space for the change of volume: overlapping patches, each with a part in the points around it.

@@ -2,6 +2,8 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+
 #include "apps/run/archive.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
@@ -11,7 +13,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* format = "dimple checkpoint 16";
+constexpr const char* format = "dimple checkpoint 17";
+constexpr std::size_t digest_length = 64;  // SHA-256 in hexadecimal, behind the rest
 
 }  // namespace
 
@@ -99,19 +102,29 @@ void members(Archive& io, T& checkpoint) {
 
 void write_checkpoint(const fs::path& file, const Checkpoint& checkpoint) {
   const std::vector<std::uint8_t> bytes = to_bytes(format, checkpoint);
-  write_file(file, {reinterpret_cast<const char*>(bytes.data()), bytes.size()});
+  std::string content(bytes.begin(), bytes.end());
+  content += sha256(content);
+  write_file(file, content);
 }
 
 Checkpoint read_checkpoint(const fs::path& file) {
-  const std::string content = read_file(file);
+  const auto refuse = [&](const std::string& why) {
+    throw InputError({.fact = fmt::format("{} cannot be read", file.string()),
+                      .where = "--resume",
+                      .why = why,
+                      .remedy = "start the run anew with --force"});
+  };
+  std::string content = read_file(file);
+  const std::size_t length = content.size() - std::min(content.size(), digest_length);
+  const std::string digest = content.substr(length);
+  content.resize(length);
+  if (sha256(content) != digest)
+    refuse("it is damaged, or no checkpoint of this version: its checksum differs");
   Checkpoint checkpoint;
   try {
     from_bytes(format, content, checkpoint);
   } catch (const std::exception& error) {
-    throw InputError({.fact = fmt::format("{} cannot be read", file.string()),
-                      .where = "--resume",
-                      .why = fmt::format("it is no checkpoint of this version: {}", error.what()),
-                      .remedy = "start the run anew with --force"});
+    refuse(fmt::format("it is no checkpoint of this version: {}", error.what()));
   }
   return checkpoint;
 }

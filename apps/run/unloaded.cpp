@@ -110,13 +110,8 @@ void unload_cells(const Discretisation& imaged, const std::vector<Mat3>& F, Disc
     if (!(J > 0.0)) continue;  // turned inside out: as the image has it
     places.volume[q] = imaged.volume[q] / J;
     if (imaged.second_moments.cols() == 0) continue;
-    const auto m = imaged.second_moments.col(q);
-    Mat3 spread;
-    spread << m[0], m[3], m[4], m[3], m[1], m[5], m[4], m[5], m[2];
     const Mat3 back = loaded.inverse();
-    spread = back * spread * back.transpose();
-    places.second_moments.col(q) << spread(0, 0), spread(1, 1), spread(2, 2), spread(0, 1), spread(0, 2),
-        spread(1, 2);
+    set_moments(places.second_moments, q, back * as_matrix(imaged.second_moments, q) * back.transpose());
   }
 }
 

@@ -405,8 +405,7 @@ IntegrationGrid make_graded_grid(const BodySurface& body, const GridOptions& opt
     const Mat3 about = part.second / part.volume - x * x.transpose();
     grid.point.col(q) = x;
     grid.volume[q] = part.volume * correction;
-    grid.second_moments.col(q) << about(0, 0), about(1, 1), about(2, 2), about(0, 1), about(1, 2),
-        about(2, 0);
+    set_moments(grid.second_moments, q, about);
     grid.label[q] = part.label;
   }
   return grid;

@@ -155,8 +155,7 @@ double distance_to(const std::vector<std::pair<Vec3, Vec3>>& edges, const Vec3& 
 void put(Model& model, Index q, const Part& part, double volume) {
   model.point.col(q) = part.middle;
   model.volume[q] = part.share * volume;
-  model.second_moments.col(q) << part.about(0, 0), part.about(1, 1), part.about(2, 2), part.about(0, 1),
-      part.about(1, 2), part.about(2, 0);
+  set_moments(model.second_moments, q, part.about);
 }
 
 // The places of a cut model, without its supports; and the point of the model before that each is a part of.

@@ -69,13 +69,14 @@ ContactSurface wall_surface(const Model& model, const MayTouch& may_touch, Index
   PiecesOfSamples cells;
   std::vector<double> spacing;
   double coarse = 0.0;
+  const Vec3 corner = model.X.rowwise().minCoeff();  // counted from there one cell holds all at last
   for (double edge = 0.0;; edge = edge > 0.0 ? 1.2 * edge : model.spacing.minCoeff()) {
     stop_if_asked();
     std::map<std::array<Index, 5>, std::vector<Index>> joined;
     for (const auto& [key, own] : of_node) {
       std::array<Index, 5> at{0, 0, 0, key[0], key[1]};
       if (edge > 0.0) {
-        const Vec3 x = model.X.col(key[0]) / edge, n = area.col(own.front());
+        const Vec3 x = (model.X.col(key[0]) - corner) / edge, n = area.col(own.front());
         Index side = 0;
         n.cwiseAbs().maxCoeff(&side);
         at = {static_cast<Index>(std::floor(x.x())), static_cast<Index>(std::floor(x.y())),

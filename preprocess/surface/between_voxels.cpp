@@ -16,10 +16,9 @@ constexpr double at_edges = 0.2;    // of the reach: how far the surface moves o
 // Moves each vertex to the mean of its neighbours, over and over, but no farther than `reach` from where it
 // began (Gibson, Constrained elastic surface nets, MICCAI 1998), and only as far as `share`, in [0, 1], lets
 // it. Averaging also shrinks what is round; that part of the motion is smooth and is taken back.
-void relax_partly(TriangleMesh& surface, const std::vector<double>& share, int sweeps, double reach) {
+void relax_partly(TriangleMesh& surface, const CompressedRows& next, std::vector<int> order,
+                  const std::vector<double>& share, int sweeps, double reach) {
   constexpr double least_share = 1e-3;
-  const CompressedRows next = next_corners(surface);
-  std::vector<int> order = by_neighbours(next);
   std::erase_if(order, [&](int v) { return share[static_cast<std::size_t>(v)] < least_share; });
   const auto partly = [&](const Quads& value, Index v) -> Eigen::Vector4d {
     const double half = 0.5 * share[static_cast<std::size_t>(v)];
@@ -63,11 +62,13 @@ void keep_volume(TriangleMesh& surface, double volume_mm3, const std::vector<dou
 void place_between_voxels(TriangleMesh& surface, const VoxelSet& body, const Mat3& voxel_to_local,
                           const BetweenVoxels& how) {
   std::vector<double> open(static_cast<std::size_t>(surface.vertex.cols()), 1.0);
-  relax_partly(surface, open, first_sweeps, how.reach_mm);
+  const CompressedRows next = next_corners(surface);
+  const std::vector<int> order = by_neighbours(next);
+  relax_partly(surface, next, order, open, first_sweeps, how.reach_mm);
   const std::vector<double> determined =
       fit_to_boundary_faces(surface, body, voxel_to_local, how.step_mm, how.outward_mm);
   std::transform(determined.begin(), determined.end(), open.begin(), [](double d) { return 1.0 - d; });
-  relax_partly(surface, open, further_sweeps, how.reach_mm);
+  relax_partly(surface, next, order, open, further_sweeps, how.reach_mm);
   keep_volume(surface, how.volume_mm3, open, at_edges * how.reach_mm);
 }
 

@@ -1,12 +1,14 @@
 #include "preprocess/surface/boundary_fit.hpp"
 
 #include <tbb/parallel_for.h>
+#include <tbb/parallel_sort.h>
 
 #include <Eigen/Cholesky>
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
 #include <optional>
 #include <span>
 #include <tuple>
@@ -203,11 +205,17 @@ class Fitter {
   struct Near {
     Lanes u, v, h, weight, out_u, out_v, out_h;
   };
+  // How far some faces are above the quadric, and what they count.
+  struct Compared {
+    Lanes h, weight;
+  };
+  struct Agreement {
+    Lanes misfit = Lanes::Zero(), agreeing = Lanes::Zero(), all = Lanes::Zero();
+  };
   // Sums over faces for the normal equations of a change of the quadric.
   struct Sums {
     std::array<Lanes, 15> moment;  // of 1, u, v, u^2, uv, v^2, u^3, u^2 v, u v^2, v^3, u^4, ...
     std::array<Lanes, 6> load;
-    Lanes misfit = Lanes::Zero(), agreeing = Lanes::Zero(), all = Lanes::Zero();
     Sums() { moment.fill(Lanes::Zero()), load.fill(Lanes::Zero()); }
   };
   static double sum(const Lanes& value) { return value.cast<double>().sum(); }
@@ -242,8 +250,8 @@ class Fitter {
   }
 
   // `c`: the quadric with lengths in windows. `slack`, `floor2`: in windows, and squared.
-  static void add(Sums& sums, const Near& f, const std::array<float, 6>& c, float slack, float floor2,
-                  float wrong_side) {
+  static Compared compare(Agreement& sums, const Near& f, const std::array<float, 6>& c, float slack,
+                          float floor2, float wrong_side) {
     const Lanes height = c[0] + f.u * (c[1] + c[3] * f.u + c[4] * f.v) + f.v * (c[2] + c[5] * f.v);
     const Lanes slope_u = c[1] + 2.0f * c[3] * f.u + c[4] * f.v,
                 slope_v = c[2] + c[4] * f.u + 2.0f * c[5] * f.v;
@@ -256,8 +264,11 @@ class Fitter {
     sums.agreeing += agreeing;
     const Lanes precision = agreeing / (along * along + floor2);
     sums.misfit += precision * r * r;
-    const Lanes p = precision / length2, h = f.h - height;
-    const Lanes &u = f.u, &v = f.v;
+    return {f.h - height, precision / length2};
+  }
+
+  static void add(Sums& sums, const Near& f, const Compared& compared) {
+    const Lanes &u = f.u, &v = f.v, &p = compared.weight, &h = compared.h;
     const Lanes pu = p * u, pv = p * v, uu = u * u, uv = u * v, vv = v * v, puu = p * uu, puv = p * uv,
                 pvv = p * vv;
     const std::array<Lanes, 15> moment = {p,        pu,       pv,       puu,      puv,
@@ -272,6 +283,7 @@ class Fitter {
   // they disagree with each other. All but `fit` stays in windows.
   bool improve(Fit& fit, bool first) const {
     thread_local std::vector<Near> near;
+    thread_local std::vector<Compared> compared;
     gather(fit, near);
     const double w = fit.window;
     Vec6 scale;
@@ -282,14 +294,18 @@ class Fitter {
     const double across =
         Vec3(normal.dot(outward_[0]), normal.dot(outward_[2]), normal.dot(outward_[4])).norm();
     const double floor = rules.floor * unit_ / w;
-    Sums sums;
+    Agreement agreement;
+    compared.clear();
     for (const Near& f : near)
-      add(sums, f, c, static_cast<float>(rules.slack * across / w), static_cast<float>(floor * floor),
-          static_cast<float>(rules.wrong_side * unit_ / w));
+      compared.push_back(compare(agreement, f, c, static_cast<float>(rules.slack * across / w),
+                                 static_cast<float>(floor * floor),
+                                 static_cast<float>(rules.wrong_side * unit_ / w)));
 
     constexpr double least_weight = 3.0;  // of the faces in all, each at most 1
-    const double agreeing = sum(sums.agreeing), outside = first ? rules.outside_first : rules.outside;
-    if (!(agreeing > (1.0 - outside) * sum(sums.all)) || agreeing < least_weight) return false;
+    const double agreeing = sum(agreement.agreeing), outside = first ? rules.outside_first : rules.outside;
+    if (!(agreeing > (1.0 - outside) * sum(agreement.all)) || agreeing < least_weight) return false;
+    Sums sums;
+    for (std::size_t k = 0; k < near.size(); ++k) add(sums, near[k], compared[k]);
     std::array<double, 15> m;
     for (std::size_t i = 0; i < 15; ++i) m[i] = sum(sums.moment[i]);
     Mat6 A;
@@ -304,7 +320,7 @@ class Fitter {
     for (int i = 0; i < 6; ++i) b[i] = sum(sums.load[static_cast<std::size_t>(i)]);
     const Vec6 change = A.ldlt().solve(b);
     constexpr double of_rounding = 1.0 / 12.0;  // variance of what is spread evenly over a voxel's edge
-    if (sum(sums.misfit) - change.dot(b) > rules.misfit * of_rounding * agreeing) return false;
+    if (sum(agreement.misfit) - change.dot(b) > rules.misfit * of_rounding * agreeing) return false;
     fit.c += scale.cwiseProduct(change);
     return true;
   }
@@ -342,22 +358,26 @@ Vertices vertices_of(const TriangleMesh& surface, double outward) {
 // nearest to their mean.
 std::vector<std::size_t> seeds_among(const Vertices& vertices, double edge) {
   struct Candidate {
-    std::array<int, 4> cell;
+    std::uint64_t cell;  // three coordinates in 20 bits each, and the direction
     std::size_t vertex;
     bool operator<(const Candidate& other) const {
       return std::tie(cell, vertex) < std::tie(other.cell, other.vertex);
     }
   };
+  constexpr std::uint64_t bits = 20, middle = std::uint64_t{1} << (bits - 1), most = (middle << 1) - 1;
   std::vector<Candidate> candidates;
   for (std::size_t v = 0; v < vertices.place.size(); ++v) {
     if (vertices.covered[v]) continue;
     Index axis = 0;
     vertices.normal[v].cwiseAbs().maxCoeff(&axis);
-    const Eigen::Array3i c = (vertices.place[v] / edge).array().floor().cast<int>();
+    std::uint64_t cell = 0;
+    for (const double x : vertices.place[v])
+      cell = (cell << bits) +
+             ((static_cast<std::uint64_t>(static_cast<std::int64_t>(std::floor(x / edge))) + middle) & most);
     candidates.push_back(
-        {{c[0], c[1], c[2], static_cast<int>(2 * axis) + (vertices.normal[v][axis] > 0.0 ? 1 : 0)}, v});
+        {(cell << 3) + static_cast<std::uint64_t>(2 * axis + (vertices.normal[v][axis] > 0.0 ? 1 : 0)), v});
   }
-  std::sort(candidates.begin(), candidates.end());
+  tbb::parallel_sort(candidates.begin(), candidates.end());
   std::vector<std::size_t> seeds;
   for (auto begin = candidates.begin(), end = begin; begin != candidates.end(); begin = end) {
     Vec3 mean = Vec3::Zero();

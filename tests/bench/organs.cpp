@@ -107,8 +107,8 @@ std::vector<Body> bodies(const fs::path& data) {
   add_file("heart", "heart_ct_1.5mm.nii.gz", {}, "26.308587,-165.268872,714.798895");
   add_file("liver", "abdomen_mr_3mm.nii.gz", {5}, "-95.399296,-33.354610,27.513709");
   add_file("right_lung", "lung_ct_aniso.mha", {}, "2.357415,-115.842175,-1245.037788");
-  add_file("chest_right_lung", "chest_ct_10mm.seg.nrrd", {5});
-  add_file("human_brain", "human_brain_mri_2mm.nrrd", {});
+  add_file("chest_right_lung", "chest_ct_10mm.seg.nrrd", {5}, "4.4,-61.4,-149.4");
+  add_file("human_brain", "human_brain_mri_2mm.nrrd", {}, "-15.0,5.7,-46.6");
   return list;
 }
 

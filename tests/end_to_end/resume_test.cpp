@@ -140,6 +140,12 @@ TEST_F(Resume, OfACheckpointThatIsDamagedIsRefused) {
     std::ofstream(checkpoint, std::ios::binary) << whole.substr(0, length);
     refused(3, slow + " --resume", {"checkpoint.cbor", "cannot be read", "--force"});
   }
+  for (std::size_t k = 0; k < 25; ++k) {
+    std::string flipped = whole;
+    flipped[k * (whole.size() - 1) / 24] ^= static_cast<char>(1 << k % 8);
+    std::ofstream(checkpoint, std::ios::binary) << flipped;
+    refused(3, slow + " --resume", {"checkpoint.cbor", "cannot be read", "checksum", "--force"});
+  }
   std::ofstream(checkpoint, std::ios::binary) << whole;
   fs::remove(folder / "out" / "nodes" / "nodes_0000.vtu");
   refused(6, slow + " --resume", {"nodes_0000.vtu has disappeared", "--force"});

@@ -92,6 +92,15 @@ TEST(Wall, ThatTheToolGoesThroughIsWarnedOfUnlessItIsOpenThere) {
   EXPECT_EQ(said(lid + "20").find(through), std::string::npos);
 }
 
+// The body lies around the origin, where cells of a grid counted from there never join to fewer than eight.
+TEST(Wall, MayTouchInAsFewPlacesAsAreAskedFor) {
+  const fs::path folder = fresh_folder();
+  const Json summary = walled(folder, body, "-q --wall around:0.2mm --set wall.wall.places=10", "few");
+  EXPECT_LE(summary["walls"]["wall"]["places"].get<int>(), 10);
+  EXPECT_TRUE(std::isfinite(summary["walls"]["wall"]["largest_penetration_mm"].get<double>()));
+  EXPECT_GT(summary["force_N"].get<double>(), 0.0);
+}
+
 TEST(Wall, OfALabelHoldsBackItsNeighbourThatIsPressedFromTheSide) {
   const fs::path folder = fresh_folder();
   const std::string lower = "-q --label 1 --base left ";  // label 2 lies on label 1

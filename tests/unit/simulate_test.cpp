@@ -10,6 +10,7 @@
 #include <array>
 #include <filesystem>
 #include <iostream>
+#include <numbers>
 #include <stdexcept>
 #include <thread>
 
@@ -109,6 +110,26 @@ TEST(Simulate, FindsTheShapeWithoutLoadsFromWhichTheyBringABodyBackToItsImage) {
     EXPECT_THROW(simulate(again), UsageError) << "which part is on the left was decided on the image";
     EXPECT_NE(unloaded.history.force.back().force, as_it_is.history.force.back().force);
   }
+}
+
+// Cells of a turned body have second moments off the diagonal.
+TEST(Simulate, FindsTheSameShapeWithoutLoadsHoweverTheBodyIsTurned) {
+  const LabelImage straight = make_phantom({.shape = "block", .size_mm = {50, 50, 30}, .spacing_mm = 2.5});
+  const auto force = [&](const Mat3& turn) {
+    LabelImage image = straight;
+    image.to_world = Eigen::Affine3d(turn) * straight.to_world;
+    Case given = small_case();
+    given.image = &image;
+    const auto words = [](const Vec3& x) { return fmt::format("{:.15g},{:.15g},{:.15g}", x[0], x[1], x[2]); };
+    given.config.material.mu_Pa = 600.0;
+    given.config.boundary.base = words(turn * -Vec3::UnitZ());
+    given.config.load.gravity = words(turn * Vec3(1.0, 2.0, -9.0));
+    given.config.load.imaged = "loaded";
+    return simulate(given).history.force.back().force;
+  };
+  const Mat3 turn = Eigen::AngleAxisd(std::numbers::pi / 6.0, Vec3(2.0, 1.0, 2.0).normalized()).toRotationMatrix();
+  const double as_it_is = force(Mat3::Identity());
+  EXPECT_NEAR(force(turn), as_it_is, 2e-4 * as_it_is);
 }
 
 TEST(Simulate, ChoosesWhereLoadsActOnTheImageOfABodyThatWasImagedUnderThem) {

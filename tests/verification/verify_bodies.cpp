@@ -128,7 +128,7 @@ LatticeBody make_lattice(const Lattice& lattice) {
     const Mat3 s = part.second / part.volume - x * x.transpose();
     places.point.col(q) = x;
     places.volume[q] = part.volume;
-    places.second_moments.col(q) << s(0, 0), s(1, 1), s(2, 2), s(0, 1), s(1, 2), s(2, 0);
+    set_moments(places.second_moments, q, s);
   }
   // The six faces, a square of two triangles to each face of a cell on them.
   std::vector<Vec3> corner;
