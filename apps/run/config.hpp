@@ -18,11 +18,11 @@ namespace dimple {
 struct Config {
   struct Image {
     std::string file;
-    std::vector<std::string> label;    ///< numbers or names; empty: all foreground
-    std::string label_names;           ///< table of names, or empty
-    double close_mm = 0.0;             ///< gaps narrower than this are closed
-    std::string cut;                   ///< see cuts.hpp
-    double cut_gap_mm = 0.5;           ///< between the banks of a cut
+    std::vector<std::string> label;  ///< numbers or names; empty: all foreground
+    std::string label_names;         ///< table of names, or empty
+    double close_mm = 0.0;           ///< gaps narrower than this are closed
+    std::string cut;                 ///< see cuts.hpp
+    double cut_gap_mm = 0.5;         ///< between the banks of a cut
   } image;
   struct Scheme {
     std::string name{converging.name};
