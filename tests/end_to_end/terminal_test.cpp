@@ -89,8 +89,9 @@ TEST_F(Terminal, ANovicesRunIsATwelveLinesAtMost) {
     EXPECT_THAT(run.err, HasSubstr(word));
   for (const char* word : {"slivers", "conditioning", "waves", "residual"})
     EXPECT_THAT(run.err, Not(HasSubstr(word)));
-  EXPECT_THAT(run.out, testing::MatchesRegex(
-                           "[0-9.]+ mN at 8\\.00 mm, [0-9.]+ to [0-9.]+ \\(discretisation\\), \\+- [0-9.]+ \\(image resolution\\)\tout\n"));
+  EXPECT_THAT(run.out,
+              testing::MatchesRegex("[0-9.]+ mN at 8\\.00 mm, [0-9.]+ to [0-9.]+ \\(discretisation\\), \\+- "
+                                    "[0-9.]+ \\(image resolution\\)\tout\n"));
   expect_times_add_up(run.err);
   // What the person has waited for: all of it, and no more than passed.
   std::smatch total;
