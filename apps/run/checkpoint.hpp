@@ -26,9 +26,9 @@ struct Checkpoint {
   MarchState state;
 };
 
-/// In CBOR (RFC 8949), through write_file(). Throws OutputError.
+/// In CBOR (RFC 8949) with its SHA-256 in hexadecimal behind it, through write_file(). Throws OutputError.
 void write_checkpoint(const std::filesystem::path& file, const Checkpoint& checkpoint);
-/// Throws InputError: no file, or not one that write_checkpoint() has made.
+/// Throws InputError: no file, or not one that write_checkpoint() has made, bit for bit.
 Checkpoint read_checkpoint(const std::filesystem::path& file);
 
 /// Code of what require_same_run() throws.

@@ -127,7 +127,8 @@ TEST(Simulate, FindsTheSameShapeWithoutLoadsHoweverTheBodyIsTurned) {
     given.config.load.imaged = "loaded";
     return simulate(given).history.force.back().force;
   };
-  const Mat3 turn = Eigen::AngleAxisd(std::numbers::pi / 6.0, Vec3(2.0, 1.0, 2.0).normalized()).toRotationMatrix();
+  const Mat3 turn =
+      Eigen::AngleAxisd(std::numbers::pi / 6.0, Vec3(2.0, 1.0, 2.0).normalized()).toRotationMatrix();
   const double as_it_is = force(Mat3::Identity());
   EXPECT_NEAR(force(turn), as_it_is, 2e-4 * as_it_is);
 }
