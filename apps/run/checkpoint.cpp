@@ -101,10 +101,13 @@ void members(Archive& io, T& checkpoint) {
 }
 
 void write_checkpoint(const fs::path& file, const Checkpoint& checkpoint) {
-  const std::vector<std::uint8_t> bytes = to_bytes(format, checkpoint);
-  std::string content(bytes.begin(), bytes.end());
-  content += sha256(content);
-  write_file(file, content);
+  const auto text_of = [](const std::vector<std::uint8_t>& bytes) {
+    return std::string_view(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+  };
+  std::vector<std::uint8_t> bytes = to_bytes(format, checkpoint);
+  const std::string digest = sha256(text_of(bytes));
+  bytes.insert(bytes.end(), digest.begin(), digest.end());
+  write_file(file, text_of(bytes));
 }
 
 Checkpoint read_checkpoint(const fs::path& file) {

@@ -283,7 +283,10 @@ void find_jump(Result& result) {
 
 void keep_findings(const RunLog& log, Result& result) {
   for (const Finding& finding : result.history.guards)
-    finding.is_minor ? log.detail(in_words(finding)) : log.warn(in_words(finding));
+    if (finding.is_minor)
+      log.detail(in_words(finding));
+    else
+      log.warn(in_words(finding));
   result.findings.insert(result.findings.end(), result.history.guards.begin(), result.history.guards.end());
 }
 

@@ -48,6 +48,7 @@ class Run : public InFolder {
       std::istringstream fields(line);
       for (std::string text; std::getline(fields, text, ',');) field.push_back(text);
       if (column < 0) column = std::find(field.begin(), field.end(), "image_half_N") - field.begin();
+      if (column == std::ssize(field)) return "no column image_half_N";
       field.erase(field.begin() + column);
       for (std::size_t k = 0; k < field.size(); ++k) result += (k > 0 ? "," : "") + field[k];
       result += '\n';

@@ -4,7 +4,8 @@
     estimates.py PROGRAM IMAGE_OR_FOLDER... [--random COUNT] [--tools circle,sphere:5mm] > results/estimates.csv
 
 A row is a run without options but the tool: its force, the half-width of its error estimate or the reason why it has
-none, and the half-width of the error by the image's resolution. A random body is a lump of three ellipsoids, 30 to 300 mm long and some of them flat; body N follows from N alone.
+none, and the half-width of the error by the image's resolution. A random body is a lump of three ellipsoids, 30 to
+300 mm long and some of them flat; body N follows from N alone.
 """
 import argparse
 import csv
