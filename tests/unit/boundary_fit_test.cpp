@@ -159,5 +159,20 @@ TEST(BoundaryFit, LeavesVerticesWhereFacesDisagreeAndMovesNoneFarther) {
   }
 }
 
+// In a whole surface the volume, which is kept, would hide this.
+TEST(BoundaryFit, KeepsAContourAsFarOutsideOfTheFacesAsItWasDrawn) {
+  constexpr double radius = 12.0, outward = 0.5;
+  const LabelImage image = voxelised(ball(radius), radius, Vec3::Ones(), Vec3::Zero());
+  VoxelSet set = voxels_with(image, {});
+  const SegmentedBody body = make_body_surface(image, {});
+  set.first = {1, 1, 1};  // the body's frame begins two voxels before it
+  TriangleMesh mesh{body.surface.vertex(), body.surface.triangles()};
+  const Vec3 centre = mesh.vertex.rowwise().mean();
+  for (Index v = 0; v < mesh.vertex.cols(); ++v)
+    mesh.vertex.col(v) += outward * (mesh.vertex.col(v) - centre).normalized();
+  fit_to_boundary_faces(mesh, set, Mat3::Identity(), 1.0, outward);
+  EXPECT_NEAR((mesh.vertex.colwise() - centre).colwise().norm().mean(), radius + outward, 0.1);
+}
+
 }  // namespace
 }  // namespace dimple

@@ -48,5 +48,15 @@ TEST(CompressedRows, NothingTransposedIsEmptyColumns) {
   EXPECT_EQ(columns.member.size(), 0);
 }
 
+TEST(SecondMoments, AreReadAsTheyAreWrittenInTheOrderOfVtk) {
+  Mat3 about;
+  about << 1.0, 4.0, 6.0, 4.0, 2.0, 5.0, 6.0, 5.0, 3.0;
+  SecondMoments moments(6, 1);
+  set_moments(moments, 0, about);
+  for (Index k = 0; k < 6; ++k)
+    EXPECT_EQ(moments(k, 0), static_cast<double>(k + 1)) << "xx, yy, zz, xy, yz, zx";
+  EXPECT_EQ(as_matrix(moments, 0), about);
+}
+
 }  // namespace
 }  // namespace dimple
