@@ -833,7 +833,7 @@ class Words(InAFolder):
         for thing, pattern in (
             (model, r"Model: \d+ nodes, \d+ integration points, circle 10\.00 mm wide"),
             (pydimple.Organ(SAMPLE), r"Organ: 108 cm3, \d+ triangles"),
-            (pydimple.solve(model, depth_mm=2, frames=1), r"Result: " + force.format(2) + ", no error estimate: .*nodes=1000"),
+            (pydimple.solve(model, depth_mm=2, frames=1), r"Result: " + force.format(2) + r", no error estimate: .*\(nodes=1000\)"),
             (pydimple.Session(model), r"Session: \d+ nodes, 0 N at 0\.00 mm"),
             (frame, "Frame: " + force.format(1) + r", error [\d.]+ [mun]?N, there"),
             (pydimple.UsageError("no such thing"), "UsageError: no such thing"),
