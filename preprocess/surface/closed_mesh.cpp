@@ -211,6 +211,7 @@ bool is_closed(const Triangles& triangles, Index vertices) {
 }
 
 void separate_touching_sheets(TriangleMesh& mesh) {
+  if (is_closed(mesh.triangles, mesh.vertex.cols())) return;  // most are, and this is the faster test
   for (int pass = 0; pass < most_passes; ++pass) {
     stop_if_asked();
     const Pairs pairs = pairs_of(mesh);
