@@ -1,5 +1,7 @@
 #include "preprocess/surface/surface_cells.hpp"
 
+#include <tbb/parallel_invoke.h>
+
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
@@ -80,7 +82,12 @@ double distance2_to_triangle(const Vec3& p, const Vec3& a, const Vec3& b, const 
   return (ap - vb / all * ab - vc / all * ac).squaredNorm();
 }
 
-SurfaceCells::SurfaceCells(const Points& vertex, const Triangles& triangles) : boxes_(vertex, triangles) {
+SurfaceCells::SurfaceCells(const Points& vertex, const Triangles& triangles) {
+  tbb::parallel_invoke([&] { boxes_ = BoxTree(vertex, triangles); },
+                       [&] { sort_into_cells(vertex, triangles); });
+}
+
+void SurfaceCells::sort_into_cells(const Points& vertex, const Triangles& triangles) {
   const Index count = triangles.cols();
   corner_.resize(static_cast<std::size_t>(count));
   normal_.resize(3, count);

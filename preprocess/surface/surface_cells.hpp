@@ -65,6 +65,7 @@ class SurfaceCells {
     Vec3 a, b, c;
   };
   using Cell = Eigen::Array3i;
+  void sort_into_cells(const Points& vertex, const Triangles& triangles);
   Cell cell_of(const Vec3& x) const;
   std::optional<bool> inside_by_lines(const Vec3& x) const;
   bool in_grid(const Cell& c) const { return (c >= 0).all() && (c < n_).all(); }
