@@ -42,7 +42,10 @@ void refuse_too_many_grown(const Model& model) {
 Model make_model(Discretisation places, const Scheme& scheme, Eigen::VectorXi tissue,
                  const std::vector<double>& density, Stages* stages) {
   Stages here;
-  Model model{std::move(places), scheme, std::move(tissue), {}, {}, {}, {}, {}, {}, {}, {}};
+  Model model{std::move(places), scheme, std::move(tissue), {}, {}, {}, {}, {}, {}, {}, {}, {}};
+  model.density.resize(model.point_count());
+  for (Index q = 0; q < model.point_count(); ++q)
+    model.density[q] = density[static_cast<std::size_t>(model.tissue[q])];
   const std::shared_ptr<const Sight> sight = sight_in(model, scheme.support);
   here.done("sight");
   sight ? find_supports(model, *sight) : find_supports(model);
@@ -62,10 +65,7 @@ Model make_model(Discretisation places, const Scheme& scheme, Eigen::VectorXi ti
       },
       [&] {
         if (scheme.pressure_patches) make_pressure_patches(model, folded);
-        Eigen::VectorXd of_point(model.point_count());
-        for (Index q = 0; q < of_point.size(); ++q)
-          of_point[q] = density[static_cast<std::size_t>(model.tissue[q])];
-        model.mass = lumped_mass(model, of_point);
+        model.mass = lumped_mass(model, model.density);
       });
   give_back_memory();
   here.done("consistency, patches");

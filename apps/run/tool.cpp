@@ -126,10 +126,13 @@ std::shared_ptr<const ToolMesh> drawn_in(const std::filesystem::path& file) {
   static std::mutex one_at_a_time;
   static std::map<std::pair<std::string, std::filesystem::file_time_type>, std::shared_ptr<const ToolMesh>>
       known;
+  constexpr std::size_t most_known = 8;
   const std::lock_guard<std::mutex> lock(one_at_a_time);
   std::error_code missing;  // said by the reader
   const auto changed = std::filesystem::last_write_time(file, missing);
-  std::shared_ptr<const ToolMesh>& mesh = known[{std::filesystem::absolute(file).string(), changed}];
+  const std::pair key{std::filesystem::absolute(file).string(), changed};
+  if (known.size() >= most_known && !known.contains(key)) known.clear();
+  std::shared_ptr<const ToolMesh>& mesh = known[key];
   if (!mesh) {
     const SurfaceFile surface = read_surface_mesh(file);
     mesh = std::make_shared<const ToolMesh>(

@@ -1,6 +1,8 @@
 #include "solver/equilibrium/contact_step.hpp"
 
 #include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
 #include <vector>
 
 #include "io/stop.hpp"
@@ -8,12 +10,31 @@
 namespace dimple {
 namespace {
 
-constexpr int most_sets = 40;
+constexpr int most_sets = 40, most_sweeps = 2000;
+constexpr double converged_sweep = 1e-10;  // change of a force in a sweep, of the largest force
+
+// One force after the other, each as its own gap asks.
+template <class Stiffness>
+void sweep_until_still(const Stiffness& K, const Eigen::VectorXd& q, Eigen::VectorXd& lambda) {
+  lambda = lambda.cwiseMax(0.0).eval();
+  for (int sweep = 0; sweep < most_sweeps; ++sweep) {
+    stop_if_asked();
+    double change = 0.0;
+    for (Index s = 0; s < lambda.size(); ++s) {
+      double open = q[s];
+      for (Index t = 0; t < lambda.size(); ++t) open += K(s, t) * lambda[t];
+      const double force = std::max(0.0, lambda[s] - open / K(s, s));
+      change = std::max(change, std::abs(force - lambda[s]));
+      lambda[s] = force;
+    }
+    if (change <= converged_sweep * lambda.maxCoeff()) return;
+  }
+}
 
 }  // namespace
 
-ContactStep contact_step(const Eigen::MatrixXd& compliance, const Points& normal, const Eigen::VectorXd& gap,
-                         const Eigen::VectorXd& before) {
+Eigen::VectorXd contact_step(const Eigen::MatrixXd& compliance, const Points& normal,
+                             const Eigen::VectorXd& gap, const Eigen::VectorXd& before) {
   const Index count = gap.size();
   const auto K = [&](Index s, Index t) { return compliance(s, t) * normal.col(s).dot(normal.col(t)); };
   // The gaps without any force: q; then lambda >= 0, q + K lambda >= 0.
@@ -25,8 +46,8 @@ ContactStep contact_step(const Eigen::MatrixXd& compliance, const Points& normal
   for (Index s = 0; s < count; ++s)
     if (before[s] > 0.0 || gap[s] < 0.0) touching.push_back(s);
   Eigen::VectorXd lambda = Eigen::VectorXd::Zero(count);
-  ContactStep result;
-  for (int set = 0; set < most_sets && !result.found; ++set) {
+  bool found = false;
+  for (int set = 0; set < most_sets && !found; ++set) {
     stop_if_asked();
     const auto n = static_cast<Index>(touching.size());
     Eigen::MatrixXd of_touching(n, n);
@@ -50,11 +71,11 @@ ContactStep contact_step(const Eigen::MatrixXd& compliance, const Points& normal
     std::vector<Index> next;
     for (Index s = 0; s < count; ++s)
       if (touched[static_cast<std::size_t>(s)] ? lambda[s] > 0.0 : open[s] < 0.0) next.push_back(s);
-    result.found = next == touching;
+    found = next == touching;
     touching = std::move(next);
   }
-  result.change = lambda.cwiseMax(0.0) - before;
-  return result;
+  if (!found) sweep_until_still(K, q, lambda);
+  return lambda.cwiseMax(0.0) - before;
 }
 
 }  // namespace dimple

@@ -11,15 +11,12 @@ namespace dimple {
 ///
 /// `compliance` [MxM] m/N: how far a unit force at one place moves another, for each direction alike,
 /// positive definite; `normal` [3xM]: of the forces, K_st = compliance_st n_s.n_t; `gap` [M] m: where nothing
-/// changes; `before` [M] N, not negative. Returns the change [M] N; `found` false: the sets of samples that
-/// touch went in circles, and what is returned is the last of them without what would pull.
+/// changes; `before` [M] N, not negative. Returns the change [M] N.
 ///
-/// Source:   primal-dual active set strategy: Hintermueller, Ito, Kunisch, SIAM J. Optim. 13, 2002.
-struct ContactStep {
-  Eigen::VectorXd change;
-  bool found = false;
-};
-ContactStep contact_step(const Eigen::MatrixXd& compliance, const Points& normal, const Eigen::VectorXd& gap,
+/// Source:   primal-dual active set strategy: Hintermueller, Ito, Kunisch, SIAM J. Optim. 13, 2002. Where its
+///           sets repeat, as they may for matrices that are no M-matrices, projected Gauss-Seidel sweeps,
+///           which converge for every positive definite one (Cryer, SIAM J. Control 9, 1971).
+Eigen::VectorXd contact_step(const Eigen::MatrixXd& compliance, const Points& normal, const Eigen::VectorXd& gap,
                          const Eigen::VectorXd& before);
 
 }  // namespace dimple

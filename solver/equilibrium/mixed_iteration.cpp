@@ -14,12 +14,14 @@
 #include <future>
 #include <thread>
 
+#include "io/error.hpp"
 #include "io/stop.hpp"
 #include "solver/equilibrium/anderson.hpp"
 #include "solver/equilibrium/best_state.hpp"
 #include "solver/equilibrium/contact_step.hpp"
 #include "solver/equilibrium/friction_step.hpp"
 #include "solver/equilibrium/multigrid.hpp"
+#include "solver/text.hpp"
 
 namespace dimple {
 namespace {
@@ -36,6 +38,7 @@ constexpr double stiffer = 4.0;
 constexpr double own_of_piece = 1e-6, own_of_drift = 1e-3;
 constexpr double neighbour_distance = 1.6;  // of the mean spacing: some 14 neighbours
 constexpr int fewest_neighbours = 6;
+constexpr Index most_samples = 12000;  // of contact, met at once: two matrices of 1.2 GB
 // Of the strain between neighbours in one iteration; longer steps pass through the law's barriers.
 constexpr double longest_step = 0.3;
 // Of what the law is at rest: single points have 1e5, and 300 takes no fewer steps.
@@ -433,7 +436,17 @@ struct MixedIteration::Parts {
     for (const System::OneContact& one : body.contacts()) pairings_now += one.term->pairing();
     if (pairings_now != pairings) compliance.resize(0, 0);
     pairings = pairings_now;
-    if (static_cast<Index>(body.active().size()) > compliance.rows()) extend_compliance();
+    const auto count = static_cast<Index>(body.active().size());
+    if (count > most_samples)
+      throw SolveError(
+          {.fact = text("contact is met at ", count, " places, and at most ", most_samples, " are computed"),
+           .where = "static solver",
+           .why = "how far a force at each place moves every other one is kept, and takes memory and time as "
+                  "the square and the cube of their number",
+           .remedy =
+               "enforce it at fewer places: fewer nodes (--nodes), or --set wall.NAME.places for a wall",
+           .code = "contact-places"});
+    if (count > compliance.rows()) extend_compliance();
   }
 
   // Of each node's own stiffness the softest direction's part, see laplacian_solve(): a tool presses across a
@@ -767,7 +780,7 @@ struct MixedIteration::Parts {
       gap[k] = thicker * of.gaps()[sample];
       of_sample(k, [&](int a, double w) { gap[k] += w * normal.col(k).dot(du.col(a).head<3>()); });
     }
-    const Eigen::VectorXd of_normals = contact_step(compliance, normal, gap, before).change;
+    const Eigen::VectorXd of_normals = contact_step(compliance, normal, gap, before);
     for (Index k = 0; k < count; ++k) change[contact_of(met(k)).first + met(k).sample] = of_normals[k];
     for (const System::OneContact& one : body.contacts()) {
       one.term->spread(Eigen::VectorXd(change.segment(one.first, one.term->count())), r);

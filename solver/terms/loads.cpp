@@ -5,6 +5,8 @@
 #include <cmath>
 #include <utility>
 
+#include "preprocess/supports/support.hpp"
+
 namespace dimple {
 namespace {
 
@@ -91,8 +93,12 @@ class FollowingPressure : public ForceTerm {
 
 }  // namespace
 
+Nodal body_force(const Model& model, const Eigen::VectorXd& mass, const Vec3& acceleration) {
+  return padded(acceleration) * point_interpolation(model).shared_among(model.node_count(), mass).transpose();
+}
+
 Nodal lost_buoyancy(const Model& model, const FluidLost& fluid) {
-  Eigen::VectorXd mass = Eigen::VectorXd::Zero(model.node_count());
+  Eigen::VectorXd lost(model.point_count());  // [kg]
   for (Index q = 0; q < model.point_count(); ++q) {
     // A cell stands for a box: its second moment along `up` is a third of half its height, squared.
     const double half =
@@ -101,12 +107,9 @@ Nodal lost_buoyancy(const Model& model, const FluidLost& fluid) {
             : 0.0;
     const double height = model.point.col(q).dot(fluid.up) - fluid.level;
     const double above = half > 0.0 ? std::clamp(0.5 + 0.5 * height / half, 0.0, 1.0) : height > 0.0;
-    const double share =
-        above * fluid.density * model.volume[q] / static_cast<double>(model.support.count(q));
-    for (int k = model.support.offset[q]; k < model.support.offset[q + 1]; ++k)
-      mass[model.support.member[k]] += share;
+    lost[q] = above * fluid.density * model.volume[q];
   }
-  return padded(-fluid.acceleration * fluid.up) * mass.transpose();
+  return body_force(model, lost, -fluid.acceleration * fluid.up);
 }
 
 bool Loads::move_the_body() const {
@@ -120,7 +123,8 @@ std::unique_ptr<ForceTerm> dead_load(Nodal force) {
 
 ForceTerms make_terms(const Model& model, const Loads& loads) {
   ForceTerms terms;
-  if (!loads.gravity.isZero(0.0)) terms.push_back(dead_load(padded(loads.gravity) * model.mass.transpose()));
+  if (!loads.gravity.isZero(0.0))
+    terms.push_back(dead_load(body_force(model, model.density.cwiseProduct(model.volume), loads.gravity)));
   if (loads.fluid) terms.push_back(dead_load(lost_buoyancy(model, *loads.fluid)));
   for (const SurfacePressure& one : loads.pressure)
     if (one.follows)
