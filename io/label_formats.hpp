@@ -66,9 +66,10 @@ inline std::string image_place(const std::filesystem::path& file) {
 }
 
 /// Throws InputError unless the sizes describe one three-dimensional image of one number per voxel that can
-/// be held in memory; further axes must have length 1. `components` counts the numbers per voxel.
+/// be held in memory; further axes must have length 1. `components` counts the numbers per voxel, `layers`
+/// says which segments they hold, where that is known.
 std::array<Index, 3> checked_size(const std::vector<Index>& size, Index components,
-                                  const std::filesystem::path& file);
+                                  const std::filesystem::path& file, const std::string& layers = {});
 
 /// Millimetres per unit, or nothing if the unit is unknown.
 std::optional<double> millimetres_in(const std::string& unit);

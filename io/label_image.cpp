@@ -76,35 +76,48 @@ std::array<Index, 3> steps_of(const StoredImage& image) {
                                  : image.step;
 }
 
-/// What the file's number stands for. A double holds every label that is accepted; what it rounds is far
-/// above the greatest. A program that scales labels into whole numbers (nibabel does, of floats) meets them
-/// within half a step of its scale only, with a factor in single precision.
-template <class T>
-double label_of(const StoredImage& image, T number) {
-  if (image.slope == 1.0 && image.intercept == 0.0) return static_cast<double>(number);
-  const double label = image.slope * static_cast<double>(number) + image.intercept,
-               nearest = std::round(label);
-  const double slack =
-      std::max(1e-6 * std::max(1.0, std::abs(label)), std::min(0.5 * std::abs(image.slope), 0.01));
-  return std::abs(label - nearest) <= slack ? nearest : label;
+bool is_as_it_stands(const StoredImage& image) {
+  return image.slope == 1.0 && image.intercept == 0.0;
 }
 
-/// Throws unless every voxel holds a label.
-void check_voxels(const StoredImage& image, const fs::path& file) {
+/// What the file's number stands for. A double holds every label that is accepted; what it rounds is far
+/// above the greatest.
+template <class T>
+double value_of(const StoredImage& image, T number) {
+  if (is_as_it_stands(image)) return static_cast<double>(number);
+  return image.slope * static_cast<double>(number) + image.intercept;
+}
+
+/// The label of a value: the nearest whole number, if rounding explains the difference; else the value
+/// itself. Single precision and resampling leave up to 1e-4. A program that scales labels into whole numbers
+/// (nibabel does, of floats) leaves half a step of its scale. The multiples of any scale that is not a whole
+/// number differ from whole ones by 1/3 somewhere: the limit of 1/4 refuses an MRI.
+double label_of(const StoredImage& image, double value) {
+  const double half_a_step = image.slope == 1.0 ? 0.0 : 0.5 * std::abs(image.slope);
+  const double slack = std::min(0.25, std::max(1e-4, half_a_step + 1e-6 * std::abs(value)));
+  const double nearest = std::round(value);
+  return std::abs(value - nearest) <= slack ? nearest : value;
+}
+
+/// Largest difference between a value and its label; 0 if only the scale's single precision makes one. Throws
+/// unless every voxel holds a label.
+double check_voxels(const StoredImage& image, const fs::path& file) {
   const std::size_t count = image.count();
   std::size_t faulty = 0, first = 0;
-  double first_value = 0.0;
+  double first_value = 0.0, farthest = 0.0;
+  const double unreported = is_as_it_stands(image) ? 0.0 : 1e-6;
   with_type(image.type, [&]<class T>(T) {
     const std::span<const T> number = numbers<T>(image);
-    const bool is_as_it_stands = image.slope == 1.0 && image.intercept == 0.0;
-    if (std::is_unsigned_v<T> && sizeof(T) < 4 && is_as_it_stands) return;  // nothing can be wrong
+    if (std::is_unsigned_v<T> && sizeof(T) < 4 && is_as_it_stands(image)) return;  // nothing can be wrong
     for (std::size_t begin = 0; begin < count; begin += block) {
       stop_if_asked();
       const auto part = number.subspan(begin, std::min(block, count - begin));
       // Most blocks hold one number, or few: look at those that differ from the one before.
       for (std::size_t v = 0; v < part.size(); ++v) {
         if (v > 0 && part[v] == part[v - 1] && faulty == 0) continue;
-        const double label = label_of(image, part[v]);
+        const double value = value_of(image, part[v]), label = label_of(image, value);
+        if (const double off = std::abs(value - label); off > unreported * std::max(1.0, label))
+          farthest = std::max(farthest, off);
         if (fault(label) && faulty++ == 0) first = begin + v, first_value = label;
       }
     }
@@ -121,6 +134,7 @@ void check_voxels(const StoredImage& image, const fs::path& file) {
                 "segmentation",
          .remedy = "give the segmentation, exported as a label map with an integer type"});
   }
+  return farthest;
 }
 
 // ---------------------------------------------------------------------------------------------------------
@@ -246,7 +260,7 @@ void append_runs(std::vector<Run>& run, const T* number, Index count, const Stor
     while (end + stride <= count && std::memcmp(number + end, number + end - 1, stride * sizeof(T)) == 0)
       end += stride;
     while (end < count && number[end] == number[begin]) ++end;
-    const auto label = static_cast<std::int32_t>(label_of(stored, number[begin]));
+    const auto label = static_cast<std::int32_t>(label_of(stored, value_of(stored, number[begin])));
     if (label == 0) continue;
     const auto first = static_cast<std::int32_t>(begin), after = static_cast<std::int32_t>(end);
     if (run.size() > begin_of_row && run.back().end == first && run.back().label == label)
@@ -313,7 +327,7 @@ void take_rows(LabelImage& image, const StoredImage& stored, const Walk& walk, c
 
 LabelImage canonical(const StoredImage& stored, const fs::path& file) {
   check_geometry(stored.to_world, file);
-  check_voxels(stored, file);
+  const double rounded = check_voxels(stored, file);
   const AxisOrder order = nearest_to_LPS(stored.to_world.linear());
   const Mat3& linear = stored.to_world.linear();
 
@@ -321,6 +335,11 @@ LabelImage canonical(const StoredImage& stored, const fs::path& file) {
   image.names = stored.names;
   image.format = stored.format;
   image.warnings = stored.warnings;
+  if (rounded > 0.0)
+    image.warnings.push_back(fmt::format(
+        "Labels that are not whole numbers were rounded, by {:.2g} at most; check that the image is a "
+        "segmentation.",
+        rounded));
   image.orientation = letters(order);
   image.stored_size = stored.size;
 
@@ -442,6 +461,11 @@ bool is_dicom(const fs::path& file) {
       .why = reading ? "known are .nrrd, .nhdr, .seg.nrrd, .nii, .nii.gz, .hdr, .img, .mha and .mhd"
                      : "known are .nrrd, .seg.nrrd, .nii, .nii.gz and .mha",
       .remedy = "export the segmentation in one of these formats; from 3D Slicer, save it as .seg.nrrd"};
+  if (const auto suffix = file.extension(); reading && (suffix == ".mgz" || suffix == ".mgh")) {
+    report.fact = fmt::format("'{}' is in FreeSurfer's format, which is not read", file.filename().string());
+    report.remedy = fmt::format("convert it with FreeSurfer's `mri_convert {} {}.nii.gz`",
+                                file.filename().string(), file.stem().string());
+  }
   if (reading) throw InputError(std::move(report));
   report.remedy = "choose a name with one of these suffixes";
   throw UsageError(std::move(report));
@@ -489,7 +513,8 @@ fs::path beside_for_names(const fs::path& file) {
 // label_formats.hpp
 // ---------------------------------------------------------------------------------------------------------
 
-std::array<Index, 3> checked_size(const std::vector<Index>& size, Index components, const fs::path& file) {
+std::array<Index, 3> checked_size(const std::vector<Index>& size, Index components, const fs::path& file,
+                                  const std::string& layers) {
   const auto refuse = [&](std::string fact, std::string why, std::string remedy) {
     return InputError({.fact = std::move(fact),
                        .where = image_place(file),
@@ -497,11 +522,14 @@ std::array<Index, 3> checked_size(const std::vector<Index>& size, Index componen
                        .remedy = std::move(remedy)});
   };
   if (components != 1)
-    throw refuse(
-        fmt::format("every voxel holds {} numbers instead of one label", components),
-        "the segments overlap and are stored in several layers, or the image is a colour or vector image",
-        "in 3D Slicer, module Segmentations: export the segments to a label map (a voxel in two "
-        "segments goes to one of them) and save that as .nrrd");
+    throw refuse(fmt::format("every voxel holds {} numbers instead of one label{}{}", components,
+                             layers.empty() ? "" : ": ", printable(layers, most_repeated)),
+                 layers.empty()
+                     ? "the image is a colour or vector image, or a segmentation in several layers, whose "
+                       "segments may overlap"
+                     : "segments in different layers may overlap, and a voxel can have only one label",
+                 "in 3D Slicer, module Segmentations: export the segments to a label map (a voxel in two "
+                 "segments goes to one of them) and save that as .nrrd");
   std::size_t dimensions = size.size();
   while (dimensions > 3 && size[dimensions - 1] == 1) --dimensions;
   if (dimensions > 3)

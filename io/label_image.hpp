@@ -82,7 +82,8 @@ VoxelBox foreground_box(const LabelImage& image);
 /// `label_names`, if not empty,
 /// is a table of names, or a numbering known without one; see io/label_names.hpp. It overrides names in the
 /// image. Throws InputError: no such file, unknown format, not three-dimensional, several components,
-/// overlapping segments, labels that are negative or not whole numbers, nothing but background, neighbours
+/// segments in several layers, labels that are negative or not whole numbers (but for rounding, which a
+/// warning reports), nothing but background, neighbours
 /// that are hardly ever alike (so many runs that memory would be at stake: an MRI), truncated data.
 LabelImage read_label_image(const std::filesystem::path& file, const std::filesystem::path& label_names = {});
 

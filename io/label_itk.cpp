@@ -115,6 +115,13 @@ class Silence {
   std::streambuf *out_, *err_;
 };
 
+KeyValues metadata(const itk::ImageIOBase& io) {
+  KeyValues keys;
+  for (const std::string& key : io.GetMetaDataDictionary().GetKeys())
+    if (std::string value; itk::ExposeMetaData(io.GetMetaDataDictionary(), key, value)) keys[key] = value;
+  return keys;
+}
+
 /// Header and checks; the voxels are read afterwards.
 StoredImage read_information(itk::ImageIOBase& io, const fs::path& file, std::string format) {
   StoredImage image;
@@ -134,7 +141,7 @@ StoredImage read_information(itk::ImageIOBase& io, const fs::path& file, std::st
                        fmt::format("axis {} is said to hold {} voxels", a + 1, io.GetDimensions(a)));
     size.push_back(static_cast<Index>(io.GetDimensions(a)));
   }
-  image.size = checked_size(size, io.GetNumberOfComponents(), file);
+  image.size = checked_size(size, io.GetNumberOfComponents(), file, layers_from_segment_keys(metadata(io)));
   image.type = number_type(io, file);
   for (unsigned a = 0; a < 3; ++a) {
     const std::vector<double> direction = io.GetDirection(a);
@@ -142,13 +149,6 @@ StoredImage read_information(itk::ImageIOBase& io, const fs::path& file, std::st
     image.to_world.translation()[a] = io.GetOrigin(a);
   }
   return image;
-}
-
-KeyValues metadata(const itk::ImageIOBase& io) {
-  KeyValues keys;
-  for (const std::string& key : io.GetMetaDataDictionary().GetKeys())
-    if (std::string value; itk::ExposeMetaData(io.GetMetaDataDictionary(), key, value)) keys[key] = value;
-  return keys;
 }
 
 std::string lower(std::string_view text) {
@@ -378,6 +378,23 @@ void read_hex(StoredImage& image, const fs::path& file, std::uintmax_t begin) {
 // NRRD
 // ---------------------------------------------------------------------------------------------------------
 
+/// ITK reads one axis of numbers per voxel in addition to three axes of space, and refuses others in its own
+/// words.
+void check_axes(const TextHeader& header, int dimension, const fs::path& file) {
+  static const std::set<std::string> independent = {"domain", "space", "time", "none", "???"};
+  const auto kinds = words_in(header.at("kinds"));
+  const auto numbers = std::count_if(
+      kinds.begin(), kinds.end(), [](const std::string& kind) { return !independent.contains(lower(kind)); });
+  if (dimension - numbers > 3)
+    throw InputError({.fact = fmt::format("the image has {} axes (sizes: {})", dimension,
+                                          printable(header.at("sizes"), most_repeated)),
+                      .where = image_place(file),
+                      .why =
+                          "an organ is segmented in one three-dimensional image; a further axis is of time "
+                          "or of images",
+                      .remedy = "save one time frame or one channel as an image of its own"});
+}
+
 /// What ITK's reader would take wrongly, wait for or break on.
 void check_nrrd_header(const TextHeader& header, const fs::path& file) {
   const auto refuse = [&](std::string why) { return unreadable(file, "NRRD", std::move(why)); };
@@ -430,6 +447,7 @@ void check_nrrd_header(const TextHeader& header, const fs::path& file) {
     const auto none = std::count(words.begin(), words.end(), "none");
     if (*dimension >= 3 && *dimension - none < 3)
       throw refuse(fmt::format("only {} of its axes have a direction", *dimension - none));
+    check_axes(header, *dimension, file);
     for (std::size_t a = 0; a < words.size(); ++a)  // ITK divides by the length
       if (const auto v = vector_of_three(words[a]); v && !(v->stableNorm() > 1e-100))
         throw no_place_in_space(

@@ -197,6 +197,19 @@ std::map<int, std::string> names_from_segment_keys(const KeyValues& keys,
   return names;
 }
 
+std::string layers_from_segment_keys(const KeyValues& keys) {
+  constexpr std::string_view before = "Segment", after = "_Layer";
+  std::vector<std::string> layers;
+  for (const auto& [key, layer] : keys) {
+    if (!key.starts_with(before) || !key.ends_with(after)) continue;
+    const std::string segment = key.substr(0, key.size() - after.size());
+    const auto name = keys.find(segment + "_Name");
+    layers.push_back(
+        fmt::format("'{}' in layer {}", clean_name(name == keys.end() ? segment : name->second), layer));
+  }
+  return fmt::format("{}", fmt::join(layers, ", "));
+}
+
 KeyValues segment_keys(const LabelImage& image) {
   KeyValues keys{{"Segmentation_MasterRepresentation", "Binary labelmap"},
                  {"Segmentation_ContainedRepresentationNames", "Binary labelmap|"},

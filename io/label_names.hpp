@@ -16,6 +16,10 @@ using KeyValues = std::map<std::string, std::string>;
 /// Names from 3D Slicer's keys SegmentN_Name and SegmentN_LabelValue; warns where one label has two.
 std::map<int, std::string> names_from_segment_keys(const KeyValues& keys, std::vector<std::string>& warnings);
 
+/// "'liver' in layer 0, 'tumour' in layer 1", from 3D Slicer's keys SegmentN_Name and SegmentN_Layer; empty
+/// if there are none.
+std::string layers_from_segment_keys(const KeyValues& keys);
+
 /// 3D Slicer's keys for the labels present. `extent` of each label in stored voxels follows the image's axes.
 KeyValues segment_keys(const LabelImage& image);
 

@@ -285,6 +285,13 @@ std::vector<Field> fields_of(vtkFieldData& data) {
   return fields;
 }
 
+/// Whether the first letters of the array SPACE are R, A and S.
+bool says_ras(vtkFieldData& data) {
+  vtkDataArray* space = data.GetArray("SPACE");
+  if (space == nullptr || space->GetNumberOfComponents() != 1 || space->GetNumberOfTuples() < 3) return false;
+  return space->GetTuple1(0) == 'R' && space->GetTuple1(1) == 'A' && space->GetTuple1(2) == 'S';
+}
+
 /// Finite positions, at least one.
 Points positions_of(const fs::path& file, vtkPointSet& set) {
   if (set.GetNumberOfPoints() == 0)
@@ -436,6 +443,34 @@ std::string fatal_flaw(const std::string& content, const std::string& kind) {
   return "";
 }
 
+/// Text arrays are taken out, since VTK's reader does not check where their words end. A SPACE of the field
+/// data becomes one of the numbers of its first letters.
+std::string without_text_arrays(std::string content) {
+  const std::size_t appended = content.find("<AppendedData");
+  std::vector<std::size_t> arrays = arrays_in(content);
+  std::sort(arrays.rbegin(), arrays.rend());
+  for (const std::size_t at : arrays) {
+    if (at > appended || attribute(content, at, "type") != "String") continue;
+    const std::string element = content.substr(at + 1, content.find_first_of(blanks, at) - at - 1);
+    const std::size_t open = content.find('>', at);
+    if (open == std::string::npos) continue;
+    const bool is_empty = content[open - 1] == '/';
+    if (attribute(content, at, "Name") == "SPACE" && attribute(content, at, "NumberOfTuples") == "1") {
+      content.replace(
+          at, open + 1 - at,
+          fmt::format(R"(<{} type="Int8" Name="SPACE" NumberOfTuples="3" format="{}" offset="{}"{}>)",
+                      element, attribute(content, at, "format"), attribute(content, at, "offset"),
+                      is_empty ? "/" : ""));
+      continue;
+    }
+    const std::string end = fmt::format("</{}>", element);
+    const std::size_t close = is_empty ? open : content.find(end, open);
+    if (close == std::string::npos) continue;
+    content.erase(at, close + (is_empty ? 1 : end.size()) - at);
+  }
+  return content;
+}
+
 /// The parsed file, with everything VTK complained about turned into an InputError.
 template <class Reader>
 auto read_xml(const fs::path& file, const std::string& kind, const std::string& suffix) {
@@ -448,7 +483,8 @@ auto read_xml(const fs::path& file, const std::string& kind, const std::string& 
     refuse_vtk(file, fmt::format("{} is a folder", name), fmt::format("a {} file is needed", suffix),
                "name a file in it");
   require_regular_file(file);
-  const std::string content = read_file(file);
+  const std::string written = read_file(file);
+  const std::string content = kind == "PolyData" ? without_text_arrays(written) : written;
 
   const MessageScope messages;
   vtkNew<vtkXMLFileReadTester> tester;
@@ -468,6 +504,10 @@ auto read_xml(const fs::path& file, const std::string& kind, const std::string& 
 
   vtkNew<CheckedReader<Reader>> reader;
   reader->SetFileName(file.c_str());
+  if (content != written) {
+    reader->ReadFromInputStringOn();
+    reader->SetInputString(content);
+  }
   try {
     reader->UpdateInformation();
     const auto bytes = fs::file_size(file);
@@ -770,11 +810,14 @@ PointFile read_vtu(const fs::path& file) {
 
 SurfaceFile read_vtp(const fs::path& file) {
   const auto mesh = read_xml<vtkXMLPolyDataReader>(file, "PolyData", ".vtp");
+  const bool is_ras = says_ras(*mesh->GetFieldData());
+  mesh->GetFieldData()->RemoveArray("SPACE");
   SurfaceFile surface{.position_mm = positions_of(file, *mesh),
                       .triangles = {},
                       .fields = fields_of(*mesh->GetPointData()),
                       .on_triangles = fields_of(*mesh->GetCellData()),
                       .facts = fields_of(*mesh->GetFieldData())};
+  if (is_ras) surface.position_mm.topRows<2>() *= -1.0;
 
   const std::string name = file.filename().string();
   vtkCellArray& polygons = *mesh->GetPolys();

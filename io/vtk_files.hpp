@@ -62,8 +62,9 @@ void write_vti(const std::filesystem::path& file, const LabelImage& image);
 /// Points and their fields; cells are ignored, integers wider than 32 bits become real64. Throws InputError:
 /// missing, not of this kind, damaged, holds no point or a text array, non-finite position.
 PointFile read_vtu(const std::filesystem::path& file);
-/// The same for a surface; triangle strips are taken apart, in their order. Throws InputError also if it
-/// holds no triangle, or polygons of other kinds.
+/// The same for a surface; triangle strips are taken apart, in their order. Text arrays are left aside; where
+/// one of the field data, SPACE, is RAS, x and y are negated. Throws InputError also if it holds no triangle,
+/// or polygons of other kinds.
 SurfaceFile read_vtp(const std::filesystem::path& file);
 
 /// A .pvd list of one file per time, rewritten whole each time a frame is added, so that it is always valid.

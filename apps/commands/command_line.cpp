@@ -129,6 +129,9 @@ const std::vector<NotModelled>& not_modelled() {
       {{"--body-force", "--acceleration"},
        "a body force is modelled as gravity alone",
        "--gravity inferior, or --gravity x,y,z in m/s2"},
+      {{"--load"},
+       "a force cannot be prescribed: the tool is pressed to a depth, and the force is computed",
+       "--depth 2mm; read the depth at that force off force.csv"},
       {{"--tool", "--sphere", "--cone", "--indenter", "--indenter-shape", "--tool-shape"},
        "a tool of another shape than the flat circle is an option of `dimple run`, `fit` and `poke` alone: "
        "--tool",

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "apps/run/steps.hpp"
 #include "apps/run/words.hpp"
@@ -57,7 +58,8 @@ std::vector<Words> words_of(const CutText& cut) {
       result.push_back({text, cut.where, "file", text});
     else
       refuse({text, cut.where, "", ""}, "is not known",
-             "it is a plane, a line, a label or a surface that was drawn");
+             fmt::format("it is a plane, a line, a label or a surface, which is read from {} files",
+                         surface_suffixes));
   }
   return result;
 }
@@ -120,6 +122,39 @@ TriangleMesh drawn(const Words& words) {
   return {file.position_mm, file.triangles};
 }
 
+double size_of(const TriangleMesh& sheet) {
+  return (sheet.vertex.rowwise().maxCoeff() - sheet.vertex.rowwise().minCoeff()).maxCoeff();
+}
+
+// How long or deep it is, whichever is less [mm]; infinite: a whole plane, or labels.
+double extent_of(const Words& words) {
+  if (words.is_file()) return size_of(drawn(words));
+  if (words.kind == "line") {
+    const Six line = line_of(words);
+    return std::min(line.length, (line.first - line.second).norm());
+  }
+  const double radius = words.kind == "plane" ? plane_of(words).length : 0.0;
+  return radius > 0.0 ? 2.0 * radius : std::numeric_limits<double>::infinity();
+}
+
+void require_more_than_gap(const Words& words, double gap_mm) {
+  const double extent = extent_of(words);
+  if (extent > gap_mm) return;
+  throw UsageError(
+      {.fact = fmt::format("the cut '{}' is {} long or deep", words.text, length_in_words(extent)),
+       .where = words.where,
+       .why = fmt::format("its faces are {} apart (image.cut_gap), so that it would cut nothing{}",
+                          length_in_words(gap_mm),
+                          words.is_file() ? "; the file has no units, and its numbers are read as mm" : ""),
+       .remedy = "give its lengths in mm, a thousand times as much if they are metres, or a smaller gap"});
+}
+
+std::vector<CutText> all_cuts(const Config& config) {
+  std::vector<CutText> all = cuts_at_rest(config);
+  for (const CutStep& step : cuts_after_moves(config)) all.push_back(cut_of_step(step.name, step.cut));
+  return all;
+}
+
 }  // namespace
 
 CutText cut_of_step(const std::string& name, const std::string& text) {
@@ -141,19 +176,29 @@ bool has_cuts(const Config& config) {
 }
 
 void check_cuts(const Config& config) {
-  std::vector<CutText> all = cuts_at_rest(config);
-  for (const CutStep& step : cuts_after_moves(config)) all.push_back(cut_of_step(step.name, step.cut));
-  for (const CutText& cut : all) {
+  for (const CutText& cut : all_cuts(config)) {
     if (words_of(cut).empty())
       refuse({cut.text, cut.where, "", ""}, "says nothing", "a step that cuts says what");
     for (const Words& words : words_of(cut)) {
-      if (words.kind == "plane") plane_of(words);
-      if (words.kind == "line") line_of(words);
       if (words.kind == "label" && words.rest.empty())
         refuse(words, "names no label", "it takes out the voxels of a label");
-      if (words.is_file()) drawn(words);
+      require_more_than_gap(words, config.image.cut_gap_mm);
     }
   }
+}
+
+std::vector<std::string> warnings_of_small_sheets(const Config& config, const BodySurface& body) {
+  constexpr double small = 1.0 / 16.0;  // of the body: one as large as the body, drawn in cm, has a tenth
+  const double whole = (body.upper() - body.lower()).maxCoeff();
+  std::vector<std::string> warnings;
+  for (const CutText& cut : all_cuts(config))
+    for (const Words& words : words_of(cut))
+      if (const double size = words.is_file() ? size_of(drawn(words)) : whole; size < small * whole)
+        warnings.push_back(fmt::format(
+            "the sheet of the cut '{}' is {} long, and the body {}: the file has no units, and its "
+            "numbers are read as mm; scale it if it was drawn in metres, inches or cm",
+            words.text, length_in_words(size), length_in_words(whole)));
+  return warnings;
 }
 
 std::vector<std::string> labels_cut_out(const CutText& cut) {

@@ -25,8 +25,11 @@ struct CutText {
 std::vector<CutText> cuts_at_rest(const Config& config);
 CutText cut_of_step(const std::string& name, const std::string& text);
 bool has_cuts(const Config& config);  ///< at rest
-/// Of all steps too. Throws UsageError: a word, number or unit that is none; InputError of a file.
+/// Of all steps too. Throws UsageError: a word, number or unit that is none, or a cut no longer or deeper
+/// than its gap; InputError of a file.
 void check_cuts(const Config& config);
+/// Of sheets from files that are so small beside the body that they may have been drawn in other units.
+std::vector<std::string> warnings_of_small_sheets(const Config& config, const BodySurface& body);
 /// The labels that are taken out, by number or name.
 std::vector<std::string> labels_cut_out(const CutText& cut);
 std::vector<std::string> labels_cut_out_at_rest(const Config& config);

@@ -8,6 +8,7 @@
 #include <bit>
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <set>
 
 #include "apps/run/results.hpp"
@@ -24,6 +25,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr Index voxels_at_once = 2'000'000;
+constexpr double most_outside = 0.5, much_outside = 0.1;  // of the body at rest: refused, and warned of
 
 // To a micrometre, and to four digits: the digits behind are not known, and take most of a packed file.
 float rounded_mm(float x) {
@@ -82,6 +84,33 @@ Index at_border(const VoxelGrid& grid, const std::vector<char>& body, const Defo
 
 }  // namespace
 
+namespace {
+
+// Of eight corners the largest distance [mm].
+double distance_between(const VoxelGrid& one, const VoxelGrid& other) {
+  double largest = 0.0;
+  for (int corner = 0; corner < 8; ++corner) {
+    Vec3 at;
+    for (int d = 0; d < 3; ++d)
+      at[d] = corner >> d & 1 ? static_cast<double>(one.size[static_cast<std::size_t>(d)] - 1) : 0.0;
+    largest = std::max(largest, (one.to_world * at - other.to_world * at).norm());
+  }
+  return largest;
+}
+
+// Of the body's surface at rest.
+double share_outside(const VoxelGrid& grid, const Surface& surface) {
+  const Points place = grid.to_world.inverse() * surface.vertex_mm;
+  const Vec3 last(static_cast<double>(grid.size[0] - 1), static_cast<double>(grid.size[1] - 1),
+                  static_cast<double>(grid.size[2] - 1));
+  const auto outside = std::count_if(place.colwise().begin(), place.colwise().end(), [&](const auto& x) {
+    return (x.array() < 0.0).any() || (x.array() > last.array()).any();
+  });
+  return static_cast<double>(outside) / static_cast<double>(std::max<Index>(1, place.cols()));
+}
+
+}  // namespace
+
 ImageTask images_asked_for(const Config& config, bool of_model) {
   const Config::Output& output = config.output;
   ImageTask task;
@@ -100,6 +129,13 @@ ImageTask images_asked_for(const Config& config, bool of_model) {
          .why = "they are written as its file is: in its format, on its stored axes",
          .remedy = "begin with a file of it, or name an image of the patient with --warp"});
   if (images) task.label_image = config.image.file;
+  std::optional<VoxelGrid> labels;
+  if (!config.image.file.empty() && !(output.warp.empty() && output.warp_labels.empty())) {
+    try {
+      labels = VolumeImage(config.image.file).grid();
+    } catch (const InputError&) {  // of several layers, such as a segmentation may have
+    }
+  }
   std::set<std::string> names;
   const auto add = [&](const std::vector<std::string>& files, Sampling how) {
     for (const std::string& file : files) {
@@ -110,7 +146,9 @@ ImageTask images_asked_for(const Config& config, bool of_model) {
                           .why = "the results are named after them, and one would replace the other",
                           .remedy = "give one of them another name, or warp it in a run of its own"});
       try {
-        task.warped.push_back({file, how, name, VolumeImage(file).grid()});
+        const VoxelGrid grid = VolumeImage(file).grid();
+        const bool is_twin = labels && labels->size == grid.size;
+        task.warped.push_back({file, how, name, grid, is_twin ? distance_between(grid, *labels) : 0.0});
       } catch (const InputError& error) {
         Report report = error.report;
         report.where =
@@ -136,19 +174,18 @@ void require_overlap(const ImageTask& task, const Discretisation& body) {
                       .why = "the surface says which voxels lie inside of the body",
                       .remedy = "make the model by dimple model, which writes surface.vtp"});
   for (const ImageTask::Warped& image : task.warped) {
-    const Points place = image.grid.to_world.inverse() * (1e3 * body.X);
+    const double outside = share_outside(image.grid, body.surface);
+    if (outside <= most_outside) continue;
     const Vec3 last(static_cast<double>(image.grid.size[0] - 1), static_cast<double>(image.grid.size[1] - 1),
                     static_cast<double>(image.grid.size[2] - 1));
-    const bool overlap = std::any_of(place.colwise().begin(), place.colwise().end(), [&](const auto& x) {
-      return (x.array() >= 0.0).all() && (x.array() <= last.array()).all();
-    });
-    if (overlap) continue;
     const Points corners = image.grid.to_world * (Points(3, 2) << Vec3::Zero(), last).finished();
     const auto in_words = [](const Vec3& x) {
       return fmt::format("({:.4g}, {:.4g}, {:.4g})", x[0], x[1], x[2]);
     };
     throw InputError(
-        {.fact = fmt::format("{} does not overlap the body", image.file.string()),
+        {.fact = outside < 1.0
+                     ? fmt::format("{} of the body lies outside of {}", percent(outside), image.file.string())
+                     : fmt::format("{} does not overlap the body", image.file.string()),
          .where = "--warp (output.warp)",
          .why = fmt::format("it reaches from {} to {} mm, and the body from {} to {} mm (LPS)",
                             in_words(corners.rowwise().minCoeff()), in_words(corners.rowwise().maxCoeff()),
@@ -433,6 +470,19 @@ std::string ImageWriter::warning() const {
   if (share_beyond_ > 0.0)
     text = fmt::format("{} of the deformed surface lies beyond the image, whose grid the images keep",
                        percent(share_beyond_));
+  for (const ImageTask::Warped& image : task_.warped) {
+    const double outside = share_outside(image.grid, model_.surface);
+    const bool is_moved = image.from_labels_mm > 1e-3 * image.grid.spacing().minCoeff();
+    if (!is_moved && outside < much_outside) continue;
+    if (!text.empty()) text += "; ";
+    text += image.file.filename().string();
+    if (is_moved)
+      text +=
+          fmt::format(" has as many voxels as the label image, {:.3g} mm away from it", image.from_labels_mm);
+    if (outside >= much_outside)
+      text +=
+          fmt::format("{} {} of the body at rest outside", is_moved ? " and" : " leaves", percent(outside));
+  }
   if (100 * way_back_.unsettled > way_back_.solved)
     text += fmt::format(
         "{}{} of the images' voxels at the body show the nearest place at rest that was found, not "

@@ -27,6 +27,8 @@ struct ImageTask {
     Sampling how;
     std::string name;  ///< "warped_mri"
     VoxelGrid grid;
+    double from_labels_mm =
+        0.0;  ///< where it has as many voxels as the label image: how far it is from there
   };
   std::vector<Warped> warped;
   bool each_frame = false;  ///< else the last alone
@@ -37,7 +39,8 @@ struct ImageTask {
 /// Reads every image to its end, so that nothing is computed for one that cannot be read. `of_model`: the
 /// case begins with a model's files, which hold no image. Throws UsageError, InputError.
 ImageTask images_asked_for(const Config& config, bool of_model);
-/// Throws InputError: an image to be warped lies elsewhere; or the model has no surface, and so no inside.
+/// Throws InputError: more than half of the body lies outside of an image to be warped; or the model has no
+/// surface, and so no inside.
 void require_overlap(const ImageTask& task, const Discretisation& body);
 
 /// Writes them, of one frame after the other.

@@ -400,6 +400,8 @@ std::string sentence_of(const Config& config, const ImageFacts::Cut& cut) {
   if (cut.area_mm2 > 0.0)
     sentence +=
         fmt::format(": {:.4g} cm2, its banks {:.4g} mm apart", cut.area_mm2 / 1e2, config.image.cut_gap_mm);
+  if (cut.removed_mm3 > 2.0 * cut.area_mm2 * config.image.cut_gap_mm)  // not the gaps alone: a closed region
+    sentence += fmt::format("; {} removed", volume_in_words(cut.removed_mm3));
   if (!cut.labels.empty()) sentence += fmt::format("; taken out: {}", in_words(cut.labels));
   return sentence;
 }

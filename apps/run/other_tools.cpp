@@ -7,6 +7,7 @@
 #include <cmath>
 
 #include "apps/run/steps.hpp"
+#include "apps/run/supports.hpp"
 #include "apps/run/tool.hpp"
 #include "apps/run/walls.hpp"
 #include "apps/run/words.hpp"
@@ -176,7 +177,7 @@ std::vector<Vec3> places_of_other_tools(const Config& config) {
   return places;
 }
 
-OtherTools other_tools_of(const Config& config, const Model& model) {
+OtherTools other_tools_of(const Config& config, const Model& model, const std::vector<HeldSet>& supports) {
   OtherTools result;
   if (config.other_tool.empty()) return result;
   if (model.surface.empty())
@@ -204,6 +205,7 @@ OtherTools other_tools_of(const Config& config, const Model& model) {
     touch.friction = friction_of(name, tool);
     touch.name = name;
     touch.is_tool = true;
+    require_free_under(touch, depth, supports, model);
     touch.motion = config.step.empty()
                        ? Vec3(1e-3 * way_of(tool.move_mm, at.push) / (1e-3 * config.load.depth_mm))
                        : Vec3::Zero();

@@ -28,7 +28,7 @@ struct OtherTools {
   std::vector<Touch> touch;
   std::vector<std::string> words;
 };
-OtherTools other_tools_of(const Config& config, const Model& model);
+OtherTools other_tools_of(const Config& config, const Model& model, const std::vector<HeldSet>& supports);
 
 /// Throws UsageError: two tools that touch are in one place before anything moves.
 void require_tools_apart(const Loading& loading);

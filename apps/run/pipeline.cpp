@@ -300,6 +300,21 @@ Vec3 displacement_at(const Interpolation& place, const ForceSystem::Nodal& u) {
   return place(u.topRows<3>()).col(0);
 }
 
+// A place that meets nothing may be on a piece that was dropped.
+void find_site_on_kept(const Config& config, const RunLog& log, Organ& organ, Result& result) {
+  try {
+    find_site(config, log, organ, result);
+  } catch (const ModelError& error) {
+    Report report = error.report;
+    if (result.segment.pieces > 1 && report.where.starts_with("--indent-at"))
+      report.why += fmt::format(
+          "; the labels form {} pieces, and all but the largest were dropped: the place may be on one of "
+          "them",
+          result.segment.pieces);
+    throw ModelError(report);
+  }
+}
+
 }  // namespace
 
 Organ organ_of(const Case& given, const RunLog& log, Result& result, std::optional<Organ>* before_cuts) {
@@ -309,7 +324,9 @@ Organ organ_of(const Case& given, const RunLog& log, Result& result, std::option
                        {"image_sha256", sha256_of_image(given.config, result.image)}};
   if (before_cuts) *before_cuts = organ;
   result.stages.done("checksum");  // which is no part of finding the site
-  find_site(given.config, log, organ, result);
+  find_site_on_kept(given.config, log, organ, result);
+  for (const std::string& warning : warnings_of_small_sheets(given.config, organ.body->surface))
+    log.warn(warning);
   return organ;
 }
 
@@ -429,7 +446,7 @@ void make_ready(const Case& given, Placed placed, const RunLog& log, Result& res
   result.loading.further = std::move(supports.sets);
   result.loading.loads =
       loads_of(config, model, result.unloaded ? result.unloaded->imaged_surface : model.surface);
-  OtherTools others = other_tools_of(config, model);
+  OtherTools others = other_tools_of(config, model, loading.further);
   for (const std::string& words : others.words) log.say("tool     " + words);
   std::map<std::string, Vec3> push_of_others;
   for (const Touch& other : others.touch) push_of_others[other.name] = other.pose.points_at;
@@ -438,11 +455,12 @@ void make_ready(const Case& given, Placed placed, const RunLog& log, Result& res
   for (const Step& step : result.loading.steps) log.say("step     " + in_words(step));
   result.loading.touch =
       given.change.tool ? touch_of(config, model, *given.change.tool) : touch_of(config, model);
+  const double down = deepest(config, model.tool);
+  if (loading.touch) require_free_under(*loading.touch, down, loading.further, model);
   result.loading.walls = std::move(others.touch);
   result.time = time_of(config, log, result);
   tell_of_damping(config, log, result.time);
   tell_of_fast_steps(log, result);
-  const double down = deepest(config, model.tool);
   if (result.time == TimeMode::quasi_static || config.load.self_contact == "on")
     result.loading.folds = folds_of(config, result.facing_share, model, down);
   if (result.loading.folds)

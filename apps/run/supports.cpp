@@ -2,7 +2,9 @@
 
 #include <fmt/format.h>
 
+#include <Eigen/Geometry>
 #include <algorithm>
+#include <set>
 
 #include "apps/run/surface_part.hpp"
 #include "io/error.hpp"
@@ -262,6 +264,29 @@ Supports supports_of(const Config& config, const Discretisation& places,
                       .why = "with the base and the tool's circle nothing is left to deform",
                       .remedy = "make the supports smaller"});
   return result;
+}
+
+void require_free_under(const Touch& tool, double depth, const std::vector<HeldSet>& supports,
+                        const Model& model) {
+  if (supports.empty() || !(depth > 0.0)) return;
+  const double radius = contact_radius(tool.shape, depth);
+  const Neighbours nodes(model.X);
+  std::set<Index> under;
+  for (const auto& place : tool.surface.place.colwise())
+    if ((place - tool.pose.tip).cross(tool.pose.points_at).norm() < radius)
+      under.insert(nodes.nearest(place, 1).front());
+  for (const HeldSet& set : supports) {
+    const auto held = std::count_if(under.begin(), under.end(), [&](Index a) { return has(set.node, a); });
+    if (held == 0) continue;
+    throw ModelError(
+        report_on(set.name, "on",
+                  fmt::format("holds {} of the nodes under the tool{}", held,
+                              tool.name.empty() ? "" : fmt::format(" '{}'", tool.name)),
+                  fmt::format("the tool presses {} nodes around {}, and what is held does not give way",
+                              under.size(), in_words(1e3 * tool.pose.tip)),
+                  fmt::format("move or shrink the support (a ball in place of a side), or move the tool ({})",
+                              tool.name.empty() ? "--indent-at" : fmt::format("tool.{}.at_mm", tool.name))));
+  }
 }
 
 Vec3 force_on(const HeldSet& support, const Nodal& f) {

@@ -6,6 +6,7 @@
 
 #include "apps/run/config.hpp"
 #include "solver/constraints.hpp"
+#include "solver/terms/touching_tool.hpp"
 
 namespace dimple {
 
@@ -29,6 +30,11 @@ struct Supports {
 /// all of them leave nothing free, or the model lacks a surface or labels.
 Supports supports_of(const Config& config, const Discretisation& places,
                      const std::map<std::string, int>& label_names);
+
+/// Throws ModelError: a support holds nodes of the surface that a tool presses where it is pushed in by
+/// `depth` [m] from its first touch.
+void require_free_under(const Touch& tool, double depth, const std::vector<HeldSet>& supports,
+                        const Model& model);
 
 /// What the tissue does to it [N].
 Vec3 force_on(const HeldSet& support, const Nodal& f);

@@ -178,8 +178,10 @@ std::optional<ToolShape> tool_of(const std::string& shape, const std::string& op
   const Asked tool{shape, option};
   if (words.kind == "circle" && words.radius.empty()) return std::nullopt;
   if (words.kind != "sphere" && words.kind != "punch" && words.kind != "capsule")
-    refuse(tool, "is not known", "it is circle, or a shape that touches",
-           fmt::format("give circle, {}", forms));
+    refuse(
+        tool, "is not known",
+        fmt::format("it is circle, or a shape that touches; a mesh is read from {} files", surface_suffixes),
+        fmt::format("give circle, {}", forms));
   return shape_of(tool, words);
 }
 
@@ -306,7 +308,8 @@ void check_tool(const Config& config) {
       "which clouds reach it is known of the circle alone; of a tool the band is told with the nodes "
       "that are given",
       "choose the number of nodes with --nodes, and read the band");
-  require_tool_as_long(config, config.load.depth_mm);
+  // Steps may go aside or away: how deep they push is known where the push is (require_room_beneath()).
+  if (config.step.empty()) require_tool_as_long(config, config.load.depth_mm);
 }
 
 Index fewest_nodes_under_tool(const Config& config) {

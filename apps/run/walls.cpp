@@ -95,7 +95,8 @@ WallWords words_of_wall(const std::string& name, const Config::Wall& wall) {
   if (!labels_in(rest).empty() && kind == "label") return {WallWords::Kind::label, rest};
   if (!rest.empty() && kind == "plane") return {WallWords::Kind::plane, rest};
   if (!rest.empty() && kind == "around") return {WallWords::Kind::around, rest};
-  refuse_wall(name, fmt::format("is '{}'", text), "shape", "this names no wall", wall_forms);
+  refuse_wall(name, fmt::format("is '{}'", text), "shape",
+              fmt::format("this names no wall; a mesh is read from {} files", surface_suffixes), wall_forms);
 }
 
 ToolPose plane_of(const std::string& name, const std::string& text) {
@@ -294,15 +295,30 @@ namespace {
 // What of the surface can come to it, by the place next to it on the wall.
 ContactSurface facing_surface(const Model& model, const Touch& wall, double reach,
                               const std::optional<Eigen::Vector4d>& opening, Index most_places) {
-  return wall_surface(
+  bool opens = false;
+  ContactSurface surface = wall_surface(
       model,
       [&](const Vec3& x, const Vec3& outward) {
         const ToolDistance to = distance_to_tool(wall.shape, wall.pose, x);
         if (to.distance > reach || outward.dot(to.normal) > faces_wall) return false;
         const Vec3 there = 1e3 * (x - to.distance * to.normal);
-        return !opening || (there - opening->head<3>()).norm() > (*opening)[3];
+        const bool is_open = opening && (there - opening->head<3>()).norm() <= (*opening)[3];
+        opens = opens || is_open;
+        return !is_open;
       },
       most_places);
+  if (opening && !opens && surface.count() > 0)
+    throw ModelError(
+        {.fact =
+             fmt::format("the opening of the wall '{}' at ({:.4g}, {:.4g}, {:.4g}) mm opens nothing of the "
+                         "wall that the body could touch",
+                         wall.name, (*opening)[0], (*opening)[1], (*opening)[2]),
+         .where = wall_key(wall.name, "opening"),
+         .why = fmt::format("no part of the wall within its radius of {} faces the body within {}",
+                            length_in_words((*opening)[3]), length_in_words(1e3 * reach)),
+         .remedy = "give x,y,z,radius in mm (LPS) of a ball that holds a part of the wall, or none",
+         .code = "wall"});
+  return surface;
 }
 
 Eigen::VectorXd distances(const Touch& wall, const Points& places) {

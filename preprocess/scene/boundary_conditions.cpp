@@ -345,9 +345,9 @@ std::string from_its_side(const BodySurface& body, const Vec3& asked, const Boun
                      side_towards(lps), side_towards(-lps), along[0] + 0.0, along[1] + 0.0, along[2] + 0.0);
 }
 
-// `least_room`: around the place, without an edge [mm].
+// `least_room`: around the place, without an edge [mm]. `touches`: a tool that is not bonded.
 void place_as_asked(const BodySurface& body, const std::string& asked_for, const Asked& place,
-                    const View& view, double least_room, Boundary& result) {
+                    const View& view, double least_room, bool touches, Boundary& result) {
   Vec3 given = *place.place;
   if (place.z_is_free) given.z() = (body.to_world() * body.centroid()).z();
   const Vec3 asked = body.to_world().inverse() * given;
@@ -391,6 +391,20 @@ void place_as_asked(const BodySurface& body, const std::string& asked_for, const
         asked_for, moved, words(body, *touch)));
   const Room room = room_around(view, view.flat(*touch), result.radius);
   result.room = room.even;
+  if (room.whole < least_room && touches)
+    throw ModelError(
+        {.fact =
+             fmt::format("a flat tool of {:.4g} mm diameter at {} is wider than the organ's surface there, "
+                         "which is not modelled",
+                         2.0 * result.radius, words(body, *touch)),
+         .where = "--indent-at (boundary.indent_at) and --tool (tool.shape)",
+         .why =
+             fmt::format("nodes are placed for contact out to the tool's edge, and {:.1f} mm from its middle "
+                         "the surface ends or drops by more than a radius",
+                         room.whole),
+         .remedy = "take a sphere so large that it is nearly flat, such as --tool sphere:1000mm; or move the "
+                   "tool with --indent-at, or give it a smaller radius",
+         .code = "tool-too-wide"});
   if (room.whole < least_room)
     throw ModelError(
         {.fact = fmt::format("the tool's circle of {:.4g} mm diameter at {} hangs over the organ's edge",
@@ -399,7 +413,7 @@ void place_as_asked(const BodySurface& body, const std::string& asked_for, const
          .why = fmt::format("{:.1f} mm from its middle the surface ends or drops by more than a radius",
                             room.whole),
          .remedy = from_its_side(body, asked, result) +
-                   "move it with --indent-at, make it smaller with --indenter-diameter (or --tool), or leave "
+                   "move it with --indent-at, make it smaller with --indenter-diameter, or leave "
                    "the place to --indent-at opposite"});
 }
 
@@ -498,7 +512,8 @@ void find_circle(const BodySurface& body, const Moments& moments, const Boundary
   check_width(options, result);
   const View view(body, moments, result.push);
   if (asked.place)
-    place_as_asked(body, options.indent_at, asked, view, radius_of_touch(options), result);
+    place_as_asked(body, options.indent_at, asked, view, radius_of_touch(options),
+                   options.contact_radius_mm > 0.0, result);
   else
     place_on_highest(body, moments, options, asked, view, result);
   if (result.room < wanted_room * result.radius)

@@ -325,6 +325,7 @@ struct Rule {
   std::function<bool(const Vec3&)> is_free;
   // What is taken only where there is nothing better.
   bool with_little_room, with_thin_and_free, with_image_ends;
+  bool just_fits = false;  // nothing of a surface is asked for beyond the disc itself
 
   // A place that lacks room is worth less, in the end more than any height could make good.
   double worth(double mean, const Vec2& p, double room) const {
@@ -336,7 +337,7 @@ struct Rule {
   }
   double thin = 0.0;  // less tissue than that is bent away where it is free [mm]
   bool has_room(const Room& room, double slack) const {
-    return room.whole >= whole_disc * radius + slack &&
+    return room.whole >= (just_fits ? radius : whole_disc * radius + slack) &&
            (with_little_room || room.even >= little_room * radius);
   }
   bool allowed(const Vec2& p) const { return !half || (p - middle).dot(*half) > 0.0; }
@@ -587,7 +588,7 @@ std::optional<CirclePlace> highest_dome(const View& view, const Moments& moments
             .with_thin_and_free = false,
             .with_image_ends = view.body->image_ends().empty()};
   auto found = highest_dome_by(rule, view, moments, height, prefer);
-  for (bool* rest : {&rule.with_thin_and_free, &rule.with_image_ends}) {
+  for (bool* rest : {&rule.with_thin_and_free, &rule.with_image_ends, &rule.just_fits}) {
     if (found) break;
     if (*rest) continue;
     *rest = true;

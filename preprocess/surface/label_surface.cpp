@@ -1,10 +1,13 @@
 #include "preprocess/surface/label_surface.hpp"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
+#include <iterator>
+#include <set>
 
 #include "io/error.hpp"
 #include "io/stop.hpp"
@@ -48,6 +51,25 @@ bool touches_border(const VoxelSet& set, const LabelImage& image) {
   return false;
 }
 
+// Labels that were asked for, and of which nothing is in the piece that is kept.
+void tell_of_dropped_labels(const LabelImage& image, const VoxelSet& kept, SegmentReport& report) {
+  std::set<int> left;
+  for (Index k = 0; k < kept.size[2]; ++k)
+    for (Index j = 0; j < kept.size[1]; ++j)
+      for (const auto& [begin, end] : kept.row(j, k))
+        for (const Run& run : image.row(j + kept.first[1], k + kept.first[2]))
+          if (run.begin < end + kept.first[0] && run.end > begin + kept.first[0]) left.insert(run.label);
+  std::vector<int> dropped;
+  std::copy_if(report.labels.begin(), report.labels.end(), std::back_inserter(dropped),
+               [&](int label) { return !left.contains(label); });
+  if (!dropped.empty())
+    report.warnings.push_back(
+        fmt::format("label{} {} {} dropped whole: choose {} with --label {}; none of it touches the largest "
+                    "piece of the labels",
+                    dropped.size() > 1 ? "s" : "", fmt::join(dropped, ", "),
+                    dropped.size() > 1 ? "are" : "is", dropped.size() > 1 ? "one" : "it", dropped.front()));
+}
+
 // The largest piece, with its small cavities filled, in a box of its own: what is dropped decides nothing.
 VoxelSet one_body(const LabelImage& image, const VoxelSet& set, double voxel_volume, SegmentReport& report) {
   const Pieces pieces = face_connected(set);
@@ -61,7 +83,9 @@ VoxelSet one_body(const LabelImage& image, const VoxelSet& set, double voxel_vol
   std::vector<bool> chosen(pieces.piece.size(), false);
   chosen[body] = true;
 
-  const VoxelSet around = complement(selection(set, pieces, chosen));
+  const VoxelSet largest_piece = selection(set, pieces, chosen);
+  if (report.pieces > 1) tell_of_dropped_labels(image, largest_piece, report);
+  const VoxelSet around = complement(largest_piece);
   const Pieces gaps = face_connected(around);  // the first is what surrounds the organ
   std::vector<bool> empty(gaps.piece.size(), true);
   const auto limit = cavity_share * static_cast<double>(kept);

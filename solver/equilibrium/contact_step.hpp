@@ -16,7 +16,7 @@ namespace dimple {
 /// Source:   primal-dual active set strategy: Hintermueller, Ito, Kunisch, SIAM J. Optim. 13, 2002. Where its
 ///           sets repeat, as they may for matrices that are no M-matrices, projected Gauss-Seidel sweeps,
 ///           which converge for every positive definite one (Cryer, SIAM J. Control 9, 1971).
-Eigen::VectorXd contact_step(const Eigen::MatrixXd& compliance, const Points& normal, const Eigen::VectorXd& gap,
-                         const Eigen::VectorXd& before);
+Eigen::VectorXd contact_step(const Eigen::MatrixXd& compliance, const Points& normal,
+                             const Eigen::VectorXd& gap, const Eigen::VectorXd& before);
 
 }  // namespace dimple

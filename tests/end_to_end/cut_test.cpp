@@ -130,18 +130,25 @@ TEST(Cut, ByADrawnSheetIsThatByTheSamePlaneAndAClosedOneIsTakenOutWhole) {
   const Json sheet = finer("sheet.obj", "sheet"), line = finer("line:9,-20,30,9,20,30,depth=20mm", "line");
   EXPECT_NEAR(sheet["force_N"].get<double>(), line["force_N"].get<double>(),
               0.005 * line["force_N"].get<double>());
-  const Json cube = run_of(folder, block, "--cut cube.obj", "cube");
+  const Ran region = dimple(folder, "run " + block +
+                                        " --write force --nodes 1000 --depth 2mm --frames 2 --band off "
+                                        "--cut cube.obj -o cube");
+  EXPECT_EQ(region.code, 0) << region.err;
+  EXPECT_NE(region.err.find("cm3 removed"), std::string::npos) << region.err;
+  const Json cube = summary_of(folder / "cube");
   EXPECT_NEAR(cube["model"]["cut"]["removed_mm3"].get<double>(), 1440.0, 0.05 * 1440.0);
 }
 
 TEST(Cut, ThatIsNoneIsRefusedByWhatIsWrongWithIt) {
   const fs::path folder = fresh_folder();
   std::ofstream(folder / "broken.stl") << "dear";
+  std::ofstream(folder / "metres.obj") << "v .009 -.02 .01\nv .009 .02 .01\nv .009 .02 .04\nf 1 2 3\n";
   const struct {
     const char* cut;
     int code;
     const char* words;
   } refused[] = {{"hatchet:1,2,3", 2, "is not known"},
+                 {"sheet.ply", 2, ".obj and .vtp"},
                  {"plane:1,2,3", 2, "has 3 parts"},
                  {"plane:1,2,3,0,0,0", 2, "has no normal"},
                  {"plane:1,2,3,0,0,1,depth=3mm", 2, "its length is called radius"},
@@ -154,6 +161,9 @@ TEST(Cut, ThatIsNoneIsRefusedByWhatIsWrongWithIt) {
                  {"label:block", 3, "nothing of the body is left"},
                  {"broken.stl", 3, "is no STL file"},
                  {"nowhere.stl", 3, "nowhere.stl"},
+                 {"metres.obj", 2, "is 0.0400 mm long or deep"},
+                 {"plane:20,0,30,1,0,0,radius=0.012", 2, "is 0.0240 mm long or deep"},
+                 {"line:20,-15,30,20,15,30,depth=0.012", 2, "is 0.0120 mm long or deep"},
                  {"plane:200,0,0,1,0,0", 4, "meets no tissue"},
                  {"line:-9,-20,30,9,20,30,depth=10mm", 4, "passes under the circle"},
                  {"plane:0,0,30.7,1,0.3,0,radius=3mm", 4, "passes under the circle"}};
@@ -164,6 +174,17 @@ TEST(Cut, ThatIsNoneIsRefusedByWhatIsWrongWithIt) {
     EXPECT_NE(ran.err.find("try:"), std::string::npos);
     EXPECT_FALSE(fs::exists(folder / "out" / "force.csv")) << cut;
   }
+}
+
+TEST(Cut, ByASheetThatWasDrawnInCentimetresIsWarnedOfAndOneInMillimetresIsNot) {
+  const fs::path folder = fresh_folder();
+  std::ofstream(folder / "cm.obj") << "v .9 -2 1\nv .9 2 1\nv .9 2 4\nv .9 -2 4\nf 1 2 3 4\n";
+  std::ofstream(folder / "mm.obj") << "v 9 -20 10\nv 9 20 10\nv 9 20 40\nv 9 -20 40\nf 1 2 3 4\n";
+  const auto warnings = [&](const std::string& sheet) {
+    return run_of(folder, block, "--cut " + sheet, "out")["warnings"].dump();
+  };
+  EXPECT_NE(warnings("cm.obj").find("scale it if it was drawn in metres"), std::string::npos);
+  EXPECT_EQ(warnings("mm.obj --force").find("scale it if"), std::string::npos);
 }
 
 TEST(Cut, UnderAToolThatTouchesIsPressedOnBothBanksAndMakesTheBodySofter) {

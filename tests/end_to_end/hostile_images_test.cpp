@@ -633,6 +633,7 @@ std::vector<Case> nrrd_cases() {
       refused("An NRRD of two layers", {{"a.seg.nrrd", layers("list", 2)}}, {"holds 2 numbers", "overlap"}),
       refused("An NRRD of vectors", {{"a.nrrd", layers("vector", 3)}}, {"holds 3 numbers"}),
       refused("An NRRD of colours", {{"a.nrrd", layers("RGB-color", 3)}}, {"holds 3 numbers"}),
+      refused("An NRRD with an axis of time", {{"a.nrrd", layers("time", 2)}}, {"4 axes (sizes: 2 9 8 7)", "time frame"}),
       right("An NRRD of one layer", {{"a.seg.nrrd", layers("list", 1)}}),
 
       // types and values

@@ -398,6 +398,13 @@ TEST_F(Block, RefusesLoadsAndSupportsThatItDoesNotUnderstand) {
             {std::string("a support is named '") + taken + "'", "name it differently"});
   refused(2, start + "--set support.basis.on=left", {"named 'basis'", "moving least squares"});
   refused(4, support + "500,0,0,3", {"meets no node", "a larger ball"});
+  refused(4, start + "--tool sphere:5mm --set support.x.on=0,0,30,5",
+          {"the support 'x' holds", "of the nodes under the tool", "--indent-at"});
+  refused(4,
+          start +
+              "--tool sphere:5mm --set tool.o.shape=sphere:4mm --set tool.o.at=18,0,30 --set "
+              "tool.o.move=1 --set support.x.on=18,0,30,6",
+          {"the support 'x' holds", "of the nodes under the tool 'o'", "tool.o.at_mm"});
   refused(4, support + "superior", {"nodes of the tool's circle", "--indent-at"});
   refused(4, support + "inferior", {"no node but the base's", "--base-depth"});
   refused(4, support + "left --set support.r.hold=sliding --set support.r.move=0,2,0",

@@ -77,6 +77,13 @@ TEST_F(Places, OnEachSideAreTakenWithTheBaseBesideThemAndTheWayFromThere) {
   EXPECT_GE(others, 2);
 }
 
+TEST_F(Places, OfACircleThatJustFitsAFaceAreFound) {
+  good("phantom cube.nrrd --shape block --size 40,40,40 --spacing 2");
+  for (const char* width : {"33mm", "36mm", "39mm"})
+    good(std::string("model cube.nrrd -o out --force --nodes 300 -q --indenter-diameter ") + width);
+  EXPECT_EQ(dimple(folder, "model cube.nrrd -o out --force --nodes 300 -q --indenter-diameter 42mm").code, 4);
+}
+
 TEST_F(Places, InWordsThatMeantSomethingElseAreRefusedWithTheNewOnes) {
   const auto refused = [&](const std::string& words, const std::vector<const char*>& said) {
     const Ran ran = dimple(folder, words);
@@ -93,6 +100,21 @@ TEST_F(Places, InWordsThatMeantSomethingElseAreRefusedWithTheNewOnes) {
           {"does not come from the superior side", "--direction"});
   for (const char* word : {"superior", "S", "opposite", "superior,left", "0,0,top"})
     good(std::string("model brain.nrrd -o out --force --nodes 500 -q --indent-at ") + word);
+}
+
+TEST_F(Places, OnAPieceThatWasDroppedAreRefusedWithThatReason) {
+  std::string voxels;
+  for (int row = 0; row < 24 * 24; ++row)
+    for (int i = 0; i < 60; ++i)
+      voxels += static_cast<char>(i >= 2 && i < 56 && (i < 20 || i >= 26) && row % 24 >= 2 && row % 24 < 22 &&
+                                  row / 24 >= 2 && row / 24 < 22);
+  std::ofstream(folder / "two.nrrd", std::ios::binary)
+      << "NRRD0004\ntype: uint8\ndimension: 3\nspace: left-posterior-superior\nsizes: 60 24 24\nspace "
+         "directions: (1.5,0,0) (0,1.5,0) (0,0,1.5)\nspace origin: (0,0,0)\nencoding: raw\n\n"
+      << voxels;
+  const Ran ran = dimple(folder, "run two.nrrd -o out --force --nodes 300 -q --indent-at 16,18,top");
+  EXPECT_EQ(ran.code, 4) << ran.err;
+  EXPECT_THAT(ran.err, HasSubstr("the labels form 2 pieces, and all but the largest were dropped"));
 }
 
 // A post of 12 mm with an arm of 9 mm thickness that hangs over nothing: pushed down, the arm bends.

@@ -66,6 +66,29 @@ TEST_F(Refusal, OfAPathWhereNothingIs) {
   expect(3, "solve nomodel -o out", {"nomodel", "dimple model"});
 }
 
+// As the label image of 20 x 20 x 20 voxels of 2 mm, moved to the left.
+TEST_F(Refusal, OfAnImageToBeWarpedThatLiesMostlyBesideTheBodyAndAWarningWhereItIsMoved) {
+  ASSERT_EQ(dimple(folder, "phantom body.nrrd --shape block --size 30,30,30 --spacing 2").code, 0);
+  const std::string labels = text_of(folder / "body.nrrd");
+  const std::string origin = "space origin: (";
+  const std::size_t at = labels.find(origin) + origin.size();
+  const double x = std::stod(labels.substr(at));
+  const auto run_with = [&](double moved) {
+    write("mri.nrrd", labels.substr(0, at) + std::to_string(x + moved) + labels.substr(labels.find(',', at)));
+    return dimple(folder,
+                  "run body.nrrd -o out --force --nodes 300 --depth 0.5mm --band off --warp mri.nrrd");
+  };
+  EXPECT_EQ(run_with(0.0).err.find("mri.nrrd has"), std::string::npos);
+  for (const auto& [moved, words] :
+       {std::pair(1.0, "mri.nrrd has as many voxels as the label image, 1 mm away from it"),
+        std::pair(10.0, "of the body at rest outside"),
+        std::pair(28.0, "of the body lies outside of mri.nrrd")}) {
+    const Ran ran = run_with(moved);
+    EXPECT_EQ(ran.code, moved > 20.0 ? 3 : 0);
+    EXPECT_NE(ran.err.find(words), std::string::npos) << ran.err;
+  }
+}
+
 TEST_F(Refusal, OfAnImageThatCannotBeWarped) {
   write("text.nii.gz", "no image");
   write("notes.txt", "no image");
@@ -258,6 +281,7 @@ TEST_F(Refusal, OfWordsItDoesNotKnow) {
 TEST_F(Refusal, OfPhysicsThatIsNotModelledSaysWhatIs) {
   const std::pair<const char*, std::vector<std::string>> asked[] = {
       {"--body-force 9.81", {"gravity alone", "--gravity inferior"}},
+      {"--load 0.2N", {"a force cannot be prescribed", "--depth 2mm", "force.csv"}},
       {"--unload",
        {"held and lifted by steps of a scene", "step.lift.move=-2mm", "dimple poke IMAGE --script"}},
       {"--adhesion 3kPa", {"adhesion is not modelled", "--friction stick"}},
@@ -325,6 +349,11 @@ TEST_F(Refusal, OfAPushDeeperThanTheOrgan) {
 
 TEST_F(Refusal, OfAnIndenterThatHangsOverTheEdge) {
   expect(4, "run brain.nrrd -o out --indent-at 0,45,5 -q", {"hangs over", "--indenter-diameter"});
+}
+
+TEST_F(Refusal, OfAFlatToolThatTouchesAndIsWiderThanTheSurface) {
+  expect(4, "run brain.nrrd -o out --tool punch:60mm,edge=6mm --indent-at 0,0,top -q",
+         {"wider than the organ's surface", "not modelled", "--tool sphere:1000mm"});
 }
 
 // The image says nothing of a surface finer than its voxels, whoever asks.

@@ -206,6 +206,16 @@ TEST_F(SceneOfSteps, AToolThatHasLeftDoesNoWork) {
   EXPECT_NEAR(work.back(), energy.find("dissipated_J")->back(), 0.05 * most) << "all of it went as heat";
 }
 
+TEST_F(SceneOfSteps, AskForALongToolOnlyWhereTheyPushItIn) {
+  const std::string tool = " --tool sphere:3mm --write force --band off ";
+  EXPECT_EQ(run(tool + "--set step.a.move=-8mm")["force_N"], 0.0);
+  EXPECT_EQ(run(tool + "--set support.s.on=left --set step.a.moves=s --set step.a.move=7,0,0")["force_N"],
+            0.0);
+  for (const char* push : {"8mm", "0,0,-8"})
+    refused("run block.nrrd --force -o deep" + scene + tool + "--set step.a.move=" + push,
+            {"pushed in by 8.00 mm, and is 6.00 mm long"});
+}
+
 TEST_F(SceneOfSteps, WhatMakesNoSceneIsRefusedInWords) {
   const std::string all = "run block.nrrd -o out" + scene;
   refused(all + " --set step.a.moves=retractor --set step.a.move=1,0,0",

@@ -140,6 +140,7 @@ struct Refused {
 TEST(Wall, IsRefusedWhereItCannotStandOrNothingLooksForIt) {
   const Refused refused;
   refused("--wall nothing", "this names no wall");
+  refused("--wall skull.vtk", ".obj and .vtp");
   refused("--wall plane:1,2,3", "has 3 numbers");
   refused("--wall plane:1,2,3,0,0,0", "has no normal");
   refused("--wall label:9", "no label '9'");
@@ -152,6 +153,9 @@ TEST(Wall, IsRefusedWhereItCannotStandOrNothingLooksForIt) {
   refused("--wall around:1mm --set wall.wall.gap=1mm", "two gaps");
   refused("--wall around:1mm --set wall.wall.friction=-1", "friction");
   refused("--wall around:1mm --set wall.wall.opening=1,2,3", "has 3 numbers");
+  for (const char* far : {"0.03,0,0.015,0.014", "300,0,15,14"})
+    refused(std::string("--wall plane:30.5,0,0,-1,0,0 --set wall.wall.opening=") + far,
+            "opens nothing of the wall that the body could touch");
   refused("--set wall.skull.friction=0.1", "has no shape");
   refused("--wall around:1mm --time explicit", "takes no walls");
   refused("--wall around:1mm --scheme horton2007", "takes no walls");

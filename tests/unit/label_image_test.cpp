@@ -663,26 +663,62 @@ TEST(LabelImage, TakesWholeNumbersOfEveryType) {
   expect_same(read("swapped.nii", swapped.file()), body(), 1e-5);
 }
 
+/// The body in single precision, with another value in voxel (3, 0, 1).
+std::string with_value(float value) {
+  const Raw raw = as_it_is(body());
+  Nifti nifti(raw);
+  nifti.type(16, 32);
+  nifti.voxels.clear();
+  for (std::size_t v = 0; v < raw.voxel.size(); ++v) {
+    const float number = v == 38 ? value : static_cast<float>(raw.voxel[v]);
+    nifti.voxels.append(reinterpret_cast<const char*>(&number), sizeof number);
+  }
+  return nifti.file();
+}
+
+TEST(LabelImage, RoundsLabelsThatAreWholeNumbersButForRoundingAndWarns) {
+  const std::tuple<float, int, const char*> values[] = {{3.0000458f, 3, "by 4.6e-05 at most"},
+                                                        {2.99992f, 3, "by 8e-05 at most"},
+                                                        {-1.2e-7f, 0, "by 1.2e-07 at most"}};
+  for (const auto& [value, label, words] : values) {
+    const LabelImage image = read("near.nii", with_value(value));
+    EXPECT_EQ(image.at(3, 0, 1), label);
+    EXPECT_TRUE(warns_of(image, words)) << value;
+  }
+  EXPECT_FALSE(warns_of(read("whole.nii", with_value(3.0f)), "rounded"));
+
+  // Bytes scaled by 12/255: half a step is 0.0235, and label 6 is just as far from its number.
+  LabelImage twice = body();
+  for (auto& part : twice.run) part.label *= 2;
+  Nifti scaled(as_it_is(twice));
+  for (char& v : scaled.voxels) v = static_cast<char>(std::nearbyint(v * 255 / 12.0));
+  scaled.set(112, 12.0f / 255.0f);
+  const LabelImage image = read("scaled.nii", scaled.file());
+  expect_same(image, twice, 1e-5);
+  EXPECT_TRUE(warns_of(image, "by 0.024 at most"));
+}
+
 TEST(LabelImage, RefusesVoxelsThatAreNoLabels) {
   const Raw raw = as_it_is(body());
-  const auto with = [&](float value) {
-    Nifti nifti(raw);
-    nifti.type(16, 32);
-    nifti.voxels.clear();
-    for (std::size_t v = 0; v < raw.voxel.size(); ++v) {
-      const float number = v == 38 ? value : static_cast<float>(raw.voxel[v]);
-      nifti.voxels.append(reinterpret_cast<const char*>(&number), sizeof number);
-    }
-    return refusal("bad.nii", nifti.file());
-  };
+  const auto with = [](float value) { return refusal("bad.nii", with_value(value)); };
   EXPECT_SAYS(with(0.5f).fact,
               "1 of 140 voxels hold no label: the first is 0.5, which is not a whole number");
+  EXPECT_SAYS(with(2.9997f).fact, "2.9997, which is not a whole number");
+  EXPECT_SAYS(with(600000.5f).fact, "600000.5, which is not a whole number");
   EXPECT_SAYS(with(0.5f).where, "stored voxel (3, 0, 1)");
   EXPECT_SAYS(with(0.5f).remedy, "label map");
   EXPECT_SAYS(with(-1.0f).fact, "-1, which is negative");
   EXPECT_SAYS(with(std::numeric_limits<float>::quiet_NaN()).fact, "not finite");
   EXPECT_SAYS(with(std::numeric_limits<float>::infinity()).fact, "not finite");
   EXPECT_SAYS(with(3e9f).fact, "larger than");
+
+  // Numbers that are no multiples of labels: an MRI with its scale.
+  for (const float slope : {0.1f, 0.5f, 2.0f / 3.0f, 1.25f}) {
+    Nifti mri(raw);
+    for (char& v : mri.voxels) v = static_cast<char>(v + 1);
+    mri.set(112, slope);
+    EXPECT_SAYS(refusal("mri.nii", mri.file()).fact, "not a whole number");
+  }
 
   // -1 in 16 bits must not become 65535.
   std::string content = nrrd(raw);
@@ -718,17 +754,34 @@ TEST(LabelImage, RefusesAnImageThatIsNotThreeDimensional) {
   EXPECT_SAYS(refusal("negative.nii", negative.file()).fact, "-7 voxels");
 }
 
-TEST(LabelImage, RefusesOverlappingSegmentsAndColours) {
+TEST(LabelImage, RefusesAnNrrdWithAnAxisOfTimeInItsOwnWords) {
+  const std::string directions = "(1,0,0) (0,1,0) (0,0,1)", domains = "domain domain domain";
+  const std::array<std::string, 3> files[] = {{"5 7 4 2", directions + " none", domains + " time"},
+                                              {"2 5 7 4", "none " + directions, "time " + domains},
+                                              {"5 7 4 1", directions + " none", domains + " space"}};
+  for (const auto& [sizes, along, kinds] : files) {
+    const Report report = refusal(
+        "time.nrrd", "NRRD0004\ntype: uint8\ndimension: 4\nspace: left-posterior-superior\nsizes: " + sizes +
+                         "\nspace directions: " + along + "\nkinds: " + kinds +
+                         "\nspace origin: (0,0,0)\nencoding: raw\n\n" + std::string(280, '\1'));
+    EXPECT_SAYS(report.fact, "4 axes (sizes: " + sizes);
+    EXPECT_SAYS(report.remedy, "one time frame");
+  }
+}
+
+TEST(LabelImage, RefusesSegmentsInLayersAndColours) {
   const std::string voxels = bytes_of(as_it_is(body()).voxel);
   const Report layers =
       refusal("layers.seg.nrrd",
               "NRRD0004\ntype: uint8\ndimension: 4\nspace: left-posterior-superior\nsizes: 2 5 7 4\n"
               "space directions: none (1,0,0) (0,1,0) (0,0,1)\nkinds: list domain domain domain\nspace "
               "origin: (0,0,0)\n"
-              "encoding: raw\nSegment0_ID:=a\nSegment0_Layer:=0\nSegment1_ID:=b\nSegment1_Layer:=1\n\n" +
+              "encoding: raw\nSegment0_ID:=a\nSegment0_Name:=liver\nSegment0_Layer:=0\n"
+              "Segment1_ID:=b\nSegment1_Layer:=1\n\n" +
                   voxels + voxels);
   EXPECT_SAYS(layers.fact, "every voxel holds 2 numbers");
-  EXPECT_SAYS(layers.why, "overlap");
+  EXPECT_SAYS(layers.fact, "'liver' in layer 0, 'Segment1' in layer 1");
+  EXPECT_SAYS(layers.why, "may overlap");
   EXPECT_SAYS(layers.remedy, "3D Slicer");
   std::string colour = metaimage(as_it_is(body()));
   colour.replace(colour.find("ElementType"), 0, "ElementNumberOfChannels = 3\n");
@@ -854,6 +907,8 @@ TEST(LabelImage, RefusesAHeaderThatPromisesMoreThanTheFileCanHold) {
 
 TEST(LabelImage, RefusesWhatIsNoLabelImage) {
   EXPECT_SAYS(refusal("picture.png", "PNG").why, ".seg.nrrd");
+  EXPECT_SAYS(refusal("aseg.mgz", "\x1f\x8b").fact, "FreeSurfer's format");
+  EXPECT_SAYS(refusal("aseg.mgz", "\x1f\x8b").remedy, "mri_convert aseg.mgz aseg.nii.gz");
   EXPECT_SAYS(refusal("text.nrrd", "not an image").fact, "cannot be read as NRRD");
   EXPECT_SAYS(refusal("text.mha", "not an image").fact, "cannot be read as MetaImage");
   EXPECT_SAYS(refusal("text.nii", std::string(1000, 'x')).fact, "not a NIfTI-1 image");

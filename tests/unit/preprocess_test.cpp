@@ -116,6 +116,18 @@ TEST(BodySurface, IsTheSameWithASpeckElsewhereInTheImage) {
             1e-9);
 }
 
+TEST(BodySurface, NamesAChosenLabelOfWhichNothingIsInTheLargestPiece) {
+  LabelImage image = padded(make_phantom({.shape = "block", .size_mm = {60, 60, 30}, .spacing_mm = 3}),
+                            {4, 4, 4}, {4, 4, 4});
+  std::vector<std::int32_t> voxel = every_voxel(image);
+  voxel.front() = 2;
+  set_voxels(image, voxel);
+  EXPECT_EQ(make_body_surface(image, {1, 2})
+                .report.warnings.front()
+                .find("label 2 is dropped whole: choose it with --label 2"),
+            0U);
+}
+
 TEST(BodySurface, RefusesASpeckAndALabelThatIsNotThere) {
   LabelImage image = make_phantom({.shape = "block", .size_mm = {60, 60, 30}, .spacing_mm = 3});
   EXPECT_THROW(make_body_surface(image, {9}), InputError);

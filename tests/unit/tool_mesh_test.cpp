@@ -3,12 +3,16 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <cctype>
 #include <cstdint>
 #include <cstring>
 #include <fstream>
 #include <numbers>
+#include <tuple>
 
 #include "io/error.hpp"
+#include "io/file.hpp"
 #include "io/surface_mesh.hpp"
 #include "preprocess/surface/closed_mesh.hpp"
 #include "preprocess/surface/shapes.hpp"
@@ -232,6 +236,120 @@ TEST_F(SurfaceMesh, ThatIsDamagedIsRefused) {
   std::ofstream(folder / "letter.ply") << "ply\n";
   EXPECT_THAT(refusal("letter.ply"), HasSubstr(".stl, .obj and .vtp"));
   EXPECT_NE(refusal("nowhere.stl"), "");
+}
+
+TEST_F(SurfaceMesh, OfTextBeginsAsItMay) {
+  const TriangleMesh mesh = ball(5.0, {1, 2, 3}, 24);
+  write_text_stl(folder / "plain.stl", mesh);
+  const std::string plain = read_file(folder / "plain.stl");
+  std::string capitals = plain;
+  std::transform(capitals.begin(), capitals.end(), capitals.begin(),
+                 [](unsigned char c) { return std::toupper(c); });
+  const SurfaceFile right = read_surface_mesh(folder / "plain.stl");
+  for (const std::string& text : {capitals, "\xef\xbb\xbf" + plain, "\n" + plain, "   " + plain}) {
+    write_file(folder / "other.stl", text);
+    EXPECT_EQ(read_surface_mesh(folder / "other.stl").position_mm, right.position_mm) << text.substr(0, 20);
+  }
+  for (const char* name : {"wide.stl", "wide.obj"}) {
+    write_file(folder / name, std::string("\xff\xfes\0o\0", 6));
+    EXPECT_THAT(refusal(name), HasSubstr("UTF-16"));
+  }
+  write_file(folder / "short.stl", plain.substr(0, plain.find("endsolid")));
+  EXPECT_THAT(refusal("short.stl"), HasSubstr("breaks off"));
+  std::string commas = plain;
+  std::replace(commas.begin(), commas.end(), '.', ',');
+  write_file(folder / "commas.stl", commas);
+  EXPECT_THAT(refusal("commas.stl"), HasSubstr("decimal commas"));
+}
+
+TEST_F(SurfaceMesh, WhoseNumbersCannotBeReadIsRefusedWithTheLine) {
+  const std::string first = "# a sheet\nv 0 0 0\nv 1 0 0\n";
+  const std::tuple<const char*, const char*, const char*> refused[] = {
+      {"v 0 1 5,5\nf 1 2 3\n", "'5,5' is not a finite number in line 4", "decimal commas"},
+      {"v 0 x 0\nf 1 2 3\n", "'x' is not a finite number in line 4", "three numbers"},
+      {"v 0 1\nf 1 2 3\n", "too few numbers in line 4", "three numbers"},
+      {"v 0mm 1mm 0mm\nf 1 2 3\n", "'0mm' is not a finite number in line 4", "three numbers"},
+      {"v 0 1 nan\nf 1 2 3\n", "'nan' is not a finite number in line 4", "three numbers"},
+      {"v 0 1 0\nf 1 2 x\n", "'x' in line 5 is no corner", "by number"},
+      {"v 0 1 0\nf 1 2 -4\n", "'-4' in line 5 is no corner", "by number"},
+      {"v 0 1 0\nf 1 2\n", "the face in line 5 has 2 corners", "three"}};
+  for (const auto& [rest, fact, why] : refused) {
+    write_file(folder / "bad.obj", first + rest);
+    EXPECT_THAT(refusal("bad.obj"), testing::AllOf(HasSubstr(fact), HasSubstr(why))) << rest;
+  }
+  write_file(folder / "good.obj", "\xef\xbb\xbf" + first + "v +0 1e0 0 0.5 0.5 0.5\r\nf 1/1 2//7 \\\n -1\n");
+  EXPECT_EQ(read_surface_mesh(folder / "good.obj").triangles.cols(), 1);
+}
+
+std::string vtp_of_a_triangle(const std::string& field_data, const std::string& cell_data = "") {
+  return R"(<VTKFile type="PolyData" version="0.1" byte_order="LittleEndian"><PolyData>)" + field_data +
+         R"(<Piece NumberOfPoints="3" NumberOfVerts="0" NumberOfLines="0" NumberOfStrips="0" )"
+         R"(NumberOfPolys="1"><PointData/><CellData>)" +
+         cell_data +
+         R"(</CellData><Points><DataArray type="Float32" NumberOfComponents="3" format="ascii">)"
+         R"(8 -15 5 8 15 5 9 15 35</DataArray></Points><Polys>)"
+         R"(<DataArray type="Int32" Name="connectivity" format="ascii">0 1 2</DataArray>)"
+         R"(<DataArray type="Int32" Name="offsets" format="ascii">3</DataArray></Polys></Piece></PolyData></VTKFile>)";
+}
+
+TEST_F(SurfaceMesh, IsReadInTheSpaceThatItNames) {
+  const auto space = [](const std::string& letters) {
+    return R"(<FieldData><Array type="String" Name="SPACE" NumberOfTuples="1" format="ascii">)" + letters +
+           " 0</Array></FieldData>";
+  };
+  TriangleMesh one;
+  one.vertex = Mat3{{8, 8, 9}, {-15, 15, 15}, {5, 5, 35}};
+  one.triangles = Triangles(3, 1);
+  one.triangles << 0, 1, 2;
+  write_text_stl(folder / "none.stl", one);
+  std::string text = read_file(folder / "none.stl");
+  write_file(folder / "text_ras.stl", text.replace(0, 10, "solid 3D Slicer output. SPACE=RAS"));
+  for (const std::string name : {"LPS", "RAS"}) {
+    write_binary_stl(folder / (name + ".stl"), one, "3D Slicer output. SPACE=" + name);
+    write_file(folder / (name + ".obj"),
+               "# 3D Slicer output. SPACE=" + name + "\nv 8 -15 5\nv 8 15 5\nv 9 15 35\nf 1 2 3\n");
+  }
+  write_file(folder / "LPS.vtp", vtp_of_a_triangle(space("76 80 83")));
+  write_file(folder / "RAS.vtp", vtp_of_a_triangle(space("82 65 83")));
+  const Mat3 turn = Vec3(-1, -1, 1).asDiagonal();
+  for (const char* name : {"none.stl", "LPS.stl", "LPS.obj", "LPS.vtp"})
+    EXPECT_EQ(read_surface_mesh(folder / name).position_mm, one.vertex) << name;
+  for (const char* name : {"text_ras.stl", "RAS.stl", "RAS.obj", "RAS.vtp"}) {
+    const SurfaceFile read = read_surface_mesh(folder / name);
+    EXPECT_EQ(read.position_mm, turn * one.vertex) << name;
+    EXPECT_EQ(read.triangles, one.triangles) << name;
+    EXPECT_TRUE(read.facts.empty()) << name;
+  }
+}
+
+TEST_F(SurfaceMesh, LeavesTextArraysOfAVtpAside) {
+  const std::string words = R"(type="String" Name="names" format="ascii">65 66 0 "" 67)";
+  for (const std::string element : {"DataArray", "Array"}) {
+    const std::string array = "<" + element + " " + words + "</" + element + ">";
+    write_file(folder / "text.vtp", vtp_of_a_triangle("<FieldData>" + array + "</FieldData>", array + array));
+    const SurfaceFile read = read_surface_mesh(folder / "text.vtp");
+    EXPECT_EQ(read.triangles.cols(), 1);
+    EXPECT_TRUE(read.facts.empty() && read.on_triangles.empty());
+  }
+  write_file(folder / "open.vtp", vtp_of_a_triangle("<FieldData><Array " + words + "</FieldData>"));
+  EXPECT_NE(refusal("open.vtp"), "");
+}
+
+TEST_F(SurfaceMesh, WithATriangleTwiceIsRefusedWithThePlace) {
+  const TriangleMesh mesh = ball(5.0, {10, 20, 30}, 24);
+  TriangleMesh one = mesh;
+  one.triangles.conservativeResize(3, mesh.triangles.cols() + 1);
+  one.triangles.rightCols<1>() << mesh.triangles(2, 0), mesh.triangles(0, 0), mesh.triangles(1, 0);
+  const std::string all = std::to_string(mesh.triangles.cols());
+  for (const auto& [twice, copies] : {std::pair{one, std::string("1 of its")}, {together(mesh, mesh), all}}) {
+    write_binary_stl(folder / "twice.stl", twice);
+    write_vtp(folder / "twice.vtp", {.position_mm = twice.vertex, .triangles = twice.triangles, .fields = {}},
+              0.0, true);
+    for (const char* name : {"twice.stl", "twice.vtp"})
+      EXPECT_THAT(refusal(name), testing::AllOf(HasSubstr(std::string("in ") + name),
+                                                HasSubstr("a triangle is there twice near ("),
+                                                HasSubstr(") mm / " + copies)));
+  }
 }
 
 }  // namespace
