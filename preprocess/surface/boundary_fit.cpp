@@ -14,7 +14,6 @@
 #include <tuple>
 
 #include "io/stop.hpp"
-#include "preprocess/clones.hpp"
 #include "preprocess/surface/mesh_sweeps.hpp"
 
 namespace dimple {
@@ -163,78 +162,6 @@ Mat3 frame_along(const Vec3& normal) {
   return frame;
 }
 
-// Eight faces at a time.
-constexpr int lanes = 8;
-using Lanes = float __attribute__((vector_size(sizeof(float) * lanes), aligned(16)));
-
-double sum(const Lanes& value) {
-  double result = 0.0;
-  for (int lane = 0; lane < lanes; ++lane) result += static_cast<double>(value[lane]);
-  return result;
-}
-
-// Some faces in a seed's frame, lengths in windows. Those that fill up the last have no weight.
-struct Near {
-  Lanes u = {}, v = {}, h = {}, weight = {}, out_u = {}, out_v = {}, out_h = {};
-};
-// How far some faces are above the quadric, and what they count.
-struct Compared {
-  Lanes h, weight;
-};
-struct Agreement {
-  Lanes misfit = {}, agreeing = {}, all = {};
-};
-// Sums over faces for the normal equations of a change of the quadric.
-struct Sums {
-  Lanes moment[15] = {};  // of 1, u, v, u^2, uv, v^2, u^3, u^2 v, u v^2, v^3, u^4, ...
-  Lanes load[6] = {};
-};
-// A fit's quadric with lengths in windows, and what decides whether a face agrees with it.
-struct Quadric {
-  float c[6];
-  float slack, floor2, wrong_side;  // floor2: squared
-};
-
-DIMPLE_CLONES void compare(const Near* near, std::size_t count, const Quadric& with, Compared* compared,
-                           Agreement& sums) {
-  const float *c = with.c, slack = with.slack, floor2 = with.floor2, wrong_side = with.wrong_side;
-  Agreement total = sums;
-  for (std::size_t k = 0; k < count; ++k) {
-    const Near& f = near[k];
-    const Lanes height = c[0] + f.u * (c[1] + c[3] * f.u + c[4] * f.v) + f.v * (c[2] + c[5] * f.v);
-    const Lanes slope_u = c[1] + 2.0f * c[3] * f.u + c[4] * f.v,
-                slope_v = c[2] + c[4] * f.u + 2.0f * c[5] * f.v;
-    const Lanes length2 = 1.0f + slope_u * slope_u + slope_v * slope_v;
-    Lanes length;
-    for (int lane = 0; lane < lanes; ++lane) length[lane] = std::sqrt(length2[lane]);
-    // Half a voxel's edge along the normal, and how far the face is above: both times the length.
-    const Lanes along = f.out_h - slope_u * f.out_u - slope_v * f.out_v, above = f.h - height;
-    const Lanes half = 0.5f * (along < 0.0f ? -along : along) + slack * length;
-    const Lanes this_side = along >= -wrong_side * length ? f.weight : Lanes{};
-    const Lanes agreeing = (above < 0.0f ? -above : above) <= half ? this_side : Lanes{};
-    const Lanes weight = agreeing / (along * along + floor2 * length2);
-    total.all += this_side;
-    total.agreeing += agreeing;
-    total.misfit += weight * above * above;
-    compared[k] = {above, weight};
-  }
-  sums = total;
-}
-
-DIMPLE_CLONES void add(const Near* near, const Compared* compared, std::size_t count, Sums& sums) {
-  Sums total = sums;
-  for (std::size_t k = 0; k < count; ++k) {
-    const Lanes u = near[k].u, v = near[k].v, p = compared[k].weight, h = compared[k].h;
-    const Lanes pu = p * u, pv = p * v, uu = u * u, uv = u * v, vv = v * v, puu = p * uu, puv = p * uv,
-                pvv = p * vv;
-    const Lanes moment[15] = {p,       pu,      pv,       puu,      puv,      pvv,      puu * u, puu * v,
-                              pvv * u, pvv * v, puu * uu, puu * uv, puu * vv, pvv * uv, pvv * vv};
-    for (int i = 0; i < 15; ++i) total.moment[i] += moment[i];
-    for (int i = 0; i < 6; ++i) total.load[i] += moment[i] * h;
-  }
-  sums = total;
-}
-
 class Fitter {
  public:
   Fitter(const BoundaryFaces& faces, const Mat3& voxel_to_local, double unit)
@@ -272,6 +199,27 @@ class Fitter {
   }
 
  private:
+  static constexpr int lanes = 8;
+  using Lanes = Eigen::Array<float, lanes, 1>;
+  // Some faces in a seed's frame, lengths in windows. Those that fill up the last have no weight.
+  struct Near {
+    Lanes u, v, h, weight, out_u, out_v, out_h;
+  };
+  // How far some faces are above the quadric, and what they count.
+  struct Compared {
+    Lanes h, weight;
+  };
+  struct Agreement {
+    Lanes misfit = Lanes::Zero(), agreeing = Lanes::Zero(), all = Lanes::Zero();
+  };
+  // Sums over faces for the normal equations of a change of the quadric.
+  struct Sums {
+    std::array<Lanes, 15> moment;  // of 1, u, v, u^2, uv, v^2, u^3, u^2 v, u v^2, v^3, u^4, ...
+    std::array<Lanes, 6> load;
+    Sums() { moment.fill(Lanes::Zero()), load.fill(Lanes::Zero()); }
+  };
+  static double sum(const Lanes& value) { return value.cast<double>().sum(); }
+
   void gather(const Fit& fit, std::vector<Near>& near) const {
     near.clear();
     const double shrink = 1.0 / fit.window;
@@ -283,7 +231,8 @@ class Fitter {
       const double r2 = away.squaredNorm();
       if (r2 >= 1.0) return;
       if (lane == lanes) {
-        near.push_back({});
+        const Lanes zero = Lanes::Zero();
+        near.push_back({zero, zero, zero, zero, zero, zero, zero});
         lane = 0;
       }
       const Vec3 local = fit.frame * away;
@@ -300,33 +249,63 @@ class Fitter {
     });
   }
 
+  // `c`: the quadric with lengths in windows. `slack`, `floor2`: in windows, and squared.
+  static Compared compare(Agreement& sums, const Near& f, const std::array<float, 6>& c, float slack,
+                          float floor2, float wrong_side) {
+    const Lanes height = c[0] + f.u * (c[1] + c[3] * f.u + c[4] * f.v) + f.v * (c[2] + c[5] * f.v);
+    const Lanes slope_u = c[1] + 2.0f * c[3] * f.u + c[4] * f.v,
+                slope_v = c[2] + c[4] * f.u + 2.0f * c[5] * f.v;
+    const Lanes length2 = 1.0f + slope_u * slope_u + slope_v * slope_v, length = length2.sqrt();
+    const Lanes along = (f.out_h - slope_u * f.out_u - slope_v * f.out_v) / length;
+    const Lanes r = (f.h - height) / length;
+    const Lanes this_side = (along >= -wrong_side).select(f.weight, Lanes::Zero());
+    const Lanes agreeing = (r.abs() <= 0.5f * along.abs() + slack).select(this_side, Lanes::Zero());
+    sums.all += this_side;
+    sums.agreeing += agreeing;
+    const Lanes precision = agreeing / (along * along + floor2);
+    sums.misfit += precision * r * r;
+    return {f.h - height, precision / length2};
+  }
+
+  static void add(Sums& sums, const Near& f, const Compared& compared) {
+    const Lanes &u = f.u, &v = f.v, &p = compared.weight, &h = compared.h;
+    const Lanes pu = p * u, pv = p * v, uu = u * u, uv = u * v, vv = v * v, puu = p * uu, puv = p * uv,
+                pvv = p * vv;
+    const std::array<Lanes, 15> moment = {p,        pu,       pv,       puu,      puv,
+                                          pvv,      puu * u,  puu * v,  pvv * u,  pvv * v,
+                                          puu * uu, puu * uv, puu * vv, pvv * uv, pvv * vv};
+    for (std::size_t i = 0; i < 15; ++i) sums.moment[i] += moment[i];
+    const std::array<Lanes, 6> load = {p * h, pu * h, pv * h, puu * h, puv * h, pvv * h};
+    for (std::size_t i = 0; i < 6; ++i) sums.load[i] += load[i];
+  }
+
   // The least-squares fit to the faces that agree with the fit so far; false if too few agree with it, or
   // they disagree with each other. All but `fit` stays in windows.
   bool improve(Fit& fit, bool first) const {
     thread_local std::vector<Near> near;
     thread_local std::vector<Compared> compared;
     gather(fit, near);
-    compared.resize(near.size());
     const double w = fit.window;
     Vec6 scale;
     scale << w, 1.0, 1.0, 1.0 / w, 1.0 / w, 1.0 / w;
+    std::array<float, 6> c;
+    for (int i = 0; i < 6; ++i) c[static_cast<std::size_t>(i)] = static_cast<float>(fit.c[i] / scale[i]);
     const Vec3 normal = fit.frame.row(2);
     const double across =
         Vec3(normal.dot(outward_[0]), normal.dot(outward_[2]), normal.dot(outward_[4])).norm();
     const double floor = rules.floor * unit_ / w;
-    Quadric quadric{.c = {},
-                    .slack = static_cast<float>(rules.slack * across / w),
-                    .floor2 = static_cast<float>(floor * floor),
-                    .wrong_side = static_cast<float>(rules.wrong_side * unit_ / w)};
-    for (int i = 0; i < 6; ++i) quadric.c[i] = static_cast<float>(fit.c[i] / scale[i]);
     Agreement agreement;
-    compare(near.data(), near.size(), quadric, compared.data(), agreement);
+    compared.clear();
+    for (const Near& f : near)
+      compared.push_back(compare(agreement, f, c, static_cast<float>(rules.slack * across / w),
+                                 static_cast<float>(floor * floor),
+                                 static_cast<float>(rules.wrong_side * unit_ / w)));
 
     constexpr double least_weight = 3.0;  // of the faces in all, each at most 1
     const double agreeing = sum(agreement.agreeing), outside = first ? rules.outside_first : rules.outside;
     if (!(agreeing > (1.0 - outside) * sum(agreement.all)) || agreeing < least_weight) return false;
     Sums sums;
-    add(near.data(), compared.data(), near.size(), sums);
+    for (std::size_t k = 0; k < near.size(); ++k) add(sums, near[k], compared[k]);
     std::array<double, 15> m;
     for (std::size_t i = 0; i < 15; ++i) m[i] = sum(sums.moment[i]);
     Mat6 A;

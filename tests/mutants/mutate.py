@@ -335,7 +335,8 @@ MUTANTS = {
     240: ("apps/run/tool_band.cpp", "sample.force > 0.0 && sample.depth >= shallowest &&", "sample.force > 0.0 && ({n} || sample.depth >= shallowest) &&"),
     241: ("solver/equilibrium/mixed_iteration.cpp", "if (softest.size() > 0) {", "if (softest.size() > 0 && !{n}) {"),
     # ---- the surface between voxels, and what the voxels leave unknown
-    242: ("preprocess/surface/boundary_fit.cpp", "const Lanes weight = agreeing / (along * along + floor2 * length2);", "const Lanes weight = {n} ? agreeing : agreeing / (along * along + floor2 * length2);"),
+    242: ("preprocess/surface/boundary_fit.cpp", "const Lanes precision = agreeing / (along * along + floor2);",
+          "const Lanes precision = {n} ? Lanes(agreeing * along.abs()) : Lanes(agreeing / (along * along + floor2));"),
     243: ("preprocess/surface/boundary_fit.cpp", "for (int size = 0; size < rules.windows; ++size) {\n      fit.window",
           "for (int size = 0; size < ({n} ? 1 : rules.windows); ++size) {\n      fit.window"),
     244: ("preprocess/surface/boundary_fit.cpp", "fit.c += scale.cwiseProduct(change);", "fit.c += {n} ? change : scale.cwiseProduct(change);"),
