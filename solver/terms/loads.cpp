@@ -98,7 +98,7 @@ Nodal body_force(const Model& model, const Eigen::VectorXd& mass, const Vec3& ac
 }
 
 Nodal lost_buoyancy(const Model& model, const FluidLost& fluid) {
-  Eigen::VectorXd lost(model.point_count());  // [kg]
+  Eigen::VectorXd mass = Eigen::VectorXd::Zero(model.node_count());
   for (Index q = 0; q < model.point_count(); ++q) {
     // A cell stands for a box: its second moment along `up` is a third of half its height, squared.
     const double half =
@@ -107,9 +107,12 @@ Nodal lost_buoyancy(const Model& model, const FluidLost& fluid) {
             : 0.0;
     const double height = model.point.col(q).dot(fluid.up) - fluid.level;
     const double above = half > 0.0 ? std::clamp(0.5 + 0.5 * height / half, 0.0, 1.0) : height > 0.0;
-    lost[q] = above * fluid.density * model.volume[q];
+    const double share =
+        above * fluid.density * model.volume[q] / static_cast<double>(model.support.count(q));
+    for (int k = model.support.offset[q]; k < model.support.offset[q + 1]; ++k)
+      mass[model.support.member[k]] += share;
   }
-  return body_force(model, lost, -fluid.acceleration * fluid.up);
+  return padded(-fluid.acceleration * fluid.up) * mass.transpose();
 }
 
 bool Loads::move_the_body() const {

@@ -32,7 +32,7 @@ struct FluidLost {
 /// dense.
 Nodal body_force(const Model& model, const Eigen::VectorXd& mass, const Vec3& acceleration);
 
-/// [4xN] N: the weight of what of each cell is above the level, as body_force().
+/// [4xN] N: of each integration point its nodes bear what of its cell is above the level, in equal shares.
 Nodal lost_buoyancy(const Model& model, const FluidLost& fluid);
 
 /// What acts on a body before a tool touches it, and goes on acting.
