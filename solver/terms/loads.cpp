@@ -126,8 +126,7 @@ std::unique_ptr<ForceTerm> dead_load(Nodal force) {
 
 ForceTerms make_terms(const Model& model, const Loads& loads) {
   ForceTerms terms;
-  if (!loads.gravity.isZero(0.0))
-    terms.push_back(dead_load(body_force(model, model.density.cwiseProduct(model.volume), loads.gravity)));
+  if (!loads.gravity.isZero(0.0)) terms.push_back(dead_load(padded(loads.gravity) * model.mass.transpose()));
   if (loads.fluid) terms.push_back(dead_load(lost_buoyancy(model, *loads.fluid)));
   for (const SurfacePressure& one : loads.pressure)
     if (one.follows)

@@ -114,7 +114,7 @@ MUTANTS = {
          "if (!{n}) system_.begin_step((increment.to - increment.from) / loading_.rate);  // and back"),
     # ---- forces beside the tissue's
     72: ("solver/terms/loads.cpp", "{ f -= now.share * force_; }", "{ f -= ({n} ? -1.0 : 1.0) * now.share * force_; }"),
-    73: ("solver/terms/loads.cpp", "dead_load(body_force(model, model.density.cwiseProduct(model.volume), loads.gravity))", "dead_load(({n} ? 0.95 : 1.0) * body_force(model, model.density.cwiseProduct(model.volume), loads.gravity))"),
+    73: ("solver/terms/loads.cpp", "dead_load(padded(loads.gravity) * model.mass.transpose())", "dead_load(padded(loads.gravity) * ({n} ? 0.95 : 1.0) * model.mass.transpose())"),
     74: ("solver/terms/loads.cpp", "    return -now.share * force_.cwiseProduct(u).sum();",
          "    return ({n} ? -0.5 : -1.0) * now.share * force_.cwiseProduct(u).sum();"),
     75: ("solver/terms/loads.cpp", "const Vec3 inward = -0.5 *", "const Vec3 inward = ({n} ? -0.45 : -0.5) *"),
