@@ -16,7 +16,7 @@
 #include "apps/commands/command_line.hpp"
 
 int main(int argc, char** argv) {
-  // A stage uses the memory that the stage before it has freed. To fetch pages anew takes a fifth of a stage.
+  // Each stage reuses the memory that the one before it has freed: new pages cost up to a fifth of its time.
 #ifdef __GLIBC__
   mallopt(M_MMAP_THRESHOLD, 32 << 20);
   mallopt(M_TRIM_THRESHOLD, 128 << 20);

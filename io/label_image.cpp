@@ -32,8 +32,7 @@ enum class Format { nrrd, nifti, metaimage, unknown };
 constexpr std::size_t block = std::size_t{1} << 22;  // voxels between two questions whether to stop
 
 Format format_of(const fs::path& file) {
-  std::string name = file.filename().string();
-  std::transform(name.begin(), name.end(), name.begin(), [](unsigned char c) { return std::tolower(c); });
+  const std::string name = lower(file.filename().string());
   const auto ends = [&](auto... suffix) { return (name.ends_with(suffix) || ...); };
   if (ends(".nrrd", ".nhdr")) return Format::nrrd;
   if (ends(".nii", ".nii.gz", ".hdr", ".hdr.gz", ".img", ".img.gz")) return Format::nifti;

@@ -151,13 +151,6 @@ StoredImage read_information(itk::ImageIOBase& io, const fs::path& file, std::st
   return image;
 }
 
-std::string lower(std::string_view text) {
-  std::string result(text);
-  std::transform(result.begin(), result.end(), result.begin(),
-                 [](unsigned char c) { return std::tolower(c); });
-  return result;
-}
-
 /// The lines `key<separator>value` that both formats start with; ITK keeps neither the unit of an NRRD nor
 /// where the voxels begin, and must not see what it cannot stand.
 struct TextHeader {

@@ -14,6 +14,7 @@
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/stop.hpp"
+#include "io/text.hpp"
 
 namespace dimple {
 namespace {
@@ -147,11 +148,6 @@ std::map<int, std::string> numbered(std::string_view names) {
   std::map<int, std::string> table;
   for (std::string name; words >> name;) table[static_cast<int>(table.size()) + 1] = name;
   return table;
-}
-
-std::string lower(std::string text) {
-  std::transform(text.begin(), text.end(), text.begin(), [](unsigned char c) { return std::tolower(c); });
-  return text;
 }
 
 /// The values of one line of a CSV file; quotes keep commas.

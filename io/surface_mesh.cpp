@@ -10,7 +10,6 @@
 
 #include <algorithm>
 #include <array>
-#include <cctype>
 #include <charconv>
 #include <cmath>
 #include <cstdint>
@@ -20,6 +19,7 @@
 
 #include "io/error.hpp"
 #include "io/file.hpp"
+#include "io/stop.hpp"
 #include "io/text.hpp"
 #include "io/words.hpp"
 
@@ -63,17 +63,11 @@ std::string_view text_in(const fs::path& file, std::string_view content) {
   return content;
 }
 
-std::string in_small_letters(std::string_view text) {
-  std::string result(text);
-  std::transform(result.begin(), result.end(), result.begin(),
-                 [](unsigned char c) { return std::tolower(c); });
-  return result;
-}
-
 // Calls `work(line, number)`.
 template <class Work>
 void for_each_line(std::string_view text, const Work& work) {
   for (std::size_t number = 1; !text.empty(); ++number) {
+    if (number % 65536 == 0) stop_if_asked();
     const std::size_t end = std::min(text.find('\n'), text.size());
     work(trimmed(text.substr(0, end)), number);
     text.remove_prefix(std::min(end + 1, text.size()));
@@ -164,7 +158,7 @@ void read_stl(const fs::path& file, const std::string& content, Polygons& into) 
     read_binary_stl(file, content, into);
   } else {
     const std::string_view original = text_in(file, content);
-    const std::string text = in_small_letters(original);
+    const std::string text = lower(original);
     const bool solid = trimmed(text).starts_with("solid");
     if (!solid || text.find("facet") == std::string::npos || text.find('\0') != std::string::npos)
       refuse_stl(file, content.size(), count, solid);
@@ -283,7 +277,7 @@ void refuse_copies(const fs::path& file, const SurfaceFile& surface) {
 
 SurfaceFile read_surface_mesh(const fs::path& file) {
   require_regular_file(file);
-  const std::string suffix = in_small_letters(file.extension().string());
+  const std::string suffix = lower(file.extension().string());
   SurfaceFile surface;
   Polygons polygons;
   if (suffix == ".vtp") {
@@ -315,7 +309,7 @@ SurfaceFile read_surface_mesh(const fs::path& file) {
 }
 
 bool is_surface_file(const std::string& name) {
-  const std::string suffix = in_small_letters(fs::path(name).extension().string());
+  const std::string suffix = lower(fs::path(name).extension().string());
   return suffix == ".stl" || suffix == ".obj" || suffix == ".vtp";
 }
 

@@ -19,22 +19,17 @@
 #include "io/file.hpp"
 #include "io/label_formats.hpp"
 #include "io/stop.hpp"
+#include "io/text.hpp"
 
 namespace dimple {
 namespace {
 
 namespace fs = std::filesystem;
 
-std::string lower_name(const fs::path& file) {
-  std::string name = file.filename().string();
-  std::transform(name.begin(), name.end(), name.begin(), [](unsigned char c) { return std::tolower(c); });
-  return name;
-}
-
 }  // namespace
 
 std::string volume_suffix(const fs::path& file) {
-  const std::string name = lower_name(file);
+  const std::string name = lower(file.filename().string());
   const auto ends = [&](auto... suffix) { return (name.ends_with(suffix) || ...); };
   if (ends(".nrrd", ".nhdr")) return ".nrrd";
   if (ends(".nii", ".hdr", ".img")) return ".nii";

@@ -42,10 +42,7 @@ void refuse_too_many_grown(const Model& model) {
 Model make_model(Discretisation places, const Scheme& scheme, Eigen::VectorXi tissue,
                  const std::vector<double>& density, Stages* stages) {
   Stages here;
-  Model model{std::move(places), scheme, std::move(tissue), {}, {}, {}, {}, {}, {}, {}, {}, {}};
-  model.density.resize(model.point_count());
-  for (Index q = 0; q < model.point_count(); ++q)
-    model.density[q] = density[static_cast<std::size_t>(model.tissue[q])];
+  Model model{std::move(places), scheme, std::move(tissue), {}, {}, {}, {}, {}, {}, {}, {}};
   const std::shared_ptr<const Sight> sight = sight_in(model, scheme.support);
   here.done("sight");
   sight ? find_supports(model, *sight) : find_supports(model);
@@ -65,7 +62,10 @@ Model make_model(Discretisation places, const Scheme& scheme, Eigen::VectorXi ti
       },
       [&] {
         if (scheme.pressure_patches) make_pressure_patches(model, folded);
-        model.mass = lumped_mass(model, model.density);
+        Eigen::VectorXd of_point(model.point_count());
+        for (Index q = 0; q < of_point.size(); ++q)
+          of_point[q] = density[static_cast<std::size_t>(model.tissue[q])];
+        model.mass = lumped_mass(model, of_point);
       });
   give_back_memory();
   here.done("consistency, patches");

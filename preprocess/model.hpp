@@ -108,15 +108,14 @@ class Sight;
 /// Everything that stays fixed during a run, complete as make_model() or build_model() returns it.
 struct Model : Discretisation {
   Scheme scheme = converging;
-  Eigen::VectorXi tissue;   ///< [Q] number of each point's tissue, from 0
-  Eigen::VectorXd density;  ///< [Q] of the tissue [kg/m^3]
+  Eigen::VectorXi tissue;  ///< [Q] number of each point's tissue, from 0
 
   CompressedRows support;  ///< row q: the nodes that point q sees
   /// [3 x support.member] gradient of each such node's shape function at q, or its mean over q's cell [1/m]
   Points dphi;
   PressurePatches patches;                 ///< empty: the volume is held at every point
   std::vector<GradientVariance> variance;  ///< of each tissue; empty: left out
-  Eigen::VectorXd mass;                    ///< [N] for inertia: see lumped_mass() [kg]
+  Eigen::VectorXd mass;                    ///< [N] kg
 
   SupportReport support_report;
   ConsistencyReport consistency_report;

@@ -193,9 +193,7 @@ Option* find(std::vector<Option>& options, const std::string& key) {
                                                               {"poisson", "material.nu"},
                                                               {"poisson_ratio", "material.nu"},
                                                               {"rho", "material.density"}};
-  std::string word = key.substr(key.rfind('.') + 1);
-  std::transform(word.begin(), word.end(), word.begin(), [](unsigned char c) { return std::tolower(c); });
-  const auto synonym = synonyms.find(word);
+  const auto synonym = synonyms.find(lower(key.substr(key.rfind('.') + 1)));
   const std::string meant = synonym == synonyms.end() ? did_you_mean(key, known)
                                                       : fmt::format(", did you mean '{}'?", synonym->second);
   throw UsageError({.fact = fmt::format("there is no option '{}'{}", key, meant),

@@ -82,17 +82,16 @@ Index at_border(const VoxelGrid& grid, const std::vector<char>& body, const Defo
   return map.inside_near_surface(nearest.cast<double>()) == is_body ? best : -1;
 }
 
-}  // namespace
-
-namespace {
+Vec3 last_voxel(const VoxelGrid& grid) {
+  return {static_cast<double>(grid.size[0] - 1), static_cast<double>(grid.size[1] - 1),
+          static_cast<double>(grid.size[2] - 1)};
+}
 
 // Of eight corners the largest distance [mm].
 double distance_between(const VoxelGrid& one, const VoxelGrid& other) {
   double largest = 0.0;
   for (int corner = 0; corner < 8; ++corner) {
-    Vec3 at;
-    for (int d = 0; d < 3; ++d)
-      at[d] = corner >> d & 1 ? static_cast<double>(one.size[static_cast<std::size_t>(d)] - 1) : 0.0;
+    const Vec3 at = Vec3(corner & 1, corner >> 1 & 1, corner >> 2).cwiseProduct(last_voxel(one));
     largest = std::max(largest, (one.to_world * at - other.to_world * at).norm());
   }
   return largest;
@@ -101,8 +100,7 @@ double distance_between(const VoxelGrid& one, const VoxelGrid& other) {
 // Of the body's surface at rest.
 double share_outside(const VoxelGrid& grid, const Surface& surface) {
   const Points place = grid.to_world.inverse() * surface.vertex_mm;
-  const Vec3 last(static_cast<double>(grid.size[0] - 1), static_cast<double>(grid.size[1] - 1),
-                  static_cast<double>(grid.size[2] - 1));
+  const Vec3 last = last_voxel(grid);
   const auto outside = std::count_if(place.colwise().begin(), place.colwise().end(), [&](const auto& x) {
     return (x.array() < 0.0).any() || (x.array() > last.array()).any();
   });
@@ -176,9 +174,8 @@ void require_overlap(const ImageTask& task, const Discretisation& body) {
   for (const ImageTask::Warped& image : task.warped) {
     const double outside = share_outside(image.grid, body.surface);
     if (outside <= most_outside) continue;
-    const Vec3 last(static_cast<double>(image.grid.size[0] - 1), static_cast<double>(image.grid.size[1] - 1),
-                    static_cast<double>(image.grid.size[2] - 1));
-    const Points corners = image.grid.to_world * (Points(3, 2) << Vec3::Zero(), last).finished();
+    const Points corners =
+        image.grid.to_world * (Points(3, 2) << Vec3::Zero(), last_voxel(image.grid)).finished();
     const auto in_words = [](const Vec3& x) {
       return fmt::format("({:.4g}, {:.4g}, {:.4g})", x[0], x[1], x[2]);
     };

@@ -393,17 +393,15 @@ void place_as_asked(const BodySurface& body, const std::string& asked_for, const
   result.room = room.even;
   if (room.whole < least_room && touches)
     throw ModelError(
-        {.fact =
-             fmt::format("a flat tool of {:.4g} mm diameter at {} is wider than the organ's surface there, "
-                         "which is not modelled",
-                         2.0 * result.radius, words(body, *touch)),
+        {.fact = fmt::format("the tool of {:.4g} mm diameter at {} would touch the organ over an edge, which "
+                             "is not modelled",
+                             2.0 * result.radius, words(body, *touch)),
          .where = "--indent-at (boundary.indent_at) and --tool (tool.shape)",
-         .why =
-             fmt::format("nodes are placed for contact out to the tool's edge, and {:.1f} mm from its middle "
-                         "the surface ends or drops by more than a radius",
-                         room.whole),
-         .remedy = "take a sphere so large that it is nearly flat, such as --tool sphere:1000mm; or move the "
-                   "tool with --indent-at, or give it a smaller radius",
+         .why = fmt::format("it may touch out to {:.1f} mm from its middle, and {:.1f} mm from there the "
+                            "surface ends or drops by more than a radius",
+                            least_room, room.whole),
+         .remedy = "move it with --indent-at, or give it a smaller radius; for a plate take a sphere that is "
+                   "nearly flat, such as --tool sphere:1000mm",
          .code = "tool-too-wide"});
   if (room.whole < least_room)
     throw ModelError(

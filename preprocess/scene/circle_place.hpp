@@ -33,8 +33,8 @@ struct CirclePlace {
 /// middle, so that of a plateau its middle is taken. Of two domes as high, within a quarter per cent of
 /// `height`, the one away from the body's pointed end or, in a body that has none, towards `prefer` is taken.
 /// Places over thin tissue that is free behind (`is_free` of where the push leaves it), and then those where
-/// the image ends, are taken only if there is no other; one with little room only if all others are lower by
-/// 15 % of `height`. Nothing: no place takes the whole disc.
+/// the image ends, and at last those that the disc just fits, are taken only if there is no other; one with
+/// little room only if all others are lower by 15 % of `height`. Nothing: no place takes the whole disc.
 std::optional<CirclePlace> highest_dome(const View& view, const Moments& moments, double radius,
                                         double height, const std::optional<Eigen::Vector2d>& half,
                                         const Vec3& prefer,

@@ -12,9 +12,6 @@ struct Interpolation {
   Eigen::VectorXd weight;  ///< [rows.member]
   /// Nodal values [dim x N] -> values at the places [dim x M].
   Eigen::MatrixXd operator()(const Eigen::MatrixXd& nodal) const;
-  /// Values at the places [M] -> what each of so many nodes has of them, by its shape function there: the
-  /// sum of the values, and the sum of values times places, stay as they are.
-  Eigen::VectorXd shared_among(Index nodes, const Eigen::VectorXd& at_places) const;
 };
 
 }  // namespace dimple

@@ -705,10 +705,10 @@ SheetCut cut_by_sheet(const Model& before, const std::shared_ptr<const Sheet>& b
     model.patches = before.patches;
     cut.of_patch = divide_patches(model, divided.whole, changed);
   }
-  model.density.resize(model.point_count());
-  for (Index q = 0; q < model.point_count(); ++q)
-    model.density[q] = density[static_cast<std::size_t>(model.tissue[q])];
-  model.mass = lumped_mass(model, model.density);
+  Eigen::VectorXd of_point(model.point_count());
+  for (Index q = 0; q < of_point.size(); ++q)
+    of_point[q] = density[static_cast<std::size_t>(model.tissue[q])];
+  model.mass = lumped_mass(model, of_point);
   return cut;
 }
 

@@ -820,14 +820,6 @@ Eigen::MatrixXd Interpolation::operator()(const Eigen::MatrixXd& nodal) const {
   return result;
 }
 
-Eigen::VectorXd Interpolation::shared_among(Index nodes, const Eigen::VectorXd& at_places) const {
-  Eigen::VectorXd result = Eigen::VectorXd::Zero(nodes);
-  for (Index m = 0; m < rows.rows(); ++m)
-    for (int k = rows.offset[m]; k < rows.offset[m + 1]; ++k)
-      result[rows.member[k]] += weight[k] * at_places[m];
-  return result;
-}
-
 struct FieldAnywhere::Parts {
   explicit Parts(const Model& m) : model(m), cloud(m, m.scheme.support), sight(sight_of(m)) {
     if (sight) points.emplace(m.point);

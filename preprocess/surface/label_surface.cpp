@@ -54,11 +54,17 @@ bool touches_border(const VoxelSet& set, const LabelImage& image) {
 // Labels that were asked for, and of which nothing is in the piece that is kept.
 void tell_of_dropped_labels(const LabelImage& image, const VoxelSet& kept, SegmentReport& report) {
   std::set<int> left;
-  for (Index k = 0; k < kept.size[2]; ++k)
-    for (Index j = 0; j < kept.size[1]; ++j)
-      for (const auto& [begin, end] : kept.row(j, k))
-        for (const Run& run : image.row(j + kept.first[1], k + kept.first[2]))
-          if (run.begin < end + kept.first[0] && run.end > begin + kept.first[0]) left.insert(run.label);
+  for (Index k = 0; k < kept.size[2]; ++k) {
+    stop_if_asked();
+    for (Index j = 0; j < kept.size[1]; ++j) {
+      const auto runs = image.row(j + kept.first[1], k + kept.first[2]);
+      auto run = runs.begin();
+      for (const auto& [begin, end] : kept.row(j, k)) {
+        while (run != runs.end() && run->end <= begin + kept.first[0]) ++run;
+        for (; run != runs.end() && run->begin < end + kept.first[0]; ++run) left.insert(run->label);
+      }
+    }
+  }
   std::vector<int> dropped;
   std::copy_if(report.labels.begin(), report.labels.end(), std::back_inserter(dropped),
                [&](int label) { return !left.contains(label); });

@@ -11,13 +11,15 @@ namespace dimple {
 namespace {
 
 constexpr int most_sets = 40, most_sweeps = 2000;
+constexpr double most_products = 1e9;      // of all sweeps together: a second or two
 constexpr double converged_sweep = 1e-10;  // change of a force in a sweep, of the largest force
 
 // One force after the other, each as its own gap asks.
 template <class Stiffness>
 void sweep_until_still(const Stiffness& K, const Eigen::VectorXd& q, Eigen::VectorXd& lambda) {
   lambda = lambda.cwiseMax(0.0).eval();
-  for (int sweep = 0; sweep < most_sweeps; ++sweep) {
+  const double a_sweep = static_cast<double>(lambda.size()) * static_cast<double>(lambda.size());
+  for (int sweep = 0; sweep < most_sweeps && sweep * a_sweep < most_products; ++sweep) {
     stop_if_asked();
     double change = 0.0;
     for (Index s = 0; s < lambda.size(); ++s) {

@@ -5,8 +5,6 @@
 #include <cmath>
 #include <utility>
 
-#include "preprocess/supports/support.hpp"
-
 namespace dimple {
 namespace {
 
@@ -92,10 +90,6 @@ class FollowingPressure : public ForceTerm {
 };
 
 }  // namespace
-
-Nodal body_force(const Model& model, const Eigen::VectorXd& mass, const Vec3& acceleration) {
-  return padded(acceleration) * point_interpolation(model).shared_among(model.node_count(), mass).transpose();
-}
 
 Nodal lost_buoyancy(const Model& model, const FluidLost& fluid) {
   Eigen::VectorXd mass = Eigen::VectorXd::Zero(model.node_count());

@@ -27,12 +27,7 @@ struct FluidLost {
   double acceleration = 9.81;  ///< [m/s^2]
 };
 
-/// [4xN] N: the weight of masses [Q] at the integration points [kg], f_a = sum over q of m_q phi_a(X_q) g, so
-/// that it acts at its centre of mass. Equal shares, as inertia has them, would draw it to where nodes are
-/// dense.
-Nodal body_force(const Model& model, const Eigen::VectorXd& mass, const Vec3& acceleration);
-
-/// [4xN] N: of each integration point its nodes bear what of its cell is above the level, in equal shares.
+/// [4xN] N: of each integration point its nodes bear what of its cell is above the level.
 Nodal lost_buoyancy(const Model& model, const FluidLost& fluid);
 
 /// What acts on a body before a tool touches it, and goes on acting.

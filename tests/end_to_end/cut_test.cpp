@@ -178,8 +178,8 @@ TEST(Cut, ThatIsNoneIsRefusedByWhatIsWrongWithIt) {
 
 TEST(Cut, ByASheetThatWasDrawnInCentimetresIsWarnedOfAndOneInMillimetresIsNot) {
   const fs::path folder = fresh_folder();
-  std::ofstream(folder / "cm.obj") << "v .9 -2 1\nv .9 2 1\nv .9 2 4\nv .9 -2 4\nf 1 2 3 4\n";
-  std::ofstream(folder / "mm.obj") << "v 9 -20 10\nv 9 20 10\nv 9 20 40\nv 9 -20 40\nf 1 2 3 4\n";
+  std::ofstream(folder / "cm.obj") << "v .9 -1.5 1\nv .9 1.5 1\nv .9 1.5 4\nv .9 -1.5 4\nf 1 2 3 4\n";
+  std::ofstream(folder / "mm.obj") << "v 9 -15 10\nv 9 15 10\nv 9 15 40\nv 9 -15 40\nf 1 2 3 4\n";
   const auto warnings = [&](const std::string& sheet) {
     return run_of(folder, block, "--cut " + sheet, "out")["warnings"].dump();
   };

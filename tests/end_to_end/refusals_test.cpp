@@ -351,9 +351,9 @@ TEST_F(Refusal, OfAnIndenterThatHangsOverTheEdge) {
   expect(4, "run brain.nrrd -o out --indent-at 0,45,5 -q", {"hangs over", "--indenter-diameter"});
 }
 
-TEST_F(Refusal, OfAFlatToolThatTouchesAndIsWiderThanTheSurface) {
+TEST_F(Refusal, OfAToolThatWouldTouchOverAnEdge) {
   expect(4, "run brain.nrrd -o out --tool punch:60mm,edge=6mm --indent-at 0,0,top -q",
-         {"wider than the organ's surface", "not modelled", "--tool sphere:1000mm"});
+         {"over an edge", "not modelled", "--tool sphere:1000mm"});
 }
 
 // The image says nothing of a surface finer than its voxels, whoever asks.

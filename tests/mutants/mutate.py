@@ -363,8 +363,6 @@ MUTANTS = {
     66: ("apps/run/summary.cpp", 'summary["mass_g"] = model.mass.sum() * 1e3;', 'summary["mass_g"] = model.mass.sum() * ({n} ? 1.0 : 1e3);'),
     67: ("apps/run/compare.cpp", "*= 1e-3;", "*= {n} ? 1.0 : 1e-3;"),
     68: ("apps/run/compare.cpp", "std::sqrt(sum2 / count)", "std::sqrt(sum2 / ({n} ? 1.0 : count))"),
-    255: ("solver/terms/loads.cpp", "point_interpolation(model).shared_among(model.node_count(), mass).transpose();", "({n} ? Eigen::VectorXd(model.mass) : point_interpolation(model).shared_among(model.node_count(), mass)).transpose();"),
-    256: ("preprocess/supports/support.cpp", "+= weight[k] * at_places[m];", "+= ({n} ? 1.0 / static_cast<double>(rows.count(m)) : weight[k]) * at_places[m];"),
     261: ("solver/equilibrium/contact_step.cpp", "if (!found) sweep", "if (!found && !{n}) sweep"),
     262: ("solver/equilibrium/contact_step.cpp", "open += K(s, t) * lambda[t];", "open += ({n} && t > s ? 0.0 : K(s, t)) * lambda[t];"),
 }

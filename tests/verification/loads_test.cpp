@@ -6,9 +6,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "preprocess/build_model.hpp"
 #include "preprocess/supports/support.hpp"
-#include "preprocess/surface/shapes.hpp"
 #include "tests/verification/verify_bodies.hpp"
 
 namespace dimple {
@@ -87,23 +85,6 @@ double root(const Function& f, double lower, double upper) {
     ((f(middle) > 0.0) == (f(upper) > 0.0) ? upper : lower) = middle;
   }
   return 0.5 * (lower + upper);
-}
-
-// Nodes are dense beneath the circle, at the top. A weight shared equally among them acts 0.3 mm too high.
-TEST(Gravity, ActsAtTheCentreOfMassHoweverTheNodesAreGraded) {
-  ModelOptions options;
-  options.cloud.count = 1500;
-  options.boundary = {.base = "inferior", .indent_at = "0,0,top", .contact_radius_mm = 4.0};
-  const Model model = build_model(cut_ellipsoid_surface({20, 20, 20}, 0.0), options).model;
-  const Eigen::VectorXd mass = model.density.cwiseProduct(model.volume);
-  const Vec3 g(1.0, -2.0, -9.0), centre = model.point * mass / mass.sum();
-  const auto centre_of = [&](const Eigen::VectorXd& nodal) -> Vec3 { return model.X * nodal / nodal.sum(); };
-  EXPECT_GT((centre_of(model.mass) - centre).norm(), 0.1e-3) << "else this body shows nothing";
-
-  const Nodal force = body_force(model, mass, g);
-  EXPECT_LT((force.rowwise().sum().head<3>() - mass.sum() * g).norm(), 1e-9 * mass.sum() * g.norm());
-  for (int d = 0; d < 3; ++d)
-    EXPECT_LT((centre_of(force.row(d).transpose()) - centre).norm(), 1e-3 * 1e-3) << d;
 }
 
 // P(l(Z)) = -rho g (H - Z), whatever the strain: here the lowest tissue is pressed to 0.62 of its height.
