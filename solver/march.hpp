@@ -152,7 +152,8 @@ struct History {
   Index inverted = 0;                                               ///< most points inverted at once
   double residual = 0.0;  ///< largest that a static equilibrium was left with
   bool interrupted = false;
-  double settled = 0.0;  ///< longest way of a node under the loads before the tool touches [m]
+  double settled = 0.0;         ///< longest way of a node under the loads before the tool touches [m]
+  Vec3 carried = Vec3::Zero();  ///< mean displacement of the circle under the loads before it moves [m]
   /// Of a tool that touches: how deep the body's surface came into it at most, between samples too [m]; and
   /// at the last equilibrium the area of the contact [m^2], both at rest, its largest pressure [Pa] and its
   /// samples.

@@ -42,6 +42,12 @@ TimeMode choose_time(const Model& model, const Tissues& tissues, const Loading& 
 
 namespace {
 
+Vec3 mean_on(const std::vector<Index>& nodes, const Nodal& u) {
+  Vec3 sum = Vec3::Zero();
+  for (const Index a : nodes) sum += u.col(a).head<3>();
+  return nodes.empty() ? sum : Vec3(sum / static_cast<double>(nodes.size()));
+}
+
 void refuse_touch(TimeMode mode, const ForceSystem& tissue, const Model& model) {
   const char* what = mode != TimeMode::quasi_static ? "inertia"
                      : !MixedIteration::serves(tissue, model)
@@ -96,7 +102,11 @@ void solve(TimeMode mode, const ForceSystem& tissue, const Model& model, const L
     const std::unique_ptr<System> system =
         make_system(tissue, model, loading.contact, loading.further, loading.loads, options.tolerance,
                     loading.touch.get(), loading.folds, loading.walls, loading.settled.get());
-    if (!from && (!part || !part->near)) history.settled = system->step_start().u.colwise().norm().maxCoeff();
+    if (!from && (!part || !part->near)) {
+      const Nodal& u = system->step_start().u;
+      history.settled = u.colwise().norm().maxCoeff();
+      history.carried = mean_on(model.circle, u);
+    }
     switch (mode) {
       case TimeMode::quasi_static:
         if (!loading.steps.empty())

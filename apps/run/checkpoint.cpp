@@ -13,7 +13,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* format = "dimple checkpoint 17";
+constexpr const char* format = "dimple checkpoint 18";
 constexpr std::size_t digest_length = 64;  // SHA-256 in hexadecimal, behind the rest
 
 }  // namespace
@@ -21,11 +21,11 @@ constexpr std::size_t digest_length = 64;  // SHA-256 in hexadecimal, behind the
 template <class Archive, Like<History> T>
 void members(Archive& io, T& history) {
   auto& [force, energy, evaluations, extra_evaluations, dt_stable_first, dt_first, dt_smallest, J_min,
-         inverted, residual, interrupted, settled, penetration, contact_area, contact_pressure,
+         inverted, residual, interrupted, settled, carried, penetration, contact_area, contact_pressure,
          contact_samples, penetration_at, contact_sticks, contact_heat, folds, walls, on_walls,
          momentum_error, guards, retries] = history;
   io(force, energy, evaluations, extra_evaluations, dt_stable_first, dt_first, dt_smallest, J_min, inverted,
-     residual, interrupted, settled, penetration, contact_area, contact_pressure, contact_samples,
+     residual, interrupted, settled, carried, penetration, contact_area, contact_pressure, contact_samples,
      penetration_at, contact_sticks, contact_heat, folds, walls, on_walls, momentum_error, guards, retries);
 }
 

@@ -254,7 +254,7 @@ class Recorder {
 
   void write(const Frame& frame) {
     const Stopwatch writing;
-    writer_->frame(frame);
+    writer_->frame(frame, result.history.carried);
     if (images_) {
       images_->keep(frame);
       if (images_->each_frame()) images_->write();

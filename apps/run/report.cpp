@@ -129,8 +129,8 @@ Json hundredths_of(const std::vector<std::array<Place, 2>>& pieces) {
 // -------------------------------------------------------------------------------------------------------
 // parts
 
-// How far the tool has come at a time, along its push and in space, and turned: between two samples evenly
-// [mm].
+// How far the tool has come at a time, along its push and in space, with what the loads have carried it, and
+// turned: between two samples evenly [mm].
 struct Come {
   double depth = 0.0;
   Vec3 way = Vec3::Zero();
@@ -140,7 +140,7 @@ struct Come {
 Come come_at(const History& history, const Vec3& push, double time_s) {
   const std::vector<ForceSample>& force = history.force;
   const auto of = [&](const ForceSample& s) {
-    return Come{1e3 * s.depth, 1e3 * (s.depth * push + Vec3(s.aside.data())),
+    return Come{1e3 * s.depth, 1e3 * (history.carried + s.depth * push + Vec3(s.aside.data())),
                 Eigen::Quaterniond(rotation(Vec3(s.turned.data())))};
   };
   if (force.empty()) return {};

@@ -82,7 +82,7 @@ Wanted wanted_of(const Config& config) {
 // What is written of a frame, beside what stays the same.
 struct ResultWriter::Packing {
   double time_s, depth, force;  // [s], [m], [N]
-  Vec3 aside, turned;           // [m], [rad]
+  Vec3 carried, aside, turned;  // [m], [m], [rad]
   Points u, reaction = {};      // [mm], [N]
   Eigen::MatrixXd J = {}, sigma = {}, mises = {};
   PointFile contact = {};
@@ -268,10 +268,11 @@ PointStress stress_at_points(const Frame& frame) {
   return at;
 }
 
-void ResultWriter::frame(const Frame& frame) {
+void ResultWriter::frame(const Frame& frame, const Vec3& carried) {
   Packing packing{.time_s = frame.t,
                   .depth = frame.depth,
                   .force = frame.contact_force,
+                  .carried = carried,
                   .aside = frame.aside,
                   .turned = frame.turned,
                   .u = frame.u.topRows<3>() * 1e3};
@@ -333,7 +334,7 @@ void ResultWriter::write(Packing frame) {
   // In this thread, beside the band, which leaves a processor idle now and then; not beside another picture,
   // for VTK sets text in one thread at a time.
   if (wanted_.report && beside_ && is_last(frame.time_s))
-    body_png_ = body_png(body_of(frame.depth, frame.aside, frame.turned));
+    body_png_ = body_png(body_of(frame.depth, frame.carried, frame.aside, frame.turned));
   const double time_s = frame.time_s;
   const bool last = is_last(time_s), points_now = wanted_.points && (wanted_.fine || last);
   if (points_now)
@@ -427,18 +428,20 @@ void ResultWriter::write_view(const Packing& frame) {
         {.name = "label", .unit = "", .values = label_, .type = Field::Type::int32});
   write_vtp(section_series_.next_frame(), section, frame.time_s);
   const ToolPlace& tool = model_.tool;
-  SurfaceFile tools = tools_at(frame.time_s, 1e3 * (frame.depth * tool.push + frame.aside), frame.turned);
-  write_vtp(tool_series_.next_frame(),
-            {.position_mm = std::move(tools.position_mm),
-             .triangles = std::move(tools.triangles),
-             .fields = {},
-             .facts = {fact("indentation_mm", "mm", number(1e3 * frame.depth)),
-                       fact("force_N", "N", number(frame.force)),
-                       fact("radius_mm", "mm", number(1e3 * (touch_ ? touch_->shape.radius : tool.radius))),
-                       fact("centre_mm", "mm", 1e3 * tool.centre), fact("push", "", tool.push),
-                       fact("front", "", section_.front)},
-             .small = small},
-            frame.time_s);
+  const Vec3 come = frame.carried + frame.depth * tool.push + frame.aside;
+  SurfaceFile tools = tools_at(frame.time_s, 1e3 * come, frame.turned);
+  write_vtp(
+      tool_series_.next_frame(),
+      {.position_mm = std::move(tools.position_mm),
+       .triangles = std::move(tools.triangles),
+       .fields = {},
+       .facts = {fact("indentation_mm", "mm", number(1e3 * frame.depth)),
+                 fact("force_N", "N", number(frame.force)),
+                 fact("radius_mm", "mm", number(1e3 * (touch_ ? touch_->shape.radius : tool.radius))),
+                 fact("centre_mm", "mm", 1e3 * tool.centre), fact("carried_mm", "mm", 1e3 * frame.carried),
+                 fact("push", "", tool.push), fact("front", "", section_.front)},
+       .small = small},
+      frame.time_s);
   if (touches()) write_vtu(contact_series_.next_frame(), frame.contact, frame.time_s);
 }
 
@@ -535,8 +538,14 @@ SurfaceFile ResultWriter::tools_at(double time_s, const Vec3& way_mm, const Vec3
   return all;
 }
 
+// [mm] The pose of a tool that touches is that on the body under its loads already.
+Vec3 ResultWriter::axis_at(const Vec3& carried, const Vec3& aside) const {
+  return 1e3 * ((touch_ ? touch_->pose.tip : Vec3(model_.tool.centre + carried)) + aside);
+}
+
 // What a picture shows of the body and the tool.
-Overview ResultWriter::body_of(double depth, const Vec3& aside, const Vec3& turned) const {
+Overview ResultWriter::body_of(double depth, const Vec3& carried, const Vec3& aside,
+                               const Vec3& turned) const {
   Overview picture;
   picture.nodes_mm = nodes_mm_;
   picture.displacement_mm = last_u_mm_;
@@ -546,7 +555,9 @@ Overview ResultWriter::body_of(double depth, const Vec3& aside, const Vec3& turn
   if (!skin_.rest.empty() && last_u_mm_.cols() > 0) picture.surface_displacement_mm = skin_.to(last_u_mm_);
   picture.surface_triangles = skin_.rest.triangles;
   picture.tool_mm = tool_turned(turned);
+  picture.carried_mm = 1e3 * carried;
   picture.aside_mm = 1e3 * aside;
+  picture.axis_mm = axis_at(carried, aside);
   picture.tool_triangles = tool_.triangles;
   picture.centre_mm = model_.tool.centre * 1e3;
   picture.push = model_.tool.push;
@@ -561,9 +572,13 @@ Overview ResultWriter::body_of(double depth, const Vec3& aside, const Vec3& turn
 }
 
 Overview ResultWriter::picture_of(const History& history, const Band& band, const ImageError& image) const {
-  Overview picture = body_of(0.0);
+  Overview picture = body_of(0.0, history.carried);
   picture.depth_mm.clear();
-  if (!history.force.empty()) picture.aside_mm = 1e3 * Vec3(history.force.back().aside.data());
+  if (!history.force.empty()) {
+    const Vec3 aside(history.force.back().aside.data());
+    picture.aside_mm = 1e3 * aside;
+    picture.axis_mm = axis_at(history.carried, aside);
+  }
   for (const ForceSample& s : history.force) {
     picture.depth_mm.push_back(1e3 * s.depth);
     picture.force_N.push_back(s.force);
@@ -572,7 +587,7 @@ Overview ResultWriter::picture_of(const History& history, const Band& band, cons
   if (image.known()) picture.image_half_N = image.half.back();
   if (history.force.empty()) return picture;
   // The picture moves them all as the tool that is measured.
-  const Vec3 way_mm = picture.depth_mm.back() * picture.push + picture.aside_mm;
+  const Vec3 way_mm = picture.carried_mm + picture.depth_mm.back() * picture.push + picture.aside_mm;
   SurfaceFile tools = tools_at(history.force.back().t, way_mm, Vec3(history.force.back().turned.data()));
   picture.tool_mm = tools.position_mm.colwise() - way_mm;
   picture.tool_triangles = std::move(tools.triangles);

@@ -83,8 +83,9 @@ class ResultWriter {
 
   ~ResultWriter();
 
-  /// Throws what the frame before this one met, as if it had met that itself.
-  void frame(const Frame& frame);
+  /// `carried`: History::carried, by which the tool is drawn elsewhere [m]. Throws what the frame before this
+  /// one met, as if it had met that itself.
+  void frame(const Frame& frame, const Vec3& carried = Vec3::Zero());
   /// Until the last frame is on the disk; throws what it met.
   void finish_frames();
   /// When there is no further frame, whether or not the load has come to its end: what is written of the last
@@ -129,7 +130,9 @@ class ResultWriter {
   bool touches() const { return touch_ || !beside_it_.empty(); }
   void add_wrenches_beside(const History& history, Table& force) const;
   bool is_last(double time_s) const { return time_s >= end_s_ * (1.0 - 1e-9); }
-  Overview body_of(double depth, const Vec3& aside = Vec3::Zero(), const Vec3& turned = Vec3::Zero()) const;
+  Overview body_of(double depth, const Vec3& carried, const Vec3& aside = Vec3::Zero(),
+                   const Vec3& turned = Vec3::Zero()) const;
+  Vec3 axis_at(const Vec3& carried, const Vec3& aside) const;
   Overview picture_of(const History& history, const Band& band, const ImageError& image) const;
 
   std::filesystem::path folder_;

@@ -394,6 +394,7 @@ void add_loads_and_supports(Json& summary, const Result& result) {
     summary["loads"] = {{"gravity_m_per_s2", {loads.gravity.x(), loads.gravity.y(), loads.gravity.z()}},
                         {"pressure_Pa", pressures},
                         {"settled_mm", 1e3 * history.settled}};
+    if (!result.loading.touch) summary["loads"]["circle_moved_mm"] = three(1e3 * history.carried);
     if (const auto& unloaded = result.unloaded)
       summary["loads"]["unloaded"] = {{"rounds", unloaded->rounds},
                                       {"taken_back_mm", 1e3 * unloaded->taken_back},

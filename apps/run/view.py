@@ -234,7 +234,8 @@ side = pv.Calculator(registrationName="side of the section", Input=skin, ResultA
 half = pv.Clip(registrationName="half of the surface", Input=side, ClipType="Scalar", Scalars=["POINTS", "side_mm"],
                Value=0.0, Invert=1)
 half_tool = pv.ClipClosedSurface(registrationName="half of the tool", Input=tool, ClippingPlane="Plane")
-half_tool.ClippingPlane.Origin, half_tool.ClippingPlane.Normal = centre, [-x for x in front]
+half_tool.ClippingPlane.Origin = [centre[d] + fact("carried_mm")[d] for d in range(3)]
+half_tool.ClippingPlane.Normal = [-x for x in front]
 outline = pv.FeatureEdges(registrationName="outline of the section", Input=section, BoundaryEdges=1, FeatureEdges=0,
                           NonManifoldEdges=0, ManifoldEdges=0)
 words = pv.PythonAnnotation(registrationName="depth and force", Input=tool, ArrayAssociation="Field Data",

@@ -416,7 +416,8 @@ double depth_of(const Overview& o) {
 }
 
 Points tool_at_the_end(const Overview& o) {
-  return usable(o.push) ? Points(o.tool_mm.colwise() + (depth_of(o) * o.push + o.aside_mm)) : o.tool_mm;
+  return usable(o.push) ? Points(o.tool_mm.colwise() + (o.carried_mm + depth_of(o) * o.push + o.aside_mm))
+                        : o.tool_mm;
 }
 
 std::vector<LegendEntry> tool_entry(const Overview& o) {
@@ -456,12 +457,14 @@ struct SectionView {
 
 constexpr double tool_above = 50.0;  // the surface at rest [pixels]
 
-/// The whole section, unless the tool would be tiny in it.
+/// The whole section, unless the tool would be tiny in it. `centre`: at the end.
 SectionView section_view(const Rect& room, const Overview& o, const Camera& camera, const Vec3& centre,
                          double margin_mm) {
   constexpr double tiny = 60.0, wide = 110.0;  // pixels across the tool
+  const Points at_the_end =
+      centre == o.centre_mm ? Points(3, 0) : moved(o.surface_mm, o.surface_displacement_mm);
   SectionView view{.projection = fitted(camera, room.inset(24.0, 84.0, 24.0, 72.0),
-                                        {&o.nodes_mm, &o.surface_mm}, margin_mm),
+                                        {&o.nodes_mm, &o.surface_mm, &at_the_end}, margin_mm),
                    .shown = room.inset(0.0, 30.0, 0.0, 0.0)};
   const double tool_mm = 2.0 * o.radius_mm;
   if (!(tool_mm > 0.0) || !usable(o.centre_mm) || !(tool_mm * view.projection.scale < tiny)) return view;
@@ -585,7 +588,8 @@ void draw_section(Canvas& canvas, const Rect& rect, const Overview& o, const Bod
                   double spacing) {
   const Camera camera_ahead = camera(frame, 0.0, 0.0);
   const Vec3 centre = usable(o.centre_mm) ? o.centre_mm : Vec3(Vec3::Zero());
-  const SectionView view = section_view(room_of(rect), o, camera_ahead, centre, spacing / 2.0);
+  const Vec3 there = usable(o.axis_mm) ? o.axis_mm : centre;  // loads and steps have carried the tool
+  const SectionView view = section_view(room_of(rect), o, camera_ahead, there, spacing / 2.0);
   if (view.near) spacing = node_spacing(nodes_near(o, view, centre));
   const double thickness = 1.25 * spacing;
   const Rect room = panel(canvas, rect, view.near ? "Section at the tool" : "Section through the tool's axis",
@@ -599,8 +603,8 @@ void draw_section(Canvas& canvas, const Rect& rect, const Overview& o, const Bod
         canvas.line((*seen)[0], (*seen)[1], thick, colour, opacity);
   };
   // The tool first: what it presses upon is drawn over it.
-  draw_tool(canvas, o, view, camera_ahead, centre);
-  draw_walls(canvas, o.walls, view, centre);
+  draw_tool(canvas, o, view, camera_ahead, there);
+  draw_walls(canvas, o.walls, view, there);
   const Pieces at_rest = cut(o.surface_mm, o.surface_triangles, centre, camera_ahead.toward);
   draw(at_rest, 1.2, soft_ink, 0.8);
   const double step = spacing * view.projection.scale;  // nodes on the picture are about this far apart
@@ -621,9 +625,8 @@ void draw_section(Canvas& canvas, const Rect& rect, const Overview& o, const Bod
                   special ? colour_of(set) : node_dot);
     }
   if (o.surface_displacement_mm.cols() == o.surface_mm.cols())
-    draw(
-        cut(moved(o.surface_mm, o.surface_displacement_mm), o.surface_triangles, centre, camera_ahead.toward),
-        1.8, circle, 1.0);
+    draw(cut(moved(o.surface_mm, o.surface_displacement_mm), o.surface_triangles, there, camera_ahead.toward),
+         1.8, circle, 1.0);
   if (view.near && !at_rest.empty()) draw_where(canvas, room, view, camera_ahead, at_rest);
   triad(canvas, room, camera_ahead);
   scale_bar(canvas, room, view.projection.scale);

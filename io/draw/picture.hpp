@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -27,8 +28,12 @@ struct Overview {
   Vec3 push;                       ///< unit direction in which the circle moves
   double radius_mm = 0.0;          ///< of the circle
   std::string tool = {};           ///< words for a tool that touches; empty: it is the circle
+  Vec3 carried_mm = Vec3::Zero();  ///< displacement of the circle under loads alone: the tool is there
   Vec3 aside_mm = Vec3::Zero();    ///< how far the tool has come across its push
-  std::vector<double> depth_mm;    ///< force curve
+  /// A place on the tool's axis at the end, through which the section shows what is there at the end; not a
+  /// number: centre_mm.
+  Vec3 axis_mm = Vec3::Constant(std::numeric_limits<double>::quiet_NaN());
+  std::vector<double> depth_mm;  ///< force curve
   std::vector<double> force_N;
   std::vector<double> half_N;  ///< half the width of the band about it; empty: not known
   double image_half_N = -1.0;  ///< half-width at the end by the image's resolution; negative: not known

@@ -88,6 +88,24 @@ TEST_F(GravityInAScene, SettlesByWhatItsNodesAreDisplaced) {
   EXPECT_THAT(summary["warnings"].dump(), HasSubstr("3 1/s of damping is not used"));
 }
 
+// The body sags sideways under its weight, and the tool is drawn where its circle then is.
+TEST_F(GravityInAScene, CarriesTheToolInFilesAndPicturesToWhereTheCircleIs) {
+  const Json summary = run(" --nodes 600 --depth 0.5mm --write nodes,surface --gravity left");
+  const PointFile nodes = read_vtu(folder / "out" / "nodes" / "nodes_0002.vtu");
+  const Field *set = nodes.find("node_set"), *u = nodes.find("displacement_mm");
+  ASSERT_TRUE(set && u);
+  Vec3 moved = Vec3::Zero();
+  double count = 0.0;
+  for (Index a = 0; a < nodes.position_mm.cols(); ++a)
+    if ((static_cast<int>(set->values(0, a)) & 2) != 0) moved += u->values.col(a), count += 1.0;
+  moved /= count;
+  ASSERT_GT(moved.head<2>().norm(), 0.5);
+  const SurfaceFile tool = read_vtp(folder / "out" / "tool" / "tool_0002.vtp");
+  const Vec3 axis = tool.position_mm.rowwise().mean();  // at rest through x = y = 0
+  EXPECT_LT((axis - moved).head<2>().norm(), 0.1) << axis.transpose() << '\n' << moved.transpose();
+  EXPECT_LT((three(summary["loads"]["circle_moved_mm"]) - moved).head<2>().norm(), 0.1);
+}
+
 // What gravity did before the tool came is several times the tool's work, which an error is a part of.
 TEST_F(GravityInAScene, IsNoWorkOfTheTool) {
   const Json summary = run(" --nodes 600 --depth 2mm --write force --gravity inferior", "out", "500Pa");

@@ -270,6 +270,14 @@ TEST_F(Report, MovesTheToolAsTheStepsDoAndSaysItsDepth) {
   EXPECT_EQ(frames.front()["depth_mm"], 0.0);
 }
 
+TEST_F(Report, ShowsTheToolWhereGravityHasCarriedItsCircle) {
+  run(" --gravity left --mu 2kPa --band off");
+  const Json moved = summary()["loads"]["circle_moved_mm"];
+  ASSERT_GT(std::abs(moved[0].get<double>()), 0.2);
+  const Json frames = held(text_of(folder / "out" / "report.html"), "dimple-data")["body"]["frames"];
+  EXPECT_NEAR(frames.front()["tool_mm"][0].get<double>(), moved[0].get<double>(), 1e-6);
+}
+
 TEST_F(Report, PrintsItsVerdict) {
   run();
   const fs::path pdf = folder / "report.pdf";
