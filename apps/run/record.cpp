@@ -12,6 +12,7 @@
 #include "apps/run/organ.hpp"
 #include "apps/run/other_tools.hpp"
 #include "apps/run/report.hpp"
+#include "apps/run/run_words.hpp"
 #include "apps/run/steps.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/summary.hpp"
@@ -101,10 +102,15 @@ Outcome finished_already(const fs::path& folder, const Config& config, const std
   const Json band = summary.value("band", Json::object());
   const double force = summary.value("force_N", 0.0);
   const std::string unknown = band.value("unknown", "");
-  outcome.headline = headline_of(
-      force_title(force, summary.value("indentation_mm", 0.0),
-                  unknown.empty() ? std::optional(band.value("half_N", 0.0)) : std::nullopt),
-      force, unknown, summary.value("image_error", Json::object()), 0.01 * before.material.mu_spread_percent);
+  const std::optional<double> half =
+      unknown.empty() ? std::optional(band.value("half_N", 0.0)) : std::nullopt;
+  const Json largest = summary.value("largest_force", Json());
+  const std::string title =
+      largest.is_object() ? scene_title(largest.value("force_N", 0.0), largest.value("indentation_mm", 0.0),
+                                        largest.value("step", ""), force)
+                          : force_title(force, summary.value("indentation_mm", 0.0), half);
+  outcome.headline = headline_of(title, force, unknown, summary.value("image_error", Json::object()),
+                                 0.01 * before.material.mu_spread_percent);
   if (summary.contains("displacement")) outcome.further = displacement_title(summary["displacement"]);
   say(observer, fmt::format("resume   {} holds the finished run: nothing to do", folder.string()));
   return outcome;
@@ -216,6 +222,7 @@ class Recorder {
     writer_.emplace(how_.folder, now.model, now.history.interrupted ? tables_alone : wanted_of(given_.config),
                     label_at, now.loading.further, now.loading.duration(), now.loading.touch);
     show_beside(now.loading);
+    if (!now.loading.steps.empty()) writer_->show_over_time();
     if (wanted_of(given_.config).report)
       slices_ = slices_through(1e3 * (now.model.tool.centre + 0.5 * now.loading.depth * now.model.tool.push),
                                now.model, image);
@@ -301,6 +308,7 @@ class Recorder {
   // What there is to say at the end.
   struct End {
     double reached_mm = 0.0, force = 0.0, half = 0.0;  // [mm], [N]; half of the band's width
+    double largest = 0.0;                              // [N] at any time, with its sign
     double solve_s = 0.0;
     std::string title, status;
   };
@@ -406,6 +414,12 @@ Recorder::End Recorder::end_of(const std::exception_ptr& failure, double solve_s
   end.force = history.force.empty() ? 0.0 : history.force.back().force;
   end.half = band.known() ? band.half.back() : 0.0;
   end.title = force_title(end.force, end.reached_mm, band.known() ? std::optional(end.half) : std::nullopt);
+  if (!history.force.empty()) {
+    const LargestForce largest = largest_force(result.loading, history.force);
+    end.largest = largest.sample.force;
+    if (!result.loading.steps.empty())
+      end.title = scene_title(end.largest, 1e3 * largest.sample.depth, largest.step, end.force);
+  }
   end.status = failure ? "failed" : history.interrupted ? "interrupted" : "finished";
   return end;
 }
@@ -430,9 +444,10 @@ void Recorder::tell_end(const End& end) {
   const double evaluations = evaluations_of(history),
                ms = evaluations > 0.0 ? 1e3 * end.solve_s / evaluations : 0.0,
                times_real = end.solve_s > 0.0 ? history.force.back().t / end.solve_s : 0.0;
-  const Written written = force_written(end.force);
+  const Written written = force_written(end.force == 0.0 ? end.largest : end.force);
   const std::string base = written(history.force.back().base_force);
   facts_ = how_.facts(result);
+  for (std::string& line : scene_in_words(given_.config, result)) facts_.push_back(std::move(line));
   if (result.time == TimeMode::quasi_static) {
     facts_.push_back(
         fmt::format("equilibrium at {} depths: {:.0f} force evaluations, {:.2f} ms each, {:.1f} s",

@@ -13,6 +13,7 @@
 #include <stdexcept>
 #include <string_view>
 
+#include "apps/run/steps.hpp"
 #include "apps/run/summary.hpp"
 #include "io/digits.hpp"
 #include "io/error.hpp"
@@ -282,27 +283,36 @@ Json tool_json(const ReportInput& input) {
 }
 
 // Of a long march every so many samples, and the last.
-Json curve_json(const History& history, const Band& band, const std::optional<Comparison>& comparison) {
+Json curve_json(const ReportInput& input) {
+  const History& history = input.history;
+  const Band& band = input.band;
+  const std::optional<Comparison>& comparison = input.comparison;
   constexpr std::size_t most = 400;
   const std::size_t count = history.force.size(), stride = (count + most - 1) / most;
-  Json depth = Json::array(), force = Json::array(), half = Json::array();
+  Json depth = Json::array(), force = Json::array(), half = Json::array(), time = Json::array(),
+       lateral = Json::array();
+  double largest = 0.0;
   for (std::size_t k = 0; k < count; ++k) {
+    const ForceSample& sample = history.force[k];
+    const double across = input.over_time ? lateral_force(sample, input.model.tool.push) : 0.0;
+    largest = std::max({largest, std::abs(sample.force) + (band.known() ? band.half[k] : 0.0), across});
     if (k % stride != 0 && k + 1 != count) continue;
-    depth.push_back(1e3 * history.force[k].depth);
-    force.push_back(history.force[k].force);
+    depth.push_back(1e3 * sample.depth);
+    force.push_back(sample.force);
+    time.push_back(sample.t);
+    lateral.push_back(across);
     if (band.known()) half.push_back(band.half[k]);
   }
-  double largest = 0.0;
-  for (std::size_t k = 0; k < count; ++k)
-    largest = std::max(largest, std::abs(history.force[k].force) + (band.known() ? band.half[k] : 0.0));
   if (comparison)
     for (const double measured : comparison->measured.force) largest = std::max(largest, std::abs(measured));
   const Written axis = force_written(largest);
-  return {{"depth_mm", depth},
-          {"force_N", force},
-          {"half_N", half},
-          {"unit", axis.unit},
-          {"per_unit", axis.per_unit}};
+  Json curve = {{"depth_mm", depth},
+                {"force_N", force},
+                {"half_N", half},
+                {"unit", axis.unit},
+                {"per_unit", axis.per_unit}};
+  if (input.over_time) curve["time_s"] = time, curve["lateral_N"] = lateral;
+  return curve;
 }
 
 Json beside_json(const std::optional<Comparison>& comparison) {
@@ -316,15 +326,15 @@ Json beside_json(const std::optional<Comparison>& comparison) {
 
 // How the page writes what the summary holds, by the same functions as the terminal and the picture: for each
 // place in it a number, its unit, and units in one of the summary's. Forces stand beside each other in one
-// unit.
-void write_words(Json& words, const Json& part, const std::string& place, const Written& force) {
+// unit, that of `size`; 0: each in its own.
+void write_words(Json& words, const Json& part, const std::string& place, double size) {
   for (const auto& [name, value] : part.items()) {
     const std::string here = place.empty() ? name : place + '.' + name;
-    if (value.is_structured()) write_words(words, value, here, force);
+    if (value.is_structured()) write_words(words, value, here, size);
     if (!value.is_number()) continue;
     const double x = value;
     const auto add = [&](const Written& w) { words[here] = {w.number(x), w.unit, w.per_unit}; };
-    if (name.ends_with("_N")) add(here.starts_with("walls.") ? force_written(x) : force);
+    if (name.ends_with("_N")) add(force_written(size == 0.0 || here.starts_with("walls.") ? x : size));
     if (name.ends_with("_mm")) add(length_written(x));
     if (name.ends_with("_mm3")) add(volume_written(x));
     if (name == "value" && part.value("unit", "") == "%") add(percent_written(x));
@@ -339,7 +349,8 @@ void write_words(Json& words, const Json& part, const std::string& place, const 
 
 Json words_of(const Json& summary) {
   Json words = Json::object();
-  write_words(words, summary, "", force_written(summary.value("force_N", 0.0)));
+  const Json& of_force = summary.contains("largest_force") ? summary.at("largest_force") : summary;
+  write_words(words, summary, "", of_force.value("force_N", 0.0));
   return words;
 }
 
@@ -478,7 +489,7 @@ Json report_data(const ReportInput& input) {
   const Model& model = input.model;
   Json data;
   data["options"] = input.options;
-  data["curve"] = curve_json(input.history, input.band, input.comparison);
+  data["curve"] = curve_json(input);
   data["beside"] = beside_json(input.comparison);
   // Nodes in a slab: where they are dense a few layers of them.
   const double far_mm = model.spacing.size() > 0 ? 1e3 * model.spacing.maxCoeff() : 0.0;

@@ -74,6 +74,7 @@ struct ReportInput {
   std::string options;                    ///< config.resolved.toml
   std::string picture;                    ///< of the body at the end: a PNG's bytes, or none
   GapAt walls = {};                       ///< at the end; empty: there are none
+  bool over_time = false;                 ///< forces are shown over time, as of a scene of steps
 };
 /// The page but for the summary: what takes time.
 nlohmann::ordered_json report_data(const ReportInput& input);

@@ -16,6 +16,7 @@
 #include <set>
 #include <system_error>
 
+#include "apps/run/steps.hpp"
 #include "apps/run/tool.hpp"
 #include "apps/run/view.hpp"
 #include "io/error.hpp"
@@ -582,6 +583,9 @@ Overview ResultWriter::picture_of(const History& history, const Band& band, cons
   for (const ForceSample& s : history.force) {
     picture.depth_mm.push_back(1e3 * s.depth);
     picture.force_N.push_back(s.force);
+    if (!over_time_) continue;
+    picture.time_s.push_back(s.t);
+    picture.lateral_N.push_back(lateral_force(s, model_.tool.push));
   }
   if (band.known()) picture.half_N = band.half;
   if (image.known()) picture.image_half_N = image.half.back();
@@ -632,7 +636,8 @@ Json ResultWriter::report(const History& history, const Band& band, const ImageE
                       .picture = !drawn               ? ""
                                  : !body_png_.empty() ? body_png_
                                                       : body_png(picture),
-                      .walls = walls_});
+                      .walls = walls_,
+                      .over_time = over_time_});
 }
 
 namespace {

@@ -99,6 +99,8 @@ class ResultWriter {
   const std::vector<double>& frame_time_s() const { return frame_time_s_; }
   /// `spread`: of the force by its material, as a share of it; 0: not known.
   void tables(const History& history, const Band& band, const ImageError& image, double spread) const;
+  /// Of overview() and report(): forces are shown over time, as of a scene of steps.
+  void show_over_time() { over_time_ = true; }
   /// Of overview() and report(): what is rigid beside the body.
   void show_walls(GapAt walls) { walls_ = std::move(walls); }
   /// overview.png: the model at rest, the last frame, the force curve, and what it is compared with.
@@ -139,6 +141,7 @@ class ResultWriter {
   const Model& model_;
   std::shared_ptr<const Touch> touch_;  // null: the circle
   Wanted wanted_;
+  bool over_time_ = false;
   bool beside_;  // frames are written while the march goes on
   Section section_;
   std::vector<Rigid> beside_it_;

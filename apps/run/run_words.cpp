@@ -5,6 +5,10 @@
 
 #include <cmath>
 
+#include "apps/run/loads.hpp"
+#include "apps/run/membranes.hpp"
+#include "apps/run/steps.hpp"
+#include "apps/run/tool.hpp"
 #include "apps/run/words.hpp"
 
 namespace dimple {
@@ -18,7 +22,70 @@ std::string crossings_in_words(double crossings) {
                            three_digits(crossings));
 }
 
+// "mu 210 Pa, nu 0.49; label 2: mu 3000 Pa, nu 0.49".
+std::string moduli_in_words(const Config& config, const Tissues& tissues) {
+  std::vector<std::string> words;
+  auto own = config.tissue.begin();
+  for (std::size_t t = 0; t < tissues.material.size(); ++t) {
+    const Material& m = tissues.material[t];
+    words.push_back(fmt::format("{}{}, mu {}, nu {}", t == 0 ? "" : fmt::format("label {}: ", (own++)->first),
+                                words_of(m).title, stress_in_words(m.mu), plain(poisson_ratio(m), 4)));
+  }
+  return fmt::format("{}", fmt::join(words, "; "));
+}
+
+// What loads the body and its surface before the tool does, and how far it has settled.
+std::string loads_and_films_in_words(const Result& result) {
+  const Loads& loads = result.loading.loads;
+  std::vector<std::string> words;
+  if (const std::string text = in_words(loads); !text.empty()) words.push_back(text);
+  for (const Membrane& film : loads.membrane) words.push_back("membrane " + in_words(film));
+  if (loads.move_the_body())
+    words.push_back(
+        fmt::format("preload: largest displacement {}", length_in_words(1e3 * result.history.settled)));
+  return fmt::format("{}", fmt::join(words, "; "));
+}
+
+std::string supports_in_words(const std::vector<HeldSet>& supports) {
+  std::vector<std::string> words;
+  for (const HeldSet& one : supports)
+    words.push_back(fmt::format("{}, {} nodes {}", one.name, one.node.size(),
+                                one.hold == HeldSet::Hold::along ? "sliding" : "fixed"));
+  return fmt::format("{}", fmt::join(words, "; "));
+}
+
+std::string cuts_in_words(const Result& result) {
+  const double area = result.cut.area_mm2, removed = result.cut.removed_mm3;
+  std::vector<std::string> words;
+  if (area > 0.0) words.push_back(fmt::format("{} mm2", three_digits(area)));
+  if (removed > 0.0) words.push_back(volume_in_words(removed) + " removed");
+  for (const LabelMeasure& label : result.cut.labels)
+    words.push_back("label " + in_words(label) + " removed");
+  return fmt::format("{}", fmt::join(words, ", "));
+}
+
+std::string steps_in_words(const Loading& loading) {
+  std::vector<std::string> words;
+  for (const Step& step : loading.steps) words.push_back(in_words(step));
+  return fmt::format("{}", fmt::join(words, "; "));
+}
+
 }  // namespace
+
+std::vector<std::string> scene_in_words(const Config& config, const Result& result) {
+  const Loading& loading = result.loading;
+  std::vector<std::string> lines;
+  const auto add = [&](const char* name, const std::string& words) {
+    if (!words.empty()) lines.push_back(fmt::format("{}: {}", name, words));
+  };
+  add("material", moduli_in_words(config, result.tissues));
+  add("contact", loading.touch ? friction_in_words(loading.touch->friction) : config.load.contact);
+  add("loads", loads_and_films_in_words(result));
+  add("supports", supports_in_words(loading.further));
+  add("cut", cuts_in_words(result));
+  add("steps", steps_in_words(loading));
+  return lines;
+}
 
 std::string nodes_for_band_in_words(Index nodes, Index usual, double facing_share) {
   return fmt::format(

@@ -16,6 +16,8 @@ std::string nodes_for_edge_in_words(Index nodes, Index usual);
 void tell_of_supports(const RunLog& log, const Model& model);
 /// Law and numbers of a tissue.
 std::string describe(const Tissues& tissues, std::size_t t);
+/// Moduli, loads, supports, cuts and steps, a line for each kind: for the picture.
+std::vector<std::string> scene_in_words(const Config& config, const Result& result);
 /// The materials that points are of.
 std::vector<Material> in_use(const Tissues& tissues);
 /// How time is followed, and why so. `shallow`: the load is short, but its tool is slow.

@@ -481,6 +481,26 @@ std::string in_words(const Step& step) {
                      degrees.z(), about, lasts);
 }
 
+LargestForce largest_force(const Loading& loading, const std::vector<ForceSample>& force) {
+  LargestForce largest{*std::max_element(force.begin(), force.end(),
+                                         [](const ForceSample& a, const ForceSample& b) {
+                                           return std::abs(a.force) < std::abs(b.force);
+                                         }),
+                       {}};
+  double ended = 0.0;  // [s]
+  for (const Step& step : loading.steps) {
+    ended += step.seconds(loading.rate);
+    largest.step = step.name;
+    if (largest.sample.t <= ended * (1.0 + 1e-9)) break;
+  }
+  return largest;
+}
+
+double lateral_force(const ForceSample& sample, const Vec3& push) {
+  const Vec3 force(sample.on_tool[0], sample.on_tool[1], sample.on_tool[2]);
+  return (force - force.dot(push) * push).norm();
+}
+
 void require_no_steps(const Config& config, const std::string& command) {
   if (config.step.empty()) return;
   throw UsageError({.fact = fmt::format("{} takes no steps", command),

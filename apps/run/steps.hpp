@@ -54,6 +54,17 @@ double most_of_tool_below(const Config& config, const ToolPlace& tool);
 /// "press: the tool moves (0, 0, -4) mm".
 std::string in_words(const Step& step);
 
+/// The sample with the largest force along the push, in size, and the step that it is in. `force` has one at
+/// least.
+struct LargestForce {
+  ForceSample sample = {};
+  std::string step;
+};
+LargestForce largest_force(const Loading& loading, const std::vector<ForceSample>& force);
+
+/// The force on the tool across its push [N].
+double lateral_force(const ForceSample& sample, const Vec3& push);
+
 /// Throws UsageError, for a command that knows a single push alone.
 void require_no_steps(const Config& config, const std::string& command);
 

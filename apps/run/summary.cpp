@@ -8,6 +8,7 @@
 #include <numbers>
 
 #include "apps/run/organ.hpp"
+#include "apps/run/steps.hpp"
 #include "apps/run/tool.hpp"
 #include "apps/run/verdict.hpp"
 #include "apps/run/words.hpp"
@@ -113,11 +114,8 @@ void add_touch(Json& summary, const Touch& touch, const History& history) {
     tool["friction"] = std::isinf(touch.friction) ? Json("stick") : Json(touch.friction);
     tool["sticking_area_mm2"] = 1e6 * history.contact_sticks;
     tool["slipping_area_mm2"] = 1e6 * (history.contact_area - history.contact_sticks);
-    if (!history.force.empty()) {
-      const auto& on_tool = history.force.back().on_tool;
-      const Vec3 force(on_tool[0], on_tool[1], on_tool[2]), push = touch.pose.points_at;
-      tool["lateral_force_N"] = (force - force.dot(push) * push).norm();
-    }
+    if (!history.force.empty())
+      tool["lateral_force_N"] = lateral_force(history.force.back(), touch.pose.points_at);
     tool["friction_heat_J"] = history.contact_heat;
   }
   tool["largest_pressure_Pa"] = history.contact_pressure;
@@ -341,23 +339,29 @@ Json steps_json(const Result& result) {
     if (made.after == 0) list.push_back(cut_step_json(made));
   for (const Step& step : result.loading.steps) {
     const Vec3 way = 1e3 * step.way + Vec3::Zero();
-    const double t = ended += step.seconds(result.loading.rate);
+    const double began = ended, t = ended += step.seconds(result.loading.rate);
+    double largest = 0.0;
     Json one = {{"name", step.name},
                 {"moves", step.moves.empty() ? "tool" : step.moves},
                 {"move_mm", {way.x(), way.y(), way.z()}}};
     if (step.turns()) one["turn_deg"] = three(180.0 / std::numbers::pi * step.turn);
     if (step.about) one["about_mm"] = three(1e3 * *step.about);
-    for (const ForceSample& sample : result.history.force)
+    for (const ForceSample& sample : result.history.force) {
+      if (sample.t >= began * (1.0 - 1e-9) && sample.t <= t * (1.0 + 1e-9))
+        largest = std::max(largest, std::abs(sample.force));
       if (std::abs(sample.t - t) <= 1e-9 * t) {
         one["time_s"] = sample.t;
         one["indentation_mm"] = 1e3 * sample.depth;
         one["force_N"] = sample.force;
+        one["lateral_force_N"] = lateral_force(sample, result.model.tool.push);
+        one["largest_force_N"] = largest;
         one["force_on_tool_N"] = {sample.on_tool[0], sample.on_tool[1], sample.on_tool[2]};
         if (step.turns()) {
           one["moment_on_tool_Nm"] = {sample.on_tool[3], sample.on_tool[4], sample.on_tool[5]};
           one["turned_deg"] = three(180.0 / std::numbers::pi * Vec3(sample.turned.data()));
         }
       }
+    }
     list.push_back(one);
     ++moved;
     for (const CutMade& made : result.cuts)
@@ -409,6 +413,7 @@ void add_loads_and_supports(Json& summary, const Result& result) {
     const HeldSet& support = result.loading.further[k];
     const Vec3 force = result.on_support[k], moved = 1e3 * way_of_support(result, support);
     summary["supports"][support.name] = {{"nodes", support.node.size()},
+                                         {"hold", support.hold == HeldSet::Hold::along ? "sliding" : "fixed"},
                                          {"force_N", {force.x(), force.y(), force.z()}},
                                          {"moved_mm", {moved.x(), moved.y(), moved.z()}}};
   }
@@ -439,6 +444,13 @@ void add_force(Json& summary, const Result& result) {
     summary["force_on_tool_N"] = {on_tool[0], on_tool[1], on_tool[2]};
     summary["moment_on_tool_Nm"] = {on_tool[3], on_tool[4], on_tool[5]};
     summary["lateral_share"] = lateral_share(on_tool, model.tool.push);
+    if (!result.loading.steps.empty()) {
+      const LargestForce largest = largest_force(result.loading, history.force);
+      summary["largest_force"] = {{"force_N", largest.sample.force},
+                                  {"indentation_mm", 1e3 * largest.sample.depth},
+                                  {"time_s", largest.sample.t},
+                                  {"step", largest.step}};
+    }
   }
   summary["base_force_N"] = history.force.empty() ? 0.0 : history.force.back().base_force;
   summary["band"] = band_json(result.band, history, result.loading.touch != nullptr);

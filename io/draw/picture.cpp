@@ -657,6 +657,11 @@ void colour_bar(Canvas& canvas, const Rect& room, double most_mm) {
   }
 }
 
+/// Smaller displacements are rounding: no part of the tool's size that anybody sees [mm].
+double least_seen(const Overview& o) {
+  return std::max(1e-9, 1e-5 * o.radius_mm);
+}
+
 /// The body at the end, drawn and not yet laid on; nothing in it is text, which VTK sets in one thread only.
 struct Deformed {
   bool has_surface = false, empty = false;
@@ -674,7 +679,8 @@ Deformed deformed(const Rect& room, const Overview& o, const BodyFrame& frame, d
   for (Index n = 0; n < shown.cols(); ++n)
     if (usable(shown.col(n))) most = std::max(most, shown.col(n).norm());
   const auto value = [&](Index n) {
-    return n < shown.cols() && most > 0.0 && usable(shown.col(n)) ? shown.col(n).norm() / most : 0.0;
+    return n < shown.cols() && most > least_seen(o) && usable(shown.col(n)) ? shown.col(n).norm() / most
+                                                                            : 0.0;
   };
 
   const Points tool = tool_at_the_end(o);
@@ -726,7 +732,7 @@ void draw_body(Canvas& canvas, const Rect& room, const Overview& o, const Deform
   body.scene.lay_on(canvas, 2.0 * spacing);
   triad(canvas, room, body.projection.camera);
   scale_bar(canvas, room, body.projection.scale);
-  if (body.most_mm > 1e-9) colour_bar(canvas, room, body.most_mm);
+  if (body.most_mm > least_seen(o)) colour_bar(canvas, room, body.most_mm);
   const std::vector<LegendEntry> tool = tool_entry(o);
   legend(canvas, {room.x + 6.0, room.y + 18.0}, room.x + room.w,
          tool.empty() ? std::vector<LegendEntry>{{"nodes of the tool circle", circle, 'o'}} : tool);
@@ -735,21 +741,24 @@ void draw_body(Canvas& canvas, const Rect& room, const Overview& o, const Deform
 void draw_dimple(Canvas& canvas, const Rect& rect, const Overview& o, const Deformed& body, double spacing) {
   draw_body(canvas,
             panel(canvas, rect, body.has_surface ? "Deformed surface" : "Deformed nodes",
-                  fmt::format("coloured by displacement, up to {} mm", three_digits(body.most_mm))),
+                  body.most_mm > least_seen(o)
+                      ? fmt::format("coloured by displacement, up to {} mm", three_digits(body.most_mm))
+                      : "not displaced at the end"),
             o, body, spacing);
 }
 
-/// What the chart shows, where it is finite: depth [mm] and force.
+/// What the chart shows, where it is finite: depth [mm] or, of a scene of steps, time [s]; and force.
 struct ForceCurve {
   std::vector<Vec2> points;
-  std::vector<double> half;  ///< of the band at each of them, or none
-  std::vector<Vec2> beside;  ///< another curve
+  std::vector<double> half;   ///< of the band at each of them, or none
+  std::vector<Vec2> beside;   ///< another curve
+  std::vector<Vec2> lateral;  ///< over time: the force across the push
 };
 
-std::vector<Vec2> finite_points(const std::vector<double>& depth_mm, const std::vector<double>& force_N) {
+std::vector<Vec2> finite_points(const std::vector<double>& along, const std::vector<double>& force_N) {
   std::vector<Vec2> points;
-  for (std::size_t i = 0; i < std::min(depth_mm.size(), force_N.size()); ++i)
-    if (std::isfinite(depth_mm[i]) && std::isfinite(force_N[i])) points.emplace_back(depth_mm[i], force_N[i]);
+  for (std::size_t i = 0; i < std::min(along.size(), force_N.size()); ++i)
+    if (std::isfinite(along[i]) && std::isfinite(force_N[i])) points.emplace_back(along[i], force_N[i]);
   return points;
 }
 
@@ -757,10 +766,15 @@ bool has_band(const Overview& o) {
   return !o.half_N.empty() && o.half_N.size() == o.force_N.size();
 }
 
+bool over_time(const Overview& o) {
+  return !o.time_s.empty();
+}
+
 ForceCurve force_curve(const Overview& o) {
-  ForceCurve shown{.points = finite_points(o.depth_mm, o.force_N),
+  ForceCurve shown{.points = finite_points(over_time(o) ? o.time_s : o.depth_mm, o.force_N),
                    .half = {},
-                   .beside = finite_points(o.beside_depth_mm, o.beside_force_N)};
+                   .beside = finite_points(o.beside_depth_mm, o.beside_force_N),
+                   .lateral = finite_points(o.time_s, o.lateral_N)};
   if (has_band(o))
     for (std::size_t i = 0; i < std::min(o.depth_mm.size(), o.force_N.size()); ++i)
       if (std::isfinite(o.depth_mm[i]) && std::isfinite(o.force_N[i])) shown.half.push_back(o.half_N[i]);
@@ -772,6 +786,7 @@ Eigen::AlignedBox2d range_of(const ForceCurve& shown) {
   Eigen::AlignedBox2d range(Vec2(0.0, 0.0));
   for (const Vec2& p : shown.points) range.extend(p);
   for (const Vec2& p : shown.beside) range.extend(p);
+  for (const Vec2& p : shown.lateral) range.extend(p);
   for (std::size_t i = 0; i < shown.half.size(); ++i)
     range.extend(shown.points[i] + Vec2(0.0, shown.half[i]))
         .extend(shown.points[i] - Vec2(0.0, shown.half[i]));
@@ -781,6 +796,7 @@ Eigen::AlignedBox2d range_of(const ForceCurve& shown) {
 ForceCurve in_unit(ForceCurve shown, const Scale& scale) {
   for (Vec2& p : shown.points) p.y() *= scale.factor;
   for (Vec2& p : shown.beside) p.y() *= scale.factor;
+  for (Vec2& p : shown.lateral) p.y() *= scale.factor;
   for (double& h : shown.half) h *= scale.factor;
   return shown;
 }
@@ -808,7 +824,8 @@ ChartAxes chart_axes(const Rect& plot, Vec2 low, Vec2 high) {
   return {plot, low, high, step, first};
 }
 
-void draw_axes(Canvas& canvas, const Rect& room, const ChartAxes& axes, const std::string& unit) {
+void draw_axes(Canvas& canvas, const Rect& room, const ChartAxes& axes, const std::string& along,
+               const std::string& unit) {
   const auto& [plot, low, high, step, first] = axes;
   const Style label{.size = 14.0};
   for (int i = 0; first.x() + i * step.x() <= high.x(); ++i) {
@@ -824,12 +841,12 @@ void draw_axes(Canvas& canvas, const Rect& room, const ChartAxes& axes, const st
   const double zero = axes.at({0.0, std::max(low.y(), 0.0)}).y();
   canvas.line({plot.x, zero}, {plot.x + plot.w, zero}, 1.4, soft_ink);
   canvas.line({plot.x, plot.y}, {plot.x, plot.y + plot.h}, 1.4, soft_ink);
-  write(canvas, {plot.x + plot.w / 2.0, plot.y + plot.h + 44.0}, "indentation [mm]", label, Align::centre);
+  write(canvas, {plot.x + plot.w / 2.0, plot.y + plot.h + 44.0}, along, label, Align::centre);
   write(canvas, {room.x + 6.0, plot.y - 14.0}, fmt::format("force [{}]", unit), label);
 }
 
 void draw_force_curve(Canvas& canvas, const ChartAxes& axes, const ForceCurve& shown) {
-  const auto& [points, half, beside] = shown;
+  const auto& [points, half, beside, lateral] = shown;
   for (std::size_t i = 1; i < half.size(); ++i) {
     std::vector<Vec2> corners = {axes.at(points[i - 1] + Vec2(0.0, half[i - 1])),
                                  axes.at(points[i] + Vec2(0.0, half[i])),
@@ -839,6 +856,8 @@ void draw_force_curve(Canvas& canvas, const ChartAxes& axes, const ForceCurve& s
   }
   for (std::size_t i = 1; i < points.size(); ++i)
     canvas.line(axes.at(points[i - 1]), axes.at(points[i]), 2.6, curve);
+  for (std::size_t i = 1; i < lateral.size(); ++i)
+    canvas.line(axes.at(lateral[i - 1]), axes.at(lateral[i]), 2.0, other_curve);
   const double dot = beside.size() > 40 ? 2.4 : 4.5;
   for (const Vec2& p : beside) canvas.disc(axes.at(p), dot, other_curve);
 }
@@ -846,7 +865,7 @@ void draw_force_curve(Canvas& canvas, const ChartAxes& axes, const ForceCurve& s
 /// Says what force the curve ends with.
 void draw_end_of_curve(Canvas& canvas, const ChartAxes& axes, const ForceCurve& shown,
                        const std::string& text) {
-  const auto& [points, half, beside] = shown;
+  const auto& [points, half, beside, lateral] = shown;
   const Rect& plot = axes.plot;
   const Vec2 last = axes.at(points.back());
   canvas.disc(last, 6.5, card);
@@ -865,7 +884,7 @@ void draw_end_of_curve(Canvas& canvas, const ChartAxes& axes, const ForceCurve& 
 
 void draw_chart(Canvas& canvas, const Rect& rect, const Overview& o) {
   const Rect room = panel(
-      canvas, rect, "Force against indentation",
+      canvas, rect, over_time(o) ? "Force over time" : "Force against indentation",
       fmt::format("{}; {}", o.tool.empty() ? "reaction of the circle's nodes" : "contact force on the tool",
                   has_band(o) ? "shaded: how far the discretisation may be off"
                               : "its discretisation error is not known"));
@@ -878,11 +897,14 @@ void draw_chart(Canvas& canvas, const Rect& rect, const Overview& o) {
   const Rect plot = room.inset(66.0, 34.0, 20.0, 52.0);
   const ChartAxes axes =
       chart_axes(plot, range.min().cwiseProduct(per_unit), range.max().cwiseProduct(per_unit));
-  draw_axes(canvas, room, axes, scale.unit);
+  draw_axes(canvas, room, axes, over_time(o) ? "time [s]" : "indentation [mm]", scale.unit);
   draw_force_curve(canvas, axes, shown);
   if (!shown.beside.empty())
     legend(canvas, {plot.x + 14.0, plot.y + 20.0}, plot.x + plot.w,
            {{"this run", curve, '-'}, {o.beside, other_curve, 'o'}});
+  if (!shown.lateral.empty())
+    legend(canvas, {plot.x + 14.0, plot.y + 20.0}, plot.x + plot.w,
+           {{"along the push", curve, '-'}, {"across it", other_curve, '-'}});
   draw_end_of_curve(canvas, axes, shown, end_of_curve(o));
 }
 
@@ -927,6 +949,12 @@ std::vector<std::string> rows_of(const std::vector<std::string>& texts, double r
 std::string end_of_curve(const Overview& o) {
   if (o.force_N.empty()) return {};
   const double force_N = o.force_N.back();
+  if (!o.time_s.empty()) {
+    const double largest = *std::max_element(o.force_N.begin(), o.force_N.end(),
+                                             [](double a, double b) { return std::abs(a) < std::abs(b); });
+    const Written written = force_written(largest);
+    return written(largest) + " largest, " + (force_N == 0.0 ? "0 N" : written(force_N)) + " at the end";
+  }
   std::string text = force_in_words(force_N) + " at " + length_in_words(o.depth_mm.back());
   const auto add = [&](const char* what, double half_N) {
     text += what + percent(half_N / std::abs(force_N));
@@ -958,7 +986,7 @@ void write_overview(const std::filesystem::path& file, const Overview& overview)
 
   // Facts at the bottom take what they need; the panels share the rest.
   const Style fact{.size = 15.0, .colour = rgb(0x3A4654)};
-  const std::vector<std::string> facts = rows_of(overview.lines, inner, fact, 8, 8);
+  const std::vector<std::string> facts = rows_of(overview.lines, inner, fact, 11, 4);
   const double strip = facts.empty() ? 0.0 : static_cast<double>(facts.size()) * row + 10.0;
   for (std::size_t i = 0; i < facts.size(); ++i)
     write(canvas, {edge + 4.0, height - edge - strip + 24.0 + static_cast<double>(i) * row}, facts[i], fact);

@@ -35,7 +35,9 @@ struct Overview {
   Vec3 axis_mm = Vec3::Constant(std::numeric_limits<double>::quiet_NaN());
   std::vector<double> depth_mm;  ///< force curve
   std::vector<double> force_N;
-  std::vector<double> half_N;  ///< half the width of the band about it; empty: not known
+  std::vector<double> time_s = {};     ///< of a scene of steps, whose forces are shown over time; else empty
+  std::vector<double> lateral_N = {};  ///< likewise: the force across the push
+  std::vector<double> half_N;          ///< half the width of the band about it; empty: not known
   double image_half_N = -1.0;  ///< half-width at the end by the image's resolution; negative: not known
   std::vector<double> beside_depth_mm, beside_force_N;  ///< another curve, as dots; empty: none
   std::string beside;                                   ///< its word in the legend
@@ -43,7 +45,8 @@ struct Overview {
   bool two_threads = false;                             ///< draw with a second one; the same picture
 };
 
-/// What stands at the end of the force curve: "75.4 mN at 8.00 mm, +- 8.03 %, voxels +- 1.60 %".
+/// What stands at the end of the force curve: "75.4 mN at 8.00 mm, +- 8.03 %, voxels +- 1.60 %"; over time
+/// "75.4 mN largest, 0 N at the end".
 std::string end_of_curve(const Overview& overview);
 
 /// Draws the overview, 1600 x 1200 pixels, PNG: the node cloud, a section (of a body in which the tool would

@@ -278,6 +278,26 @@ TEST_F(Report, ShowsTheToolWhereGravityHasCarriedItsCircle) {
   EXPECT_NEAR(frames.front()["tool_mm"][0].get<double>(), moved[0].get<double>(), 1e-6);
 }
 
+TEST_F(Report, OfASceneOfStepsUnderLoadsShowsEachOfThem) {
+  ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3").code, 0);
+  const Ran ran = dimple(folder,
+                         "run block.nrrd -o out --base inferior --indent-at 0,0,top --nodes 600 --mu 2kPa "
+                         "--tool sphere:3mm --friction 0.3 --gravity left --membrane 0.1mm:4kPa --set "
+                         "load.pressure.csf.pressure=200Pa --set support.r.on=right --set "
+                         "support.r.hold=sliding --set step.press.move=1.5mm --set step.slide.move=0,0,6");
+  ASSERT_EQ(ran.code, 0) << ran.err;
+  const std::string page = shown();
+  const std::set<std::string> keys = keys_shown(page, summary());
+  for (const char* key :
+       {"loads.gravity_m_per_s2.0", "loads.pressure_Pa.csf", "loads.settled_mm", "membranes.surface.mu_Pa",
+        "membranes.surface.thickness_mm", "supports.r.nodes", "supports.r.force_N.0", "material.0.mu_Pa",
+        "contact", "largest_force.force_N", "largest_force.step", "force_N", "scene.0.largest_force_N",
+        "scene.1.lateral_force_N", "scene.1.time_s"})
+    EXPECT_TRUE(keys.contains(key)) << key;
+  EXPECT_NE(page.find("<h2>Force over time</h2>"), std::string::npos);
+  EXPECT_TRUE(std::regex_search(page, std::regex("<path class=\"lateral\" d=\"M[0-9]")));
+}
+
 TEST_F(Report, PrintsItsVerdict) {
   run();
   const fs::path pdf = folder / "report.pdf";

@@ -93,6 +93,27 @@ TEST_F(SceneOfSteps, TwoWaysInTheSameDirectionAreAsDeepAsBothTogether) {
               1e-3 * once["force_N"].get<double>());
 }
 
+TEST_F(SceneOfSteps, SaysItsLargestForceWhereTheToolHasLeftTheBodyAgain) {
+  const Ran ran = dimple(folder, "run block.nrrd -o out" + scene +
+                                     " --tool sphere:3mm --write picture,report --set step.press.move=1mm "
+                                     "--set step.lift.move=-3mm");
+  ASSERT_EQ(ran.code, 0) << ran.err;
+  const Json summary = Json::parse(text_of(folder / "out" / "summary.json"));
+  const Json &largest = summary["largest_force"], &steps = summary["scene"];
+  EXPECT_NEAR(summary["force_N"].get<double>(), 0.0, 1e-12);
+  EXPECT_EQ(largest["step"], "press");
+  EXPECT_NEAR(largest["indentation_mm"].get<double>(), 1.0, 1e-9);
+  EXPECT_NEAR(largest["time_s"].get<double>(), 1.0, 1e-9);
+  EXPECT_EQ(largest["force_N"], steps[0]["force_N"]);
+  EXPECT_EQ(largest["force_N"], steps[0]["largest_force_N"]);
+  EXPECT_GE(steps[0]["lateral_force_N"].get<double>(), 0.0);
+  EXPECT_THAT(ran.out, testing::StartsWith("largest force "));
+  EXPECT_THAT(ran.out, HasSubstr(" mN at 1.00 mm (step 'press'), 0 N at the end"));
+  const std::string page = text_of(folder / "out" / "report.html");
+  EXPECT_THAT(page, HasSubstr("\"lateral_N\":["));
+  EXPECT_THAT(page, Not(HasSubstr("[\"\\u003c 1\",\"N\""))) << "no force is less than 1 N but nothing";
+}
+
 TEST_F(SceneOfSteps, ADraggedToolIsPulledBack) {
   const Json summary = run(" --set step.press.move=2mm --set step.drag.move=1,0,0 --write all");
   const auto on_tool = summary["scene"][1]["force_on_tool_N"].get<std::vector<double>>();

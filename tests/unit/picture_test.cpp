@@ -145,6 +145,17 @@ void expect_drawn(const Overview& overview) {
   EXPECT_LT(image->GetScalarRange()[0], 100.0);
 }
 
+TEST(Overview, OfASceneOfStepsSaysTheLargestForceAndTheLast) {
+  Overview o;
+  o.depth_mm = {0.0, 1.5, 1.5};
+  o.time_s = {0.0, 1.5, 9.0};
+  o.lateral_N = {0.0, 0.001, 0.0};
+  o.force_N = {0.0, 0.0452, 0.0};
+  EXPECT_EQ(end_of_curve(o), "45.2 mN largest, 0 N at the end");
+  o.force_N.back() = 0.02;
+  EXPECT_EQ(end_of_curve(o), "45.2 mN largest, 20.0 mN at the end");
+}
+
 TEST(Overview, SaysTheForceAtTheEndAsTheTerminalDoes) {
   Overview o;
   o.depth_mm = {4.0, 8.0};

@@ -42,14 +42,16 @@ export function curveChart({ x, y, xLabel, yLabel }) {
 }
 
 export function forceChart() {
-  const { depth_mm: depth, force_N: force, half_N: half } = data.curve;
+  const { force_N: force, half_N: half, lateral_N: lateral } = data.curve;
+  const depth = data.curve.time_s ?? data.curve.depth_mm; // of a scene of steps, whose tool goes back or aside
+  const along = data.curve.time_s ? 'time in s' : 'indentation in mm';
   const beside = data.beside;
-  const largest = Math.max(...force.map((f, k) => f + (half[k] ?? 0)), ...(beside ? beside.force_N : []), 1e-12);
+  const largest = Math.max(...force.map((f, k) => f + (half[k] ?? 0)), ...(beside ? beside.force_N : []), ...(lateral ?? []), 1e-12);
   const least = Math.min(0, ...force.map((f, k) => f - (half[k] ?? 0)));
   const unit = { unit: data.curve.unit, scale: data.curve.per_unit };
-  const chart = empty('force against indentation');
+  const chart = empty(lateral ? 'force over time' : 'force against indentation');
   const deepest = Math.max(...depth, ...(beside ? beside.depth_mm : []), 1e-9) * 1.04;
-  const { px, py: pixel } = axesOf(chart, [0, deepest], [least * unit.scale, largest * unit.scale * 1.1], 'indentation in mm', `force in ${unit.unit}`);
+  const { px, py: pixel } = axesOf(chart, [0, deepest], [least * unit.scale, largest * unit.scale * 1.1], along, `force in ${unit.unit}`);
   const py = (f) => pixel(f * unit.scale);
 
   const way = (points) => `M${points.map(([d, f]) => `${px(d)} ${py(f)}`).join('L')}`;
@@ -60,6 +62,7 @@ export function forceChart() {
     chart.append(svg('path', { class: 'band', d: `${way([...upper, ...lower])}Z` }));
   }
   if (curve.length > 0) chart.append(svg('path', { class: 'curve', d: way(curve) }));
+  if (lateral) chart.append(svg('path', { class: 'lateral', d: way(depth.map((t, k) => [t, lateral[k]])) }));
   if (beside) {
     const dots = svg('g', { class: 'beside' });
     const size = beside.force_N.length > 40 ? 2.2 : 4;
@@ -80,7 +83,8 @@ export function forceChart() {
 /** What the marks of the chart are. */
 export function chartLegend() {
   const entry = (mark, text) => element('li', {}, element('span', { class: `mark ${mark}` }), text);
-  const list = element('ul', { class: 'legend' }, entry('curve', 'this run'));
+  const list = element('ul', { class: 'legend' }, entry('curve', data.curve.lateral_N ? 'along the push' : 'this run'));
+  if (data.curve.lateral_N) list.append(entry('lateral', 'across the push'));
   if (data.curve.half_N.length > 0) list.append(entry('band', 'error of the discretisation'));
   if (data.beside) {
     const name = data.beside.name === 'horton2007' ? 'Horton et al. 2007' : data.beside.name;

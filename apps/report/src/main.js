@@ -2,12 +2,14 @@
 import { chartLegend, forceChart } from './chart.js';
 import { body, canDraw } from './body.js';
 import { at, baseName, data, element, facts, heat, number, place3, quantity, section, there, word, written } from './numbers.js';
+import { loadRows, steps } from './loads.js';
 import { furtherTools, walls } from './rigid.js';
 import { assumedOfShift, head as headOfShift, shift, slicesOfShift } from './shift.js';
 import { slices, taken, tintOf } from './slices.js';
 
 
 const isShift = there('shift');
+const isScene = there('largest_force');
 
 // ------------------------------------------------------------------------------------------------------- head
 
@@ -16,8 +18,10 @@ function head() {
   document.title = `${baseName(subject)}: indentation`;
   const place = section('head');
   place.append(element('p', { class: 'subject' }, element('strong', {}, baseName(subject)), ', indented by Dimple ', word('version')));
-  const title = element('h1', {}, written('force_N'), ' at ', written('indentation_mm'));
-  place.append(title);
+  if (isScene)
+    place.append(element('h1', {}, 'Largest force ', written('largest_force.force_N'), ', ', written('force_N'), ' at the end'),
+      element('p', { class: 'band' }, 'The largest is at ', written('largest_force.indentation_mm'), ' and ', quantity('largest_force.time_s', 's'), ', in the step ', word('largest_force.step'), '.'));
+  else place.append(element('h1', {}, written('force_N'), ' at ', written('indentation_mm')));
   if (there('band.low_N'))
     place.append(element('p', { class: 'band' }, 'The true value is expected between ', written('band.low_N', false), ' and ', written('band.high_N'), ' (error of the discretisation alone).'));
   else if (there('band.unknown')) place.append(element('p', { class: 'band' }, 'The error of the discretisation is unknown: ', word('band.unknown')));
@@ -65,14 +69,16 @@ function warnings() {
 
 function forceSection() {
   const place = section('force');
+  if (isScene) place.querySelector('h2').textContent = 'Force over time';
   const rows = [
-    ['force on the tool', written('force_N')],
+    isScene && ['largest force on the tool', written('largest_force.force_N'), ', in the step ', word('largest_force.step')],
+    [isScene ? 'force on the tool at the end' : 'force on the tool', written('force_N')],
     ['force on the base', written('base_force_N')],
     there('band.half_N') && ['error of the discretisation', '± ', written('band.half_N'), ', estimated from ', number('counts.nodes', { decimals: 0 }), ' and from ', number('band.coarser_nodes', { decimals: 0 }), ' nodes'],
     there('band.unknown') && ['error of the discretisation', 'unknown: ', word('band.unknown')],
     there('image_error.half_N') && ['error of the image resolution', '± ', written('image_error.half_N'), ', with voxels of ', written('image_error.voxel_mm'), ' along the push'],
     there('image_error.unknown') && ['error of the image resolution', 'unknown: ', word('image_error.unknown')],
-    ['indentation', written('indentation_mm'), ' of ', written('requested.depth_mm')],
+    [isScene ? 'indentation at the end' : 'indentation', written('indentation_mm'), isScene ? '' : [' of ', written('requested.depth_mm')]],
   ];
   const table = facts(rows);
   const words = element('div', {}, table);
@@ -81,6 +87,7 @@ function forceSection() {
   if (there('compare.file')) words.append(element('h3', {}, 'Beside ', word('compare.file')), comparison());
   if (there('ladder')) words.append(element('h3', {}, 'Refinement levels'), ladder());
   place.append(element('div', { class: 'beside' }, element('div', { class: 'wide' }, forceChart(), chartLegend()), words));
+  if (isScene) place.append(element('h3', {}, 'Steps'), steps());
 }
 
 function comparison() {
@@ -246,7 +253,8 @@ function assumed() {
         ? ['Tool', word('tool.words'), ', its tip at first touch at ', place3('tool.first_touch_mm'), ' mm, pushed along ', place3('counts.push'), reason('model.circle_reason')]
         : ['Tool', written('counts.circle_diameter_mm'), ' in diameter, on ', number('counts.circle_nodes', { decimals: 0 }), ' nodes at ', place3('counts.circle_centre_mm'), ' mm, pushed along ', place3('counts.push'), reason('model.circle_reason'), reason('made_from.circle')]),
       there('tool.contact_area_mm2') && ['Contact', quantity('tool.contact_area_mm2', 'mm²', { decimals: 1 }), ' at the end, on ', number('tool.samples_in_contact', { decimals: 0 }), ' parts of the surface; largest pressure ', written('tool.largest_pressure_Pa'), '; between them the surface comes into the tool by ', written('tool.largest_penetration_mm'), ' at most'],
-      !isShift && ['Load', written('requested.depth_mm'), ' at ', quantity('requested.rate_mm_per_s', 'mm/s'), ', ', word('contact'), ', ', word('time')],
+      !isShift && ['Load', isScene ? 'in the steps above' : [written('requested.depth_mm'), ' at ', quantity('requested.rate_mm_per_s', 'mm/s')], ', ', word('contact'), ', ', word('time')],
+      ...(isShift ? [] : loadRows()),
       ['Discretisation', number('counts.nodes', { decimals: 0 }), ' nodes', there('model.largest_spacing_mm') ? [': ', written('model.rim_spacing_mm'), ` apart at the ${isShift ? 'opening' : 'tool'}, `, written('model.largest_spacing_mm'), ' far from it'] : '', '; ', number('counts.integration_points', { decimals: 0 }), ' integration points',
         element('div', { class: 'soft' }, 'scheme ', word('scheme'), ', ', word('precision'), ' precision')],
     ], 'facts broad'),

@@ -1,0 +1,60 @@
+// What acts on the body beside the tool, what holds it beside the base, and the steps of a scene.
+import { at, element, number, quantity, there, written } from './numbers.js';
+
+const vector = (key, decimals) => element('span', {}, '(', ...[0, 1, 2].flatMap((k) => [k > 0 ? ', ' : '', number(`${key}.${k}`, { decimals, place: true })]), ')');
+const isNothing = (key) => at(key).every((x) => x === 0);
+
+/** A line for each thing of that kind: its name, and what `words` says of it. */
+const lines = (where, words) => Object.keys(at(where) ?? {}).map((name) => element('div', {}, element('strong', {}, name), ': ', ...words(`${where}.${name}`).flat()));
+
+const membrane = (its) => [
+  ...(at(`${its}.stiffness_N_per_m`) > 0 ? [written(`${its}.thickness_mm`), ' thick, mu ', written(`${its}.mu_Pa`), ', ', quantity(`${its}.stiffness_N_per_m`, 'N/m'), ', '] : []),
+  ...(at(`${its}.tension_N_per_m`) > 0 ? ['tension ', quantity(`${its}.tension_N_per_m`, 'N/m'), ', '] : []),
+  'on ', quantity(`${its}.area_mm2`, 'mm²', { decimals: 0 }), at(`${its}.wrinkles`) ? '' : ', bears compression',
+];
+
+const support = (its) => [
+  number(`${its}.nodes`, { decimals: 0 }), ' nodes, ', at(`${its}.hold`) ?? 'held', isNothing(`${its}.moved_mm`) ? '' : [', moved by ', vector(`${its}.moved_mm`, 2), ' mm'], '; force of the tissue on it ', vector(`${its}.force_N`, 3), ' N',
+];
+
+const wall = (its) => [there(`${its}.friction`) ? ['friction ', String(at(`${its}.friction`))] : 'without friction', at(`${its}.largest_overlap_at_rest_mm`) > 0 ? [', overlaps the body at rest by up to ', written(`${its}.largest_overlap_at_rest_mm`)] : ''];
+
+function preload() {
+  const where = ['largest displacement ', written('loads.settled_mm')];
+  if (there('loads.circle_moved_mm') && !isNothing('loads.circle_moved_mm')) where.push(', of the circle ', vector('loads.circle_moved_mm', 2), ' mm');
+  if (there('loads.unloaded')) where.push('; the image shows the body under these loads, and without them its nodes are up to ', written('loads.unloaded.taken_back_mm'), ' elsewhere');
+  return where;
+}
+
+/** Rows of the table of what was taken. */
+export function loadRows() {
+  const films = lines('membranes', membrane), held = lines('supports', support), beside = lines('walls', wall);
+  return [
+    there('loads') && !isNothing('loads.gravity_m_per_s2') && ['Gravity', vector('loads.gravity_m_per_s2', 2), ' m/s²'],
+    there('loads') && Object.keys(at('loads.pressure_Pa')).length > 0 && ['Pressure', ...lines('loads.pressure_Pa', (its) => [quantity(its, 'Pa')])],
+    there('loads.fluid_lost') && ['Fluid lost', 'above ', number('loads.fluid_lost.level_mm', { decimals: 1, place: true }), ' mm along ', vector('loads.fluid_lost.up', 2)],
+    there('loads') && ['Preload', ...preload()],
+    films.length > 0 && ['Membrane', ...films],
+    held.length > 0 && ['Supports', ...held],
+    beside.length > 0 && ['Walls', ...beside],
+  ];
+}
+
+/** What moves in a step, and by how much. */
+function way(step) {
+  if (there(`${step}.cut`)) return ['cut'];
+  const turns = there(`${step}.turn_deg`) ? [' turned by ', vector(`${step}.turn_deg`, 1), '°'] : [];
+  if (isNothing(`${step}.move_mm`)) return turns.length > 0 ? [at(`${step}.moves`), ...turns] : ['hold'];
+  return [at(`${step}.moves`), ' ', vector(`${step}.move_mm`, 2), ...turns];
+}
+
+export function steps() {
+  const names = ['step', 'moves by, LPS mm', 'ends at, s', 'depth', 'force', 'across the push', 'largest'];
+  const table = element('table', { class: 'list' }, element('tr', {}, ...names.map((name, k) => element('th', { scope: 'col', class: k < 2 ? 'text' : '' }, name))));
+  for (const k of at('scene').keys()) {
+    const step = `scene.${k}`;
+    table.append(element('tr', {}, element('td', { class: 'text' }, String(at(`${step}.name`))), element('td', { class: 'text' }, ...way(step)),
+      element('td', {}, number(`${step}.time_s`)), ...['indentation_mm', 'force_N', 'lateral_force_N', 'largest_force_N'].map((key) => element('td', {}, written(`${step}.${key}`)))));
+  }
+  return table;
+}
