@@ -95,6 +95,14 @@ std::string toml_string(std::string_view text) {
   return result + '"';
 }
 
+std::string shell_word(std::string_view text) {
+  if (!text.empty() && text.find_first_of(" \t\r\n\"'\\$`&|;<>()*?[]{}!#~") == std::string_view::npos)
+    return std::string(text);
+  std::string word = "'";
+  for (const char c : text) word += c == '\'' ? std::string("'\\''") : std::string(1, c);
+  return word + "'";
+}
+
 std::string lower(std::string_view text) {
   std::string result(text);
   for (char& c : result)

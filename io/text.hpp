@@ -15,6 +15,9 @@ std::string printable_lines(std::string_view text);
 /// JSON as it may go to a terminal: what it leaves as it is of control characters becomes \u007f.
 std::string printable_json(std::string_view json);
 
+/// As a shell reads it for one word: in single quotes, unless it is plain.
+std::string shell_word(std::string_view text);
+
 /// With small letters for the capitals of ASCII.
 std::string lower(std::string_view text);
 

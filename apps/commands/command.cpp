@@ -164,14 +164,6 @@ void into_folder(Invocation& shared, const std::string& input) {
 
 namespace {
 
-// As a shell takes it for one word.
-std::string as_shell_word(const std::string& text) {
-  if (text.find_first_of(" \t\"'\\$`&|;<>()*?[]{}!#~") == std::string::npos) return text;
-  std::string word = "'";
-  for (const char c : text) word += c == '\'' ? std::string("'\\''") : std::string(1, c);
-  return word + "'";
-}
-
 // What there is to look at, of what stands in the folder.
 std::string to_open(const std::filesystem::path& folder) {
   std::vector<std::string> words;
@@ -179,7 +171,7 @@ std::string to_open(const std::filesystem::path& folder) {
     if (words.empty() && std::filesystem::exists(folder / file))
       words.push_back((folder / file).string() + (std::string(file) == "report.html" ? " in a browser" : ""));
   if (std::filesystem::exists(folder / "view.py"))
-    words.push_back("paraview --state=" + as_shell_word((folder / "view.py").string()));
+    words.push_back("paraview --state=" + shell_word((folder / "view.py").string()));
   return fmt::format("{}", fmt::join(words, ", "));
 }
 

@@ -144,6 +144,7 @@ struct Recording {
   std::function<Json(const Result&)> summary = {};                    // what it begins with
   std::function<std::vector<std::string>(const Result&)> facts = {};  // for the picture
   std::string subject = {};
+  std::vector<std::string> command = {};     // what repeats it; none: its image is in memory alone
   std::optional<MeasuredCurve> beside = {};  // what the force is compared with
   ImageTask images = {};
   double read_s = 0.0;  // before simulate()
@@ -377,6 +378,7 @@ Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reas
     if (wanted_of(config).report)
       page = writer_->report(history, result.band, result.image_error, comparison, slices_, options,
                              !history.interrupted);
+    if (!page.is_null() && !how_.command.empty()) page["command"] = run_again(how_.command, how_.folder);
   }
   tell_of_images();
   const double write_s = writing_s_ + before_march_s_ + finishing_s_ + ending.seconds();
@@ -641,6 +643,7 @@ Outcome record_run(const Config& config, const fs::path& folder, Existing existi
                           in_words(model.tool.centre * 1e3), report.boundary.circle_reason)};
   };
   how.subject = fs::path(name_of_image(config)).filename().string();
+  if (!image) how.command = {"run"};
   return record({.config = config, .image = image, .band = config.accuracy.band == "on"}, std::move(how),
                 observer);
 }
@@ -699,6 +702,7 @@ Outcome record_solve(const Config& config, const fs::path& model, const fs::path
     return facts;
   };
   how.subject = model.filename().string();
+  how.command = {"solve", model.string()};
   given.band = true;  // which then says why there is none
   return record(given, std::move(how), observer);
 }

@@ -3,6 +3,8 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include "io/text.hpp"
+
 namespace dimple {
 
 // "2 (right_hemisphere)"
@@ -48,6 +50,14 @@ std::string nodes_in_words(Index nodes, const ModelReport& report) {
              ? fmt::format("{} nodes: {} apart at the tool, {} far from it", nodes, near,
                            length_in_words(report.largest_spacing_mm))
              : fmt::format("{} nodes: {} apart", nodes, near);
+}
+
+std::string run_again(const std::vector<std::string>& words, const std::filesystem::path& folder) {
+  namespace fs = std::filesystem;
+  std::string line = fmt::format("cd {} && dimple", shell_word(fs::current_path().string()));
+  for (const std::string& word : words) line += ' ' + shell_word(word);
+  const fs::path options = fs::absolute(folder / "config.resolved.toml").lexically_normal();
+  return line + fmt::format(" --config {} -o again", shell_word(options.string()));
 }
 
 double poisson_ratio(const Material& m) {

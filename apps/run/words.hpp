@@ -1,5 +1,6 @@
 #pragma once
 
+#include <filesystem>
 #include <optional>
 #include <string>
 #include <vector>
@@ -28,6 +29,11 @@ std::string plus_minus(double force_N, double half_N, const std::string& by);
 
 /// "1500 nodes: 0.55 mm apart at the tool, 24.46 mm far from it".
 std::string nodes_in_words(Index nodes, const ModelReport& report);
+
+/// A line for a shell that repeats from any folder what wrote the folder's config.resolved.toml: it goes
+/// first to where the program is now, from which relative paths begin. `words`: the command and what is in no
+/// file.
+std::string run_again(const std::vector<std::string>& words, const std::filesystem::path& folder);
 
 double poisson_ratio(const Material& m);
 

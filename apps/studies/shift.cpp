@@ -153,10 +153,10 @@ void warp_images(const RunLog& log, const ImageTask& task, const fs::path& folde
 }
 
 // What repeats the run with the options that are in no file.
-std::string command_of(const ShiftOptions& options) {
-  std::string command = "dimple shift --config config.resolved.toml";
+std::string command_of(const ShiftOptions& options, const fs::path& folder) {
+  std::vector<std::string> words = {"shift"};
   const auto add = [&](const char* flag, const std::string& value) {
-    if (!value.empty()) command += fmt::format(" {} {}", flag, value);
+    if (!value.empty()) words.push_back(fmt::format("{}={}", flag, value));  // which may begin with a minus
   };
   add("--brain", options.brain);
   add("--skull", options.skull);
@@ -165,7 +165,7 @@ std::string command_of(const ShiftOptions& options) {
   add("--fluid-lost", options.fluid_lost);
   add("--gap", options.gap);
   for (const std::string& target : options.target) add("--target", target);
-  return command + " -o again";
+  return run_again(words, folder);
 }
 
 std::string title_of(const Config& config, const Json& shift) {
@@ -246,7 +246,7 @@ Outcome shift(const Config& config, const ShiftOptions& options, const fs::path&
         before_and_after(now, scene, config, task, folder, title_of(config, told), pictured);
     told["pictured"] = pictured;
     write_file(folder / "overview.png", picture);
-    page = page_of_shift(now, scene, config, options_text, command_of(options), picture);
+    page = page_of_shift(now, scene, config, options_text, command_of(options, folder), picture);
   }
   summary["shift"] = told;
   summary["solve_wall_s"] = now.solve_s;

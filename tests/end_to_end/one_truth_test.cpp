@@ -189,6 +189,22 @@ TEST_F(OneTruth, OfTwoTissuesWithoutABand) {
   EXPECT_EQ(held(page, "dimple-words").at("material.0.mu_Pa"), Json::array({"20", "kPa", 1e-3}));
 }
 
+TEST_F(OneTruth, IsRepeatedFromAnyFolderByTheCommandOnThePage) {
+  ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3").code, 0);
+  ran = dimple(folder, {"run", "block.nrrd", "-o", "its $results", "--nodes", "400", "--depth", "1mm",
+                        "--frames", "1", "--band", "off", "--write", "report"});
+  ASSERT_EQ(ran.code, 0) << ran.err;
+  std::string command =
+      held(text_of(folder / "its $results" / "report.html"), "dimple-data").at("command").get<std::string>();
+  const std::size_t program = command.find("&& dimple run ");
+  ASSERT_NE(program, std::string::npos) << command;
+  command.replace(program, 9, "&& " DIMPLE_PROGRAM);
+  fs::create_directories(folder / "elsewhere");
+  const Ran again = Program(folder / "elsewhere", {"-c", command}, "/bin/sh").wait();
+  ASSERT_EQ(again.code, 0) << command << '\n' << again.err;
+  EXPECT_EQ(text_of(folder / "again" / "force.csv"), text_of(folder / "its $results" / "force.csv"));
+}
+
 TEST_F(OneTruth, OfAnExplanationTooAndOfHowItEnded) {
   ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3").code, 0);
   run("block.nrrd -o out --nodes 500 --depth 2mm --frames 2 --band off --write report --explain --time-limit "

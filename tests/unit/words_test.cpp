@@ -6,6 +6,7 @@
 
 #include "apps/run/run_words.hpp"
 #include "apps/run/words.hpp"
+#include "io/text.hpp"
 
 namespace dimple {
 namespace {
@@ -91,6 +92,13 @@ TEST(Words, NoNumberHasAnExponent) {
   EXPECT_EQ(length_in_words(0.5), "0.50 mm");
   EXPECT_EQ(length_in_words(0.01234), "0.0123 mm");
   EXPECT_EQ(length_in_words(0.0), "0.00 mm");
+}
+
+TEST(Words, AShellReadsAWordOfAnyTextAsItIs) {
+  EXPECT_EQ(shell_word("--opening=-5,0,25.5,10"), "--opening=-5,0,25.5,10");
+  EXPECT_EQ(shell_word(""), "''");
+  EXPECT_EQ(shell_word("my brain $(touch x)"), "'my brain $(touch x)'");
+  EXPECT_EQ(shell_word("it's"), "'it'\\''s'");
 }
 
 TEST(Words, OfASceneOfStepsAreItsLargestForceAndItsLast) {

@@ -297,8 +297,7 @@ function copied(text, css = '') {
 
 function again() {
   const place = section('again');
-  const command = data.command ? data.command : there('image') ? 'dimple run --config config.resolved.toml -o again' : 'dimple solve MODEL --config config.resolved.toml -o again';
-  place.append(copied(command));
+  place.append(data.command ? copied(data.command) : element('p', {}, 'The image of this run was in memory: give it again, with the options below.'));
   const hash = there('image_sha256') ? 'image_sha256' : 'model_sha256';
   place.append(element('p', { class: 'soft' }, there('image') ? 'The image has the SHA-256 ' : 'The model has the SHA-256 ', element('code', {}, word(hash)), '. With the file below, which lies beside this page, the same version of the program gives the same bits.'));
   place.append(element('h3', {}, 'config.resolved.toml'), copied(data.options, 'long'));
