@@ -8,6 +8,7 @@
 #include "apps/commands/command.hpp"
 #include "apps/commands/log.hpp"
 #include "apps/commands/terminal.hpp"
+#include "apps/run/checkpoint.hpp"
 #include "apps/studies/cohort.hpp"
 #include "io/file.hpp"
 
@@ -39,19 +40,34 @@ std::vector<double> depths_in(const std::vector<std::string>& words) {
   return depths;
 }
 
+// A row that was changed after its run: the numbers in the folder are not of it.
+void mark_changed(const Cohort& cohort, const fs::path& folder, std::vector<CollectedCase>& cases) {
+  for (std::size_t row = 0; row < cohort.size(); ++row)
+    for (CollectedCase& one : cases) {
+      if (one.id != cohort.id(row) || one.status != "finished") continue;
+      const std::string change = changed_since(cohort, row, folder / one.id);
+      if (change.empty()) continue;
+      one.status = "changed";
+      one.code = other_run;
+      one.fact = "the run in that folder is another one: " + change;
+      one.remedy = "run the batch with --force, or give the table that it was run with";
+      warn(fmt::format("{}: {}", one.id, one.fact));
+    }
+}
+
 int perform(const Invocation& shared, const CollectArguments& options) {
   const std::vector<double> depths = depths_in(options.depths);
   std::vector<std::string> expected;
-  if (!options.cases.empty()) {
-    const Cohort cohort = read_cohort(options.cases);
-    for (std::size_t row = 0; row < cohort.size(); ++row) expected.push_back(cohort.id(row));
-  }
+  Cohort cohort;
+  if (!options.cases.empty()) cohort = read_cohort(options.cases);
+  for (std::size_t row = 0; row < cohort.size(); ++row) expected.push_back(cohort.id(row));
   const fs::path folder = options.folder;
   const fs::path page = options.page.empty() ? folder / "index.html" : fs::path(options.page);
   if (!shared.out.empty()) try_file(shared.out);
   if (!options.page.empty() || fs::is_directory(folder)) try_file(page);
   if (!options.bids.empty()) try_folder(options.bids);
-  const std::vector<CollectedCase> cases = collect(folder, depths, expected);
+  std::vector<CollectedCase> cases = collect(folder, depths, expected);
+  mark_changed(cohort, folder, cases);
   const std::string table = to_csv(table_of(cases, depths));
   if (!options.bids.empty()) {
     const std::size_t count = write_bids(cases, folder, options.bids);
@@ -81,7 +97,9 @@ Command add_collect(CLI::App& app, Invocation& shared) {
       ->add_option("--depths", options->depths,
                    "where the force is wanted besides at the end, for instance 2mm,4mm")
       ->delimiter(',');
-  command->add_option("--cases", options->cases, "the batch's CSV: cases that were never run are listed too");
+  command->add_option(
+      "--cases", options->cases,
+      "the batch's CSV: cases that were never run, or whose row has changed since, are marked");
   command->add_option("--page", options->page, "HTML page with a picture a case [index.html in the folder]");
   command->add_option("--bids", options->bids,
                       "folder for the force curves and pictures once more, named as BIDS derivatives");

@@ -10,6 +10,7 @@
 #include <map>
 #include <mutex>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <sstream>
 #include <thread>
 
@@ -94,6 +95,22 @@ std::optional<Outcome> finished_before(const Config& config, const fs::path& fol
   if (!fs::is_directory(folder, ignored)) return std::nullopt;
   if (const ResultFolder results(folder, Existing::resume); !results.finished()) return std::nullopt;
   return record_run(config, folder, Existing::resume);
+}
+
+// Both moduli in one row, also where one of them is the usual value.
+void require_one_modulus(const Cohort& cohort, std::size_t row, const Config& config) {
+  const TextTable::Row& fields = cohort.table.row[row];
+  const auto says = [&](const char* key) {
+    for (std::size_t c = 0; c < cohort.key.size(); ++c)
+      if (cohort.key[c] == key) return !fields.field[c].empty();
+    return false;
+  };
+  if (!says("material.mu_Pa") || !says("material.young_Pa") || config.material.young_Pa == 0.0) return;
+  throw UsageError({.fact = fmt::format("both a shear modulus, {} Pa, and Young's modulus, {} Pa, are given",
+                                        config.material.mu_Pa, config.material.young_Pa),
+                    .where = line_of(cohort, row),
+                    .why = "one follows from the other: mu = E / (2 (1 + nu))",
+                    .remedy = "leave one of the two fields empty"});
 }
 
 bool is_other_run(const Error& error) {
@@ -251,6 +268,7 @@ Config case_of(const Cohort& cohort, std::size_t row, Config config) {
   for (std::size_t c = 0; c < cohort.key.size(); ++c)
     if (const std::string& key = cohort.key[c]; key != "id" && !fields.field[c].empty())
       set_option(config, key, beside(cohort, key, fields.field[c]), line);
+  require_one_modulus(cohort, row, config);
   resolve_material(config);
   if (config.image.file.empty())
     throw InputError({.fact = "the case has no image",
@@ -265,6 +283,27 @@ Config case_of(const Cohort& cohort, std::size_t row, Config config) {
   if (!config.output.compare.empty() && config.output.compare != paper_word)
     read_measured_curve(config.output.compare);
   return config;
+}
+
+std::string changed_since(const Cohort& cohort, std::size_t row, const fs::path& folder) try {
+  Config before;
+  read_config(before, folder / "config.resolved.toml");
+  const Config now = case_of(cohort, row, before);
+  if (fs::path(now.image.file).filename() != fs::path(before.image.file).filename())
+    return fmt::format("image is {} now, and was {}", now.image.file, before.image.file);
+  const std::map<std::string, std::string> was = option_values(before);
+  const std::set<std::string> paths = {"output.compare", "image.label_names",
+                                       "load.poses"};  // begin elsewhere
+  for (const auto& [key, value] : option_values(now))
+    if (const auto found = was.find(key);
+        !paths.contains(key) && (found == was.end() || found->second != value))
+      return fmt::format("{} is {} now, and was {}", key, value,
+                         found == was.end() ? "not set" : found->second);
+  return {};
+} catch (const Stopped&) {
+  throw;
+} catch (const Error&) {
+  return {};
 }
 
 Outcome run_case(const Cohort& cohort, std::size_t row, const Config& of_all_rows, const fs::path& out,

@@ -34,6 +34,10 @@ std::string image_of(const Cohort& cohort, std::size_t row);
 /// table is. Checked as far as they can be before the image is read. Throws UsageError, InputError.
 Config case_of(const Cohort& cohort, std::size_t row, Config of_all_rows);
 
+/// What a row says now that the run in the folder was not made with: "material.mu_Pa is 2000.0 now, and
+/// was 1000.0". Empty: nothing, or it cannot be known.
+std::string changed_since(const Cohort& cohort, std::size_t row, const std::filesystem::path& folder);
+
 /// Runs one row in the folder that is called by its id, as record_run() does there: it goes on with what was
 /// stopped, and returns at once where the same run is finished. A run of other options or another image is
 /// refused, or, with `anew`, replaced. Why it failed is put down in the folder, unless that holds something

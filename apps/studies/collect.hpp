@@ -13,7 +13,7 @@ namespace dimple {
 struct CollectedCase {
   std::string id;
   std::string status;  ///< of summary.json: finished, failed, interrupted; unfinished: none is there;
-                       ///< missing: no folder
+                       ///< missing: no folder; changed: a finished run of other options than its row
   std::string code, fact, where, remedy;  ///< of a failure
   std::string image, labels, volume_mm3, mu_Pa, indentation_mm, total_s, nodes, warnings, version, tool;
   using Force = std::array<std::string, 3>;  ///< with the low and the high end of its band [N]

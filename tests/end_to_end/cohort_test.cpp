@@ -231,6 +231,26 @@ TEST_F(Batch, TakesOneRowOfAnArrayJob) {
   const auto rows = collected("out --cases cases.csv");
   EXPECT_EQ(rows.at("one").at("status"), "missing");
   EXPECT_EQ(rows.at("two").at("status"), "finished");
+  write("cases.csv", "id,image,mu\none,block.nrrd,200\ntwo,block.nrrd,400\n");
+  const auto changed = collected("out --cases cases.csv").at("two");
+  EXPECT_EQ(changed.at("status"), "changed");
+  EXPECT_EQ(changed.at("code"), "other-run");
+  EXPECT_NE(changed.at("fact").find("material.mu_Pa is 400.0 now, and was 300.0"), std::string::npos)
+      << changed.at("fact");
+}
+
+TEST_F(Batch, RefusesTwoModuliInOneRowAlsoWhereOneIsTheUsual) {
+  write("cases.csv", "id,image,mu_Pa,young\nusual,block.nrrd,210,600\nother,block.nrrd,211,600\n");
+  EXPECT_EQ(dimple(folder, "batch cases.csv -o out --nodes 400 --depth 1 --frames 2 --write force -q").code,
+            2);
+  for (const char* id : {"usual", "other"})
+    EXPECT_NE(summary(std::string("out/") + id)
+                  .at("failure")
+                  .at("fact")
+                  .get<std::string>()
+                  .find("both a shear modulus"),
+              std::string::npos)
+        << id;
 }
 
 TEST_F(Batch, RefusesATableThatIsWrongAsAWhole) {
