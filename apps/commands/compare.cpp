@@ -144,6 +144,8 @@ std::vector<Difference> differences_of(const FinishedRun& a, const FinishedRun& 
     const auto found = run.options.find(key);
     return found == run.options.end() ? std::string("not given") : found->second;
   };
+  // Which files were written changes no result.
+  std::erase_if(keys, [](const auto& option) { return option.first.starts_with("output."); });
   // An accuracy has chosen the nodes, see below.
   if (a.summary.contains("ladder") || b.summary.contains("ladder")) keys.erase("cloud.nodes");
   for (const auto& [key, ignored] : keys) compare(key, value_in(a, key), value_in(b, key));

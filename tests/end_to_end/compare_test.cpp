@@ -47,6 +47,13 @@ class Compare : public InFolder {
   }
 };
 
+TEST_F(Compare, OfRunsThatWroteOtherFilesShowsNoDifference) {
+  good(
+      "run body.nrrd -o b --nodes 1000 --depth 1mm --frames 4 --indenter-diameter 10mm --write force,nodes "
+      "-q");
+  EXPECT_EQ(compared("a", "b")["differences"].size(), 0u);
+}
+
 TEST_F(Compare, ShowsThatAnotherModulusIsTheOnlyDifference) {
   run("body.nrrd", "b", " --mu 315");
   const Json json = compared("a", "b");
