@@ -671,6 +671,7 @@ ChoiceTable::Row row_of(const Explanation& e, const Alternative& a) {
   return {.what = a.what,
           .instead = instead_of(a, e),
           .all = a.all,
+          .at = there && a.depth_mm < e.depth_mm ? "at " + length_in_words(a.depth_mm) : "",
           .kind = a.kind,
           .effect = there ? std::optional(100.0 * a.effect) : std::nullopt,
           .csv = fmt::format("{},{},{},{:g},{},{},{:.3g},{}", csv_field(a.what), csv_field(a.instead),
@@ -744,6 +745,8 @@ void write_choices(const std::filesystem::path& folder, const ChoiceTable& table
                                         : row.kind == Kind::doubt ? 0
                                                                   : 1});
     Tornado::Row& bar = tornado.rows[at->second];
+    if (!row.at.empty() && bar.note.find(row.at) == std::string::npos)
+      bar.note += (bar.note.empty() ? "" : ", ") + row.at;
     bar.low = std::min(bar.low, *row.effect);
     bar.high = std::max(bar.high, *row.effect);
   }

@@ -97,6 +97,7 @@ const char* word_of(Alternative::Kind kind);
 struct ChoiceTable {
   struct Row {
     std::string what, instead, all;  ///< as of an Alternative
+    std::string at = {};             ///< "at 3.75 mm": where the effect is of less depth than the run's force
     Alternative::Kind kind = Alternative::Kind::doubt;
     std::optional<double> effect = {};  ///< nothing: the changed run failed
     std::string csv, verdict;

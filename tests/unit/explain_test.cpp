@@ -112,5 +112,23 @@ TEST(Explain, OfASphereTellsWhatItsRadiusDoesOnTheSameNodesAndWhatFrictionDoes) 
   EXPECT_EQ(picture.find("circle"), std::string::npos);
 }
 
+TEST(Explain, SaysInItsChartTheDepthOfAnEffectAboveTheRunsOwn) {
+  Explanation e;
+  e.force = 0.0472, e.depth_mm = 5.0, e.nodes = 1000, e.noise = 0.01;
+  e.alternatives.push_back({.what = "contact",
+                            .instead = "frictionless instead of bonded",
+                            .all = "frictionless",
+                            .depth_mm = 3.75,
+                            .effect = -0.127,
+                            .deeper = "the tissue gave way deeper"});
+  e.alternatives.push_back(
+      {.what = "base", .instead = "held to 15 mm", .all = "held less", .depth_mm = 5.0, .effect = -0.05});
+  const std::filesystem::path folder = fresh_folder();
+  write_explanation(folder, e, "block");
+  const std::string picture = read_file(folder / "explain.svg");
+  for (const char* note : {">frictionless, at 3.75 mm<", ">held less<"})
+    EXPECT_TRUE(picture.find(note) != std::string::npos) << note;
+}
+
 }  // namespace
 }  // namespace dimple
