@@ -111,12 +111,14 @@ void write_fields(const fs::path& folder, const Shifted& now) {
 Json shift_json(const ShiftOptions& options, const ShiftScene& scene, const Config& config,
                 const Shifted& now, const ShiftBand& band) {
   const Index largest = now.largest_in(scene.opening);
-  const Vec3 most = largest < 0 ? Vec3::Zero().eval() : Vec3(now.surface_mm.col(largest));
+  const Vec3 middle = now.at_middle(scene.opening), most = now.surface_mm.col(largest);
   const Points targets = points_of(scene.targets);
-  return {{"largest_at_opening_mm", most.norm()},
+  return {{"middle_mm", middle.norm()},
+          {"middle_along_gravity_mm", -middle.dot(scene.up)},
+          {"largest_at_opening_mm", most.norm()},
           {"along_gravity_mm", -most.dot(scene.up)},
           {"components_mm", json_of(most)},
-          {"at_mm", largest < 0 ? Json() : json_of(Vec3(now.result.model.surface.vertex_mm.col(largest)))},
+          {"at_mm", json_of(Vec3(now.result.model.surface.vertex_mm.col(largest)))},
           {"largest_of_all_mm", now.surface_mm.colwise().norm().maxCoeff()},
           {"targets", json_of(targets, now.targets_mm, scene.up, false)},
           {"profile", json_of(now.line, now.line_mm, scene.up, true)},
@@ -169,10 +171,25 @@ std::string command_of(const ShiftOptions& options, const fs::path& folder) {
 }
 
 std::string title_of(const Config& config, const Json& shift) {
-  return fmt::format("{}: {} at the opening, {} of it along gravity",
-                     fs::path(name_of_image(config)).filename().string(),
-                     length_in_words(shift["largest_at_opening_mm"].get<double>()),
-                     length_in_words(shift["along_gravity_mm"].get<double>()));
+  const auto length = [&](const char* key) { return length_in_words(shift[key].get<double>()); };
+  return fmt::format("{}: {} at the middle of the opening, {} of it along gravity; largest at the opening {}",
+                     fs::path(name_of_image(config)).filename().string(), length("middle_mm"),
+                     length("middle_along_gravity_mm"), length("largest_at_opening_mm"));
+}
+
+// "shift at the middle of the opening 8.51 mm (6.0 to 11.0 mm), 8.40 mm of it along gravity; largest at the
+// opening 10.00 mm".
+std::string headline_of(const Json& shift, const ShiftBand& band) {
+  const auto length = [&](const char* key) { return length_in_words(shift[key].get<double>()); };
+  const double middle = shift["middle_mm"];
+  return fmt::format(
+      "shift at the middle of the opening {}{}, {} of it along gravity; largest at the opening {}{}",
+      length("middle_mm"),
+      band.known()
+          ? fmt::format(" ({:.1f} to {:.1f} mm)", std::max(0.0, middle - band.half_mm), middle + band.half_mm)
+          : "",
+      length("middle_along_gravity_mm"), length("largest_at_opening_mm"),
+      band.known() ? "" : "; band " + in_words(band));
 }
 
 Json times_json(const Shifted& now, double band_s, double images_s, double pictures_s, double total_s) {
@@ -258,15 +275,7 @@ Outcome shift(const Config& config, const ShiftOptions& options, const fs::path&
   outcome.summary_json = as_text(summary);
   if (!tables_alone) write_report(folder / "report.html", summary, page);
   write_file(folder / "summary.json", outcome.summary_json);
-  const double largest = told["largest_at_opening_mm"];
-  const std::string along = length_in_words(told["along_gravity_mm"].get<double>());
-  outcome.headline =
-      band.known()
-          ? fmt::format("largest shift at the opening {} ({:.1f} to {:.1f} mm), {} of it along gravity",
-                        length_in_words(largest), std::max(0.0, largest - band.half_mm),
-                        largest + band.half_mm, along)
-          : fmt::format("largest shift at the opening {}, {} of it along gravity; band {}",
-                        length_in_words(largest), along, in_words(band));
+  outcome.headline = headline_of(told, band);
   return outcome;
 }
 

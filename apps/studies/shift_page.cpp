@@ -140,8 +140,16 @@ std::array<double, 2> window_of(const std::vector<Sampled>& planes) {
   return {std::min(at(0.01), 0.0), at(0.99)};
 }
 
+// Planes cross so deep below the opening: a plane at the opening itself may pass above the brain.
+constexpr double planes_below_mm = 20.0;
+
 std::vector<Slice> slices_of(const Shifted& now, const ShiftScene& scene) {
-  return slices_through(scene.opening.head<3>(), now.result.model, now.result.image);
+  Vec3 through = scene.opening.head<3>();
+  for (Index k = 0; k < now.line.cols(); ++k) {
+    through = now.line.col(k);
+    if ((now.line.col(k) - now.line.col(0)).norm() >= planes_below_mm) break;
+  }
+  return slices_through(through, now.result.model, now.result.image);
 }
 
 // A ring around the opening, as a tube: what the page shows in place of a tool [mm].
@@ -211,7 +219,8 @@ std::string before_and_after(const Shifted& now, const ShiftScene& scene, const 
     mark_targets(now, scene.targets, slice, plane);
   }
   told = fmt::format(
-      "{} in three planes through the opening, before and after; targets within {:g} mm of a plane",
+      "{} in three planes through a place below the opening, before and after; targets within {:g} mm of a "
+      "plane",
       shown.before.filename().string(), near_plane_mm);
   picture.lines = {told};
   return before_after_png(picture);

@@ -11,8 +11,9 @@ namespace dimple {
 
 // What of a shift is for people: a picture of it, and what report.html shows beside the summary.
 
-/// Three planes through the opening, before and after: of the first image that is warped, or of the labels,
-/// as `written` into the folder. The bytes of a PNG. `told`: says of which, in a sentence. Throws InputError.
+/// Three planes through a place below the opening, before and after: of the first image that is warped, or of
+/// the labels, as `written` into the folder. The bytes of a PNG. `told`: says of which, in a sentence. Throws
+/// InputError.
 std::string before_and_after(const Shifted& now, const ShiftScene& scene, const Config& config,
                              const ImageTask& written, const std::filesystem::path& folder,
                              const std::string& title, std::string& told);

@@ -126,6 +126,12 @@ Points line_into(const BodySurface& surface, const Vec3& opening) {
   return result;
 }
 
+Index nearest_to(const Points& places, const Vec3& place) {
+  Index nearest = 0;
+  (places.colwise() - place).colwise().squaredNorm().minCoeff(&nearest);
+  return nearest;
+}
+
 }  // namespace
 
 double gap_of_skull(const ShiftOptions& options) {
@@ -147,7 +153,12 @@ Index Shifted::largest_in(const Eigen::Vector4d& ball) const {
     if ((vertex.col(v) - ball.head<3>()).norm() <= ball[3] &&
         (largest < 0 || surface_mm.col(v).norm() > surface_mm.col(largest).norm()))
       largest = v;
-  return largest;
+  return largest < 0 ? nearest_to(vertex, ball.head<3>()) : largest;
+}
+
+Vec3 Shifted::at_middle(const Eigen::Vector4d& opening) const {
+  if (line_mm.cols() > 0) return line_mm.col(0);
+  return surface_mm.col(nearest_to(result.model.surface.vertex_mm, opening.head<3>()));
 }
 
 Points points_of(const std::vector<Vec3>& list) {

@@ -38,8 +38,10 @@ struct Shifted {
   double solve_s = 0.0;
 
   const Nodal& u() const { return system->step_start().u; }
-  /// The vertex within a ball that moves most; -1: none lies in it.
+  /// The vertex within a ball that moves most; where none lies in it, the one nearest to its middle.
   Index largest_in(const Eigen::Vector4d& ball) const;
+  /// The shift at the middle of the opening, where the line into the brain begins [mm].
+  Vec3 at_middle(const Eigen::Vector4d& opening) const;
   /// [3 x places] mm.
   Points at(const Points& places_mm) const;
 };

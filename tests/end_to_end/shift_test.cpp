@@ -44,6 +44,23 @@ TEST(Shift, GrowsWithTheFluidThatIsLostAndFallsAlongGravity) {
   }
 }
 
+// Also where the opening is narrower than the surface's triangles.
+TEST(Shift, SaysTheShiftAtTheMiddleOfTheOpeningFirstAndTheLargestThere) {
+  const fs::path folder = fresh_folder();
+  for (const char* opening : {"0,0,30,15", "1,1,30,0.6"}) {
+    const Ran ran = dimple(folder, "shift " + block_of_brain + " --force -o out --opening " + opening +
+                                       " --up superior --nodes 500 --mu 300 -q --tables");
+    ASSERT_EQ(ran.code, 0) << ran.err;
+    const Json shift = Json::parse(text_of(folder / "out" / "summary.json"))["shift"];
+    const double middle = shift["middle_mm"];
+    EXPECT_EQ(middle, shift["profile"][0]["shift_mm"].get<double>());
+    EXPECT_GT(middle, 0.5);
+    EXPECT_GT(shift["largest_at_opening_mm"].get<double>(), 0.8 * middle) << opening;
+    EXPECT_EQ(ran.out.rfind("shift at the middle of the opening ", 0), 0u) << ran.out;
+    EXPECT_NE(ran.out.find("; largest at the opening "), std::string::npos) << ran.out;
+  }
+}
+
 // There is no tool that could pass through the skull.
 TEST(Shift, BesideAnOpeningOnTheSideSaysNothingOfATool) {
   const fs::path folder = fresh_folder();

@@ -196,7 +196,7 @@ function sliceSection() {
   if (data.slices.some((one) => (one.walls ?? []).length > 0)) legend.append(entry('wall', isShift ? 'skull' : 'wall'));
   place.append(slices(), legend);
   const tilt = data.tilt_degrees > 1 ? ` The image's axes are turned by ${data.tilt_degrees} degrees against the patient's; the letters name the nearest.` : '';
-  place.append(element('p', { class: 'soft' }, `Planes through the ${isShift ? 'opening' : "middle of the tool's way"}, seen from the left, from the front and from the feet: the patient's right is on the left. Nodes at rest within ${(data.slab_mm / 2).toFixed(1)} mm of the plane; the ${isShift ? 'opening' : 'tool'} is seen along it.${tilt}`));
+  place.append(element('p', { class: 'soft' }, `Planes through ${isShift ? 'a place below the opening' : "the middle of the tool's way"}, seen from the left, from the front and from the feet: the patient's right is on the left. Nodes at rest within ${(data.slab_mm / 2).toFixed(1)} mm of the plane; the ${isShift ? 'opening' : 'tool'} is seen along it.${tilt}`));
   return undefined;
 }
 

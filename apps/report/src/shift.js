@@ -10,8 +10,8 @@ export function head() {
   for (const [id, title] of [['force', 'The shift'], ['body', 'The brain at rest and after it'], ['depends', 'What the shift depends on']]) section(id).querySelector('h2').textContent = title;
   section('head').append(
     element('p', { class: 'subject' }, element('strong', {}, baseName(image)), ', after a craniotomy, by Dimple ', word('version')),
-    element('h1', {}, written('shift.largest_at_opening_mm'), ' at the opening'),
-    element('p', { class: 'band' }, written('shift.along_gravity_mm'), ' of it along gravity. The error is ', word('shift.band')),
+    element('h1', {}, written('shift.middle_mm'), ' at the middle of the opening'),
+    element('p', { class: 'band' }, written('shift.middle_along_gravity_mm'), ' of it along gravity; largest at the opening ', written('shift.largest_at_opening_mm'), '. The error is ', word('shift.band')),
   );
 }
 
@@ -30,8 +30,10 @@ export function shift() {
   const points = at('shift.profile');
   const words = element('div', {},
     facts([
+      ['at the middle of the opening', written('shift.middle_mm')],
+      ['of it along gravity', written('shift.middle_along_gravity_mm')],
       ['largest at the opening', written('shift.largest_at_opening_mm'), there('shift.at_mm') && [', at ', place3('shift.at_mm'), ' mm']],
-      ['of it along gravity', written('shift.along_gravity_mm')],
+      ['of that along gravity', written('shift.along_gravity_mm')],
       ['largest of the whole surface', written('shift.largest_of_all_mm')],
       ['error of it', word('shift.band')],
     ]),
@@ -47,7 +49,7 @@ export function shift() {
 
 export function slicesOfShift() {
   const place = section('slices');
-  place.prepend(element('h2', {}, 'Before and after'), element('img', { class: 'planes-drawn', style: 'width:100%', src: data.before_after, alt: 'three planes through the opening, before and after' }), element('p', { class: 'soft' }, word('shift.pictured')));
+  place.prepend(element('h2', {}, 'Before and after'), element('img', { class: 'planes-drawn', style: 'width:100%', src: data.before_after, alt: 'three planes below the opening, before and after' }), element('p', { class: 'soft' }, word('shift.pictured')));
 }
 
 export function assumedOfShift() {
