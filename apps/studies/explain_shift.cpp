@@ -257,7 +257,7 @@ void write_explanation(const std::filesystem::path& folder, const ShiftExplanati
                        const std::string& subject) {
   const double least = threshold_of(e);
   const std::string unchanged =
-      fmt::format("{} at the opening with {} nodes", length_in_words(e.shift_mm), e.nodes);
+      fmt::format("largest shift at the opening {} with {} nodes", length_in_words(e.shift_mm), e.nodes);
   ChoiceTable table{
       .text = fmt::format(
           "{}: {}, in {:.1f} s. Each line repeats that shift with one choice changed. Changes below {} do "

@@ -47,7 +47,7 @@ function unpack() {
     for (let v = 0; v < size.length; ++v) size[v] = Math.hypot(u[3 * v], u[3 * v + 1], u[3 * v + 2]);
     return { u, size, depth: frame.depth_mm, tool: frame.tool_mm, turned: frame.tool_turned ?? [0, 0, 0, 1] };
   });
-  return { rest, triangles, frames };
+  return { rest, triangles: turnedOutwards(rest, triangles), frames };
 }
 
 function normalsOf(places, triangles, normals) {
@@ -63,6 +63,22 @@ function normalsOf(places, triangles, normals) {
     const length = Math.hypot(normals[v], normals[v + 1], normals[v + 2]) || 1;
     for (let k = 0; k < 3; ++k) normals[v + k] /= length;
   }
+}
+
+/** Those that a coarser surface has turned over would show their back, which is black: they are turned again. */
+function turnedOutwards(places, triangles) {
+  const normals = new Float32Array(places.length);
+  normalsOf(places, triangles, normals);
+  const at = (array, v) => [array[3 * v], array[3 * v + 1], array[3 * v + 2]];
+  const outwards = triangles.slice();
+  for (let t = 0; t < triangles.length; t += 3) {
+    const corners = triangles.subarray(t, t + 3);
+    const [a, b, c] = Array.from(corners, (v) => at(places, v));
+    const own = cross(plus(b, a, -1), plus(c, a, -1));
+    const around = Array.from(corners, (v) => at(normals, v)).reduce((sum, n) => plus(sum, n));
+    if (dot(own, around) < 0) [outwards[t + 1], outwards[t + 2]] = [triangles[t + 2], triangles[t + 1]];
+  }
+  return outwards;
 }
 
 function cells(triangles) {
