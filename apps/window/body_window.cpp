@@ -50,6 +50,7 @@
 #include <vector>
 
 #include "apps/window/display.hpp"
+#include "io/digits.hpp"
 #include "io/file.hpp"
 
 namespace dimple {
@@ -210,7 +211,6 @@ void plot_force(vtkChartXY& chart, vtkTable& table, const std::string& abscissa)
   }
   chart.SetForceAxesToBounds(true);
   chart.GetAxis(vtkAxis::BOTTOM)->SetTitle(abscissa);
-  chart.GetAxis(vtkAxis::LEFT)->SetTitle("force [N]");
   const std::array<std::pair<int, Rgb>, 3> lines = {
       {{2, {0.62, 0.76, 0.88}}, {3, {0.62, 0.76, 0.88}}, {1, {0.08, 0.38, 0.63}}}};
   for (const auto& [column, colour] : lines) {
@@ -253,12 +253,10 @@ struct BodyWindow::Parts {
     const double angle = 28.0 * std::numbers::pi / 180.0;
     const Vec3 toward = std::cos(angle) * front + std::sin(angle) * up;
     camera.ParallelProjectionOn();
-    std::array<double, 6> box{};
-    view->ComputeVisiblePropBounds(box.data());
+    const double* box = view->ComputeVisiblePropBounds();
     const Vec3 middle(0.5 * (box[0] + box[1]), 0.5 * (box[2] + box[3]), 0.5 * (box[4] + box[5]));
-    const Vec3 from = middle + 500.0 * toward;
     camera.SetFocalPoint(middle.data());
-    camera.SetPosition(from.data());
+    camera.SetPosition(Vec3(middle + 500.0 * toward).data());
     camera.SetViewUp(up.data());
     view->ResetCamera();
     camera.Zoom(1.25);
@@ -267,10 +265,9 @@ struct BodyWindow::Parts {
   // Of displacements from none to this.
   void colours_to(double top) {
     heat->RemoveAllPoints();
-    const double step = top / static_cast<double>(pale_to_dark.size() - 1);
     for (std::size_t k = 0; k < pale_to_dark.size(); ++k)
-      heat->AddRGBPoint(step * static_cast<double>(k), pale_to_dark[k][0], pale_to_dark[k][1],
-                        pale_to_dark[k][2]);
+      heat->AddRGBPoint(top * static_cast<double>(k) / static_cast<double>(pale_to_dark.size() - 1),
+                        pale_to_dark[k][0], pale_to_dark[k][1], pale_to_dark[k][2]);
   }
 
   // Of the labels of a section, in the order of their colours.
@@ -474,10 +471,16 @@ void BodyWindow::show(const ShownFrame& frame) {
 void BodyWindow::show(const std::vector<ShownForce>& curve) {
   Parts& p = *parts_;
   const auto count = static_cast<vtkIdType>(curve.size());
+  double largest = 0.0;
+  for (const ShownForce& now : curve) largest = std::max(largest, std::abs(now.force_N));
+  const Written unit = force_written(largest);
+  // Ticks are counted from the least value: what is rounding at rest would spoil them all.
+  const auto shown = [&](double N) { return std::abs(N) < 1e-3 * largest ? 0.0 : unit.per_unit * N; };
+  p.chart->GetAxis(vtkAxis::LEFT)->SetTitle(std::string("force [") + unit.unit + "]");
   p.table->SetNumberOfRows(count);
   for (vtkIdType k = 0; k < count; ++k) {
     const ShownForce& now = curve[static_cast<std::size_t>(k)];
-    const std::array<double, 4> row = {now.x, now.force_N, now.low_N, now.high_N};
+    const std::array<double, 4> row = {now.x, shown(now.force_N), shown(now.low_N), shown(now.high_N)};
     for (vtkIdType c = 0; c < 4; ++c)
       vtkDoubleArray::SafeDownCast(p.table->GetColumn(c))->SetValue(k, row[static_cast<std::size_t>(c)]);
   }
@@ -505,11 +508,9 @@ void BodyWindow::save_picture(const std::filesystem::path& png) {
   writer->SetInputConnection(picture->GetOutputPort());
   writer->WriteToMemoryOn();
   writer->Write();
-  const vtkUnsignedCharArray* bytes = writer->GetResult();
-  write_file(
-      png,
-      std::string(reinterpret_cast<const char*>(const_cast<vtkUnsignedCharArray*>(bytes)->GetPointer(0)),
-                  static_cast<std::size_t>(const_cast<vtkUnsignedCharArray*>(bytes)->GetNumberOfValues())));
+  vtkUnsignedCharArray& bytes = *writer->GetResult();
+  write_file(png, std::string(reinterpret_cast<const char*>(bytes.GetPointer(0)),
+                              static_cast<std::size_t>(bytes.GetNumberOfValues())));
 }
 
 void BodyWindow::add_slider(const std::string& title, int last, std::function<void(int)> moved) {
