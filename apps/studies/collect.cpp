@@ -106,6 +106,8 @@ void read_summary(const fs::path& folder, const std::vector<double>& depths_mm, 
   one.indentation_mm = field(summary, {"indentation_mm"});
   one.force = {field(summary, {"force_N"}), field(summary, {"band", "low_N"}),
                field(summary, {"band", "high_N"})};
+  for (std::size_t k = 0; const char* key : {"force_N", "indentation_mm", "step"})
+    one.largest[k++] = field(summary, {"largest_force", key});
   // One that found no equilibrium: what is at rest is no force of it.
   if (one.status == "failed" && one.indentation_mm == "0") one.indentation_mm = one.force[0] = "";
   one.total_s = field(summary, {"total_wall_s"});
@@ -189,6 +191,8 @@ double number_in(const std::string& field) {
 
 std::string title_of(const CollectedCase& one) {
   if (one.force[0].empty()) return {};
+  if (const auto& [force, depth, step] = one.largest; !force.empty())
+    return escaped(scene_title(number_in(force), number_in(depth), step, number_in(one.force[0])));
   std::optional<double> half_N;
   if (!one.force[1].empty()) half_N = 0.5 * (number_in(one.force[2]) - number_in(one.force[1]));
   return force_title(number_in(one.force[0]), number_in(one.indentation_mm), half_N);

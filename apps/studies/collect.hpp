@@ -18,6 +18,7 @@ struct CollectedCase {
   std::string image, labels, volume_mm3, mu_Pa, indentation_mm, total_s, nodes, warnings, version, tool;
   using Force = std::array<std::string, 3>;  ///< with the low and the high end of its band [N]
   Force force;                               ///< at the end
+  std::array<std::string, 3> largest;        ///< of a scene of steps: force [N], indentation [mm], step
   std::vector<Force> at_depth;               ///< at those that were asked for
   bool picture = false, report = false;      ///< overview.png and report.html are there
 };

@@ -253,6 +253,16 @@ TEST_F(Batch, RefusesTwoModuliInOneRowAlsoWhereOneIsTheUsual) {
         << id;
 }
 
+TEST_F(Batch, OfScenesOfStepsShowsTheirLargestForceOnItsPage) {
+  write("cases.csv", "id,image,mu\none,block.nrrd,2000\n");
+  const Ran ran = dimple(folder,
+                         "batch cases.csv -o out --nodes 600 --tool sphere:3mm --base inferior --indent-at "
+                         "0,0,top --set step.press.move=1mm --set step.lift.move=-3mm --write force");
+  ASSERT_EQ(ran.code, 0) << ran.out << ran.err;
+  collected("out");
+  EXPECT_NE(text_of(folder / "out/index.html").find("largest force "), std::string::npos);
+}
+
 TEST_F(Batch, RefusesATableThatIsWrongAsAWhole) {
   expect_refused(3, "", {"empty"});
   expect_refused(3, "id,image\n", {"no rows"});
