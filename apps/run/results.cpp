@@ -19,6 +19,7 @@
 #include "apps/run/steps.hpp"
 #include "apps/run/tool.hpp"
 #include "apps/run/view.hpp"
+#include "io/digits.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/memory.hpp"
@@ -298,6 +299,16 @@ void ResultWriter::frame(const Frame& frame, const Vec3& carried) {
   }
   finish_frames();
   last_u_mm_ = u;
+  if (over_time_ && (largest_u_mm_.size() == 0 || std::abs(packing.force) > std::abs(largest_.force))) {
+    const Vec3 &aside = frame.aside, &turned = frame.turned;
+    largest_u_mm_ = u;
+    largest_ = {.t = frame.t,
+                .depth = frame.depth,
+                .force = packing.force,
+                .base_force = 0.0,
+                .aside = {aside.x(), aside.y(), aside.z()},
+                .turned = {turned.x(), turned.y(), turned.z()}};
+  }
   pending_time_s_ = frame.t;
   if (beside_) {
     pending_ = std::async(std::launch::async,
@@ -572,14 +583,30 @@ Overview ResultWriter::body_of(double depth, const Vec3& carried, const Vec3& as
   return picture;
 }
 
+// The picture moves them all as the tool that is measured.
+void ResultWriter::place_tools(Overview& picture, const ForceSample& at) const {
+  const Vec3 aside(at.aside.data());
+  picture.aside_mm = 1e3 * aside;
+  picture.axis_mm = axis_at(1e-3 * picture.carried_mm, aside);
+  const Vec3 way_mm = picture.carried_mm + 1e3 * at.depth * picture.push + picture.aside_mm;
+  SurfaceFile tools = tools_at(at.t, way_mm, Vec3(at.turned.data()));
+  picture.tool_mm = tools.position_mm.colwise() - way_mm;
+  picture.tool_triangles = std::move(tools.triangles);
+}
+
+// The body in the frame with the largest force: at the end of a scene the tool may have left it.
+void ResultWriter::show_largest(Overview& picture) const {
+  if (largest_u_mm_.size() == 0) return;
+  picture.displacement_mm = largest_u_mm_;
+  if (!skin_.rest.empty()) picture.surface_displacement_mm = skin_.to(largest_u_mm_);
+  picture.depth_mm = {1e3 * largest_.depth};
+  place_tools(picture, largest_);
+  picture.moment = fmt::format("at {} s", three_digits(largest_.t));
+}
+
 Overview ResultWriter::picture_of(const History& history, const Band& band, const ImageError& image) const {
   Overview picture = body_of(0.0, history.carried);
   picture.depth_mm.clear();
-  if (!history.force.empty()) {
-    const Vec3 aside(history.force.back().aside.data());
-    picture.aside_mm = 1e3 * aside;
-    picture.axis_mm = axis_at(history.carried, aside);
-  }
   for (const ForceSample& s : history.force) {
     picture.depth_mm.push_back(1e3 * s.depth);
     picture.force_N.push_back(s.force);
@@ -590,11 +617,7 @@ Overview ResultWriter::picture_of(const History& history, const Band& band, cons
   if (band.known()) picture.half_N = band.half;
   if (image.known()) picture.image_half_N = image.half.back();
   if (history.force.empty()) return picture;
-  // The picture moves them all as the tool that is measured.
-  const Vec3 way_mm = picture.carried_mm + picture.depth_mm.back() * picture.push + picture.aside_mm;
-  SurfaceFile tools = tools_at(history.force.back().t, way_mm, Vec3(history.force.back().turned.data()));
-  picture.tool_mm = tools.position_mm.colwise() - way_mm;
-  picture.tool_triangles = std::move(tools.triangles);
+  place_tools(picture, history.force.back());
   for (const Rigid& one : beside_it_)
     if (one.is_tool) picture.tool += ", " + one.name;
   return picture;
@@ -610,6 +633,7 @@ void ResultWriter::overview(const History& history, const Band& band, const Imag
   picture.lines = lines;
   picture.warnings = warnings;
   picture.walls = walls_;
+  show_largest(picture);
   if (comparison) {
     const MeasuredCurve& measured = comparison->measured;
     for (const double depth : measured.depth) picture.beside_depth_mm.push_back(1e3 * depth);

@@ -135,6 +135,8 @@ class ResultWriter {
   Overview body_of(double depth, const Vec3& carried, const Vec3& aside = Vec3::Zero(),
                    const Vec3& turned = Vec3::Zero()) const;
   Vec3 axis_at(const Vec3& carried, const Vec3& aside) const;
+  void place_tools(Overview& picture, const ForceSample& at) const;
+  void show_largest(Overview& picture) const;
   Overview picture_of(const History& history, const Band& band, const ImageError& image) const;
 
   std::filesystem::path folder_;
@@ -162,6 +164,8 @@ class ResultWriter {
   TimeSeries node_series_, point_series_, surface_series_, section_series_, tool_series_, contact_series_;
   std::vector<double> frame_time_s_;
   Points last_u_mm_;
+  Points largest_u_mm_;    // over time: of the frame with the largest force so far
+  ForceSample largest_{};  // likewise
   GapAt walls_;
   BodyFrames shown_;
   double end_s_, pending_time_s_ = 0.0;

@@ -411,8 +411,9 @@ std::vector<std::pair<Vec3, Vec3>> cut(const Points& surface, const Triangles& t
   return pieces;
 }
 
+/// Below 0 where the tool has been drawn out again.
 double depth_of(const Overview& o) {
-  return !o.depth_mm.empty() && std::isfinite(o.depth_mm.back()) ? std::max(o.depth_mm.back(), 0.0) : 0.0;
+  return !o.depth_mm.empty() && std::isfinite(o.depth_mm.back()) ? o.depth_mm.back() : 0.0;
 }
 
 Points tool_at_the_end(const Overview& o) {
@@ -633,7 +634,7 @@ void draw_section(Canvas& canvas, const Rect& rect, const Overview& o, const Bod
   std::vector<LegendEntry> entries = {{"node", node_dot, 'o'},
                                       {"integration point", cross, '+'},
                                       {"outline at rest", soft_ink, '-'},
-                                      {"at the end", circle, '-'}};
+                                      {o.moment, circle, '-'}};
   if (o.walls) entries.push_back({"wall", wall_ink, '-'});
   for (const LegendEntry& entry : tool_entry(o)) entries.push_back(entry);
   legend(canvas, {room.x + 6.0, room.y + 18.0}, room.x + room.w, entries);
@@ -741,9 +742,9 @@ void draw_body(Canvas& canvas, const Rect& room, const Overview& o, const Deform
 void draw_dimple(Canvas& canvas, const Rect& rect, const Overview& o, const Deformed& body, double spacing) {
   draw_body(canvas,
             panel(canvas, rect, body.has_surface ? "Deformed surface" : "Deformed nodes",
-                  body.most_mm > least_seen(o)
-                      ? fmt::format("coloured by displacement, up to {} mm", three_digits(body.most_mm))
-                      : "not displaced at the end"),
+                  body.most_mm > least_seen(o) ? fmt::format("coloured by displacement {}, up to {} mm",
+                                                             o.moment, three_digits(body.most_mm))
+                                               : "not displaced " + o.moment),
             o, body, spacing);
 }
 

@@ -36,6 +36,7 @@ struct Overview {
   std::vector<double> depth_mm;  ///< force curve
   std::vector<double> force_N;
   std::vector<double> time_s = {};     ///< of a scene of steps, whose forces are shown over time; else empty
+  std::string moment = "at the end";   ///< when the body and the tool are so: "at 1.5 s"
   std::vector<double> lateral_N = {};  ///< likewise: the force across the push
   std::vector<double> half_N;          ///< half the width of the band about it; empty: not known
   double image_half_N = -1.0;  ///< half-width at the end by the image's resolution; negative: not known

@@ -8,6 +8,7 @@
 
 #include "io/table.hpp"
 #include "io/types.hpp"
+#include "tests/end_to_end/picture_pixels.hpp"
 #include "tests/end_to_end/program.hpp"
 #include "tests/end_to_end/whole_files.hpp"
 
@@ -112,6 +113,9 @@ TEST_F(SceneOfSteps, SaysItsLargestForceWhereTheToolHasLeftTheBodyAgain) {
   const std::string page = text_of(folder / "out" / "report.html");
   EXPECT_THAT(page, HasSubstr("\"lateral_N\":["));
   EXPECT_THAT(page, Not(HasSubstr("[\"\\u003c 1\",\"N\""))) << "no force is less than 1 N but nothing";
+  // The picture is of the frame with the largest force: displacements have their colours.
+  const auto is_dark = [](int r, int g, int b) { return r > 55 && r < 160 && g < 60 && b > 70 && b < 125; };
+  EXPECT_GT(share_of_pixels(folder / "out" / "overview.png", is_dark), 1e-4);
 }
 
 TEST_F(SceneOfSteps, ADraggedToolIsPulledBack) {
