@@ -213,6 +213,23 @@ TEST(Overview, ShowsTheToolAsASolidThatStandsOnTheTissueAndNamesItInTheLegend) {
   }
 }
 
+TEST(Overview, ShowsTheToolWhereLoadsHaveCarriedIt) {
+  const fs::path folder = fresh_folder();
+  Overview o = half_ellipsoid();
+  const auto left_ends = [&] {
+    write_overview(folder / "overview.png", o);
+    const auto image = picture_in(folder / "overview.png");
+    return std::pair(tool_pixels(*image, 20, 690, 690, 1060).left,
+                     tool_pixels(*image, 820, 170, 1400, 540).left);
+  };
+  const auto [body, section] = left_ends();
+  o.carried_mm = Vec3(9.0, 0.0, 0.0);  // the picture's broad side is along x
+  o.axis_mm = o.centre_mm + o.carried_mm;
+  const auto [body_then, section_then] = left_ends();
+  EXPECT_GT(std::abs(body_then - body), 50);
+  EXPECT_GT(std::abs(section_then - section), 50);
+}
+
 TEST(Overview, ShowsWhatIsNearTheToolWhereItWouldBeTinyInTheWholeSection) {
   const fs::path folder = fresh_folder();
   Overview wide = half_ellipsoid();
