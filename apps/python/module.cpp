@@ -639,7 +639,7 @@ py::tuple frame_of(const LiveFrame& frame) {
   const auto three = [](const Wrench& of, Index first) {
     return py::make_tuple(of[first], of[first + 1], of[first + 2]);
   };
-  return py::make_tuple(1e3 * frame.asked, 1e3 * frame.depth, frame.force, frame.error,
+  return py::make_tuple(1e3 * frame.asked, 1e3 * frame.depth, frame.force, frame.error, frame.error_at_depth,
                         three(frame.on_tool, 0), three(frame.on_tool, 3), three(frame.per_force, 0),
                         three(frame.per_force, 3), frame.stiffness, frame.residual, frame.evaluations,
                         name_of(frame.tool));

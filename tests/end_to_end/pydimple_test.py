@@ -643,6 +643,22 @@ class Following(InAFolder):
         self.assertEqual(first, second)
         self.assertEqual(pickle.loads(pickle.dumps(first)), first)
 
+    def test_the_error_is_of_the_depth_that_was_asked_for(self):
+        session = pydimple.Session(self.model)
+        frame = session.follow(depth_mm=3, evaluations=3)
+        self.assertEqual((frame.status, frame.error_N), ("lags", float("inf")))
+        self.assertIn("error unknown, lags", repr(frame))
+        self.assertLess(frame.error_at_depth_N, float("inf"))
+
+    def test_tissue_relaxes_for_the_seconds_of_a_frame_unless_another_time_is_given(self):
+        def last(**time):
+            session = pydimple.Session(self.model, prony_g=[0.5], prony_tau_s=[1])
+            return [session.follow(depth_mm=1, evaluations=60, **time) for _ in range(50)][-1].force_N
+
+        relaxed, still = last(), last(dt_s=0)
+        self.assertEqual(last(dt_s=0.04), relaxed)
+        self.assertAlmostEqual(relaxed / still, 1 - 0.5 * (1 - np.exp(-49 * 0.04)), delta=0.02)
+
     def test_a_cut_beside_the_tool_softens_the_body(self):
         session = pydimple.Session(self.model)
         for depth in np.linspace(0.1, 2, 20):
