@@ -251,7 +251,7 @@ PointStress stress_at_points(const Frame& frame) {
   for (Index q = 0; q < F.cols(); ++q) {
     const Mat3 Fq = Eigen::Map<const Mat3>(F.col(q).data());
     at.J(0, q) = Fq.determinant();
-    if (!(at.J(0, q) > 0.0)) {  // the law holds for no such F: what it says there is no stress
+    if (!(at.J(0, q) >= least_J_of_stress)) {
       at.sigma.col(q).setConstant(std::numeric_limits<double>::quiet_NaN());
       at.mises(0, q) = std::numeric_limits<double>::quiet_NaN();
       continue;

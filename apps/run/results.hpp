@@ -51,8 +51,10 @@ inline constexpr std::array wrench_columns = {"force_x_N",   "force_y_N",   "for
 /// At the integration points.
 struct PointStress {
   Eigen::MatrixXd J;  ///< [1xQ] det F
-  Eigen::MatrixXd sigma;  ///< [6xQ] Cauchy stress in VTK's order, XX, YY, ZZ, XY, YZ, XZ [Pa]
-  Eigen::MatrixXd mises;  ///< [1xQ] von Mises stress [Pa]
+  /// [6xQ] Cauchy stress in VTK's order, XX, YY, ZZ, XY, YZ, XZ [Pa]; not a number where det F is below
+  /// least_J_of_stress
+  Eigen::MatrixXd sigma;
+  Eigen::MatrixXd mises;  ///< [1xQ] von Mises stress [Pa], likewise
 };
 PointStress stress_at_points(const Frame& frame);
 
