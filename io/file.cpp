@@ -191,9 +191,13 @@ FolderLock::~FolderLock() {
 
 namespace {
 
+struct Listed {
+  std::set<std::string> names = {};
+  int holders = 0;  // FileLists of that folder
+};
 struct Lists {
   std::mutex mutex;
-  std::map<fs::path, std::set<std::string>> of_folder;
+  std::map<fs::path, Listed> of_folder;
 };
 Lists& lists() {
   static Lists* const one = new Lists;  // threads may still write while the program's statics go
@@ -206,7 +210,8 @@ void put_down_in_lists(const fs::path& file) {
   const std::lock_guard lock(lists().mutex);
   std::error_code ignored;
   const bool is_there = fs::exists(fs::symlink_status(file, ignored)) && file.filename() != file_list_name;
-  for (auto& [folder, known] : lists().of_folder) {
+  for (auto& [folder, listed] : lists().of_folder) {
+    std::set<std::string>& known = listed.names;
     const std::string name = file.lexically_normal().lexically_relative(folder).generic_string();
     const bool within = !name.empty() && !name.starts_with("..") && name.find('\n') == std::string::npos;
     if (!within || known.contains(name)) continue;
@@ -244,18 +249,27 @@ void write_list(const fs::path& folder, const std::set<std::string>& names) {
 }  // namespace
 
 FileList::FileList(const fs::path& folder) : folder_(folder.lexically_normal()) {
+  {
+    const std::lock_guard lock(lists().mutex);
+    if (const auto one = lists().of_folder.find(folder_); one != lists().of_folder.end()) {
+      ++one->second.holders;
+      return;
+    }
+  }
   const std::set<std::string> before =
       still_there(folder_, listed_files(folder_).value_or(std::set<std::string>{}));
   write_list(folder_, before);
   const std::lock_guard lock(lists().mutex);
-  lists().of_folder[folder_] = before;
+  lists().of_folder[folder_] = {before, 1};
 }
 
 FileList::~FileList() {
   std::set<std::string> names;
   {
     const std::lock_guard lock(lists().mutex);
-    names = still_there(folder_, lists().of_folder[folder_]);
+    Listed& own = lists().of_folder[folder_];
+    if (--own.holders > 0) return;
+    names = still_there(folder_, own.names);
     lists().of_folder.erase(folder_);
   }
   try {

@@ -125,6 +125,7 @@ TEST(FileList, KeepsFilesThatItHasNot) {
   {
     const FileList list(folder);
     write_file(folder / "ours.txt", "one");
+    { const FileList within(folder); }
     write_file(folder / "ours.txt", "two");
     EXPECT_THROW(write_file(folder / "mine.txt", "ours"), OutputError);
   }
