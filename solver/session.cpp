@@ -71,6 +71,13 @@ struct Session::Parts {
         lambda(system->step_start().lambda),
         tool(model.tool) {
     if (options.touch) {
+      if (!model.circle.empty())
+        throw SolveError(
+            {.fact = "the model has nodes of a circle, which would hold the tissue under the tool",
+             .where = "Session",
+             .why = "a tool that touches presses on the surface of a model without them",
+             .remedy = "build the model with boundary.contact_radius_mm, or leave the tool out",
+             .code = "no-live"});
       tool.centre = options.touch->pose.tip;
       tool.radius = options.touch->shape.radius;
       longest_tool = length_of_tool(options.touch->shape);

@@ -66,6 +66,9 @@ def _shapes_the_surface(option):
     return option["key"].startswith("image.") or option["key"] == "boundary.indenter_diameter_mm"
 
 
+# Arguments of run that other functions may lack, and that are no options of the table.
+_OF_RUN = ("tissue", "pressures", "supports", "steps", "membranes", "walls", "tools")
+
 # Which options each function takes.
 _TAKES = {
     "build_model": lambda option: option["stage"] == "model",
@@ -104,9 +107,12 @@ def _settings(where, config, named, options):
     given = []
     for keyword, value in options.items():
         option = _OPTIONS.get(keyword)
+        if option is None and keyword in _OF_RUN:
+            raise UsageError(f"{where} takes no option {keyword}", where, "it is for run", "give it there", "usage")
         if option is None:
-            with_unit = [known for known in _OPTIONS if known.startswith(keyword + "_")]
-            near = with_unit or difflib.get_close_matches(keyword, _OPTIONS, 1)
+            taken = [known for known, its in _OPTIONS.items() if _TAKES[where](its)]
+            with_unit = [known for known in taken if known.startswith(keyword + "_")]
+            near = with_unit or difflib.get_close_matches(keyword, taken, 1)
             raise UsageError(
                 f"there is no option {keyword}" + (f", did you mean {near[0]}?" if near else ""),
                 where,
