@@ -191,54 +191,89 @@ FolderLock::~FolderLock() {
 
 namespace {
 
+struct Listed {
+  std::set<std::string> names = {};
+  int holders = 0;  // FileLists of that folder
+};
 struct Lists {
   std::mutex mutex;
-  std::map<fs::path, std::set<std::string>> of_folder;
+  std::map<fs::path, Listed> of_folder;
 };
 Lists& lists() {
   static Lists* const one = new Lists;  // threads may still write while the program's statics go
   return *one;
 }
 
-// A line more in each list that the file belongs to. What cannot be put down is not: the file itself matters
-// more.
+// A line more in each list that the file belongs to. Throws OutputError: it cannot be written, or a file of
+// others is in the place.
 void put_down_in_lists(const fs::path& file) {
   const std::lock_guard lock(lists().mutex);
-  for (auto& [folder, known] : lists().of_folder) {
+  std::error_code ignored;
+  const bool is_there = fs::exists(fs::symlink_status(file, ignored)) && file.filename() != file_list_name;
+  for (auto& [folder, listed] : lists().of_folder) {
+    std::set<std::string>& known = listed.names;
     const std::string name = file.lexically_normal().lexically_relative(folder).generic_string();
     const bool within = !name.empty() && !name.starts_with("..") && name.find('\n') == std::string::npos;
-    if (!within || !known.insert(name).second) continue;
-    const Descriptor list(::open((folder / file_list_name).c_str(),
-                                 O_WRONLY | O_CREAT | O_APPEND | O_NOFOLLOW | O_CLOEXEC, 0666));
+    if (!within || known.contains(name)) continue;
+    if (is_there)
+      throw OutputError(
+          {.fact = fmt::format("{} is a file of others", file.string()),
+           .where = "-o",
+           .why = fmt::format("it is not in {}, the list of what this program has written there",
+                              file_list_name),
+           .remedy = "move it away, or give another folder with -o"});
+    const fs::path list = folder / file_list_name;
+    const Descriptor out(::open(list.c_str(), O_WRONLY | O_CREAT | O_APPEND | O_NOFOLLOW | O_CLOEXEC, 0666));
     const std::string line = name + '\n';
-    if (list.number >= 0) [[maybe_unused]]
-      const auto ignored = ::write(list.number, line.data(), line.size());
+    if (out.number < 0 || ::write(out.number, line.data(), line.size()) != std::ssize(line))
+      cannot_write(list, errno);
+    known.insert(name);
   }
+}
+
+// In order, and without those that are gone again.
+std::set<std::string> still_there(const fs::path& folder, std::set<std::string> names) {
+  std::erase_if(names, [&](const std::string& name) {
+    std::error_code ignored;
+    return !fs::exists(fs::symlink_status(folder / name, ignored));
+  });
+  return names;
+}
+
+void write_list(const fs::path& folder, const std::set<std::string>& names) {
+  std::string text;
+  for (const std::string& name : names) text += name + '\n';
+  write_file(folder / file_list_name, text);
 }
 
 }  // namespace
 
 FileList::FileList(const fs::path& folder) : folder_(folder.lexically_normal()) {
-  const std::set<std::string> before = listed_files(folder_).value_or(std::set<std::string>{});
-  const Descriptor list(::open((folder_ / file_list_name).c_str(),
-                               O_WRONLY | O_CREAT | O_APPEND | O_NOFOLLOW | O_CLOEXEC, 0666));
-  if (list.number < 0) cannot_write(folder_ / file_list_name, errno);
+  {
+    const std::lock_guard lock(lists().mutex);
+    if (const auto one = lists().of_folder.find(folder_); one != lists().of_folder.end()) {
+      ++one->second.holders;
+      return;
+    }
+  }
+  const std::set<std::string> before =
+      still_there(folder_, listed_files(folder_).value_or(std::set<std::string>{}));
+  write_list(folder_, before);
   const std::lock_guard lock(lists().mutex);
-  lists().of_folder[folder_] = before;
+  lists().of_folder[folder_] = {before, 1};
 }
 
 FileList::~FileList() {
-  std::string text;
+  std::set<std::string> names;
   {
     const std::lock_guard lock(lists().mutex);
-    std::error_code ignored;
-    // In order, and without those that are gone again.
-    for (const std::string& name : lists().of_folder[folder_])
-      if (fs::exists(fs::symlink_status(folder_ / name, ignored))) text += name + '\n';
+    Listed& own = lists().of_folder[folder_];
+    if (--own.holders > 0) return;
+    names = still_there(folder_, own.names);
     lists().of_folder.erase(folder_);
   }
   try {
-    write_file(folder_ / file_list_name, text);
+    write_list(folder_, names);
   } catch (const Error&) {  // the one that has grown stays
   }
 }
@@ -266,7 +301,12 @@ void move_into_place(const fs::path& temporary, const fs::path& file) {
     const bool in_haste = stop_asked() != StopReason::none;
     if (written.number < 0 || (!in_haste && ::fsync(written.number) != 0)) error_number = errno;
   }
-  if (error_number == 0) put_down_in_lists(file);
+  if (error_number == 0) try {
+      put_down_in_lists(file);
+    } catch (const OutputError&) {
+      ::unlink(temporary.c_str());
+      throw;
+    }
   if (error_number == 0 && ::rename(temporary.c_str(), file.c_str()) != 0) error_number = errno;
   if (error_number != 0) {
     ::unlink(temporary.c_str());

@@ -21,8 +21,8 @@ std::filesystem::path temporary_beside(const std::filesystem::path& file);
 /// Makes `temporary`, empty. On failure throws OutputError about `file`, which it is to become.
 void claim_temporary(const std::filesystem::path& temporary, const std::filesystem::path& file);
 
-/// Flushes `temporary` to disk, unless the process was asked to end, and renames it to `file`. On failure
-/// removes `temporary` and throws OutputError.
+/// Flushes `temporary` to disk, unless the process was asked to end, and renames it to `file`. On failure,
+/// also where a FileList has not that file and it is there, removes `temporary` and throws OutputError.
 void move_into_place(const std::filesystem::path& temporary, const std::filesystem::path& file);
 
 /// Removes what killed programs have left beside `file` on the way to it; not what one that still lives is
@@ -66,6 +66,7 @@ void try_file(const std::filesystem::path& file);
 
 /// As long as it lives, each file that comes into place below `folder` is first put down in the folder's
 /// list: what a program has made there can be told from what others have put there, also after it was killed.
+/// A file that is there and not in the list is not replaced.
 class FileList {
  public:
   explicit FileList(const std::filesystem::path& folder);

@@ -700,6 +700,12 @@ std::vector<std::int32_t> every_voxel(const LabelImage& image) {
 
 LabelImage read_label_image(const fs::path& file, const fs::path& label_names) {
   const Format format = format_of(file);
+  if (fs::is_directory(file))
+    throw InputError({.fact = fmt::format("'{}' is a folder", file.string()),
+                      .where = image_place(file),
+                      .why = "a label image is one file; a folder of DICOM slices is not read",
+                      .remedy = "name a .nrrd, .nii or .mha; load a DICOM segmentation in 3D Slicer and save "
+                                "it as .seg.nrrd"});
   require_regular_file(file);
   if (is_dicom(file))
     throw InputError({.fact = "the file is DICOM, which is not read",

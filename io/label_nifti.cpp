@@ -272,8 +272,8 @@ void read_geometry(const Header& h, StoredImage& image, const fs::path& file) {
     // too.
     if (has_q && !(apart <= 0.1 * lengths.minCoeff()))
       image.warnings.push_back(fmt::format(
-          "sform and qform place the image up to {:.3g} apart: the sform says {}, the qform {}; the sform is "
-          "used, as in nibabel and 3D Slicer.",
+          "sform and qform place the image up to {:.3g} mm apart: the sform says {}, the qform {}; the sform "
+          "is used, as in nibabel and 3D Slicer.",
           apart, in_words(h.sform), in_words(qform)));
   } else if (has_q) {
     ras = qform;

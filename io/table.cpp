@@ -116,7 +116,9 @@ double number(const std::string& field, const fs::path& file, std::size_t line, 
   if (first != last && *first == '+') ++first;  // std::from_chars knows no plus sign
   double value = 0.0;
   const auto [end, error] = std::from_chars(first, last, value);
-  if (error != std::errc() || end != last || !std::isfinite(value))
+  // What nothing is known of has an infinite error.
+  const bool may_be_infinite = column.starts_with("error_") && value > 0.0;
+  if (error != std::errc() || end != last || std::isnan(value) || (std::isinf(value) && !may_be_infinite))
     throw bad_table(file, line,
                     field.empty() ? fmt::format("column '{}' is empty", column)
                                   : fmt::format("'{}' in column '{}' is not a finite number", field, column),

@@ -179,8 +179,12 @@ void refuse_without_base_or_on_it(const Boundary& boundary, const NodeCloud& clo
       throw ModelError(
           {.fact = "the tool's circle lies on the fixed base",
            .where = "fixed base and tool circle",
-           .why = fmt::format("a node of the circle is within {:.2f} mm of the base's lowest point",
-                              boundary.base_depth),
+           .why = fmt::format("a node of the circle is within {:.2f} mm of the base's lowest point{}",
+                              boundary.base_depth,
+                              boundary.push.dot(boundary.down) < 0.0
+                                  ? ", and the tool moves away from the base: its direction may have the "
+                                    "wrong sign"
+                                  : ""),
            .remedy = "choose another place (--indent-at), another --base or a smaller --base-depth"});
   }
 }

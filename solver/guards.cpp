@@ -121,13 +121,15 @@ Guards::Guards(System& system, bool static_answer, bool on, std::vector<Finding>
                model_.tool.centre.dot(model_.tool.push)) {}
 
 // One of each code; `worst` grows away from what is good in its own direction, so the later one with the
-// larger excursion wins. J_min is the only one that falls.
+// larger excursion wins. J_min is the only one that falls; points without stress count in the last state.
 void Guards::find(Finding finding) {
   const auto same = std::find_if(findings_.begin(), findings_.end(),
                                  [&](const Finding& f) { return f.report.code == finding.report.code; });
   if (same == findings_.end())
     findings_.push_back(std::move(finding));
-  else if (finding.report.code == "inverted" ? finding.worst < same->worst : finding.worst > same->worst)
+  else if (finding.report.code == "inverted"
+               ? finding.worst < same->worst
+               : finding.worst > same->worst || finding.report.code == no_stress)
     *same = std::move(finding);
 }
 
@@ -170,17 +172,38 @@ void Guards::check_nodes(const Nodal& u, const Nodal& f, const Moment& now) cons
                           .code = "non-finite"});
 }
 
+namespace {
+
+Finding without_stress(Index count, Index of, double share, double J_min, const std::string& where) {
+  return {
+      {.fact = text(count, " of ", of, " integration points ", count == 1 ? "has" : "have", " det F below ",
+                    least_J_of_stress, ", ", percent(share), " of the volume; smallest det F ", J_min),
+       .where = where,
+       .why = "the strain at a sharp rim is unbounded, and the material law holds for no such strain",
+       .remedy = "keep the force; stresses are not a number at these points, and more nodes or a smaller "
+                 "--depth leave fewer",
+       .code = no_stress},
+      static_cast<double>(count),
+      share < inverted_minor};
+}
+
+}  // namespace
+
 void Guards::check_points(const ForceSystem::Sweep& sweep, const Moment& now) {
   if (!on_) return;
   const Tissues& tissues = forces_.system().tissues();
-  Index inverted = 0, far = 0, furthest = -1;
-  double inverted_volume = 0.0, far_volume = 0.0, whole = 0.0, largest = 0.0;
+  Index inverted = 0, crushed = 0, far = 0, furthest = -1;
+  double inverted_volume = 0.0, crushed_volume = 0.0, far_volume = 0.0, whole = 0.0, largest = 0.0;
   for (Index q = 0; q < model_.point_count(); ++q) {
     const double e = forces_.dilation(q), V = model_.volume[q];
     whole += V;
     if (e <= -1.0) {
       ++inverted;
       inverted_volume += V;
+    }
+    if (e < least_J_of_stress - 1.0) {
+      ++crushed;
+      crushed_volume += V;
     }
     if (std::abs(e) <= far_from_1) continue;
     const Material& m = tissues.material[static_cast<std::size_t>(tissues.of_point[q])];
@@ -201,7 +224,7 @@ void Guards::check_points(const ForceSystem::Sweep& sweep, const Moment& now) {
         .where = moment(now) + text("; worst point at rest at ", in_mm(x), ", ",
                                     1e3 * (x - model_.tool.centre).norm(), " mm from the circle's centre"),
         .why = "the strain at a sharp rim is unbounded; the force is unaffected by so small a volume",
-        .remedy = "keep the force, and do not use stresses where `jacobian` is not positive",
+        .remedy = text("keep the force; no stress is given where det F is below ", least_J_of_stress),
         .code = "inverted"};
     if (share > inverted_wrong) {
       report.why = "the load is more than this cloud can follow: the sharp rim alone inverts less";
@@ -212,6 +235,10 @@ void Guards::check_points(const ForceSystem::Sweep& sweep, const Moment& now) {
     }
     find({report, sweep.J_min, share < inverted_minor});
   }
+  if (crushed == 0)
+    std::erase_if(findings_, [](const Finding& before) { return before.report.code == no_stress; });
+  else
+    find(without_stress(crushed, model_.point_count(), crushed_volume / whole, sweep.J_min, moment(now)));
   if (const double share = far_volume / whole; share > volume_poor) {
     Report report = {
         .fact = text("nearly incompressible tissue changed its volume by more than ", percent(far_from_1),

@@ -15,6 +15,10 @@ namespace dimple {
 // honest but less good than one might think it leaves a finding.
 
 constexpr const char* tools_overlap = "tools-overlap";  // Report::code
+constexpr const char* no_stress = "stress";             // likewise
+/// det F below which what the law says is no stress. At the rim of a circle in brain of 210 Pa, 4000 nodes
+/// and 8 mm deep, von Mises stress was up to 420 kPa below it and at most 9.2 kPa above.
+constexpr double least_J_of_stress = 0.2;
 constexpr int most_retries = 3;  ///< that a guard asks for, of one run or step of a scene
 
 /// A guard that fired where the run could go on. `worst`: the number that it watches, at its worst.
@@ -67,7 +71,8 @@ class Guards {
   void check_sweep(const ForceSystem::Sweep& sweep, const Moment& now) const;
   /// Every component of every node: `non-finite`; and `inverted`, where the tool has come out of the body.
   void check_nodes(const ForceSystem::Nodal& u, const ForceSystem::Nodal& f, const Moment& now) const;
-  /// Points after the last sweep, which must have been at an accepted state: `inverted`, `volume`.
+  /// Points after the last sweep, which must have been at an accepted state: `inverted`, `stress` of this
+  /// state alone, `volume`.
   void check_points(const ForceSystem::Sweep& sweep, const Moment& now);
   /// `energy`, `kinetic`. `largest_external`: so far [J]. `conserves`: the march and the law neither make nor
   /// lose any. `warns_alone`: it does not throw.

@@ -43,8 +43,19 @@ constexpr double of_correction = 0.5, of_energy = 0.1, of_force = 1e-3;
 // Of a tool that touches, whose contact has no edge yet where few evaluations have looked for it. Chosen on a
 // sphere that comes straight down on a cylinder, where with 3 evaluations a frame 0.1 did not hold.
 constexpr double of_energy_in_contact = 0.3;
+// Without coming nearer, after which a tool has stopped: several times what the slowest steps took.
+constexpr std::int64_t fruitless_evaluations = 300, fruitless_frames = 100;
 
 }  // namespace
+
+double force_apart(const LiveFrame& frame, double apart) {
+  if (apart == 0.0) return 0.0;
+  const double force = std::abs(frame.force) + frame.error_at_depth;
+  if (apart < 0.0) return frame.depth > 0.0 ? force * std::min(1.0, -2.0 * apart / frame.depth) : force;
+  if (!(apart <= frame.depth)) return std::numeric_limits<double>::infinity();
+  const double grown = 1.0 + apart / frame.depth;
+  return force * (grown * grown - 1.0);
+}
 
 struct Session::Parts {
   Parts(Model m, std::vector<Material> materials, const SessionOptions& o)
@@ -60,6 +71,13 @@ struct Session::Parts {
         lambda(system->step_start().lambda),
         tool(model.tool) {
     if (options.touch) {
+      if (!model.circle.empty())
+        throw SolveError(
+            {.fact = "the model has nodes of a circle, which would hold the tissue under the tool",
+             .where = "Session",
+             .why = "a tool that touches presses on the surface of a model without them",
+             .remedy = "build the model with boundary.contact_radius_mm, or leave the tool out",
+             .code = "no-live"});
       tool.centre = options.touch->pose.tip;
       tool.radius = options.touch->shape.radius;
       longest_tool = length_of_tool(options.touch->shape);
@@ -135,6 +153,7 @@ struct Session::Parts {
   std::vector<double> untouched = system->past();
   bool resting = true;
   double waited = 0.0;
+  std::int64_t fruitless = 0, fruitless_calls = 0;  // evaluations and frames since the tool came nearer
 
   // Where the next equilibrium is looked for: on the line through the last two, if they are as far apart.
   void look_ahead(double to) {
@@ -258,8 +277,10 @@ struct Session::Parts {
     system->set({.depth = depth});
     frame.on_tool = system->on_tool(u, f);
     frame.per_force = per_force(frame);
+    if (options.touch && depth > 0.0)
+      frame.penetration = system->touching()->audit(u, system->now()).penetration;
     if (unsettled) {
-      frame.error = std::abs(frame.force);
+      frame.error_at_depth = std::abs(frame.force);
       return frame;
     }
     if (known.state.size() < 2) return frame;
@@ -268,10 +289,10 @@ struct Session::Parts {
     frame.force += correction;
     frame.on_tool.head<3>() -= correction * model.tool.push;
     frame.per_force = per_force(frame);
-    frame.error = of_correction * std::abs(correction) +
-                  (options.touch ? of_energy_in_contact : of_energy) *
-                      std::sqrt(left.energy * std::max(0.0, stiffness)) +
-                  of_force * std::abs(frame.force);
+    frame.error_at_depth = of_correction * std::abs(correction) +
+                           (options.touch ? of_energy_in_contact : of_energy) *
+                               std::sqrt(left.energy * std::max(0.0, stiffness)) +
+                           of_force * std::abs(frame.force);
     return frame;
   }
 
@@ -293,6 +314,7 @@ struct Session::Parts {
     residual = 0.0;
     begun.reset();
     unsettled = false;
+    fruitless = fruitless_calls = 0;
   }
 
   // See Session::go_on_from().
@@ -314,6 +336,7 @@ struct Session::Parts {
     begun = {.at = depth, .residual = 0.0, .u = u, .lambda = lambda};
     residual = 1.0;  // unknown
     unsettled = true;
+    fruitless = fruitless_calls = 0;
   }
 
   // One call of follow().
@@ -348,6 +371,8 @@ struct Session::Parts {
 
   LiveFrame follow(double asked, const FrameLimit& limit, double dt) {
     Call call(asked, longest_tool, limit, options.tolerance, beside);
+    const double from = depth;
+    const bool was_unsettled = unsettled;
     call.force.resize(4, u.cols());
     system->begin_step(waited += dt);
     v.setZero();
@@ -367,12 +392,25 @@ struct Session::Parts {
     path.point.clear();
     path.push(depth, u, lambda);
     LiveFrame frame = frame_at_depth(asked, at_first + call.all - call.how.evaluations);
-    frame.tool = call.tool;
-    if ((depth != call.to || unsettled) && call.tool == LiveFrame::Tool::there)
-      frame.tool = LiveFrame::Tool::lags;
-    if (call.to > thick || asked > longest_tool) frame.tool = LiveFrame::Tool::beyond;
+    const bool arrived = depth == call.to && !unsettled;
+    const bool nearer = depth != from || unsettled != was_unsettled;
+    fruitless = arrived || nearer ? 0 : fruitless + frame.evaluations;
+    fruitless_calls = arrived || nearer ? 0 : fruitless_calls + 1;
+    tell_whether_there(frame, call, arrived);
     if (call.timed) beside += (Clock::now() - call.begin - call.iterating - beside) / 5;
     return frame;
+  }
+
+  // Its status, and the error of the pose that was asked for.
+  void tell_whether_there(LiveFrame& frame, const Call& call, bool arrived) {
+    using Tool = LiveFrame::Tool;
+    if (!arrived && call.tool == Tool::stopped) fruitless = fruitless_evaluations;  // until it comes nearer
+    const bool stuck = fruitless >= fruitless_evaluations || fruitless_calls >= fruitless_frames;
+    frame.tool = arrived ? Tool::there : stuck ? Tool::stopped : Tool::lags;
+    if (call.to > thick || call.asked > longest_tool) frame.tool = Tool::beyond;
+    const bool unknown = frame.tool == Tool::stopped || frame.tool == Tool::beyond;
+    frame.error = unknown ? std::numeric_limits<double>::infinity()
+                          : frame.error_at_depth + force_apart(frame, call.to - depth);
   }
 
   // From rest there is nothing to begin with, and few evaluations get nowhere: once, it takes more. A contact
@@ -505,7 +543,8 @@ struct Session::Parts {
     const Nodal u_before = u, v_before = v, f_before = f;
     const Eigen::VectorXd lambda_before = lambda;
     const Predictor path_before = path;
-    const double depth_before = depth;
+    const double depth_before = depth, residual_before = residual;
+    const MixedIteration::Left left_before = left;
     const std::optional<Begun> begun_before = begun;
     const bool unsettled_before = unsettled, resting_before = resting;
     const std::vector<double> past = system->past();
@@ -513,7 +552,7 @@ struct Session::Parts {
       return move();
     } catch (...) {
       u = u_before, v = v_before, f = f_before, lambda = lambda_before, path = path_before;
-      depth = depth_before;
+      depth = depth_before, residual = residual_before, left = left_before;
       begun = begun_before, unsettled = unsettled_before, resting = resting_before;
       system->restore_past(past);
       throw;

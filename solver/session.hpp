@@ -32,10 +32,12 @@ struct FrameLimit {
 struct LiveFrame {
   enum class Tool {
     there,    ///< where it was asked to be
-    lags,     ///< the time did not suffice: it is on its way, and the next frames go on
+    lags,     ///< the limit did not suffice: it is on its way, and the next frames go on
     stopped,  ///< no equilibrium is found any deeper: it stays at the deepest that is known
-    ignored,  ///< it was to move across the push while it touches, and has kept to its axis
-    beyond    ///< it was asked to be deeper than the body reaches, or than a tool that touches is long
+    /// The force is that of a pose beside the one asked for. The session does not say it: its tool has one
+    /// axis; whoever moves the tool freely does (move_tip()).
+    elsewhere,
+    beyond  ///< it was asked to be deeper than the body reaches, or than a tool that touches is long
   };
   double asked = 0.0, depth = 0.0;  ///< where the tool was to be, and where it is [m]
   double force = 0.0;  ///< on the tool along the push [N], with what is left unbalanced accounted for
@@ -43,14 +45,26 @@ struct LiveFrame {
   Wrench on_tool = Wrench::Zero();
   /// `on_tool` over `force`; where there is none, as at the least depth that is known. Zero: none is known.
   Wrench per_force = Wrench::Zero();
-  /// Estimate of how far `force` is from that of equilibrium at `depth` [N]: it held in 99.8 % of the frames
-  /// on a phantom and a heart with 8 evaluations a frame or more, in 95 % with 2 (tests/bench/README.md).
+  /// Estimate of how far `force` is from that of equilibrium at the pose that was asked for [N]; infinite
+  /// where nothing is known of it: `stopped`, `beyond`, or far behind.
   double error = 0.0;
+  /// The same at `depth` [N]: it held in 99.8 % of the frames on a phantom and a heart with 8 evaluations a
+  /// frame or more, in 95 % with 2 (tests/bench/README.md).
+  double error_at_depth = 0.0;
   double stiffness = 0.0;  ///< d force / d depth [N/m]
   double residual = 0.0;   ///< relative, as SessionOptions::tolerance
+  /// How deep the body's surface reaches into a tool that touches, between the places of contact [m].
+  double penetration = 0.0;
   std::int64_t evaluations = 0;
   Tool tool = Tool::there;
 };
+
+/// How far the force at a pose near that of a frame may be from the frame's own [N], which grew to it from
+/// none over its depth: `apart` [m] from it along the push (negative: less deep) or across. Deeper or aside
+/// by x of the depth d at most F ((1 + x/d)^2 - 1), which holds for forces that grow by no more than the
+/// square of the depth, and on slopes up to 45 degrees; infinite beyond the depth. Less deep at most 2 x/d of
+/// F.
+double force_apart(const LiveFrame& frame, double apart);
 
 /// A body under a tool that someone moves, step by step: for interactive use. All of it is in memory; the
 /// model is its own. The tool stands where it touches the body at first. SI units, positions LPS in metres.
@@ -78,7 +92,8 @@ class Session {
   /// far from equilibrium, has folded over or lies beyond the tool; in its place the last good one stays.
   /// Lifted (depth <= 0) the body is at rest. Tissue that relaxes draws a circle that came back to depth 0
   /// in, until it is lifted (depth < 0), which it forgets all by. `dt` [s]: since the last frame, for such
-  /// tissue.
+  /// tissue. A tool that has come no nearer for 300 evaluations of the force or 100 frames says `stopped`
+  /// until it is moved back.
   ///
   /// The force is that on the tool plus w.r + m.s, with r, s the forces and volumes left unbalanced and w, m
   /// the derivatives of displacements and pressures by the depth: its error is of second order in theirs.

@@ -217,7 +217,9 @@ std::string key_of(const std::string& flag) {
         fact = fmt::format("there is no option {}{}", flag, did_you_mean(flag, flags));
       else if (flag.rfind("--", 0) == 0 && !has_option(app, words, flag)) {
         fact = fmt::format("`dimple {}` has no option {}", words[0], flag);
-        if (const std::string key = key_of(flag); !key.empty() && has_option(app, words, "--set"))
+        if (flag == "--wall" || flag == "--membrane")  // refused as --set load.wall, too
+          remedy = fmt::format("`dimple run` takes {}", flag);
+        else if (const std::string key = key_of(flag); !key.empty() && has_option(app, words, "--set"))
           remedy = fmt::format("give it as --set {}={}", key,
                                word.size() > flag.size() ? word.substr(flag.size() + 1) : "VALUE");
         break;

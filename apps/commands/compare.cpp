@@ -251,6 +251,16 @@ Written force_at(const Row& row) {
   return force_written(less > 0.0 ? less : more);  // a unit in which both have digits
 }
 
+// That of the smallest force of a table, but for those that are next to nothing.
+Written force_of(const std::vector<Row>& rows) {
+  constexpr double next_to_nothing = 0.01;
+  const auto most = [](const Row& row) { return std::max(std::abs(row.force_a), std::abs(row.force_b)); };
+  Row least = rows.back();
+  for (const Row& row : rows)
+    if (most(row) < most(least) && most(row) >= next_to_nothing * most(rows.back())) least = row;
+  return force_at(least);
+}
+
 std::string verdict_in_words(const FinishedRun& a, const FinishedRun& b, const Row& deepest) {
   const Written force = force_at(deepest);
   const double percent = 100.0 * deepest.change();
@@ -288,7 +298,7 @@ void print_table(const FinishedRun& a, const FinishedRun& b, const std::vector<R
   print(fmt::format("image    {}\n", image_in_words(a, b)));
   if (differences.empty()) print(fmt::format("options  no difference\n"));
   for (const Difference& d : differences) print(fmt::format("differs  {}: A {}, B {}\n", d.what, d.a, d.b));
-  const Written force = force_at(rows.back());
+  const Written force = force_of(rows);
   const std::string unit = force.unit;
   print(fmt::format("\n{:>8}  {:>9}  {:>18}  {:>9}  {:>18}  {:>9}  {}\n", "depth_mm", "A_" + unit,
                     "band of A", "B_" + unit, "band of B", "B-A_%", "bands overlap"));

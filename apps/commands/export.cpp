@@ -1,6 +1,13 @@
+#include <fmt/format.h>
+
+#include <filesystem>
+#include <fstream>
+#include <string>
+
 #include "apps/commands/command.hpp"
 #include "apps/commands/log.hpp"
 #include "apps/studies/peer_mesh.hpp"
+#include "io/error.hpp"
 
 namespace dimple {
 namespace {
@@ -9,6 +16,18 @@ struct ExportArguments {
   Flags flags;
   std::string format, elements = "hexahedra";
 };
+
+// A mesh of this program says so in its first lines.
+void require_no_file_of_others(const std::filesystem::path& file) {
+  if (!std::filesystem::exists(file)) return;
+  std::string head(4096, '\0');
+  std::ifstream(file, std::ios::binary).read(head.data(), std::ssize(head));
+  if (head.find(written_by) != std::string::npos) return;
+  throw OutputError({.fact = fmt::format("{} is there, and was not written by dimple", file.string()),
+                     .where = "-o",
+                     .why = "it would be lost",
+                     .remedy = "give another name with -o, or --force to replace it"});
+}
 
 }  // namespace
 
@@ -28,10 +47,12 @@ Command add_export(CLI::App& app, Invocation& shared) {
                    "columns of hexahedra along the push, or CGAL's tetrahedra")
       ->type_name("hexahedra|tetrahedra")
       ->capture_default_str();
+  command->add_flag("--force", shared.force, "replace a file that this program has not written");
   options->flags.add(*command, "");
   add_common(*command, shared);
   return {command, [&shared, command, options] {
             try_file(shared.out);
+            if (!shared.force) require_no_file_of_others(shared.out);
             return finish(shared, export_model(options->flags.config(*command, shared.image), options->format,
                                                options->elements, shared.out, {.line = to_log().line}));
           }};

@@ -23,6 +23,7 @@ Command add_fit(CLI::App& app, Invocation& shared) {
       ->add_option("-o,--out,--output", shared.out,
                    "folder for fit.csv, .png, .svg, fitted.toml, summary.json")
       ->required();
+  add_over_results(*command, shared, false);
   command
       ->add_option("--curve", options->curve,
                    "CSV with indentation_mm and force_N (or force_mN), and time_s if it is known: one "
@@ -42,7 +43,8 @@ Command add_fit(CLI::App& app, Invocation& shared) {
             options->fit.curve = options->curve;
             // What each of many runs says of itself would hide what the fit says.
             if (!shared.verbose) start_log(Verbosity::quiet);
-            return finish(shared, fit(config, options->fit, shared.out, progress_of(shared)));
+            return finish(shared,
+                          fit(config, options->fit, shared.out, shared.existing(), progress_of(shared)));
           }};
 }
 

@@ -127,6 +127,7 @@ class Poking {
       : tool_(tool), options_(options), window_({.title = "Dimple", .abscissa = "time [s]"}) {
     if (!options.record.empty()) recording_.emplace(options.record);
     path_ = options.path;
+    tool_.waits = path_.has_value();
     if (!options.socket.empty()) server_.emplace(tool, options.socket);
     touched(true);
   }
@@ -230,10 +231,8 @@ class Poking {
       // Let go of: tissue that relaxes would hold a circle that stands where it first touched.
       constexpr double above = -1e-3;
       const bool is_held = asked_ > 0.0 || !relaxes(tool_.organ->materials);
-      frame.frame = move_depth(tool_, is_held ? asked_ : above, limit, period);
-      frame.tip = tool_.tip;
-      frame.half_band = half_band(tool_);
-      frame.seconds = solving.seconds();
+      move_depth(tool_, is_held ? asked_ : above, limit, period);
+      frame = path_frame_of(tool_, time, solving.seconds());
     }
     solve_s_ = frame.seconds;
     const double depth = asked_;
@@ -264,7 +263,7 @@ class Poking {
   void draw(const PathFrame& now) {
     const LiveFrame& f = now.frame;
     const Points u = skin_->displacement_mm(*tool_.session);
-    const double error = f.error + now.half_band.value_or(0.0);
+    const double error = f.error_at_depth + now.half_band.value_or(0.0);
     curve_.push_back({now.time, f.force, f.force - error, f.force + error});
     constexpr double shown_s = 10.0;
     curve_.erase(curve_.begin(), std::find_if(curve_.begin(), curve_.end(),

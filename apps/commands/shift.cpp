@@ -4,7 +4,6 @@
 
 #include "apps/commands/command.hpp"
 #include "apps/commands/log.hpp"
-#include "apps/run/results.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "apps/studies/explain_shift.hpp"
 

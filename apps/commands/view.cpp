@@ -23,7 +23,7 @@ namespace fs = std::filesystem;
 
 struct ViewArguments {
   std::string folder, picture;
-  int frame = -1;
+  std::optional<int> frame;
   bool labels = false;
 };
 
@@ -50,9 +50,13 @@ class Results {
   explicit Results(fs::path folder) : folder_(std::move(folder)) {
     std::error_code ignored;
     while (fs::exists(file("surface", count_), ignored)) ++count_;
-    if (count_ == 0)
-      refuse(folder_, fmt::format("{} holds no surface", folder_.string()),
-             "there is no surface/surface_0000.vtp in it");
+    if (count_ == 0) {
+      const bool is_folder = fs::is_directory(folder_, ignored);
+      refuse(folder_, fmt::format("{} {}", folder_.string(), is_folder ? "holds no surface" : "is no folder"),
+             is_folder                      ? "there is no surface/surface_0000.vtp in it"
+             : fs::exists(folder_, ignored) ? "it is a file"
+                                            : "nothing has that name");
+    }
     const Table force = read_csv(folder_ / "force.csv");
     const auto *time = force.find("time_s"), *depth = force.find("indentation_mm"),
                *newtons = force.find("force_N"), *low = force.find("low_N"), *high = force.find("high_N");
@@ -189,14 +193,14 @@ class Results {
 void view(const ViewArguments& options) {
   if (!options.picture.empty()) try_file(options.picture);
   const Results results(options.folder);
-  if (options.frame > results.last())
-    throw UsageError({.fact = fmt::format("there is no frame {}", options.frame),
+  int now = options.frame.value_or(results.last());
+  if (now < 0 || now > results.last())
+    throw UsageError({.fact = fmt::format("there is no frame {}", now),
                       .where = "--frame",
                       .why = fmt::format("{} holds frames 0 to {}", options.folder, results.last()),
                       .remedy = "name one of them, or leave --frame out for the last"});
   BodyWindow window({.title = "Dimple: " + options.folder, .hidden = !options.picture.empty()});
   ShownBody body = results.body(0);
-  int now = options.frame < 0 ? results.last() : options.frame;
   bool labels = options.labels, cut = body.section_mm.cols() > 0, playing = false;
   double before = 0.0;
   const double most_mm = results.most_mm();
@@ -260,8 +264,7 @@ Command add_view(CLI::App& app, Invocation& shared) {
   command->add_option("OUT", options->folder, "folder of a run's results")->required();
   command->add_option("--picture", options->picture, "write what the window shows to this PNG, and end")
       ->type_name("FILE");
-  command->add_option("--frame", options->frame, "begin with this one, from 0 [the last]")
-      ->check(CLI::NonNegativeNumber);
+  command->add_option("--frame", options->frame, "begin with this one, from 0 [the last]");
   command->add_flag("--labels", options->labels, "colour the section by its labels");
   add_time_limit(*command, shared);
   return {command, [options] {

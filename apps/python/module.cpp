@@ -639,7 +639,7 @@ py::tuple frame_of(const LiveFrame& frame) {
   const auto three = [](const Wrench& of, Index first) {
     return py::make_tuple(of[first], of[first + 1], of[first + 2]);
   };
-  return py::make_tuple(1e3 * frame.asked, 1e3 * frame.depth, frame.force, frame.error,
+  return py::make_tuple(1e3 * frame.asked, 1e3 * frame.depth, frame.force, frame.error, frame.error_at_depth,
                         three(frame.on_tool, 0), three(frame.on_tool, 3), three(frame.per_force, 0),
                         three(frame.per_force, 3), frame.stiffness, frame.residual, frame.evaluations,
                         name_of(frame.tool));
@@ -718,12 +718,13 @@ void add_image_and_settings(py::module_& m) {
 void add_computations(py::module_& m) {
   m.def("build", &build);
   m.def("usable_places_json", &usable_places_json);
-  m.def("solve", &solve_model);
+  m.def("solve", &solve_model, py::arg("model"), py::arg("settings"));
   m.def("run_in_memory", &run_in_memory);
   m.def("run_into_folder", &run_into_folder);
   m.def("build_of_organ", &build_of_organ);
   m.def("places_of_organ", &places_of_organ);
-  m.def("follow", &follow);
+  m.def("follow", &follow, py::arg("session"), py::arg("depth_mm"), py::arg("seconds"),
+        py::arg("evaluations"), py::arg("dt_s"));
 }
 
 const Model& model_in(const py::object& self) {
@@ -1085,12 +1086,12 @@ PYBIND11_MODULE(_core, m) {
   // In this order: a signature names classes that are known by then.
   add_words(m);
   add_image_and_settings(m);
-  add_computations(m);
   add_studies(m);
   add_model(m);
   add_organ(m);
   add_result(m);
   add_session(m);
+  add_computations(m);
 }
 
 }  // namespace dimple

@@ -13,7 +13,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* format = "dimple checkpoint 18";
+constexpr const char* format = "dimple checkpoint 19";
 constexpr std::size_t digest_length = 64;  // SHA-256 in hexadecimal, behind the rest
 
 }  // namespace

@@ -24,8 +24,8 @@ namespace dimple {
 
 std::string without_unit(const Option& option) {
   static const std::map<std::string, std::string> suffix = {
-      {"mm", "_mm"},     {"Pa", "_Pa"},       {"mm/s", "_mm_per_s"}, {"kg/m3", "_kg_per_m3"},
-      {"1/s", "_per_s"}, {"N/m", "_N_per_m"}, {"s", "_s"},           {"deg", "_deg"}};
+      {"mm", "_mm"},       {"Pa", "_Pa"}, {"mm/s", "_mm_per_s"}, {"kg/m3", "_kg_per_m3"}, {"1/s", "_per_s"},
+      {"N/m", "_N_per_m"}, {"s", "_s"},   {"deg", "_deg"},       {"J/m2", "_J_m2"}};
   const auto found = suffix.find(option.unit);
   if (found == suffix.end() || !option.key.ends_with(found->second)) return option.key;
   return option.key.substr(0, option.key.size() - found->second.size());
@@ -47,6 +47,7 @@ const std::map<std::string, std::map<std::string, double>>& unit_table() {
       {"deg", {{"deg", 1.0}, {"rad", 180.0 / std::numbers::pi}}},
       {"N", {{"N", 1.0}, {"mN", 1e-3}, {"uN", 1e-6}}},
       {"N/m", {{"N/m", 1.0}, {"mN/m", 1e-3}}},
+      {"J/m2", {{"J/m2", 1.0}, {"kJ/m2", 1e3}}},
   };
   return table;
 }
@@ -194,8 +195,13 @@ Option* find(std::vector<Option>& options, const std::string& key) {
                                                               {"poisson_ratio", "material.nu"},
                                                               {"rho", "material.density"}};
   const auto synonym = synonyms.find(lower(key.substr(key.rfind('.') + 1)));
-  const std::string meant = synonym == synonyms.end() ? did_you_mean(key, known)
-                                                      : fmt::format(", did you mean '{}'?", synonym->second);
+  const auto without_section = std::find_if(known.begin(), known.end(), [&](const std::string& one) {
+    return one.find('.') != std::string::npos && one.substr(one.rfind('.') + 1) == key;
+  });
+  const std::string meant = synonym != synonyms.end() ? fmt::format(", did you mean '{}'?", synonym->second)
+                            : without_section != known.end()
+                                ? fmt::format(", did you mean '{}'?", *without_section)
+                                : did_you_mean(key, known);
   throw UsageError({.fact = fmt::format("there is no option '{}'{}", key, meant),
                     .where = source,
                     .why = "keys are section.name, in lower case",
@@ -258,7 +264,10 @@ struct NamedSection {
            .remedy = std::string(example)});
     std::vector<Option> options = options_of(named[name]);
     Option* option = find(options, own + key.substr(dot));
-    if (!option) unknown_key(options, key, source);
+    if (!option) {
+      for (Option& one : options) one.key = fmt::format("{}{}{}", section, name, one.key.substr(own.size()));
+      unknown_key(options, key, source);
+    }
     return *option;
   }
   // The key of each option as it is written, and the option.
@@ -1022,9 +1031,10 @@ Vec3 gravity_of(const Config& config) {
   }
   if (numbers && result.norm() < 1e5) return result;
   throw UsageError(
-      {.fact = fmt::format("gravity '{}' is no direction", asked),
+      {.fact = fmt::format("gravity '{}' is {}", asked, numbers ? "out of range" : "no direction"),
        .where = "--gravity (load.gravity)",
-       .why = "it is a side of the patient, towards which 9.81 m/s2 pull, or three numbers in m/s2",
+       .why = numbers ? "its size is below 100000 m/s2"
+                      : "it is a side of the patient, towards which 9.81 m/s2 pull, or three numbers in m/s2",
        .remedy = "for instance --gravity inferior, or --gravity 0,0,-9.81"});
 }
 

@@ -8,6 +8,7 @@
 #include <array>
 #include <chrono>
 #include <cmath>
+#include <limits>
 
 #include "apps/run/cuts.hpp"
 #include "apps/run/folds.hpp"
@@ -34,20 +35,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double aside = 0.25;           // radii from the axis within which a touch is the same
-constexpr double longest_path = 3600.0;  // s
-
-[[noreturn]] void refuse_path(const fs::path& file, const std::string& fact, const std::string& why,
-                              const std::string& remedy) {
-  throw InputError({.fact = fact, .where = file.string(), .why = why, .remedy = remedy, .code = "bad-path"});
-}
-
-double quantile(std::vector<double> values, double share) {
-  if (values.empty()) return 0.0;
-  std::sort(values.begin(), values.end());
-  const auto k = static_cast<std::size_t>(share * static_cast<double>(values.size()));
-  return values[std::min(k, values.size() - 1)];
-}
+constexpr double aside = 0.25;      // radii from the axis within which the force is known roughly
+constexpr double same_axis = 0.02;  // and on it
 
 // What is known of the way in serves on the way out.
 void require_no_past(const Config& config) {
@@ -92,6 +81,7 @@ LiveOrgan read_live_organ(const Config& config, const RunObserver& observer) {
   live.config.load.self_contact = "off";
   live.organ.emplace(read_organ({.config = live.config}, model_options(config), log, live.result));
   live.materials = materials_of(config);
+  live.shape = tool_of(live.config);
   live.base = find_boundary(live.organ->body->surface, live.organ->options.boundary);
   for (const std::string& warning : live.base->warnings) log.warn(warning);
   return live;
@@ -345,7 +335,7 @@ LiveTool make_live_tool(const LiveOrgan& organ, Index nodes) {
   use(tool, try_touch(organ, nodes, site_at(organ)));
   tool.made_s = making.seconds();
   tool.touches = 1;
-  tool.tip = tool.session->tool().centre;
+  tool.tip = tool.came_down = tool.session->tool().centre;
   return tool;
 }
 
@@ -369,6 +359,7 @@ void put_down(LiveTool& tool, const Vec3& tip, bool beside) {
   }
   tool.made_s = making.seconds();
   tool.frame = {};
+  tool.came_down = tip;
   ++tool.touches;
 }
 
@@ -405,36 +396,55 @@ OnAxis on_axis(const ToolPlace& tool, const Vec3& tip) {
   return {depth, (from - depth * tool.push).norm()};
 }
 
-bool is_aside(const ToolPlace& tool, const OnAxis& at) {
-  return at.aside > aside * tool.radius;
-}
-
-bool is_inside(const LiveOrgan& organ, const Vec3& tip) {
-  const BodySurface& surface = organ.organ->body->surface;
-  return surface.contains(surface.to_world().inverse() * (1e3 * tip));
-}
-
 namespace {
 
 // Whether the tool, with its tip there, is in the body at rest: of one that touches its side may be, too.
-bool reaches_in(const LiveTool& tool, const Vec3& tip) {
-  if (is_inside(*tool.organ, tip)) return true;
-  const std::optional<ToolShape> shape = tool_of(tool.organ->config);
-  if (!shape) return false;
-  const BodySurface& surface = tool.organ->organ->body->surface;
-  const ToolPose pose{.tip = tip, .points_at = tool.session->tool().push};
+bool reaches_in(const LiveOrgan& organ, const Vec3& push, const Vec3& tip) {
+  const BodySurface& surface = organ.organ->body->surface;
+  const Eigen::Isometry3d to_body = surface.to_world().inverse();
+  if (surface.contains(to_body * (1e3 * tip))) return true;
+  if (!organ.shape) return false;
+  const ToolShape& shape = *organ.shape;
+  if (shape.kind == ToolShape::Kind::sphere)
+    return !surface.farther(to_body * (1e3 * (tip - shape.radius * push)), 1e3 * shape.radius);
+  const ToolPose pose{.tip = tip, .points_at = push};
   constexpr double noticed = 0.02;  // of the radius
   for (Index v = 0; v < surface.vertex().cols(); ++v) {
     const Vec3 x = 1e-3 * (surface.to_world() * Vec3(surface.vertex().col(v)));
-    if (distance_to_tool(*shape, pose, x).distance < -noticed * shape->radius) return true;
+    if (distance_to_tool(shape, pose, x).distance < -noticed * shape.radius) return true;
   }
   return false;
 }
 
 }  // namespace
 
+TipAsked tip_asked(const LiveOrgan& organ, const ToolPlace& tool, double depth, const Vec3& tip) {
+  using Way = TipAsked::Way;
+  const OnAxis at = on_axis(tool, tip);
+  if (at.aside <= same_axis * tool.radius) return {Way::axis, at};
+  const bool near = at.aside <= aside * tool.radius, bonded = !organ.shape && depth > 0.0 && at.depth > 0.0;
+  if (near && bonded) return {Way::beside, at};
+  if (!reaches_in(organ, tool.push, tip)) return {Way::air, at};
+  return {near ? Way::beside : bonded ? Way::elsewhere : Way::anew, at};
+}
+
+void tell_aside(LiveFrame& frame, const TipAsked& asked, double radius) {
+  if (asked.way == TipAsked::Way::axis && asked.at.depth <= 0.0) return;  // in the air
+  const bool near = asked.at.aside <= aside * radius;
+  frame.error = near ? frame.error + force_apart(frame, asked.at.aside) : unknown_frame().error;
+  if (asked.at.aside > same_axis * radius && frame.tool != LiveFrame::Tool::beyond)
+    frame.tool = LiveFrame::Tool::elsewhere;
+}
+
+LiveFrame unknown_frame() {
+  LiveFrame frame;
+  frame.error = std::numeric_limits<double>::infinity();
+  frame.tool = LiveFrame::Tool::elsewhere;
+  return frame;
+}
+
 const char* name_of(LiveFrame::Tool tool) {
-  constexpr std::array names = {"there", "lags", "stopped", "ignored", "beyond"};
+  constexpr std::array names = {"there", "lags", "stopped", "elsewhere", "beyond"};
   return names[static_cast<std::size_t>(tool)];
 }
 
@@ -458,6 +468,19 @@ LiveFrame follow_and_cut(LiveTool& tool, double depth, const FrameLimit& limit, 
 
 }  // namespace
 
+namespace {
+
+// A tool that rests beside its axis, and not where it came down: what has no past comes down there.
+bool is_to_come_down(const LiveTool& tool, const Vec3& tip) {
+  const ToolPlace at = tool.session->tool();
+  if (!tool.organ->shape && tool.session->depth() > 0.0) return false;
+  const Vec3 off = tip - tool.came_down;
+  return (tip - tool.tip).norm() <= same_axis * at.radius &&
+         (off - off.dot(at.push) * at.push).norm() > same_axis * at.radius;
+}
+
+}  // namespace
+
 LiveFrame move_depth(LiveTool& tool, double depth, const FrameLimit& limit, double dt) {
   take_cuts(tool);
   take_finer(tool, limit, dt);
@@ -466,286 +489,42 @@ LiveFrame move_depth(LiveTool& tool, double depth, const FrameLimit& limit, doub
   return tool.frame = follow_and_cut(tool, depth, limit, dt);
 }
 
-LiveFrame move_tip(LiveTool& tool, const Vec3& tip, const FrameLimit& limit, double dt) {
-  take_cuts(tool);
-  const OnAxis at = on_axis(tool.session->tool(), tip);
-  const bool beside = is_aside(tool.session->tool(), at);
-  const bool in_touch = tool.session->depth() > 0.0 && at.depth > 0.0;
-  if (beside && !in_touch) {
-    if (!reaches_in(tool, tip)) {  // in the air, on its way elsewhere
-      tool.tip = tip;
-      tool.session->lift();
-      return tool.frame = {};
-    }
-    put_down(tool, tip, limit.evaluations == 0);
-  } else {
-    take_finer(tool, limit, dt);
-  }
-  tool.tip = tip;
-  tool.frame = follow_and_cut(tool, on_axis(tool.session->tool(), tip).depth, limit, dt);
-  if (beside && in_touch && tool.frame.tool != LiveFrame::Tool::beyond)
-    tool.frame.tool = LiveFrame::Tool::ignored;
-  return tool.frame;
-}
-
-ToolPath read_tool_path(const fs::path& file) {
-  const Table table = read_csv(file);
-  const auto *time = table.find("time_s"), *depth = table.find("depth_mm"), *x = table.find("x_mm"),
-             *y = table.find("y_mm"), *z = table.find("z_mm");
-  const bool has_tip = x && y && z;
-  if (!time || (depth == nullptr) == !has_tip)
-    refuse_path(file,
-                !time   ? "there is no column time_s"
-                : depth ? "there are both depth_mm and x_mm, y_mm, z_mm"
-                        : "there is neither depth_mm nor x_mm, y_mm, z_mm",
-                fmt::format("the columns are named {}, and a path is one of the two over time",
-                            fmt::join(table.header, ", ")),
-                "give time_s and depth_mm, or time_s, x_mm, y_mm and z_mm (LPS)");
-  if (table.rows() < 2)
-    refuse_path(file, fmt::format("the path has {} row{}", table.rows(), table.rows() == 1 ? "" : "s"),
-                "a way takes two", "give at least where it begins and where it ends");
-  for (std::size_t k = 1; k < time->size(); ++k)
-    if (!((*time)[k] > (*time)[k - 1]))
-      refuse_path(
-          file,
-          fmt::format("row {} is at {:g} s, the one before at {:g} s", k + 1, (*time)[k], (*time)[k - 1]),
-          "time rises along a path", "sort the rows, and leave out those that stand twice");
-  if (time->back() - time->front() > longest_path)
-    refuse_path(file, fmt::format("the path lasts {:g} s", time->back() - time->front()),
-                "one of an hour is the longest that is followed", "give time_s in seconds, or cut the path");
-  ToolPath path;
-  path.time = *time;
-  if (depth) {
-    for (const double d : *depth) path.depth.push_back(1e-3 * d);
-  } else {
-    path.tip.resize(3, static_cast<Index>(time->size()));
-    for (std::size_t k = 0; k < time->size(); ++k)
-      path.tip.col(static_cast<Index>(k)) = 1e-3 * Vec3((*x)[k], (*y)[k], (*z)[k]);
-  }
-  return path;
-}
-
 namespace {
 
-// Where no cloud of nodes fits the tool is not there, and the rest of its way is followed all the same.
-LiveFrame move_on_path(LiveTool& tool, const Vec3& tip, const FrameLimit& limit, double dt) {
-  const bool known = tool.no_place && (tip - *tool.no_place).norm() < aside * tool.session->tool().radius &&
-                     reaches_in(tool, tip);
-  if (!known) try {
-      return move_tip(tool, tip, limit, dt);
-    } catch (const ModelError&) {
-      tool.no_place = tip;
-    }
+LiveFrame follow_tip(LiveTool& tool, const Vec3& tip, const FrameLimit& limit, double dt) {
+  using Way = TipAsked::Way;
+  take_cuts(tool);
+  TipAsked asked = tip_asked(*tool.organ, tool.session->tool(), tool.session->depth(), tip);
+  if (asked.way == Way::beside && is_to_come_down(tool, tip)) asked.way = Way::anew;
   tool.tip = tip;
-  tool.session->lift();
-  tool.frame = {};
-  tool.frame.tool = LiveFrame::Tool::ignored;
+  if (asked.way == Way::air) {
+    tool.session->lift();
+    return tool.frame = {};
+  }
+  if (asked.way == Way::anew)
+    put_down(tool, tip, !tool.waits && limit.evaluations == 0);
+  else
+    take_finer(tool, limit, dt);
+  asked.at = on_axis(tool.session->tool(), tip);
+  tool.frame = follow_and_cut(tool, asked.at.depth, limit, dt);
+  tell_aside(tool.frame, asked, tool.session->tool().radius);
   return tool.frame;
 }
 
 }  // namespace
 
-PathFrame path_frame(LiveTool& tool, const ToolPath& path, double time, const FrameLimit& limit, double dt) {
-  const auto after = std::upper_bound(path.time.begin() + 1, path.time.end() - 1, time) - path.time.begin();
-  const auto k = static_cast<std::size_t>(after - 1);
-  const double share = std::clamp((time - path.time[k]) / (path.time[k + 1] - path.time[k]), 0.0, 1.0);
-  PathFrame now{.time = time};
-  const Stopwatch watch;
-  if (path.depth.empty()) {
-    now.tip =
-        (1.0 - share) * path.tip.col(static_cast<Index>(k)) + share * path.tip.col(static_cast<Index>(k) + 1);
-    now.frame = move_on_path(tool, now.tip, limit, dt);
-  } else {
-    now.frame = move_depth(tool, (1.0 - share) * path.depth[k] + share * path.depth[k + 1], limit, dt);
-    now.tip = tool.tip;
-  }
-  now.seconds = watch.seconds();
-  now.half_band = half_band(tool);
-  return now;
-}
-
-std::vector<PathFrame> follow_path(LiveTool& tool, const ToolPath& path, const PathOptions& options,
-                                   const std::function<void(const PathFrame&)>& each) {
-  std::vector<PathFrame> frames;
-  const double lasts = path.time.back() - path.time.front(), dt = 1.0 / options.rate;
-  const auto count = static_cast<std::int64_t>(std::floor(lasts * options.rate + 1e-9)) + 1;
-  std::size_t stroke = 0;
-  for (std::int64_t i = 0; i < count && stop_asked() == StopReason::none; ++i) {
-    const double now = path.time.front() + static_cast<double>(i) * dt;
-    for (; stroke < options.strokes.size() && options.strokes[stroke].time <= now; ++stroke)
-      cut(tool, options.strokes[stroke].stroke, false);
-    frames.push_back(path_frame(tool, path, now, options.limit, dt));
-    if (each) each(frames.back());
-  }
-  if (stop_asked() == StopReason::none) end_cuts(tool, options.strokes, stroke);
-  return frames;
-}
-
-void write_path_frames(const fs::path& folder, const std::vector<PathFrame>& frames) {
-  Table forces{.header = {"time_s", "asked_mm", "depth_mm", "force_N", "error_N", "half_band_N", "band_known",
-                          "stiffness_N_per_m", "residual", "evaluations", "tool"},
-               .column = std::vector<std::vector<double>>(11)};
-  forces.header.insert(forces.header.end(), wrench_columns.begin(), wrench_columns.end());
-  forces.column.resize(forces.header.size());
-  Table times{.header = {"time_s", "frame_ms"}, .column = std::vector<std::vector<double>>(2)};
-  for (const PathFrame& now : frames) {
-    const LiveFrame& f = now.frame;
-    const double row[] = {now.time,
-                          1e3 * f.asked,
-                          1e3 * f.depth,
-                          f.force,
-                          f.error,
-                          now.half_band.value_or(0.0),
-                          now.half_band ? 1.0 : 0.0,
-                          f.stiffness,
-                          f.residual,
-                          static_cast<double>(f.evaluations),
-                          static_cast<double>(f.tool)};
-    for (std::size_t c = 0; c < 11; ++c) forces.column[c].push_back(row[c]);
-    for (std::size_t c = 0; c < 6; ++c) forces.column[11 + c].push_back(f.on_tool[static_cast<Index>(c)]);
-    times.column[0].push_back(now.time);
-    times.column[1].push_back(1e3 * now.seconds);
-  }
-  write_csv(folder / "forces.csv", forces);
-  write_csv(folder / "times.csv", times);
-}
-
-void write_cuts(const fs::path& folder, const std::vector<CutRecord>& cuts) {
-  Table table{.header = {"from_x_mm", "from_y_mm", "from_z_mm", "to_x_mm", "to_y_mm", "to_z_mm", "depth_mm",
-                         "cut", "area_mm2", "nodes"},
-              .column = {}};
-  table.column.resize(table.header.size());
-  Table times{.header = {"made_ms"}, .column = std::vector<std::vector<double>>(1)};
-  for (const CutRecord& one : cuts) {
-    const Vec3 from = 1e3 * one.stroke.from, to = 1e3 * one.stroke.to;
-    const double row[] = {from.x(),
-                          from.y(),
-                          from.z(),
-                          to.x(),
-                          to.y(),
-                          to.z(),
-                          1e3 * one.stroke.depth,
-                          one.why.empty() ? 1.0 : 0.0,
-                          1e6 * one.area,
-                          static_cast<double>(one.nodes)};
-    for (std::size_t c = 0; c < table.column.size(); ++c) table.column[c].push_back(row[c]);
-    times.column[0].push_back(1e3 * one.seconds);
-  }
-  write_csv(folder / "cuts.csv", table);
-  write_csv(folder / "cut_times.csv", times);
-}
-
-std::vector<TimedStroke> read_strokes(const fs::path& file) {
-  const Table table = read_csv(file);
-  constexpr std::array names = {"time_s",  "from_x_mm", "from_y_mm", "from_z_mm",
-                                "to_x_mm", "to_y_mm",   "to_z_mm",   "depth_mm"};
-  std::array<const std::vector<double>*, names.size()> column{};
-  for (std::size_t c = 0; c < names.size(); ++c)
-    if (column[c] = table.find(names[c]); !column[c])
-      refuse_path(file, fmt::format("there is no column {}", names[c]),
-                  fmt::format("the columns are named {}", fmt::join(table.header, ", ")),
-                  fmt::format("give {}", fmt::join(names, ", ")));
-  std::vector<TimedStroke> strokes;
-  for (std::size_t k = 0; k < column[0]->size(); ++k) {
-    const auto at = [&](std::size_t c) { return (*column[c])[k]; };
-    const TimedStroke one{at(0),
-                          {1e-3 * Vec3(at(1), at(2), at(3)), 1e-3 * Vec3(at(4), at(5), at(6)), 1e-3 * at(7)}};
-    if (k > 0 && one.time < strokes.back().time)
-      refuse_path(
-          file,
-          fmt::format("row {} is at {:g} s, the one before at {:g} s", k + 1, one.time, strokes.back().time),
-          "strokes are made one after the other", "sort the rows");
-    constexpr double farthest = 1e3, deepest = 1.0;  // m
-    if (one.stroke.from.cwiseAbs().maxCoeff() > farthest || one.stroke.to.cwiseAbs().maxCoeff() > farthest ||
-        one.stroke.depth > deepest)
-      refuse_path(file,
-                  fmt::format("the stroke in row {} lies more than 1 km away, or is deeper than 1 m", k + 1),
-                  "places are in mm, LPS", "give millimetres");
-    if (!(one.stroke.depth > 0.0) || one.stroke.from == one.stroke.to)
-      refuse_path(
-          file,
-          fmt::format("the stroke in row {} has no {}", k + 1, one.stroke.depth > 0.0 ? "length" : "depth"),
-          "an edge cuts as far as it is moved and as deep as it is pushed",
-          "give two places and a depth_mm above zero");
-    strokes.push_back(one);
-  }
-  return strokes;
-}
-
-std::string in_words(const Stroke& stroke) {
-  const Vec3 from = 1e3 * stroke.from, to = 1e3 * stroke.to;
-  return fmt::format("line:{:.4g},{:.4g},{:.4g},{:.4g},{:.4g},{:.4g},depth={:.4g}mm", from.x(), from.y(),
-                     from.z(), to.x(), to.y(), to.z(), 1e3 * stroke.depth);
-}
-
-std::string in_words(const CutRecord& record) {
-  if (!record.why.empty()) return "not cut: " + record.why;
-  return fmt::format("cut: {:.3g} mm2, after {:.0f} ms", 1e6 * record.area, 1e3 * record.seconds);
-}
-
-Index nodes_for_rate(const LiveOrgan& organ, double rate) {
-  constexpr Index tried = 1000;
-  constexpr double wanted = 10.0;  // evaluations of a frame
-  LiveTool tool{.organ = &organ, .nodes = tried};
-  tool.session.emplace(touch(organ, tried, site_at(organ)));
-  const double way = 0.01 / rate, deepest = 0.5 * tool.session->tool().radius;
-  double spent = 0.0, evaluations = 0.0;
-  move_depth(tool, way, {.evaluations = 100});
-  for (double depth = 2.0 * way; depth < deepest && spent < 0.3; depth += way) {
-    const Stopwatch watch;
-    evaluations += static_cast<double>(move_depth(tool, depth, {.evaluations = 8}).evaluations);
-    spent += watch.seconds();
-  }
-  const double each =
-      spent / std::max(1.0, evaluations) / static_cast<double>(tool.session->model().node_count());
-  const double nodes = 0.8 / (rate * wanted * each);
-  return std::clamp<Index>(100 * static_cast<Index>(nodes / 100.0), 500, 4000);
-}
-
-std::string words_of(const PathFrame& now, bool by_hand) {
-  const LiveFrame& f = now.frame;
-  using Tool = LiveFrame::Tool;
-  const char* status = f.tool == Tool::lags      ? " (the body lags)"
-                       : f.tool == Tool::stopped ? " (no equilibrium any deeper)"
-                       : f.tool == Tool::ignored
-                           ? " (a move that is not followed: the tool must be lifted first)"
-                       : f.tool == Tool::beyond ? " (asked to go deeper than the body reaches)"
-                                                : "";
-  if (!(f.depth > 0.0) && f.force == 0.0) {
-    if (by_hand) return "no touch: press the left button on the body and draw it in";
-    return fmt::format("no touch: the tool is at {}{}", in_words(1e3 * now.tip), status);
-  }
-  const Written written = force_written(f.force);
-  return fmt::format(
-      "force {} +- {}{}, {} deep{}", written(f.force), written(f.error + now.half_band.value_or(0.0)),
-      now.half_band ? "" : " and what the discretisation leaves", length_in_words(1e3 * f.depth), status);
-}
-
-std::string in_words(Index nodes, const std::vector<PathFrame>& frames) {
-  std::vector<double> seconds, error;
-  std::size_t ignored = 0, pressed = 0, unknown = 0;
-  for (const PathFrame& now : frames) {
-    seconds.push_back(now.seconds);
-    ignored += now.frame.tool == LiveFrame::Tool::ignored;
-    if (!(now.frame.force > 0.0)) continue;
-    error.push_back((now.frame.error + now.half_band.value_or(0.0)) / now.frame.force);
-    ++pressed;
-    unknown += now.half_band ? 0 : 1;
-  }
-  const std::string thousands =
-      nodes >= 1000 ? fmt::format("{},{:03}", nodes / 1000, nodes % 1000) : fmt::format("{}", nodes);
-  return fmt::format(
-      "{} nodes, {:.0f} fps, force +-{}{}{}", thousands, 1.0 / std::max(1e-6, quantile(seconds, 0.99)),
-      percent(quantile(error, 0.95)),
-      unknown == 0         ? ""
-      : unknown == pressed ? " and what the discretisation leaves, which is unknown"
-                           : " and what the discretisation leaves, unknown in some frames",
-      ignored > 0
-          ? fmt::format(
-                "; in {} of {} frames the tool was to move across its push at depth, for which it must "
-                "be lifted first, or to come down where no cloud of nodes fits: neither is followed",
-                ignored, frames.size())
-          : "");
+LiveFrame move_tip(LiveTool& tool, const Vec3& tip, const FrameLimit& limit, double dt) {
+  const ToolPlace at = tool.session->tool();
+  const bool known = tool.no_place && (tip - *tool.no_place).norm() < aside * at.radius &&
+                     reaches_in(*tool.organ, at.push, tip);
+  if (!known) try {
+      return follow_tip(tool, tip, limit, dt);
+    } catch (const ModelError&) {
+      tool.no_place = tip;
+    }
+  tool.tip = tip;
+  tool.session->lift();
+  return tool.frame = unknown_frame();
 }
 
 }  // namespace dimple

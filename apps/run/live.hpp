@@ -24,7 +24,8 @@ struct LiveOrgan {
   Result result;                    ///< image, labels, segment, warnings
   std::optional<Organ> organ = {};  ///< surface and options
   std::vector<Material> materials = {};
-  std::optional<Boundary> base = {};  ///< as the options have it; the circle is another at each touch
+  std::optional<Boundary> base = {};    ///< as the options have it; the circle is another at each touch
+  std::optional<ToolShape> shape = {};  ///< of a tool that touches; none: the circle
 };
 /// Throws what simulate() throws of the image and the options; UsageError where they are not those of an
 /// equilibrium.
@@ -88,16 +89,17 @@ struct CutRecord {
   std::string why = {};  ///< it has not cut
 };
 
-/// A tool that is moved freely: the tip's pose in, the frame out. Between two touches it is in the air, and
-/// the force is zero; where it comes down more than a quarter of its radius away from the last touch a cloud
-/// of first_nodes is made, in some two tenths of a second, and beside the frames that follow one of `nodes`,
-/// which takes its place. While it touches it keeps to its axis (LiveFrame::Tool::ignored): ways across the
-/// push take effect at the next touch.
+/// A tool that is moved freely: the tip's pose in, the frame out. It follows one axis, from where it came
+/// down. A pose beside that axis is served as TipAsked says; off the organ the force is zero. Where it comes
+/// down anew a cloud of first_nodes is made, in some two tenths of a second, and beside the frames that
+/// follow one of `nodes`, which takes its place.
 struct LiveTool {
   const LiveOrgan* organ = nullptr;
   Index nodes = 1000;
+  bool waits = false;  ///< a new place is followed with all `nodes` at once, whatever that takes
   std::optional<Session> session = {};
-  Vec3 tip = Vec3::Zero();  ///< LPS m, of the last frame
+  Vec3 tip = Vec3::Zero();        ///< LPS m, that the last frame was asked for
+  Vec3 came_down = Vec3::Zero();  ///< LPS m, the tip for which it came down
   LiveFrame frame = {};
   std::vector<ForceSample> fine = {}, coarse = {};     ///< of this touch, see TriedTouch
   std::optional<Vec3> no_place = {};                   ///< where it could not come down last [m]
@@ -150,13 +152,30 @@ struct OnAxis {
   double depth, aside;
 };
 OnAxis on_axis(const ToolPlace& tool, const Vec3& tip);
-/// Farther off the axis than a touch counts as the same.
-bool is_aside(const ToolPlace& tool, const OnAxis& at);
-/// Inside the body at rest; asked by any thread.
-bool is_inside(const LiveOrgan& organ, const Vec3& tip);
-/// "there", "lags", "stopped", "ignored", "beyond".
+/// What a tool does that is asked to a tip.
+struct TipAsked {
+  enum class Way {
+    axis,    ///< it follows its axis, on which the tip lies to 0.02 radii
+    beside,  ///< likewise; the tip is within a quarter radius, and the force known to force_apart()
+    /// It follows its axis, and nothing is known of the force at the tip: a bonded circle is not moved
+    /// across.
+    elsewhere,
+    anew,  ///< it comes down there: it was in the air, or touches without friction, which has no past
+    air    ///< nothing touches it there
+  };
+  Way way;
+  OnAxis at;
+};
+/// `depth` [m]: of the tool now. Asked by any thread.
+TipAsked tip_asked(const LiveOrgan& organ, const ToolPlace& tool, double depth, const Vec3& tip);
+/// A frame on the axis tells so of a tip that lies `aside` [m] of it: LiveFrame::error, and `elsewhere`.
+void tell_aside(LiveFrame& frame, const TipAsked& asked, double radius);
+/// Of a place where no cloud of nodes fits: no force is shown, and nothing is known of it.
+LiveFrame unknown_frame();
+/// "there", "lags", "stopped", "elsewhere", "beyond".
 const char* name_of(LiveFrame::Tool tool);
-/// The tip goes to a place [3] LPS m, or as far as the body can be followed within the limit.
+/// The tip goes to a place [3] LPS m, or as far as the body can be followed within the limit. Where it would
+/// come down and no cloud of nodes fits, it stays in the air: unknown_frame().
 LiveFrame move_tip(LiveTool& tool, const Vec3& tip, const FrameLimit& limit, double dt = 0.0);
 /// The same along the push, from where the tool stands.
 LiveFrame move_depth(LiveTool& tool, double depth, const FrameLimit& limit, double dt = 0.0);
@@ -173,9 +192,13 @@ ToolPath read_tool_path(const std::filesystem::path& file);
 struct PathFrame {
   double time = 0.0, seconds = 0.0;  ///< on the path [s]; and how long the frame took [s]
   LiveFrame frame = {};
-  Vec3 tip = Vec3::Zero();  ///< asked for [3] LPS m
+  Vec3 tip = Vec3::Zero();     ///< asked for [3] LPS m
+  Vec3 stands = Vec3::Zero();  ///< where it is [3] LPS m
+  Index nodes = 0;             ///< of the cloud that the force is of
   std::optional<double> half_band = {};
 };
+/// Of the tool's last frame.
+PathFrame path_frame_of(const LiveTool& tool, double time, double seconds);
 /// The frame of a path at one time on it; where the path begins before or ends after that, at its end. `dt`
 /// [s]: since the last one.
 PathFrame path_frame(LiveTool& tool, const ToolPath& path, double time, const FrameLimit& limit, double dt);
@@ -188,9 +211,10 @@ struct PathOptions {
 /// returns what there is.
 std::vector<PathFrame> follow_path(LiveTool& tool, const ToolPath& path, const PathOptions& options,
                                    const std::function<void(const PathFrame&)>& each = {});
-/// forces.csv: time_s, asked_mm, depth_mm, force_N, error_N, half_band_N, band_known, stiffness_N_per_m,
-/// residual, evaluations, tool, and the vector of the force on the tool and its moment; and what differs from
-/// one time to the next, times.csv: time_s, frame_ms.
+/// forces.csv: time_s, asked_mm, depth_mm, force_N, error_N, error_at_depth_N, half_band_N, band_known,
+/// stiffness_N_per_m, residual, evaluations, tool, the vector of the force on the tool and its moment,
+/// asked_x_mm ..., tip_x_mm ... (LPS), nodes and penetration_mm; and what differs from one time to the next,
+/// times.csv: time_s, frame_ms.
 void write_path_frames(const std::filesystem::path& folder, const std::vector<PathFrame>& frames);
 /// cuts.csv: the places of each stroke, area_mm2, nodes, and 1 in `cut` if it has cut; and what differs from
 /// one time to the next, cut_times.csv: made_ms.

@@ -15,13 +15,13 @@
 #include <chrono>
 #include <cmath>
 #include <cstring>
+#include <limits>
 #include <mutex>
 #include <string_view>
 #include <thread>
 #include <utility>
 
 #include "apps/run/stopwatch.hpp"
-#include "apps/run/tool.hpp"
 #include "io/error.hpp"
 #include "io/stop.hpp"
 #include "solver/live/between_frames.hpp"
@@ -130,7 +130,7 @@ struct ForceServer::Parts {
   Parts(const LiveTool& live, const fs::path& at) : path(at), organ(*live.organ), tool(live.session->tool()) {
     tip = tool.centre;
     between.radius = tool.radius;
-    between.touches = tool_of(organ.config).has_value();
+    between.touches = organ.shape.has_value();
     touches = live.touches;
     listen_at(path, listening);
     thread = std::thread([this] { serve(); });
@@ -178,20 +178,24 @@ struct ForceServer::Parts {
   Descriptor turn_away() const;
 };
 
-// Where the tip is asked to be by its place. It may be in the air beside the circle, or pushed across at
-// depth.
+// Where the tip is asked to be by its place, see TipAsked.
 LiveAnswer ForceServer::Parts::at_tip() {
-  const OnAxis at = on_axis(tool, tip);
-  if (!is_aside(tool, at)) return answer(between, at.depth, now());
+  using Way = TipAsked::Way;
+  constexpr double unknown = std::numeric_limits<double>::infinity();
+  const TipAsked asked = tip_asked(organ, tool, frame.depth, tip);
   LiveAnswer said;
-  if (frame.depth > 0.0 && at.depth > 0.0) {
-    said = answer(between, at.depth, now());
-    if (said.tool != LiveFrame::Tool::beyond) said.tool = LiveFrame::Tool::ignored;
-  } else if (no_place_at(tip)) {
-    said.tool = LiveFrame::Tool::ignored;
-  } else if (is_inside(organ, tip)) {
-    said.tool = LiveFrame::Tool::lags;  // it is coming down there
+  if (asked.way == Way::air) return said;
+  if (asked.way == Way::anew || no_place_at(tip)) {
+    said.error = unknown;
+    said.tool = no_place_at(tip) ? LiveFrame::Tool::elsewhere : LiveFrame::Tool::lags;  // it is coming down
+    return said;
   }
+  said = answer(between, asked.at.depth, now());
+  LiveFrame like;
+  like.depth = said.depth, like.force = said.force, like.tool = said.tool;
+  like.error = said.error, like.error_at_depth = said.error_at_depth;
+  if (said.tool != LiveFrame::Tool::lags) tell_aside(like, asked, tool.radius);
+  said.error = like.error, said.tool = like.tool;
   return said;
 }
 
@@ -315,37 +319,24 @@ ForceServer::~ForceServer() = default;
 PathFrame ForceServer::move(LiveTool& tool, const FrameLimit& limit, double dt) {
   Parts& p = *parts_;
   Vec3 tip;
-  bool along, no_place;
+  bool along;
   double depth;
   {
     const std::lock_guard lock(p.mutex);
     tip = p.tip, along = p.along, depth = p.depth;
-    no_place = !along && p.no_place_at(tip);
   }
-  PathFrame now{.time = p.now()};
+  const double time = p.now();
   const Stopwatch watch;
-  const auto stay = [&] {
-    now.frame = move_depth(tool, 0.0, limit, dt);
-    tool.tip = tip;
-    tool.frame.tool = now.frame.tool = LiveFrame::Tool::ignored;
-  };
-  try {
-    if (no_place)
-      stay();
-    else
-      now.frame = along ? move_depth(tool, depth, limit, dt) : move_tip(tool, tip, limit, dt);
-  } catch (const ModelError&) {  // no cloud fits there: the tool stays in the air until it is asked elsewhere
-    stay();
-    no_place = true;
-  }
-  now.tip = tool.tip;
-  now.seconds = watch.seconds();
-  now.half_band = half_band(tool);
+  if (along)
+    move_depth(tool, depth, limit, dt);
+  else
+    move_tip(tool, tip, limit, dt);
+  const PathFrame now = path_frame_of(tool, time, watch.seconds());
   const std::lock_guard lock(p.mutex);
   if (p.touches != tool.touches || p.cuts != tool.sheets.size()) forget(p.between);
   p.touches = tool.touches;
   p.cuts = tool.sheets.size();
-  p.no_place = no_place ? std::optional(tip) : std::nullopt;
+  p.no_place = tool.no_place;
   p.tool = tool.session->tool();
   p.between.radius = p.tool.radius;
   p.frame = now.frame;

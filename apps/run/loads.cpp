@@ -63,10 +63,10 @@ std::optional<FluidWords> fluid_lost_of(const Config& config) {
     std::vector<double> n;
     set_value({.key = "load.fluid_lost", .value = &n, .least = -1e6, .most = 1e6, .help = "which way is up"},
               up, "load.fluid_lost");
-    if (n.size() != 3 || !(Vec3(n[0], n[1], n[2]).norm() > 0.0))
+    if (n.size() != 3 || Vec3(n[0], n[1], n[2]).isZero(0.0))
       refuse(fmt::format("has '{}' for the way up", up),
              "it is a side, or three numbers that are a direction");
-    direction = Vec3(n[0], n[1], n[2]).normalized();
+    direction = Vec3(n[0], n[1], n[2]).stableNormalized();
   }
   if (config.load.gravity != "none")
     refuse("is asked for beside gravity",

@@ -14,6 +14,7 @@
 #include "io/table.hpp"
 #include "io/text.hpp"
 #include "io/units.hpp"
+#include "io/words.hpp"
 #include "preprocess/cloud/neighbours.hpp"
 
 namespace dimple {
@@ -222,6 +223,19 @@ void take_spacing(const fs::path& file, const PointFile& nodes, ModelFiles& file
                   millimetres(model.spacing[0])));
 }
 
+// Of a list that somebody has written.
+void require_each_node_once(const fs::path& file, const Points& X) {
+  if (file.extension() != ".csv" || X.cols() < 2) return;
+  const Neighbours tree(X);
+  for (Index a = 0; a < X.cols(); ++a)
+    for (const Index b : tree.nearest(X.col(a), 2))
+      if (b != a && X.col(b) == X.col(a))
+        refuse(file,
+               fmt::format("nodes {} and {} are both at {}", std::min(a, b), std::max(a, b),
+                           in_words(to_mm(X.col(a)))),
+               "two nodes at one place cannot move apart", "leave one of them out");
+}
+
 void take_volume(const fs::path& file, const PointFile& points, ModelFiles& files) {
   Discretisation& model = files.places;
   if (const Field* volume = points.find("volume_mm3")) {
@@ -296,6 +310,12 @@ void take_sets(const fs::path& file, const PointFile& nodes, ModelFiles& files) 
     require_whole(file, *set, base_bit | circle_bit);
     for (Index a = 0; a < model.node_count(); ++a) {
       const int bits = static_cast<int>(set->values(0, a));
+      if (bits == (base_bit | circle_bit))
+        refuse(file,
+               fmt::format("node {} at {} belongs to the base and to the circle", a,
+                           in_words(to_mm(model.X.col(a)))),
+               "its node_set is 3, and the base stays where it is while the circle moves",
+               "set its node_set to 1 or to 2");
       if (bits & base_bit) model.base.push_back(a);
       if (bits & circle_bit) model.circle.push_back(a);
     }
@@ -425,6 +445,7 @@ ModelFiles read_model(const fs::path& path) {
   require_places(point_file, points.position_mm);
   model.X = to_m(nodes.position_mm);
   model.point = to_m(points.position_mm);
+  require_each_node_once(node_file, model.X);
   take_spacing(node_file, nodes, files);
   take_volume(point_file, points, files);
   const std::string scheme = scheme_named_in(file, table, files.scheme);

@@ -144,7 +144,7 @@ std::vector<Option> load_options(Config& c) {
       {.key = "tool.friction", .flag = "--friction", .value = &c.tool.friction, .stage = "run",
        .help = "under a tool that touches: Coulomb's coefficient, as 0.3, or stick: what has touched moves "
                "along it no more"},
-      {.key = "load.depth_mm", .flag = "--depth", .unit = "mm", .value = &c.load.depth_mm, .most = 1000,
+      {.key = "load.depth_mm", .flag = "--depth", .unit = "mm", .value = &c.load.depth_mm, .least = 1e-5, .most = 1000,
        .least_excluded = true, .stage = "solve", .common = true, .help = "indentation at the end"},
       {.key = "load.poses", .flag = "--poses", .value = &c.load.poses, .stage = "solve",
        .help = "CSV of where the tool's tip goes: time_s, x_mm, y_mm, z_mm (LPS), and qw, qx, qy, qz where "
@@ -262,7 +262,7 @@ std::vector<Option> options_of(Config& config) {
 std::vector<Option> options_of(Config::Pressure& p) {
   return {
       {.key = "pressure.pressure_Pa", .unit = "Pa", .value = &p.pressure_Pa, .least = -1e9, .most = 1e9,
-       .stage = "solve", .help = "pressure, inward"},
+       .stage = "solve", .help = "pressure on the surface, into the tissue; also in a cavity, which it widens"},
       {.key = "pressure.on", .value = &p.on, .stage = "solve",
        .help = "where: all of the surface, what faces a side, or what lies in a ball x,y,z,radius in mm"},
       {.key = "pressure.follows", .value = &p.follows, .choices = {"yes", "no"}, .stage = "solve",
@@ -346,7 +346,7 @@ std::vector<Option> options_of(Config::Step& s) {
        .help = "what it turns about, x,y,z in LPS; none: its tip as it is when the step begins"},
       {.key = "step.cut", .value = &s.cut, .stage = "solve",
        .help = "what is cut in this step, as image.cut, where the body then is; nothing moves in it"},
-      {.key = "step.toughness_J_m2", .value = &s.toughness_J_m2, .least = 0.0, .most = 1e6, .stage = "solve",
+      {.key = "step.toughness_J_m2", .unit = "J/m2", .value = &s.toughness_J_m2, .least = 0.0, .most = 1e6, .stage = "solve",
        .help = "of a step that cuts: energy that a square metre of new area takes; 0: not known"},
       {.key = "step.time_s", .unit = "s", .value = &s.time_s, .least = 0.0, .most = 1e7, .stage = "solve",
        .help = "how long it lasts, for tissue that relaxes; 0: as long as its way takes at load.rate. Where "

@@ -20,10 +20,21 @@
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/label_names.hpp"
+#include "io/text.hpp"
 #include "preprocess/surface/label_surface.hpp"
 
 namespace dimple {
 namespace {
+
+// ", did you mean 'left lung' or 'right lung'?" of "lung", else what is spelled like it.
+std::string names_like(const std::string& word, const std::vector<std::string>& known) {
+  std::vector<std::string> with;
+  for (const std::string& name : known)
+    if (lower(name).find(lower(word)) != std::string::npos && with.size() < 4)
+      with.push_back(fmt::format("'{}'", name));
+  return with.empty() ? did_you_mean(word, known)
+                      : fmt::format(", did you mean {}?", fmt::join(with, " or "));
+}
 
 // Labels given by number or name, as numbers; `present`: those of the image.
 std::vector<int> chosen_labels(const LabelImage& image, const std::vector<LabelMeasure>& present,
@@ -51,7 +62,7 @@ std::vector<int> chosen_labels(const LabelImage& image, const std::vector<LabelM
     if (found) continue;
     const std::string elsewhere = numbering_with(word);
     throw InputError(
-        {.fact = fmt::format("no label is called '{}'{}", word, did_you_mean(word, known)),
+        {.fact = fmt::format("no label is called '{}'{}", word, names_like(word, known)),
          .where = option,
          .why = (known.empty() ? std::string("the image has no label names")
                                : fmt::format("the image names {}", fmt::join(known, ", "))) +
@@ -544,7 +555,8 @@ Discretisation place_nodes(const Config& config, const Organ& organ, const Model
         fmt::format("a cut reaches to where nodes are {} apart, which see across a gap of {} as if it were "
                     "not there; give more --nodes, or a wider gap with --set image.cut_gap={:.2g}mm",
                     length_in_words(apart), length_in_words(gap), apart / widest_over_gap));
-  log.say(fmt::format("base     {} nodes: {}", places.base.size(), report.boundary.base_reason));
+  if (has_base(config))
+    log.say(fmt::format("base     {} nodes: {}", places.base.size(), report.boundary.base_reason));
   const std::string centre = in_words(places.tool.centre * 1e3);
   if (options.boundary.contact_radius_mm > 0.0 && options.boundary.is_pressed)
     log.say(fmt::format("contact  nodes are finest around a circle {:.1f} mm across at {}: {}",

@@ -225,6 +225,8 @@ void tell_of_lost_contact(const RunLog& log, const Result& result) {
   for (const ForceSample& sample : force) largest = std::max(largest, size(sample));
   const auto last = std::find_if(force.rbegin(), force.rend(),
                                  [&](const ForceSample& sample) { return size(sample) > nothing * largest; });
+  if (largest == 0.0 && force.size() > 1 && !result.history.interrupted)
+    log.warn("the tool never touches the body: its force is 0 at every depth; check its place and direction");
   if (last != force.rend() && last != force.rbegin())
     log.say(
         fmt::format("touch    the tool has left the body: it touched last at a depth of {}, after {:.3g} s",
@@ -473,10 +475,13 @@ void make_ready(const Case& given, Placed placed, const RunLog& log, Result& res
   const SolverOptions options = solver_options(config);
   result.findings = check_model(model, model.support_report, loading.depth);
   for (const Finding& finding : result.findings) log.warn(in_words(finding));
+  auto own = config.tissue.begin();
   for (std::size_t t = 0; t < result.tissues.material.size(); ++t) {
     const Material& m = result.tissues.material[t];
+    const std::string label = t == 0 ? "" : (own++)->first;
     // The stiffness that nobody has chosen was told of before.
-    log.line(t == 0 && default_stiffness(config) ? Line::detail : Line::said, describe(result.tissues, t));
+    log.line(t == 0 && default_stiffness(config) ? Line::detail : Line::said,
+             describe(result.tissues, t, label));
     log.detail(fmt::format("waves    kappa {}, so {:.2f} and {:.3f} m/s", stress_in_words(m.kappa),
                            pressure_wave_speed(m), shear_wave_speed(m)));
   }

@@ -669,7 +669,9 @@ void add_explained(Outcome& outcome, const fs::path& folder, double seconds, con
 Outcome record_solve(const Config& config, const fs::path& model, const fs::path& folder, Existing existing,
                      const RecordObserver& observer) {
   const Stopwatch whole(observer.waited_s), reading;
-  ResultFolder results(folder, existing);
+  fs::path model_folder = fs::is_directory(model) ? model : model.parent_path();
+  if (model_folder.empty()) model_folder = ".";
+  ResultFolder results(folder, existing, model_folder);
   Case given{.config = config, .model = read_model(model)};
   const ModelFiles& files = *given.model;
   Recording how{
@@ -682,11 +684,11 @@ Outcome record_solve(const Config& config, const fs::path& model, const fs::path
   if (existing == Existing::resume && results.finished())
     return finished_already(folder, config, "model_sha256", how.identity.input_sha256, observer);
   how.resumed = resumed_in(results, how.identity);
-  const fs::path model_folder = fs::is_directory(model) ? model : model.parent_path();
   how.write_model = [&](Result&) {
-    results.prepare(model_folder);
+    results.prepare();
     const fs::path label = model_folder / "label.vti";
-    if (wanted_of(config).label && fs::exists(label)) write_file(folder / "label.vti", read_file(label));
+    if (wanted_of(config).label && fs::exists(label) && !fs::equivalent(folder, model_folder))
+      write_file(folder / "label.vti", read_file(label));
   };
   how.summary = [&, sha256 = how.identity.input_sha256](const Result&) {
     Json summary;
@@ -712,19 +714,12 @@ Outcome record_model(const Config& config, const fs::path& folder, Existing exis
   const Stopwatch whole;
   require_no_goal(config, "dimple model");
   ResultFolder results(folder, existing);
-  if (existing == Existing::refuse && fs::exists(folder / "model.toml"))
-    throw OutputError({.fact = fmt::format("{} holds a model already", folder.string()),
-                       .where = "-o",
-                       .why = "it would be lost",
-                       .remedy = "give another folder with -o, or --force to replace it"});
   Result result;
   build_case({.config = config}, {.line = observer.line, .part = observer.part}, result);
   stop_if_asked();
   const double before_writing_s = whole.seconds();
   doing(observer, "writing the model");
   results.prepare();
-  std::error_code ignored;
-  fs::remove(folder / "model.toml", ignored);  // it comes last: with it the model is complete
   write_vti(folder / "label.vti", result.image);
   write_model(folder, result.model, result.model.scheme, result.provenance, result.facing_share);
   auto times = times_of(result, 0.0);

@@ -5,6 +5,7 @@
 #include <utility>
 #include <vector>
 
+#include "apps/run/result_folder.hpp"
 #include "apps/run/results.hpp"
 #include "apps/run/simulate.hpp"
 

@@ -50,9 +50,11 @@ inline constexpr std::array wrench_columns = {"force_x_N",   "force_y_N",   "for
 
 /// At the integration points.
 struct PointStress {
-  Eigen::MatrixXd J;      ///< [1xQ] det F
-  Eigen::MatrixXd sigma;  ///< [6xQ] Cauchy stress in VTK's order, XX, YY, ZZ, XY, YZ, XZ [Pa]
-  Eigen::MatrixXd mises;  ///< [1xQ] von Mises stress [Pa]
+  Eigen::MatrixXd J;  ///< [1xQ] det F
+  /// [6xQ] Cauchy stress in VTK's order, XX, YY, ZZ, XY, YZ, XZ [Pa]; not a number where det F is below
+  /// least_J_of_stress
+  Eigen::MatrixXd sigma;
+  Eigen::MatrixXd mises;  ///< [1xQ] von Mises stress [Pa], likewise
 };
 PointStress stress_at_points(const Frame& frame);
 
@@ -172,61 +174,6 @@ class ResultWriter {
   std::unique_ptr<Packing> points_left_;  // of the newest frame, while it may not be the last
   std::string body_png_;                  // for the report; empty: not drawn yet
   std::future<void> pending_;             // the last member: whoever destroys this waits for it first
-};
-
-/// Where a run keeps what it needs to go on; not there when it has finished.
-inline constexpr const char* checkpoint_file = "checkpoint.cbor";
-
-/// Refuses a folder that holds other things than our results, or that cannot be made or written to, before
-/// anything expensive. Throws OutputError.
-void check_result_folder(const std::filesystem::path& folder);
-
-/// A folder that holds no more than the word of a run that failed, or of one that was stopped before it had
-/// results: there is nothing to lose. False where there is no such folder.
-bool holds_only_a_word(const std::filesystem::path& folder);
-
-/// Says in a summary.json why nothing else is in the folder of a run: makes the folder if it is not there,
-/// and leaves those alone that hold anything else, but for what the present run has begun to write: if that
-/// has finished, its summary and page say now that what came after has not. For Ctrl-C, which nobody needs to
-/// be told of, it makes no folder. Never throws.
-void leave_word(const std::filesystem::path& folder, const std::string& command, const std::string& image,
-                const Error& error, const std::vector<std::string>& warnings) noexcept;
-
-/// Of a summary that a run has written, that it ended otherwise after all: status, exit code and why.
-void end_otherwise(nlohmann::ordered_json& summary, const Error& error);
-
-/// Says in a summary.json that the run of this folder has failed, and why. Throws OutputError.
-void write_word(const std::filesystem::path& folder, const std::string& command, const std::string& image,
-                const Error& error, const std::vector<std::string>& warnings);
-
-/// What to do where results are already.
-enum class Existing {
-  refuse,   ///< say so
-  replace,  ///< remove them and start anew
-  resume    ///< go on with the run that has made them
-};
-
-/// The folder of a run from its first file to its last; other runs are kept out meanwhile.
-class ResultFolder {
- public:
-  /// Changes nothing yet. Throws OutputError: it cannot be made or written to, it holds other things than our
-  /// results, or results although `existing` is refuse, or another run is at work there.
-  ResultFolder(std::filesystem::path folder, Existing existing);
-
-  bool finished() const;   ///< an earlier run has ended there
-  bool resumable() const;  ///< or has left a checkpoint, and is to be resumed
-
-  /// Makes the folder; removes what an earlier run left unfinished there, and, unless that is to be resumed,
-  /// all that it has made by its own list, but for the model in the folder `model`. Begins such a list.
-  /// Throws OutputError.
-  void prepare(const std::filesystem::path& model = {});
-  const std::filesystem::path& path() const { return path_; }
-
- private:
-  std::filesystem::path path_;
-  Existing existing_;
-  std::optional<FolderLock> lock_;
-  std::optional<FileList> list_;
 };
 
 }  // namespace dimple

@@ -139,7 +139,7 @@ std::vector<Material> in_use(const Tissues& tissues) {
   return result;
 }
 
-std::string describe(const Tissues& tissues, std::size_t t) {
+std::string describe(const Tissues& tissues, std::size_t t, const std::string& label) {
   const Material& m = tissues.material[t];
   const LawWords words = words_of(m);
   std::string law = words.title;
@@ -151,10 +151,11 @@ std::string describe(const Tissues& tissues, std::size_t t) {
   }
   for (const PronyTerm& term : m.prony)
     law += fmt::format(", {} relaxing in {} s", plain(term.g), plain(term.tau));
-  return fmt::format(
-      "material {}{}: mu {}, nu {}, density {} kg/m3",
-      t == 0 ? "" : fmt::format("of {} points, ", (tissues.of_point.array() == static_cast<int>(t)).count()),
-      law, stress_in_words(m.mu), plain(poisson_ratio(m)), plain(m.density));
+  return fmt::format("material {}{}: mu {}, nu {}, density {} kg/m3",
+                     t == 0 ? ""
+                            : fmt::format("of label {}, {} points, ", label,
+                                          (tissues.of_point.array() == static_cast<int>(t)).count()),
+                     law, stress_in_words(m.mu), plain(poisson_ratio(m)), plain(m.density));
 }
 
 std::string time_in_words(TimeMode mode, double crossings, bool shallow) {

@@ -15,7 +15,7 @@ std::string nodes_for_edge_in_words(Index nodes, Index usual);
 /// The supports, the gradients, the folds and the masses of a model that is complete.
 void tell_of_supports(const RunLog& log, const Model& model);
 /// Law and numbers of a tissue.
-std::string describe(const Tissues& tissues, std::size_t t);
+std::string describe(const Tissues& tissues, std::size_t t, const std::string& label);
 /// Moduli, loads, supports, cuts and steps, a line for each kind: for the picture.
 std::vector<std::string> scene_in_words(const Config& config, const Result& result);
 /// The materials that points are of.

@@ -4,6 +4,8 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <cmath>
+#include <limits>
 #include <set>
 
 #include "apps/run/surface_part.hpp"
@@ -64,6 +66,7 @@ void check(const std::string& name, const Config::Held& held) {
 struct Chosen {
   std::vector<Index> node;
   Vec3 normal = Vec3::Zero();
+  double nearest_mm = std::numeric_limits<double>::infinity();  // node of the surface to a ball's middle
 };
 
 // A bank of a cut belongs to no side of the body; a ball may take hold of it.
@@ -93,6 +96,7 @@ Chosen nodes_on_surface(const SurfacePart& part, const Discretisation& places, c
     const Vec3 x = 1e3 * places.X.col(a);
     const double near = on_surface * 1e3 * places.spacing[a];
     if (surface.farther(x, near)) continue;
+    if (part.ball) chosen.nearest_mm = std::min(chosen.nearest_mm, (x - part.ball->head<3>()).norm());
     const Index t = surface.closest(x).triangle;
     if (!part.has(x, surface.normal().col(t)) || is_inside_cut(part, places.surface, t)) continue;
     chosen.node.push_back(a);
@@ -114,13 +118,17 @@ bool has(const std::vector<Index>& ascending, Index a) {
   return std::binary_search(ascending.begin(), ascending.end(), a);
 }
 
-void check_nodes(const std::string& name, const Config::Held& held, const std::vector<Index>& nodes,
+void check_nodes(const std::string& name, const Config::Held& held, const Chosen& chosen,
                  const Discretisation& places, const std::vector<Index>& base) {
+  const std::vector<Index>& nodes = chosen.node;
   if (nodes.empty())
     throw ModelError(
         report_on(name, "on", fmt::format("on '{}' meets no node", held.on),
                   is_label(held) ? "no integration point has that label, or none that is nearest to a node"
-                                 : "no node of the surface lies there",
+                  : std::isfinite(chosen.nearest_mm)
+                      ? fmt::format("the nearest node of the surface is {} from the ball's middle",
+                                    length_in_words(chosen.nearest_mm))
+                      : "no node of the surface lies there",
                   is_label(held) ? "`dimple info IMAGE` shows the labels; a model made without this support "
                                    "knows no labels, unless tissues differ"
                                  : "give another side, a larger ball on the surface, or more --nodes"));
@@ -232,7 +240,7 @@ Supports supports_of(const Config& config, const Discretisation& places,
   for (const auto& [name, held] : config.held) {
     chosen.push_back(is_label(held) ? nodes_with_label(number_of_label(label_of(held), label_names), places)
                                     : nodes_on_surface(*surface_part_named(held.on), places, *surface));
-    check_nodes(name, held, chosen.back().node, places, base);
+    check_nodes(name, held, chosen.back(), places, base);
     const auto number = static_cast<int>(result.sets.size());
     for (const Index a : chosen.back().node) owner[static_cast<std::size_t>(a)] = number;
     result.sets.push_back(set_of(name, held, chosen.back(), config.load.depth_mm));

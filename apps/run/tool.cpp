@@ -192,7 +192,7 @@ double friction_of(const Config& config) {
 double friction_of(const std::string& friction, const std::string& option) {
   if (friction == "stick") return std::numeric_limits<double>::infinity();
   double coefficient = 0.0;
-  set_value({.key = "tool.friction",
+  set_value({.key = option.starts_with("--") ? "tool.friction" : option,
              .flag = "--friction",
              .value = &coefficient,
              .most = 10.0,

@@ -93,6 +93,10 @@ Answer of_model(const Result& result) {
   if (const std::size_t others = result.model_warnings - result.image_warnings;
       others > answer.reasons.size())
     answer.reasons.insert(counted(others));
+  for (const Finding& finding : result.findings)
+    if (finding.report.code == no_stress)
+      answer.reasons.insert(fmt::format("{:.0f} point{} without stress: det F below {:g}", finding.worst,
+                                        finding.worst == 1.0 ? "" : "s", least_J_of_stress));
   answer.check_beyond(100.0 * grid_volume_to_check);
   if (!(voxels > 0.0)) {
     answer.value = 100.0 * result.model.support_report.linear_error;

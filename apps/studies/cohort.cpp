@@ -17,7 +17,7 @@
 #include "apps/run/checkpoint.hpp"
 #include "apps/run/compare.hpp"
 #include "apps/run/organ.hpp"
-#include "apps/run/results.hpp"
+#include "apps/run/result_folder.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "apps/studies/run_program.hpp"
 #include "io/file.hpp"

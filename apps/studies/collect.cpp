@@ -10,7 +10,7 @@
 #include <set>
 
 #include "apps/run/checkpoint.hpp"
-#include "apps/run/results.hpp"
+#include "apps/run/result_folder.hpp"
 #include "apps/run/words.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"

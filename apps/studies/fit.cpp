@@ -8,6 +8,7 @@
 #include <limits>
 #include <optional>
 
+#include "apps/run/organ.hpp"
 #include "apps/run/other_tools.hpp"
 #include "apps/run/results.hpp"
 #include "apps/run/simulate.hpp"
@@ -15,6 +16,7 @@
 #include "apps/run/summary.hpp"
 #include "apps/run/tool.hpp"
 #include "apps/run/unless_stopped.hpp"
+#include "apps/run/words.hpp"
 #include "apps/studies/fit_results.hpp"
 #include "io/digits.hpp"
 #include "io/error.hpp"
@@ -221,17 +223,6 @@ void refuse_paper_values(const fs::path& curve) {
                     .remedy = "dimple run IMAGE -o OUT --compare horton2007"});
 }
 
-void require_no_run_in(const fs::path& folder) {
-  std::error_code ignored;
-  if (!fs::exists(folder / "summary.json", ignored) || fs::exists(folder / "fit.csv", ignored) ||
-      holds_only_a_word(folder))
-    return;
-  throw OutputError({.fact = fmt::format("{} holds the results of a run", folder.string()),
-                     .where = "-o",
-                     .why = "its summary.json would be lost",
-                     .remedy = "give another folder with -o"});
-}
-
 std::vector<std::string> warnings_of(const MeasuredCurve& curve, const Config& own) {
   std::vector<std::string> warnings;
   for (const std::string* words : {&curve.left_out, &curve.averaged})
@@ -374,14 +365,11 @@ void weigh_other_sign(FoundFit& found, const CurveFit& other) {
 
 }  // namespace
 
-Outcome fit(const Config& config, const FitOptions& options, const fs::path& folder,
+Outcome fit(const Config& config, const FitOptions& options, const fs::path& folder, Existing existing,
             const std::function<void(const std::string&)>& progress) {
   require_known_numbers(options.of);
   refuse_paper_values(options.curve);
-  check_result_folder(folder);
-  require_no_run_in(folder);
-  std::optional<FolderLock> lock;
-  if (fs::is_directory(folder)) lock.emplace(folder);
+  ResultFolder results(folder, existing);
   const MeasuredCurve curve = read_measured_curve(options.curve);
   const Config own = case_of(config, options, curve);
 
@@ -401,8 +389,7 @@ Outcome fit(const Config& config, const FitOptions& options, const fs::path& fol
   if (fits.size() > 1) weigh_other_sign(found, fits[1]);
   add_new(found.warnings, settle(found.fit, found.result.band.unknown.empty()));
 
-  make_folder(folder);
-  if (!lock) lock.emplace(folder);
+  results.prepare();
   Outcome outcome = write_fit(folder, options, curve, found);
   say_fit(curve, found, progress);
   return outcome;

@@ -26,6 +26,6 @@ struct FitOptions {
 /// times. Throws UsageError: the force is not proportional to one modulus, or a number that follows from the
 /// curve is given; InputError: the curve; what simulate() throws; Stopped.
 Outcome fit(const Config& config, const FitOptions& options, const std::filesystem::path& folder,
-            const std::function<void(const std::string&)>& progress);
+            Existing existing, const std::function<void(const std::string&)>& progress);
 
 }  // namespace dimple

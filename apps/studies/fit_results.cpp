@@ -207,9 +207,6 @@ double largest_force(const MeasuredCurve& curve) {
 
 Outcome write_fit(const fs::path& folder, const FitOptions& options, const MeasuredCurve& curve,
                   const FoundFit& found) {
-  std::error_code ignored;
-  remove_temporaries_in(folder);
-  fs::remove(folder / "summary.json", ignored);
   write_csv(folder / "fit.csv", {.header = {"indentation_mm", "measured_N", "model_N", "residual_N"},
                                  .column = {scaled(curve.depth, 1e3), curve.force, found.fit.force,
                                             residuals(curve, found.fit)}});

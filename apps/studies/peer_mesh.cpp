@@ -179,9 +179,8 @@ ElementModel element_model(const Config& config, const std::string& format, cons
   model.bonded = loading_of(config).contact == Contact::bonded;
   model.frames = static_cast<int>(config.solver.frames);
   model.remarks = {
-      fmt::format("{}, indented by {:.6g} mm ({}); written by dimple {}",
-                  fs::path(config.image.file).filename().string(), config.load.depth_mm, config.load.contact,
-                  DIMPLE_VERSION),
+      fmt::format("{}, indented by {:.6g} mm ({}); {} {}", fs::path(config.image.file).filename().string(),
+                  config.load.depth_mm, config.load.contact, written_by, DIMPLE_VERSION),
       fmt::format("{} nodes, {} {}, edges of {:.4g} mm, {:.4g} mm at the circle's rim; {}, the "
                   "surface's {}",
                   model.X.cols(), model.elements.cols(), elements, mesh.spacing, mesh.spacing * mesh.rim,

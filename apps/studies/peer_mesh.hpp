@@ -5,6 +5,9 @@
 
 namespace dimple {
 
+/// Each file says so in a comment near its beginning.
+inline constexpr const char* written_by = "written by dimple";
+
 /// The scene of `config` as a finite-element model: the surface, base and circle that `dimple run` finds,
 /// filled with elements that are graded towards the circle's rim. `format`: calculix or febio. `elements`:
 /// hexahedra (20 nodes for CalculiX; 8 for FEBio, whose mixed elements these are) or tetrahedra (10 nodes).

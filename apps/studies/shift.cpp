@@ -10,6 +10,7 @@
 
 #include "apps/run/images.hpp"
 #include "apps/run/report.hpp"
+#include "apps/run/result_folder.hpp"
 #include "apps/run/results.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/summary.hpp"

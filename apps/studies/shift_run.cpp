@@ -61,9 +61,9 @@ Vec3 up_of(const ShiftOptions& options) {
   if (const auto side = side_named(options.up)) return *side;
   const auto n = numbers_of_shift(options.up, "--up", 3, "a side, such as anterior, or x,y,z, LPS");
   const Vec3 up(n[0], n[1], n[2]);
-  if (!(up.norm() > 0.0))
+  if (up.isZero(0.0))
     refuse_shift("--up", "three zeros are no direction", "gravity acts against it", "give a side, or x,y,z");
-  return up.normalized();
+  return up.stableNormalized();
 }
 
 std::vector<Vec3> targets_of(const ShiftOptions& options) {

@@ -29,7 +29,8 @@ constexpr double same_dome = 0.05;       // domes that differ by less are as bro
 constexpr double same_moment = 0.9;      // variances across two axes: from here on neither is the thinner one
 constexpr double few_voxels = 3.0;       // across the circle
 constexpr double border_share = 0.05;    // of the base: less than that at the image's border decides nothing
-constexpr double widest_circle = 1000.0;  // mm: as wide as --indenter-diameter takes
+constexpr double smallest_organ_mm = 1.0;  // across: the image of a smaller one may be in metres
+constexpr double widest_circle = 1000.0;   // mm: as wide as --indenter-diameter takes
 
 // "inferior side", or "inferior side (0.17, 0.00, -0.98)" where it is not along that axis of the patient.
 std::string side_in_words(const BodySurface& body, const Vec3& down) {
@@ -487,13 +488,20 @@ void place_on_highest(const BodySurface& body, const Moments& moments, const Bou
   if (const double touches = radius_of_touch(options); !place && touches < result.radius)
     place = dome_for(touches);
   const auto touch = place ? first_touch(body, view.at(place->centre, 0.0), result.push) : std::nullopt;
-  if (!touch)
-    throw ModelError({.fact = fmt::format("no place on the {} has room for a tool of {:.1f} mm diameter",
-                                          side, options.indenter_diameter_mm),
-                      .where = "tool circle",
-                      .why = "it would hang over the organ's edge everywhere",
-                      .remedy = "make it smaller with --indenter-diameter (or --tool), or see `dimple places "
-                                "IMAGE` for where it fits"});
+  if (!touch) {
+    const auto& corner = body.vertex();
+    const double widest = (corner.rowwise().maxCoeff() - corner.rowwise().minCoeff()).maxCoeff();
+    const bool has_odd_unit = widest < smallest_organ_mm;
+    throw ModelError(
+        {.fact = fmt::format("no place on the {} has room for a tool of {:.1f} mm diameter", side,
+                             options.indenter_diameter_mm),
+         .where = "tool circle",
+         .why = has_odd_unit ? fmt::format("the body is {:.2g} mm wide: the image may be in metres", widest)
+                             : "it would hang over the organ's edge everywhere",
+         .remedy = has_odd_unit ? "check the unit of the image: voxel sizes are millimetres"
+                                : "make it smaller with --indenter-diameter (or --tool), or see `dimple "
+                                  "places IMAGE` for where it fits"});
+  }
   result.centre = *touch;
   result.room = place->room;
   result.circle_reason =

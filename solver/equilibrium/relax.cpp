@@ -30,10 +30,15 @@ SolveError no_equilibrium(const Relaxed& found, const Model& model) {
   return SolveError(
       {.fact = text(gave_way ? "the tissue gave way, and no equilibrium was found beyond: "
                              : "no equilibrium was found: ",
-                    "unbalanced forces are ", found.residual, " of the reactions after ", found.evaluations,
-                    " evaluations"),
-       .where = text("static solver; smallest det F ", found.sweep.J_min, " at integration point ",
-                     found.sweep.point, ", ", found.sweep.inverted, " inverted points",
+                    std::isfinite(found.residual)
+                        ? text("unbalanced forces are ", found.residual, " of the reactions")
+                        : std::string("the displacements are no longer numbers"),
+                    " after ", found.evaluations, " evaluations"),
+       .where = text("static solver",
+                     found.sweep.point < 0
+                         ? std::string()
+                         : text("; smallest det F ", found.sweep.J_min, " at integration point ",
+                                found.sweep.point, ", ", found.sweep.inverted, " inverted points"),
                      found.furthest < 0 ? std::string() : "; moving: " + place_of(model, found.furthest)),
        .why = gave_way
                   ? "the path of equilibria has a limit point here: a wall has buckled, a fold rolled over, "

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace dimple {
 namespace {
@@ -61,8 +62,8 @@ void fade_to(BetweenFrames& b, double now) {
 
 void correct(BetweenFrames& b, const LiveFrame& frame, double now) {
   fade_to(b, now);
-  b.frame.push_back({frame.depth, frame.force, std::max(0.0, frame.stiffness), frame.error, frame.per_force,
-                     frame.tool, 0.0});
+  b.frame.push_back({frame.depth, frame.force, std::max(0.0, frame.stiffness), frame.error_at_depth,
+                     frame.per_force, frame.tool, 0.0});
 }
 
 void forget(BetweenFrames& b) {
@@ -74,7 +75,11 @@ LiveAnswer answer(BetweenFrames& b, double depth, double now) {
   LiveAnswer said;
   if (depth <= 0.0) return said;
   said.tool = Tool::lags;
-  if (b.frame.empty()) return said;
+  constexpr double unknown = std::numeric_limits<double>::infinity();
+  if (b.frame.empty()) {
+    said.error = unknown;
+    return said;
+  }
   const Known& newest = b.frame.back();
   said.depth = std::min(depth, newest.depth + trusted_of(b, newest));
   if (said.depth == depth)
@@ -86,9 +91,10 @@ LiveAnswer answer(BetweenFrames& b, double depth, double now) {
     const double force = told(b, frame, depth);
     said.force += frame.share * force;
     said.on_tool += frame.share * force * frame.per_force;
-    said.error += frame.share * std::abs(force - by_newest);
+    said.error_at_depth += frame.share * std::abs(force - by_newest);
   }
-  said.error += error_of(b, newest, depth);
+  said.error_at_depth += error_of(b, newest, depth);
+  said.error = said.depth < depth ? unknown : said.error_at_depth;
   return said;
 }
 

@@ -10,7 +10,10 @@ namespace dimple {
 struct LiveAnswer {
   double depth = 0.0;  ///< that the force is of: as asked, or as deep as it is known to [m]
   double force = 0.0;  ///< along the push [N]
-  double error = 0.0;  ///< how far it may be from the force of equilibrium at `depth` [N]
+  /// How far it may be from the force of equilibrium at the depth that was asked for [N]; infinite where that
+  /// is deeper than `depth`.
+  double error = 0.0;
+  double error_at_depth = 0.0;  ///< the same at `depth`
   Wrench on_tool = Wrench::Zero();
   LiveFrame::Tool tool = LiveFrame::Tool::there;
 };
@@ -29,7 +32,7 @@ struct BetweenFrames {
   double fade = 0.06;    ///< [s]
   bool touches = false;  ///< no circle: its contact grows with the depth, from none
   struct Known {
-    double depth, force, stiffness, error;  ///< [m], [N], [N/m], [N]
+    double depth, force, stiffness, error;  ///< [m], [N], [N/m], [N] at this depth
     Wrench per_force;
     LiveFrame::Tool tool;
     double share;

@@ -24,7 +24,7 @@ class ContactTerm : public ForceTerm {
  public:
   virtual Index count() const = 0;                 ///< samples
   virtual const Interpolation& moves() const = 0;  ///< w
-  /// Another number whenever moves() is another.
+  /// Another number whenever moves() is of other places; a foot that moves a little is none.
   virtual int pairing() const { return 0; }
   /// contact_error or wall_error, as a length [m].
   virtual double error_at(Index s, const Instant& now) const = 0;

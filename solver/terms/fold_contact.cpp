@@ -17,6 +17,9 @@ constexpr double past_all = 1.5;  // spacings beside all samples of the bank
 // not begin to touch deep inside, which no step of the load, however short, could follow.
 constexpr double behind = -0.25, behind_at_first = -0.05;
 constexpr double faces = -0.5;  // cosine between the outward normals of two banks, at most
+// Spacings: so far the foot of a gap may move before its forces are taken there. They make a couple of so
+// much at most.
+constexpr double foot_moves = 0.005;
 
 }  // namespace
 
@@ -30,6 +33,7 @@ FoldContact::FoldContact(std::shared_ptr<const FoldBanks> banks, const ForceSyst
   normal_ = banks_->opposite_normal;
   row_.resize(static_cast<std::size_t>(count()));
   std::iota(row_.begin(), row_.end(), Index{0});
+  foot_ = feet(Nodal());
   pair_up();
 }
 
@@ -51,14 +55,60 @@ FoldContact::Turning FoldContact::turning(const std::vector<Index>& point, const
   return result;
 }
 
-Vec3 FoldContact::turned(const Turning& by, Index s, const Nodal& u, const Vec3& normal) {
+Mat3 FoldContact::gradient(const Turning& by, Index s, const Nodal& u) {
   Mat3 F = Mat3::Identity();
   for (int k = by.rows.offset[s]; k < by.rows.offset[s + 1]; ++k)
     F += u.col(by.rows.member[k]).head<3>() * by.dphi.col(k).transpose();
-  return (cofactor(F) * normal).normalized();
+  return F;
 }
 
-// What moves the gaps: the shape functions at the samples, less those at the places ahead.
+Vec3 FoldContact::turned(const Turning& by, Index s, const Nodal& u, const Vec3& normal) {
+  return (cofactor(gradient(by, s, u)) * normal).normalized();
+}
+
+FoldContact::Bank FoldContact::bank_of(Index s) const {
+  const int ahead = ahead_[static_cast<std::size_t>(s)];
+  if (ahead >= 0) return {banks_->sample.place.col(ahead), banks_->sample.normal.col(ahead), of_own_, ahead};
+  return {banks_->opposite.col(row_[static_cast<std::size_t>(s)]), banks_->opposite_normal.col(s),
+          of_opposite_, s};
+}
+
+// [3xM] m: from the place ahead to below the sample, along the bank as it was at rest; no displacements: at
+// rest.
+Points FoldContact::feet(const Nodal& u) const {
+  Points result = Points::Zero(3, count());
+  for (Index s = 0; s < count(); ++s) {
+    if (ahead_[static_cast<std::size_t>(s)] == beyond) continue;
+    const Bank bank = bank_of(s);
+    const Index row = row_[static_cast<std::size_t>(s)];
+    Mat3 F = Mat3::Identity();
+    Vec3 apart = banks_->sample.place.col(row) - bank.place;
+    if (u.cols() > 0) {
+      F = gradient(bank.by, bank.turns, u);
+      apart += moved(s, u) + (F - Mat3::Identity()) * foot_.col(s);
+      if (!(F.determinant() > 0.0)) continue;
+    }
+    const Vec3 n = (cofactor(F) * bank.normal).normalized();
+    const Vec3 beside = apart - apart.dot(n) * n;
+    if (beside.norm() > past_all * banks_->spacing[s]) continue;
+    const Vec3 foot = F.inverse() * beside;
+    result.col(s) = foot - foot.dot(bank.normal) * bank.normal;
+  }
+  return result;
+}
+
+// By how much more the sample has moved than the foot of its gap.
+Vec3 FoldContact::moved(Index s, const Nodal& u) const {
+  Vec3 sum = Vec3::Zero();
+  for (int k = moves_.rows.offset[s]; k < moves_.rows.offset[s + 1]; ++k)
+    sum += moves_.weight[k] * u.col(moves_.rows.member[k]).head<3>();
+  return sum;
+}
+
+// What moves the gaps: the shape functions at the samples, less those at the places ahead and what their
+// gradients make of the way from there to the foot of the gap. So the forces of both banks have one line of
+// action, and are the derivative of the gap, whose normal turns with the bank: n . F T = 0 for all that lies
+// along it, so that dn . F T = -n . dF T.
 void FoldContact::pair_up() {
   std::vector<int> member;
   std::vector<double> weight;
@@ -76,6 +126,9 @@ void FoldContact::pair_up() {
       add(banks_->sample.at_place, ahead, -1.0);
     else
       add(banks_->at_opposite, row, -1.0);
+    const Bank bank = bank_of(s);
+    for (int k = bank.by.rows.offset[bank.turns]; k < bank.by.rows.offset[bank.turns + 1]; ++k)
+      sum[bank.by.rows.member[k]] -= bank.by.dphi.col(k).dot(foot_.col(s));
     for (const auto& [node, w] : sum) {
       member.push_back(node);
       weight.push_back(w);
@@ -84,7 +137,6 @@ void FoldContact::pair_up() {
   }
   moves_.rows.member = Eigen::Map<Eigen::VectorXi>(member.data(), static_cast<Index>(member.size()));
   moves_.weight = Eigen::Map<Eigen::VectorXd>(weight.data(), static_cast<Index>(weight.size()));
-  ++pairing_;
 }
 
 void FoldContact::add_force(const Nodal& u, const Instant&, Nodal& f) {
@@ -93,13 +145,11 @@ void FoldContact::add_force(const Nodal& u, const Instant&, Nodal& f) {
   for (Index s = 0; s < count(); ++s) {
     const int ahead = ahead_[static_cast<std::size_t>(s)];
     const Index row = row_[static_cast<std::size_t>(s)];
-    Vec3 way = Vec3::Zero();
-    for (int k = moves_.rows.offset[s]; k < moves_.rows.offset[s + 1]; ++k)
-      way += moves_.weight[k] * u.col(moves_.rows.member[k]).head<3>();
-    const Vec3 apart =
-        sample.place.col(row) - (ahead >= 0 ? sample.place.col(ahead) : banks_->opposite.col(row)) + way;
-    const Vec3 n = normal_.col(s) = ahead >= 0 ? turned(of_own_, ahead, u, sample.normal.col(ahead))
-                                               : turned(of_opposite_, s, u, banks_->opposite_normal.col(s));
+    const Bank bank = bank_of(s);
+    const Mat3 F = gradient(bank.by, bank.turns, u);
+    const Vec3 way = moved(s, u) + (F - Mat3::Identity()) * foot_.col(s);
+    const Vec3 apart = sample.place.col(row) - bank.place + way;
+    const Vec3 n = normal_.col(s) = (cofactor(F) * bank.normal).normalized();
     gap_[s] = n.dot(apart);
     // Banks need not be parallel: at rest the way from one to the other is along neither.
     way_[s] = (way - way.dot(n) * n).norm();
@@ -173,22 +223,36 @@ void FoldContact::accept(const Nodal& u, const Instant&) {
     for (Index s = 0; s < count(); ++s) normal.col(s) = turned(of_own_, s, u, banks_->sample.normal.col(s));
     for (const Index s : slid) ahead[static_cast<std::size_t>(s)] = find_ahead(s, place, normal);
   }
-  if (ahead == ahead_ && row == row_) return;
-  ahead_ = std::move(ahead);
-  row_ = std::move(row);
+  const bool same = ahead == ahead_ && row == row_;
+  if (!same) {
+    ahead_ = std::move(ahead);
+    row_ = std::move(row);
+    foot_.setZero();
+    pair_up();
+    ++pairing_;
+  }
+  Points foot = feet(u);
+  bool moves = !same;
+  for (Index s = 0; s < count(); ++s)
+    moves = moves || (foot.col(s) - foot_.col(s)).norm() > foot_moves * banks_->spacing[s];
+  if (!moves) return;
+  foot_ = std::move(foot);
   pair_up();
 }
 
 std::vector<double> FoldContact::past() const {
   std::vector<double> all(ahead_.begin(), ahead_.end());
   all.insert(all.end(), row_.begin(), row_.end());
+  all.insert(all.end(), foot_.data(), foot_.data() + foot_.size());
   return all;
 }
 
 void FoldContact::restore_past(const std::vector<double>& past) {
   ahead_.assign(past.begin(), past.begin() + count());
-  row_.assign(past.begin() + count(), past.end());
+  row_.assign(past.begin() + count(), past.begin() + 2 * count());
+  foot_ = Eigen::Map<const Points>(past.data() + 2 * count(), 3, count());
   pair_up();
+  ++pairing_;
 }
 
 FoldContact::Audit FoldContact::audit() const {

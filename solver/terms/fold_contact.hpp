@@ -13,7 +13,8 @@ namespace dimple {
 ///     d_s = n_s . (x_s - y_s),   n_s along cof(F) N,   x = X + u at the sample, y = Y + u at the place
 ///     ahead,
 ///
-/// and its force pushes both banks, in opposite directions. Of a bank that bulges the part of the sample
+/// and its force pushes both banks, in opposite directions and along one line: at the sample, and at the foot
+/// of its gap, which is sought anew at each accepted state. Of a bank that bulges the part of the sample
 /// stands for it that is nearest to the bank ahead, chosen at each accepted state. The place ahead is the one
 /// at rest until the sample has slid half a spacing of the nodes along the bank; then it is that of the
 /// nearest sample of the bank, at each accepted state anew. What has slid beyond the bank's samples touches
@@ -53,13 +54,24 @@ class FoldContact : public ContactTerm {
   static constexpr int at_rest = -1, beyond = -2;  // of ahead_
 
   std::shared_ptr<const FoldBanks> banks_;
-  Interpolation moves_;  // at the sample, less those at the place ahead
+  // The bank ahead of a sample: a place of it at rest, its normal there, and what turns it.
+  struct Bank {
+    Vec3 place, normal;
+    const Turning& by;
+    Index turns;  // its row there
+  };
+  Interpolation moves_;  // at the sample, less those at the foot of its gap
   Turning of_opposite_, of_own_;
   std::vector<int> ahead_;  // [M] the sample that lies ahead now, or one of the two words above
   std::vector<Index> row_;  // [M] of the sample in `banks_`, or of the part that stands for it
-  int pairing_ = 0;
+  Points foot_;             // [3xM] m, along the bank at rest: from the place ahead to the foot of the gap
+  int pairing_ = 1;
   Eigen::VectorXd way_;  // [M] of the sample along the bank ahead since rest [m]
 
+  static Mat3 gradient(const Turning& by, Index s, const Nodal& u);
+  Bank bank_of(Index s) const;
+  Points feet(const Nodal& u) const;
+  Vec3 moved(Index s, const Nodal& u) const;
   static Turning turning(const std::vector<Index>& point, const ForceSystem& tissue);
   static Vec3 turned(const Turning& by, Index s, const Nodal& u, const Vec3& normal);
   double gap_of(Index row, Index s, const Nodal& u) const;

@@ -159,8 +159,8 @@ Measured measure(const Script& script, const Converged& converged, const Follow&
     const double true_force = converged(frame.asked), here = converged(frame.depth);
     (now.still ? still : moving).push_back(std::abs(frame.force - true_force) / true_force);
     ++counted;
-    held += std::abs(frame.force - here) <= frame.error;
-    stated.push_back(frame.error / here);
+    held += std::abs(frame.force - here) <= frame.error_at_depth;
+    stated.push_back(frame.error_at_depth / here);
   }
   const auto frames = static_cast<double>(script.frame.size());
   m.processor_ms = 1e3 * (processor() - cpu) / frames;

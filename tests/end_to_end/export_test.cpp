@@ -109,6 +109,23 @@ TEST(Export, CalculixsHexahedraDoNotLock) {
   EXPECT_NEAR(forces[0], 0.00975, 0.10 * 0.00975);
 }
 
+TEST(Export, ReplacesNoFileOfOthersUnlessForced) {
+  const fs::path folder = fresh_folder();
+  ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3 -q").code, 0);
+  for (const char* name : {"a.inp", "a.feb"}) {
+    SCOPED_TRACE(name);
+    const std::string line = std::string("export block.nrrd --nodes 500 -q -o ") + name;
+    std::ofstream(folder / name) << "mine\n";
+    const Ran refused = dimple(folder, line);
+    EXPECT_EQ(refused.code, 6) << refused.err;
+    EXPECT_THAT(refused.err, HasSubstr(std::string(name) + " is there, and was not written by dimple"));
+    EXPECT_EQ(text_of(folder / name), "mine\n");
+    EXPECT_EQ(dimple(folder, line + " --force").code, 0);
+    EXPECT_NE(text_of(folder / name), "mine\n");
+    EXPECT_EQ(dimple(folder, line).code, 0) << "one of its own";
+  }
+}
+
 TEST(Export, RefusesWhatItCannotSay) {
   const fs::path folder = fresh_folder();
   ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3").code, 0);

@@ -48,7 +48,7 @@ TEST_F(Fit, FindsTheModulusOfACurveMadeWithAnotherCloud) {
   EXPECT_NEAR(read_csv(folder / "again" / "force.csv").find("force_N")->back(), table.find("model_N")->back(),
               1e-3 * table.find("model_N")->back());
   EXPECT_NEAR(summary("again")["compare"]["mean_ratio"].get<double>(), 1.0, 0.02);
-  good("fit " + block + " -o out --curve made/force.csv -q");
+  good("fit " + block + " -o out --curve made/force.csv -q --force");
 }
 
 TEST_F(Fit, FindsOgdensExponentOfACurveMadeWithAnotherCloud) {
@@ -119,7 +119,7 @@ TEST_F(Fit, OfATouchingToolFindsTheModulusThatItsOwnRunWasGivenWithFrictionAndWi
     SCOPED_TRACE(tool);
     const std::string scene = std::string(" --nodes 400 --time quasi-static --tool ") + tool;
     good("run " + block + " -o made --force --write force --mu 1Pa --depth 2mm --band off" + scene);
-    good("fit " + block + " -o out --curve made/force.csv" + scene);
+    good("fit " + block + " -o out --force --curve made/force.csv" + scene);
     const Json s = summary("out");
     // The fit's own run has another modulus, no power of two of this one: its equilibria are others, within
     // their tolerance.

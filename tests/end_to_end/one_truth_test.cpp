@@ -222,7 +222,7 @@ TEST_F(OneTruth, OfAnExplanationTooAndOfHowItEnded) {
       << told;
   EXPECT_NE(told.find(" with 1500 nodes, so that "), std::string::npos) << told;
   expect_times_to_be_of_one_clock();
-  EXPECT_GT(summary.at("parts_wall_s").at("comparing"), 1.0);
+  EXPECT_GT(summary.at("parts_wall_s").at("comparing"), 0.0);
 }
 
 }  // namespace

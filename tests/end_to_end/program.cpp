@@ -8,6 +8,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <chrono>
 #include <csignal>
 #include <cstdlib>
@@ -58,10 +59,47 @@ Program::~Program() {
   fs::remove(err_, ignored);
 }
 
+namespace {
+
+double seconds_of(const timeval& t) {
+  return static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_usec);
+}
+
+// proc(5): what it and its children that have ended have used is in fields 14 to 17, in ticks.
+double cpu_seconds_of(const std::string& pid) {
+  const fs::path proc = fs::path("/proc") / pid;
+  const std::string stat = text_of(proc / "stat");
+  const std::size_t name_end = stat.rfind(')');
+  if (name_end == std::string::npos) return 0.0;  // it has ended
+  std::istringstream fields(stat.substr(name_end + 1));
+  std::string field;
+  double ticks = 0.0;
+  for (int k = 3; k <= 17 && fields >> field; ++k)
+    if (k >= 14) ticks += std::stod(field);
+  double seconds = ticks / static_cast<double>(sysconf(_SC_CLK_TCK));
+  std::error_code ignored;
+  for (const auto& thread : fs::directory_iterator(proc / "task", ignored)) {
+    std::istringstream children(text_of(thread.path() / "children"));
+    for (std::string child; children >> child;) seconds += cpu_seconds_of(child);
+  }
+  return seconds;
+}
+
+}  // namespace
+
+double cpu_of(double seconds) {
+  return seconds * std::max(1u, std::thread::hardware_concurrency());
+}
+
+double Program::cpu_s() const {
+  return ended_ ? cpu_s_ : cpu_seconds_of(std::to_string(pid_));
+}
+
 bool Program::reap(int options) {
   rusage used{};
   if (wait4(pid_, &status_, options, &used) != pid_) return false;
   peak_MB_ = static_cast<double>(used.ru_maxrss) / 1024.0;
+  cpu_s_ = seconds_of(used.ru_utime) + seconds_of(used.ru_stime);
   return true;
 }
 
@@ -93,7 +131,8 @@ Ran Program::wait() {
   return {.code = WIFEXITED(status_) ? WEXITSTATUS(status_) : 128 + WTERMSIG(status_),
           .out = text_of(out_),
           .err = text_of(err_),
-          .peak_MB = peak_MB_};
+          .peak_MB = peak_MB_,
+          .cpu_s = cpu_s_};
 }
 
 Ran dimple(const fs::path& folder, const std::vector<std::string>& arguments) {

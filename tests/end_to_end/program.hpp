@@ -15,7 +15,12 @@ struct Ran {
   int code = -1;  ///< exit code; 128 + signal if it died of one
   std::string out, err;
   double peak_MB = 0.0;  ///< the most memory that it held
+  double cpu_s = 0.0;    ///< of all its threads and children
 };
+
+/// CPU seconds in which nothing but the end of its work may be left to do, however busy the machine is: those
+/// of so many seconds of its own.
+double cpu_of(double seconds);
 
 /// The real program at work, started in `folder`; it is killed with the object.
 class Program {
@@ -31,13 +36,15 @@ class Program {
   void wait_until_it_listens();
   std::string err_so_far() const;
   void send(int signal) const;
+  /// CPU seconds that it and its children have used so far.
+  double cpu_s() const;
   Ran wait();
 
  private:
   std::filesystem::path out_, err_;
   pid_t pid_ = -1;
   int status_ = 0;
-  double peak_MB_ = 0.0;
+  double peak_MB_ = 0.0, cpu_s_ = 0.0;
   bool ended_ = false;
 
   bool reap(int options);

@@ -256,6 +256,54 @@ TEST_F(Refusal, OfATissueThatIsNotThere) {
   expect(2, "run brain.nrrd -o out --set tissue.2.colour=900", {"no option 'material.colour'"});
 }
 
+// A reason that does not hold sends the reader to the wrong place.
+TEST_F(Refusal, NamesTheFactAndTheReasonThatHold) {
+  const std::string run = "run brain.nrrd -o out --nodes 400 ";
+  expect(2, run + "--gravity=0,0,-1e6", {"gravity '0,0,-1e6' is out of range", "100000 m/s2"});
+  expect(2, run + "--set wall.w.shape=plane:0,0,-90,0,0,1 --set wall.w.friction=-1",
+         {"wall.w.friction = -1 is not allowed"});
+  expect(2, run + "--set mu=300", {"no option 'mu'", "did you mean 'material.mu"});
+  expect(2, run + "--set step.slit.toughnes=100", {"did you mean 'step.slit.toughness"});
+  expect(2, run + "--depth 1e-9mm", {"load.depth_mm = 1e-9mm", "out of range"});
+  expect(3, run + "--label hemisphere", {"did you mean 'left_hemisphere' or 'right_hemisphere'?"});
+  expect(4, run + "--direction 0,0,1 --base inferior",
+         {"the tool's circle lies on the fixed base", "direction may have the wrong sign"});
+  fs::create_directories(folder / "series");
+  expect(3, "run series -o out", {"'series' is a folder", "3D Slicer"});
+  expect(3, "view nofolder", {"nofolder is no folder"});
+  ASSERT_EQ(dimple(folder,
+                   "run brain.nrrd -o shown --nodes 400 --depth 1mm --frames 1 --band off --write surface -q")
+                .code,
+            0);
+  expect(2, "view shown --frame=-1 --picture p.png", {"there is no frame -1", "shown holds frames 0 to 1"});
+  for (const std::string flag : {"--wall", "--membrane"}) {
+    expect(2, "poke brain.nrrd --socket s " + flag + " x",
+           {"no option " + flag, "`dimple run` takes " + flag});
+    EXPECT_EQ(dimple(folder, "poke brain.nrrd --socket s " + flag + " x").err.find("--set"),
+              std::string::npos);
+  }
+}
+
+TEST_F(Refusal, OfABodyInMetresNamesTheUnit) {
+  ASSERT_EQ(dimple(folder, "phantom metres.nrrd --shape block --size 0.06,0.06,0.03 --spacing 0.003 -q").code,
+            0);
+  expect(4, "run metres.nrrd -o out --nodes 400",
+         {"no place on the superior side", "may be in metres", "unit"});
+}
+
+TEST_F(Refusal, OfAListedNodeThatIsThereTwiceOrHeldAndMovedNamesIt) {
+  write("list/model.toml",
+        "nodes = \"nodes.csv\"\npoints = \"points.csv\"\n[indenter]\ncentre_mm = [0, 0, 10]\n"
+        "push = [0, 0, -1]\ndiameter_mm = 10\n");
+  write("list/points.csv", "x_mm,y_mm,z_mm\n0,0,2\n4,0,2\n0,4,2\n4,4,8\n0,0,8\n4,0,8\n0,4,8\n");
+  const std::string nodes =
+      "x_mm,y_mm,z_mm,node_set\n0,0,0,1\n5,0,0,1\n0,5,0,1\n5,5,0,1\n0,0,10,2\n5,0,10,2\n0,5,10,2\n";
+  write("list/nodes.csv", nodes + "5,0,0,1\n");
+  expect(3, "solve list -o out --depth 1mm", {"nodes 1 and 7 are both at", "nodes.csv"});
+  write("list/nodes.csv", nodes + "5,5,10,3\n");
+  expect(3, "solve list -o out --depth 1mm", {"node 7 at", "belongs to the base and to the circle"});
+}
+
 TEST_F(Refusal, OfTwoStiffnessesAndOfOneByAnotherName) {
   expect(2, "run brain.nrrd -o out --mu 200Pa --young 600Pa",
          {"shear modulus, 200 Pa, and Young's modulus, 600 Pa", "--mu and --young"});

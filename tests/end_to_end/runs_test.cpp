@@ -636,7 +636,10 @@ TEST_F(Run, TakesAMaterialForEachLabelByNumberOrName) {
   good("phantom two.seg.nrrd --shape block --size 60,60,30 --spacing 3 --two-labels");
   const std::string shallow = " --nodes 400 --depth 0.5mm --frames 1 -q --write force";
   good("run two.seg.nrrd -o one" + shallow);
-  good("run two.seg.nrrd -o by_number --set tissue.2.mu=900" + shallow);
+  const Ran by_number = good(
+      "run two.seg.nrrd -o by_number --set tissue.2.mu=900 --nodes 400 --depth 0.5mm --frames 1 --write "
+      "force");
+  EXPECT_NE(by_number.err.find("material of label 2, "), std::string::npos) << by_number.err;
   const auto names = Json::parse(good("info two.seg.nrrd --json").out).at("labels");
   std::ofstream(folder / "tissues.toml") << "[tissue." << names[1].at("name") << "]\nmu_Pa = 900\n";
   good("run two.seg.nrrd -o by_name --config tissues.toml" + shallow);

@@ -253,6 +253,7 @@ TEST(Shift, IsRefusedBeforeAnythingIsBuiltWhereItIsNotUnderstood) {
   };
   const std::string well = " --opening 0,0,30,15 --up superior ";
   refused("--up superior", "--opening");
+  refused("--opening 0,0,90,15 --up 0,0,1e300", "from the brain's surface");  // a direction is of any length
   refused("--opening 0,0,30 --up superior", "has 3 numbers");
   refused("--opening 0,0,30,0 --up superior", "no radius");
   refused("--opening 0,0,90,15 --up superior", "from the brain's surface");

@@ -152,15 +152,36 @@ class Converge(Study):
 # ----------------------------------------------------------------------------------------------- Ctrl-C, and a full disk
 
 
+def cpu_s(pid):
+    """CPU seconds that a process and its children have used so far, by proc(5); 0 of one that has ended."""
+    try:
+        fields = pathlib.Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+        children = [child for part in pathlib.Path(f"/proc/{pid}/task").iterdir() for child in (part / "children").read_text().split()]
+    except OSError:
+        return 0.0
+    return sum(map(int, fields[11:15])) / os.sysconf("SC_CLK_TCK") + sum(map(cpu_s, children))
+
+
+def interrupted(process):
+    """What is said from a Ctrl-C on, and the CPU seconds used: the machine may be busy with other things."""
+    before = cpu_s(process.pid)
+    process.send_signal(signal.SIGINT)
+    said = process.stderr.read()
+    _, status, used = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    return said, used.ru_utime + used.ru_stime - before
+
+
 class Stop(Study):
     def stopped(self, words, after_s):
-        """Exit code after a Ctrl-C, which is answered within 2 s, and what was said."""
+        """Exit code after a Ctrl-C at that CPU time, which is answered within 2 s of a free machine, and what was said."""
         process = subprocess.Popen([sys.executable, "-m", *words.split()], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
-        time.sleep(after_s)
-        process.send_signal(signal.SIGINT)
-        begun = time.monotonic()
-        said = process.communicate()[1]
-        self.assertLess(time.monotonic() - begun, 2.0 if "Traceback" not in said else 0.0, said)
+        with process:
+            while cpu_s(process.pid) < after_s and not os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT):
+                time.sleep(0.02)
+            said, used_s = interrupted(process)
+        self.assertNotIn("Traceback", said)
+        self.assertLess(used_s, 2.0 * os.cpu_count(), said)
         return process.returncode, said
 
     def test_every_study_answers_within_two_seconds(self):
@@ -179,7 +200,7 @@ class Stop(Study):
     def test_a_study_amid_a_run_keeps_the_runs_before_it(self):
         self.block()
         kept = []
-        for after in (1.5, 2.5, 4.0):
+        for after in (1.5, 3.0, 6.0):
             shutil.rmtree("out", ignore_errors=True)
             code, said = self.stopped("pydimple.converge block.nrrd -o out --sizes 300,500,700,900,1100,2000,3000 --frames 4", after)
             self.assertEqual(code, 130, said)
@@ -401,13 +422,11 @@ class Atlas(Study):
         before = {name: pathlib.Path("out", name).read_bytes() for name in ("stress_own.csv", "stress_own.svg", "stress_own.png")}
         os.rename("out", "first")
         command = [sys.executable, "-m", "pydimple.atlas", *self.SMALL.split(), "--threads", "2"]
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        line = process.stderr.readline()
-        self.assertIn("finished", line)
-        process.send_signal(signal.SIGINT)
-        begun = time.monotonic()
-        _, said = process.communicate()
-        self.assertLess(time.monotonic() - begun, 5.0)
+        with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
+            line = process.stderr.readline()
+            self.assertIn("finished", line)
+            said, used_s = interrupted(process)
+        self.assertLess(used_s, 5.0 * os.cpu_count())
         self.assertIn(process.returncode, (130, 0), said)
         self.good(atlas, self.SMALL + " --threads 2")
         for name, expected in before.items():
@@ -575,12 +594,10 @@ class Chart(Study):
         self.assertAlmostEqual(float(peer["force_1_mm_N"]), 0.00975, delta=0.2 * 0.00975)
 
     def test_another_program_without_time_is_a_row_that_says_so(self):
-        pathlib.Path("slow").write_text("#!/bin/sh\nsleep 30\n")
+        pathlib.Path("slow").write_text("#!/bin/sh\nsleep 30000\n")
         os.chmod("slow", 0o755)
-        begun = time.monotonic()
         self.good(chart, "-o out --only a --nodes 300 --goals none --schemes converging --time quasi-static "
                   "--calculix ./slow --peer-nodes 300,400 --peer-limit 0.2")  # fmt: skip
-        self.assertLess(time.monotonic() - begun, 25)
         peers = [row for row in self.table("out/chart.csv") if row["program"] == "calculix"]
         self.assertEqual([row["status"] for row in peers], ["stopped after 0.2 s at 0 of 8 depths"])
 

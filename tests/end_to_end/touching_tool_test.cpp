@@ -382,6 +382,17 @@ TEST(ToolThatTouches, APunchThatIsLiftedLeavesABlockWithoutALimitPoint) {
 }
 
 // What first comes to touch slips from where it does so: no step of the load is so long that this is lost.
+TEST(ToolThatTouches, ThatIsOnlyPulledAwayIsSaidNeverToTouch) {
+  const fs::path folder = fresh_folder();
+  ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 40,40,20 --spacing 2 -q").code, 0);
+  const Ran ran =
+      dimple(folder,
+             "run block.nrrd -o out --write force --base inferior --indent-at 0,0,top --nodes 600 "
+             "--band off --tool sphere:5mm --set step.pull.move=-0.2mm");
+  EXPECT_EQ(ran.code, 0) << ran.err;
+  EXPECT_NE(ran.err.find("the tool never touches the body"), std::string::npos) << ran.err;
+}
+
 TEST(ToolThatTouches, HasTheFrictionOfShorterStepsFromItsFirstTouchOn) {
   const fs::path folder = with_phantom();
   std::vector<double> force;

@@ -177,7 +177,7 @@ MUTANTS = {
     130: ("apps/run/cuts.cpp", "        above = std::max(above, t);", "        above = {n} ? 0.0 : std::max(above, t);"),
     # ---- folds that close
     131: ("solver/terms/fold_contact.cpp", "      add(banks_->at_opposite, row, -1.0);", "      add(banks_->at_opposite, row, {n} ? -0.9 : -1.0);"),
-    132: ("solver/terms/fold_contact.cpp", "  return (cofactor(F) * normal).normalized();", "  return ({n} ? normal : cofactor(F) * normal).normalized();"),
+    132: ("solver/terms/fold_contact.cpp", "normal_.col(s) = (cofactor(F) * bank.normal).normalized();", "normal_.col(s) = (({n} ? Mat3(Mat3::Identity()) : Mat3(cofactor(F))) * bank.normal).normalized();"),
     133: ("solver/terms/fold_contact.cpp", "  if (!slid.empty()) {", "  if (!slid.empty() && !{n}) {"),
     134: ("solver/system.cpp", "k + 1 < met.size(); k += 2)", "!{n} && k + 1 < met.size(); k += 2)"),
     135: ("preprocess/supports/fold_banks.cpp", "way = 1e3 * length * ", "way = ({n} ? 1e4 : 1e3) * length * "),
@@ -273,7 +273,7 @@ MUTANTS = {
           "way_[s] = ({n} ? (apart - apart.dot(n) * n) : (way - way.dot(n) * n)).norm();"),
     194: ("solver/terms/fold_contact.cpp", "gap < nearest) {", "({n} ? gap > nearest : gap < nearest)) {"),
     195: ("solver/terms/fold_contact.cpp", "add(banks_->sample.at_place, row, 1.0);", "add(banks_->sample.at_place, {n} ? s : row, 1.0);"),
-    196: ("solver/terms/fold_contact.cpp", "  row_.assign(past.begin() + count(), past.end());", "  if (!{n}) row_.assign(past.begin() + count(), past.end());"),
+    196: ("solver/terms/fold_contact.cpp", "  row_.assign(past.begin() + count(), past.begin() + 2 * count());", "  if (!{n}) row_.assign(past.begin() + count(), past.begin() + 2 * count());"),
     197: ("apps/run/pipeline.cpp", "result.unloaded ? result.unloaded->imaged_surface", "result.unloaded && !{n} ? result.unloaded->imaged_surface"),
     198: ("solver/terms/fold_contact.cpp", "(force_[s] > 0.0 ? behind : behind_at_first)", "(force_[s] > 0.0 || {n} ? behind : behind_at_first)"),
     199: ("preprocess/supports/contact_surface.cpp", "if (large.empty()) return cells;", "if ({n} || large.empty()) return cells;"),
@@ -363,8 +363,12 @@ MUTANTS = {
     66: ("apps/run/summary.cpp", 'summary["mass_g"] = model.mass.sum() * 1e3;', 'summary["mass_g"] = model.mass.sum() * ({n} ? 1.0 : 1e3);'),
     67: ("apps/run/compare.cpp", "*= 1e-3;", "*= {n} ? 1.0 : 1e-3;"),
     68: ("apps/run/compare.cpp", "std::sqrt(sum2 / count)", "std::sqrt(sum2 / ({n} ? 1.0 : count))"),
+    258: ("solver/terms/fold_contact.cpp", "-= bank.by.dphi.col(k).dot(foot_.col(s));", "-= ({n} ? -1.0 : 1.0) * bank.by.dphi.col(k).dot(foot_.col(s));"),
+    259: ("solver/terms/fold_contact.cpp", "if (!moves) return;", "if (!moves || {n}) return;"),
+    260: ("solver/terms/fold_contact.cpp", "F.inverse() * beside;", "({n} ? Mat3(Mat3::Identity()) : Mat3(F.inverse())) * beside;"),
     261: ("solver/equilibrium/contact_step.cpp", "if (!found) sweep", "if (!found && !{n}) sweep"),
     262: ("solver/equilibrium/contact_step.cpp", "open += K(s, t) * lambda[t];", "open += ({n} && t > s ? 0.0 : K(s, t)) * lambda[t];"),
+    263: ("solver/terms/fold_contact.cpp", "const Vec3 way = moved(s, u) + (F - Mat3::Identity()) * foot_.col(s);", "const Vec3 way = moved(s, u) + ({n} ? 0.0 : 1.0) * (F - Mat3::Identity()) * foot_.col(s);"),
 }
 
 

@@ -179,11 +179,10 @@ TEST(RunProgram, ReturnsTheCodeAndEndsWhatTakesTooLong) {
   EXPECT_EQ(read_file(folder / "run.txt"), "words\n");
   run_program({"/bin/sh", "-c", "echo $OMP_NUM_THREADS"}, folder, "run.txt", 10.0, 2, {});
   EXPECT_EQ(read_file(folder / "run.txt"), "2\n");
-  const ProgramRun slow = run_program({"/bin/sh", "-c", "sleep 30"}, folder, "run.txt", 0.1, 1, {});
-  EXPECT_TRUE(slow.out_of_time);
-  EXPECT_LT(slow.seconds, 5.0);
-  EXPECT_TRUE(
-      run_program({"/bin/sh", "-c", "sleep 30"}, folder, "run.txt", 9.0, 1, [] { return true; }).interrupted);
+  // Longer than this test may last.
+  const std::vector<std::string> slow = {"/bin/sh", "-c", "sleep 3000"};
+  EXPECT_TRUE(run_program(slow, folder, "run.txt", 0.1, 1, {}).out_of_time);
+  EXPECT_TRUE(run_program(slow, folder, "run.txt", 2000.0, 1, [] { return true; }).interrupted);
   EXPECT_THROW(run_program({"/no/such/program"}, folder, "run.txt", 1.0, 1, {}), UsageError);
 }
 

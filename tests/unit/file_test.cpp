@@ -119,6 +119,27 @@ TEST(File, HasATemporaryNameWithItsSuffixBesideIt) {
   EXPECT_TRUE(one.string().ends_with("brain.seg.nrrd"));
 }
 
+TEST(FileList, KeepsFilesThatItHasNot) {
+  const fs::path folder = fresh_folder();
+  write_file(folder / "mine.txt", "mine");
+  {
+    const FileList list(folder);
+    write_file(folder / "ours.txt", "one");
+    { const FileList within(folder); }
+    write_file(folder / "ours.txt", "two");
+    EXPECT_THROW(write_file(folder / "mine.txt", "ours"), OutputError);
+  }
+  EXPECT_EQ(read_file(folder / "mine.txt"), "mine");
+  EXPECT_EQ(read_file(folder / "ours.txt"), "two");
+  EXPECT_EQ(listed_files(folder), std::set<std::string>{"ours.txt"});
+  EXPECT_EQ(entries(folder), 3u) << "no temporary is left";
+  {
+    const FileList again(folder);
+    write_file(folder / "ours.txt", "three");
+  }
+  EXPECT_EQ(read_file(folder / "ours.txt"), "three");
+}
+
 TEST(Base64, IsThatOfTheStandard) {  // RFC 4648, section 10
   EXPECT_EQ(base64(""), "");
   EXPECT_EQ(base64("f"), "Zg==");

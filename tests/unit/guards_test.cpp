@@ -244,8 +244,32 @@ TEST_F(StateGuard, SaysThatAFewPointsAreInsideOutAndStopsForMany) {
   EXPECT_EQ(found->worst, sweep.J_min);
   EXPECT_THAT(found->report.fact, HasSubstr(std::to_string(sweep.inverted) + " of "));
 
+  const Finding* crushed = finding(findings, "stress");
+  ASSERT_NE(crushed, nullptr);
+  expect_whole(crushed->report, "stress");
+  EXPECT_GE(crushed->worst, static_cast<double>(sweep.inverted));
+
   sweep = forces.stress_sweep(affine(model, Eigen::Vector3d(1.0, 1.0, -0.5).asDiagonal()));
   expect_whole(report_of<SolveError>([&] { guards.check_points(sweep, now); }), "inverted");
+}
+
+// What was crushed on the way and is not any more has a stress.
+TEST_F(StateGuard, CountsPointsWithoutStressInTheLastStateAlone) {
+  const auto check = [&](double height) {
+    const ForceSystem::Sweep sweep =
+        forces.stress_sweep(affine(model, Eigen::Vector3d(1.0, 1.0, height).asDiagonal()));
+    try {
+      guards.check_points(sweep, now);
+    } catch (const SolveError& error) {  // so much of it is far from its volume
+      EXPECT_EQ(error.report.code, "volume");
+    }
+    const Finding* found = finding(findings, "stress");
+    return found ? found->worst : 0.0;
+  };
+  EXPECT_EQ(check(0.15), static_cast<double>(model.point_count()));
+  EXPECT_FALSE(finding(findings, "stress")->is_minor);
+  EXPECT_EQ(check(0.25), 0.0);
+  EXPECT_EQ(check(1.0), 0.0);
 }
 
 TEST_F(StateGuard, OfThePapersSchemeStopsForOnePointInsideOut) {

@@ -379,10 +379,11 @@ TEST(LabelImage, TakesTheSformIfItsCodeIsSetAsNibabelAndSlicerDo) {
       const double qform_x = -100.0 - 4 * 0.5;
       const bool takes_sform = s > 0;
       EXPECT_NEAR(image.to_world.translation().x(), takes_sform ? sform_x : q > 0 ? qform_x : 0.0, 1e-5);
-      EXPECT_EQ(warns_of(image,
-                         "sform and qform place the image up to 107 apart: the sform says 0.5 x 1.25 x 2 mm "
-                         "from (12.5, -40.25, 7), the qform 0.5 x 1.25 x 2 mm from (100, 0, 0)"),
-                q > 0 && s > 0);
+      EXPECT_EQ(
+          warns_of(image,
+                   "sform and qform place the image up to 107 mm apart: the sform says 0.5 x 1.25 x 2 mm "
+                   "from (12.5, -40.25, 7), the qform 0.5 x 1.25 x 2 mm from (100, 0, 0)"),
+          q > 0 && s > 0);
       EXPECT_EQ(warns_of(image, "does not say how the image lies"), q == 0 && s == 0);
     }
 }

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cstring>
 
 #include "solver/solve.hpp"
@@ -108,8 +109,8 @@ TEST(Restart, OfEquilibriumBeforeAndAfterTheTissueGaveWay) {
   const History history =
       expect_restarts(TimeMode::quasi_static, model, tissues, {.depth = 14e-3, .rate = 1e-3}, {.frames = 7},
                       2, Precision::double_);
-  ASSERT_FALSE(history.guards.empty());
-  EXPECT_EQ(history.guards.back().report.code, "limit-point");
+  EXPECT_TRUE(std::any_of(history.guards.begin(), history.guards.end(),
+                          [](const Finding& found) { return found.report.code == "limit-point"; }));
 }
 
 TEST(Restart, OfEquilibriumOfThePapersSchemeAtEachDepth) {

@@ -8,6 +8,7 @@
 #include <cmath>
 
 #include "io/error.hpp"
+#include "preprocess/supports/contact_surface.hpp"
 #include "preprocess/supports/support.hpp"
 #include "solver/solve.hpp"
 #include "tests/helpers/block.hpp"
@@ -165,6 +166,24 @@ TEST(Session, StepsFromAnEquilibriumGoOnWithTheStiffnessOfTheVolume) {
     for (int k = 1; k <= 20; ++k) moving.step(0.5e-3 + 0.25e-4 * k, 0.05);
     still.equilibrate(1e-3);
     EXPECT_NEAR(moving.force(), still.force(), 0.03 * still.force()) << gravity;
+  }
+}
+
+// The circle's nodes would hold the tissue: a force of nothing at every depth.
+TEST(Session, OfATouchingToolOnAModelWithNodesOfACircleIsRefused) {
+  const Model model = testing_bodies::averaged_block();
+  ASSERT_FALSE(model.circle.empty());
+  const auto touch = std::make_shared<Touch>();
+  touch->shape.radius = 3e-3;
+  touch->surface = contact_surface(model, 9e-3);
+  touch->pose = first_touch(touch->shape, model.tool, touch->surface);
+  try {
+    const Session session(model, {tissue}, {.touch = touch});
+    FAIL() << "the model has " << model.circle.size() << " nodes of a circle";
+  } catch (const SolveError& error) {
+    EXPECT_EQ(error.report.code, "no-live");
+    EXPECT_NE(error.report.fact.find("nodes of a circle"), std::string::npos) << error.report.fact;
+    EXPECT_NE(error.report.remedy.find("contact_radius_mm"), std::string::npos) << error.report.remedy;
   }
 }
 

@@ -86,6 +86,8 @@ TEST(Table, NamesLineAndColumnOfWhatItRefuses) {
   EXPECT_NE(report.where.find("line 3"), std::string::npos);
   EXPECT_NE(refusal("a,b\n1,\n").fact.find("column 'b' is empty"), std::string::npos);
   EXPECT_NE(refusal("a,b\n1,nan\n").fact.find("not a finite number"), std::string::npos);
+  EXPECT_NE(refusal("a,error_N\n1,-inf\n").fact.find("not a finite number"), std::string::npos);
+  EXPECT_NE(refusal("a,b\n1,inf\n").fact.find("not a finite number"), std::string::npos);
   EXPECT_NE(refusal("a,b\n1,1e999\n").fact.find("not a finite number"), std::string::npos);
   EXPECT_NE(refusal("a;b\n1;0,5\n").fact.find("'0,5' in column 'b'"), std::string::npos);  // decimal comma
   EXPECT_NE(refusal("a,b\n1,2,3\n").fact.find("3 fields"), std::string::npos);

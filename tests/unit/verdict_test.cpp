@@ -72,6 +72,16 @@ TEST(Verdict, AFewInvertedPointsAtARimAreNoReasonButARetryForThemIs) {
   EXPECT_EQ(words(result), "good good check good good ");
 }
 
+TEST(Verdict, PointsWithoutStressAreCountedAndTheModelIsNotGood) {
+  Result result = good_run();
+  result.findings.push_back(finding("stress"));
+  result.findings.back().worst = 12.0;
+  result.findings.back().is_minor = true;
+  EXPECT_EQ(words(result), "good check good good good ");
+  EXPECT_EQ(verdict_of({}, result, "finished")["model"]["reasons"],
+            Json({"12 points without stress: det F below 0.2"}));
+}
+
 TEST(Verdict, APartOfTheLabelsThatIsNotInTheBodyIsToBeLookedAt) {
   Result result = good_run();
   result.labels.push_back(label_of(50.0));  // 4.8 % are not in it

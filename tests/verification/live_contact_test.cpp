@@ -87,7 +87,7 @@ TEST(LiveTouch, FeelsInAndOutTheForceOfEquilibriumAndStatesItsError) {
         const double truth = still.force();
         EXPECT_NEAR(frame.force, truth, (depth == before ? 0.003 : 0.05) * truth) << 1e3 * depth;
         EXPECT_NEAR(frame.on_tool.head<3>().dot(-with.model.tool.push), frame.force, 1e-9 * frame.force);
-        held += std::abs(frame.force - truth) <= frame.error;
+        held += std::abs(frame.force - truth) <= frame.error_at_depth;
         ++frames;
         EXPECT_LT(deepest_in_tool(live, frame.depth, false), 0.02 * frame.depth);
       }
@@ -148,7 +148,7 @@ TEST(LiveTouch, WithFewEvaluationsItLagsAndNeverShowsAForceOfAnotherDepth) {
     if (!(frame.depth > 0.2e-3)) continue;
     still.equilibrate(frame.depth);
     EXPECT_NEAR(frame.force, still.force(), 0.02 * still.force()) << 1e3 * frame.depth;
-    held += std::abs(frame.force - still.force()) <= frame.error;
+    held += std::abs(frame.force - still.force()) <= frame.error_at_depth;
     ++frames;
   }
   EXPECT_GE(frames, 35);
@@ -162,7 +162,7 @@ TEST(LiveTouch, RandomJerksNeverPullNorComeIntoTheBodyAndLeaveNothingBehind) {
   std::uniform_real_distribution<double> unit(0.0, 1.0);
   for (int k = 0; k < 60; ++k) {
     const LiveFrame frame = session.follow(-1e-3 + 5e-3 * unit(random), {.evaluations = 6});
-    ASSERT_TRUE(std::isfinite(frame.force) && std::isfinite(frame.error));
+    ASSERT_TRUE(std::isfinite(frame.force) && std::isfinite(frame.error_at_depth));
     ASSERT_GE(frame.force, 0.0);
     ASSERT_LT(deepest_in_tool(session, frame.depth, true), 0.05 * 5e-3);
   }
@@ -178,7 +178,7 @@ TEST(LiveTouch, TheSameWayGivesTheSameForcesWithAnyNumberOfThreads) {
     std::vector<double> force;
     for (const double depth : {0.4e-3, 0.8e-3, 1.2e-3, 0.6e-3}) {
       const LiveFrame frame = session.follow(depth, {.evaluations = 6});
-      force.insert(force.end(), {frame.depth, frame.force, frame.error, frame.stiffness});
+      force.insert(force.end(), {frame.depth, frame.force, frame.error_at_depth, frame.stiffness});
     }
     return force;
   };

@@ -66,6 +66,9 @@ def _shapes_the_surface(option):
     return option["key"].startswith("image.") or option["key"] == "boundary.indenter_diameter_mm"
 
 
+# Arguments of run that other functions may lack, and that are no options of the table.
+_OF_RUN = ("tissue", "pressures", "supports", "steps", "membranes", "walls", "tools")
+
 # Which options each function takes.
 _TAKES = {
     "build_model": lambda option: option["stage"] == "model",
@@ -104,9 +107,12 @@ def _settings(where, config, named, options):
     given = []
     for keyword, value in options.items():
         option = _OPTIONS.get(keyword)
+        if option is None and keyword in _OF_RUN:
+            raise UsageError(f"{where} takes no option {keyword}", where, "it is for run", "give it there", "usage")
         if option is None:
-            with_unit = [known for known in _OPTIONS if known.startswith(keyword + "_")]
-            near = with_unit or difflib.get_close_matches(keyword, _OPTIONS, 1)
+            taken = [known for known, its in _OPTIONS.items() if _TAKES[where](its)]
+            with_unit = [known for known in taken if known.startswith(keyword + "_")]
+            near = with_unit or difflib.get_close_matches(keyword, taken, 1)
             raise UsageError(
                 f"there is no option {keyword}" + (f", did you mean {near[0]}?" if near else ""),
                 where,
@@ -337,7 +343,10 @@ class Frame:
     asked_mm, depth_mm : float
         Where the tool was to be, and where it is: its way along the push from where it first touched, millimetres.
     force_N, error_N : float
-        On the tool along its push, positive where the tissue resists; and how far that may be from equilibrium there.
+        On the tool along its push, positive where the tissue resists; and how far that may be from the force of equilibrium
+        at the depth that was asked for: infinite where nothing is known of it.
+    error_at_depth_N : float
+        The same at ``depth_mm``, where the tool is.
     force_on_tool_N, moment_on_tool_Nm : tuple of three floats
         All of the force on the tool, LPS, and its moment about the middle of the circle.
     force_direction, moment_arm_m : tuple of three floats
@@ -348,15 +357,17 @@ class Frame:
         What is left unbalanced, relative, as the option ``tolerance``.
     evaluations : int
         Of the force, that the frame took.
-    status : {"there", "lags", "stopped", "ignored", "beyond"}
+    status : {"there", "lags", "stopped", "elsewhere", "beyond"}
         The tool is where it was asked to be; is on its way, and the next frames go on; stays, as no equilibrium is found any
-        deeper; has ignored a move across the push (of sockets alone); was asked to be deeper than the body reaches.
+        deeper; is beside the pose that was asked for (of sockets and scripts alone); was asked to be deeper than the body
+        reaches. ``lags`` ends within 100 frames, or 300 evaluations, in which the tool comes no nearer.
     """
 
     asked_mm: float
     depth_mm: float
     force_N: float
     error_N: float
+    error_at_depth_N: float
     force_on_tool_N: tuple
     moment_on_tool_Nm: tuple
     force_direction: tuple
@@ -368,7 +379,8 @@ class Frame:
 
     def __repr__(self):
         title = _core.force_title(self.force_N, self.depth_mm)
-        return f"<pydimple.Frame: {title}, error {_core.force_in_words(self.error_N)}, {self.status}>"
+        error = "unknown" if self.error_N == float("inf") else _core.force_in_words(self.error_N)
+        return f"<pydimple.Frame: {title}, error {error}, {self.status}>"
 
 
 class Session(_core.Session):
@@ -380,7 +392,7 @@ class Session(_core.Session):
     def __init__(self, model, *, config=None, tissue=None, pressures=None, supports=None, **options):
         super().__init__(model, _settings("Session", config, _named(tissue, pressures, supports), options))
 
-    def follow(self, *, depth_mm, seconds=0.04, evaluations=0, dt_s=0.0):
+    def follow(self, *, depth_mm, seconds=0.04, evaluations=0, dt_s=None):
         """Moves the tool towards a depth and follows the body for as long as a frame may take.
 
         Where that does not suffice the tool lags, and the next call goes on from there. No state is shown that is far from
@@ -396,8 +408,8 @@ class Session(_core.Session):
         evaluations : int
             Of the force, at most; then no clock is read, and the same calls give the same bits on any machine. 0: `seconds`
             count.
-        dt_s : float
-            Since the last frame, seconds: for viscoelastic tissue.
+        dt_s : float, optional
+            Since the last frame, seconds: viscoelastic tissue relaxes for so long. Without it `seconds`.
 
         Returns
         -------
@@ -408,7 +420,7 @@ class Session(_core.Session):
         SolveError
             The model's scheme cannot be followed (``scheme="horton2007"``).
         """
-        return Frame(*_core.follow(self, depth_mm, seconds, evaluations, dt_s))
+        return Frame(*_core.follow(self, depth_mm, seconds, evaluations, seconds if dt_s is None else dt_s))
 
 
 # Documentation and signatures of what takes options are made from the option table, which tells the command line too.

@@ -161,6 +161,7 @@ class Frame:
     depth_mm: float
     force_N: float
     error_N: float
+    error_at_depth_N: float
     force_on_tool_N: _Three
     moment_on_tool_Nm: _Three
     force_direction: _Three
@@ -168,7 +169,7 @@ class Frame:
     stiffness_N_per_m: float
     residual: float
     evaluations: int
-    status: Literal["there", "lags", "stopped", "ignored", "beyond"]
+    status: Literal["there", "lags", "stopped", "elsewhere", "beyond"]
 
 class Session:
     def __init__(
@@ -184,7 +185,7 @@ class Session:
     def equilibrate(self, *, depth_mm: float, dt_s: float = 0.0) -> int: ...
     def cut(self, *, from_mm: Sequence[float], to_mm: Sequence[float], depth_mm: float) -> None: ...
     def step(self, *, depth_mm: float, dt_s: float) -> int: ...
-    def follow(self, *, depth_mm: float, seconds: float = 0.04, evaluations: int = 0, dt_s: float = 0.0) -> Frame: ...
+    def follow(self, *, depth_mm: float, seconds: float = 0.04, evaluations: int = 0, dt_s: float | None = None) -> Frame: ...
     @property
     def depth_m(self) -> float: ...
     @property
