@@ -243,7 +243,11 @@ TissueOptions tissues_of(const Config& config, const std::map<std::string, int>&
   int number = 0;
   for (const auto& [label, differing] : config.tissue) {
     const int value = number_of_label(label, label_names);
-    tissues.of_label[value] = ++number;
+    if (!tissues.of_label.emplace(value, ++number).second)
+      throw UsageError({.fact = fmt::format("label {} is given two tissues", value),
+                        .where = fmt::format("tissue.{}", label),
+                        .why = "one is named by the label's number, another by its name",
+                        .remedy = "put the options of both into one section"});
     const bool is_gone = std::any_of(taken_out.begin(), taken_out.end(),
                                      [&](const LabelMeasure& m) { return m.value == value; });
     if (!is_gone && !(places.label.array() == value).any())

@@ -58,7 +58,7 @@ Eigen::Vector4d opening_of(const ShiftOptions& options) {
 }
 
 Vec3 up_of(const ShiftOptions& options) {
-  if (const auto side = side_named(options.up)) return *side;
+  if (const auto side = side_named(options.up, "--up")) return *side;
   const auto n = numbers_of_shift(options.up, "--up", 3, "a side, such as anterior, or x,y,z, LPS");
   const Vec3 up(n[0], n[1], n[2]);
   if (!(up.norm() > 0.0))

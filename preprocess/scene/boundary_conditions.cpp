@@ -29,6 +29,8 @@ constexpr double same_dome = 0.05;       // domes that differ by less are as bro
 constexpr double same_moment = 0.9;      // variances across two axes: from here on neither is the thinner one
 constexpr double few_voxels = 3.0;       // across the circle
 constexpr double border_share = 0.05;    // of the base: less than that at the image's border decides nothing
+constexpr const char *base_option = "--base (boundary.base)",
+                     *place_option = "--indent-at (boundary.indent_at)";
 constexpr double widest_circle = 1000.0;  // mm: as wide as --indenter-diameter takes
 
 // "inferior side", or "inferior side (0.17, 0.00, -0.98)" where it is not along that axis of the patient.
@@ -154,10 +156,10 @@ void rest_on_side(const BodySurface& body, const Moments& moments, const Vec3& d
 // What --base says: a word, or a direction.
 std::optional<Vec3> base_direction(const std::string& text) {
   if (text == "auto" || text == "organ") return std::nullopt;
-  if (const auto side = side_named(text)) return side;
+  if (const auto side = side_named(text, base_option)) return side;
   if (const auto vector = parse_vector(text); vector && vector->norm() > 0.0) return vector->normalized();
   throw UsageError({.fact = fmt::format("'{}' is not a side", text),
-                    .where = "--base (boundary.base)",
+                    .where = base_option,
                     .why =
                         "a side is auto, organ, inferior, superior, left, right, anterior, posterior, one of "
                         "I, S, L, R, A, P, or x,y,z in LPS",
@@ -213,11 +215,12 @@ void find_base(const BodySurface& body, const Moments& moments, const BoundaryOp
       return organ || (one.share >= cut_share && !is_image_end(body, one));
     });
   if (asked) {
-    rest_on_side(body, moments,
-                 side_named(options.base) ? nearest_axis(body, *asked) : local_direction(body, *asked),
-                 result);
+    rest_on_side(
+        body, moments,
+        side_named(options.base, base_option) ? nearest_axis(body, *asked) : local_direction(body, *asked),
+        result);
     reason = "as asked for";
-    if (side_named(options.base)) tell_of_turned_axes(body, *asked, options.base, result);
+    if (side_named(options.base, base_option)) tell_of_turned_axes(body, *asked, options.base, result);
   } else if (face) {
     rest_on(*face, result);
     reason = fmt::format("the organ's largest flat face, {:.0f} % of its outline", 100.0 * face->share);
@@ -314,11 +317,11 @@ Asked parse_place(const std::string& text) {
     throw UsageError(
         {.fact = "'top' does not say where to indent",
          .where = "--indent-at (boundary.indent_at)",
-         .why = "it meant the side opposite to the base, whichever that is, and --base top is the patient's "
-                "superior side",
+         .why =
+             "it may mean the side opposite to the base, whichever that is, or the patient's superior side",
          .remedy = "give --indent-at opposite for the side opposite to the base, or --indent-at superior"});
-  const auto from = side_named(part[0]);
-  const auto half = part.size() == 2 ? side_named(part[1]) : std::nullopt;
+  const auto from = side_named(part[0], place_option);
+  const auto half = part.size() == 2 ? side_named(part[1], place_option) : std::nullopt;
   if (part.size() > 2 || (!from && part[0] != "opposite") || (part.size() == 2 && !half))
     throw UsageError(
         {.fact = fmt::format("'{}' is not a place to indent", text),

@@ -337,6 +337,27 @@ TEST_F(Refusal, OfAConfigurationWithAMistakeInIt) {
   expect(2, "run brain.nrrd -o out --config typed.toml", {"material.nu = true", "must be a number"});
 }
 
+TEST_F(Refusal, OfOneOptionWithTwoValues) {
+  expect(2, "run brain.nrrd -o out --depth 1mm --depth 2mm",
+         {"--depth is given 2 times", "leave all but one"});
+  const std::string twice = " is given twice";
+  expect(2, "run brain.nrrd -o out --set load.depth=1 --set load.depth_mm=2",
+         {"load.depth_mm" + twice + ": load.depth = 1, and load.depth_mm = 2"});
+  expect(2, "run brain.nrrd -o out --set material.mu=300 --mu 200",
+         {"material.mu_Pa" + twice, "--set; --mu"});
+  const auto refuses = [&](const std::string& toml, const std::string& word) {
+    write("two.toml", toml);
+    expect(2, "run brain.nrrd -o out --nodes 400 --config two.toml", {word});
+  };
+  refuses("[material]\nmu = 100\nmu_Pa = 2\n", "material.mu_Pa" + twice);
+  refuses("[step.a]\nmove=1\nmove_mm=0.5\n", "step.a.move_mm" + twice);
+  refuses("[tissue.2]\nmu=300\nmu_Pa=100\n", "tissue.2.mu_Pa" + twice);
+  refuses("[tissue.1]\nmu=300\n[tissue.left_hemisphere]\nmu=100\n", "label 1 is given two tissues");
+  refuses("[step.press]\n# move = 2\n", "the section [step.press] is empty");
+  write("same.toml", "[material]\nmu = 100\nmu_Pa = 100\n");  // which leaves no doubt
+  EXPECT_EQ(dimple(folder, "model brain.nrrd -o same --nodes 400 -q --config same.toml").code, 0);
+}
+
 // ---------------------------------------------------------------------------------------------- 4: model
 
 TEST_F(Refusal, OfAnIndenterThatMissesTheOrgan) {
@@ -409,6 +430,8 @@ TEST_F(Refusal, OfPlacesAndNumbersThatNoModelCanHave) {
   };
   for (const Row& row : {
            Row{2, "--base sideways", "'sideways' is not a side"},
+           Row{2, "--base bottom", "'bottom' is no side of the patient"},
+           Row{2, "--gravity down", "give superior, inferior, anterior"},
            Row{2, "--direction up", "'up' is not a direction"},
            Row{2, "--direction 0,0,0", "is not a direction"},
            Row{2, "--indent-at middle", "'middle' is not a place"},

@@ -220,6 +220,7 @@ TEST(Shift, IsRefusedBeforeAnythingIsBuiltWhereItIsNotUnderstood) {
   refused("--opening 0,0,30,0 --up superior", "no radius");
   refused("--opening 0,0,90,15 --up superior", "from the brain's surface");
   refused("--opening 0,0,30,15 --up 0,0,0", "no direction");
+  refused("--opening 0,0,30,15 --up up", "'up' is no side of the patient");
   refused(well + "--fluid-lost 60", "for instance --fluid-lost 60%");
   refused(well + "--fluid-lost 0%", "0");
   refused(well + "--target 0,0", "has 2 numbers");

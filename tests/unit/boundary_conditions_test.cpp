@@ -422,8 +422,8 @@ LabelImage upright_egg() {
 TEST(Boundary, AndCircleKnowEachSideByTheSameWords) {
   const SegmentedBody body = make_body_surface(upright_egg(), {});
   const std::vector<std::pair<Vec3, std::vector<const char*>>> sides = {
-      {{0, 0, 1}, {"superior", "S", "top"}},
-      {{0, 0, -1}, {"inferior", "I", "bottom"}},
+      {{0, 0, 1}, {"superior", "S"}},
+      {{0, 0, -1}, {"inferior", "I"}},
       {{0, -1, 0}, {"anterior", "A", "front"}},
       {{0, 1, 0}, {"posterior", "P", "back"}},
       {{1, 0, 0}, {"left", "L"}},
@@ -435,7 +435,6 @@ TEST(Boundary, AndCircleKnowEachSideByTheSameWords) {
       const Boundary on = find_boundary(body.surface, {.base = word});
       EXPECT_LT((to_lps * on.down - out).norm(), 1e-12);
       EXPECT_LT((to_lps * on.push - out).norm(), 1e-12);  // opposite to the base
-      if (word == "top") continue;
       const Boundary from = find_boundary(body.surface, {.indent_at = word});
       EXPECT_LT((to_lps * from.push + out).norm(), 1e-12);
       EXPECT_GT((body.surface.to_world() * from.centre).dot(out), 10.0);
@@ -445,6 +444,20 @@ TEST(Boundary, AndCircleKnowEachSideByTheSameWords) {
       EXPECT_LT((to_lps * held.push + out).norm(), 1e-12);
       EXPECT_LT((to_lps * held.down - Vec3::UnitY()).norm(), 1e-12);
     }
+}
+
+TEST(Boundary, RefusesWordsOfTheRoomAsSidesOfThePatient) {
+  const BodySurface block = block_surface({-30, -30, 0}, {30, 30, 30});
+  for (const char* word : {"up", "down", "top", "bottom", "above", "below", "under"}) try {
+      find_boundary(block, {.base = word});
+      ADD_FAILURE() << word;
+    } catch (const UsageError& error) {
+      EXPECT_EQ(error.report.where, "--base (boundary.base)");
+      EXPECT_NE(error.report.remedy.find("superior, inferior, anterior"), std::string::npos)
+          << error.report.remedy;
+    }
+  EXPECT_THROW(find_boundary(block, {.indent_at = "up"}), UsageError);
+  EXPECT_THROW(find_boundary(block, {.indent_at = "superior,down"}), UsageError);
 }
 
 TEST(Circle, AskedForOnTopIsToldTheWordsThatSayWhichTop) {
