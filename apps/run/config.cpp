@@ -1066,11 +1066,15 @@ Loading loading_of(const Config& c) {
 }
 
 SolverOptions solver_options(const Config& c) {
+  constexpr double fewest_samples = 20.0;  // of a load that is shorter than the usual rate takes for them
+  const double least_rate = was_given(c, "solver.sample_rate_per_s")
+                                ? 0.0
+                                : fewest_samples * c.load.rate_mm_per_s / c.load.depth_mm;
   return {.safety = c.solver.safety,
           .damping = c.solver.damping_per_s,
           .frames = static_cast<int>(c.solver.frames),
           .step_radii = c.solver.step_radii,
-          .sample_rate = c.solver.sample_rate_per_s,
+          .sample_rate = std::max(c.solver.sample_rate_per_s, least_rate),
           .tolerance = c.solver.tolerance,
           .evaluations = c.solver.evaluations};
 }

@@ -672,6 +672,7 @@ std::unique_ptr<ForceSystem> march(const Config& config, const SolverOptions& op
   tell_of_lost_contact(log, result);
   tell_of_lateral_force(log, result);
   tell_of_rigid(log, result);
+  warn_of_inertia(log, result);
   if (watched) watched->tell(log);
   return system;
 }

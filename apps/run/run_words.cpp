@@ -5,6 +5,7 @@
 
 #include <cmath>
 
+#include "apps/run/verdict.hpp"
 #include "apps/run/words.hpp"
 
 namespace dimple {
@@ -98,6 +99,18 @@ std::string time_in_words(TimeMode mode, double crossings, bool shallow) {
                                     : "quasi-static",
       crossings_in_words(crossings),
       shallow ? "; the load is short, but its tool is slow; --time explicit follows the waves" : "");
+}
+
+void warn_of_inertia(const RunLog& log, const Result& result) {
+  if (result.time == TimeMode::quasi_static || result.history.force.empty()) return;
+  const ForceSample& last = result.history.force.back();
+  const double off = std::abs(last.base_force - last.force);
+  if (!(off > inertia_to_check * std::abs(last.force))) return;
+  log.warn(fmt::format(
+      "inertia takes part in the force: the tool has {} at the end, the base {}; {}; give a lower --rate, or "
+      "--time quasi-static for the force of equilibrium",
+      force_in_words(last.force), force_in_words(last.base_force),
+      crossings_in_words(shear_crossings(result.model, result.tissues, result.loading))));
 }
 
 std::string level_in_words(int number, const RefinementLevel& level, bool has_displacement) {

@@ -21,6 +21,9 @@ std::vector<Material> in_use(const Tissues& tissues);
 /// How time is followed, and why so. `shallow`: the load is short, but its tool is slow.
 std::string time_in_words(TimeMode mode, double crossings, bool shallow);
 
+/// Warns where the base does not bear the tool's force at the end of a march with inertia.
+void warn_of_inertia(const RunLog& log, const Result& result);
+
 /// The cloud of a refinement level, and one that came to nothing.
 std::string level_in_words(int number, const RefinementLevel& level, bool has_displacement);
 std::string failure_in_words(int number, Index nodes, const std::string& fact);

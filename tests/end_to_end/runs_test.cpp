@@ -181,6 +181,16 @@ TEST_F(Run, HasNoBandDeeperThanItWasMeasured) {
   EXPECT_EQ(read_csv(folder / "deeper" / "force.csv").find("low_N"), nullptr);
 }
 
+// Metres per second in place of millimetres: few rows and a force of inertia alone went without a word.
+TEST_F(Run, TooFastForEquilibriumIsSampledAndWarnsWhereTheBaseDoesNotBearTheForce) {
+  const Ran ran =
+      good("run brain.nrrd -o out --nodes 400 --depth 1mm --rate 1m/s --frames 2 --write force --band off");
+  EXPECT_GE(read_csv(folder / "out" / "force.csv").rows(), 20u);
+  const std::string inertia = "inertia takes part in the force";
+  EXPECT_NE(ran.err.find("warning: " + inertia), std::string::npos) << ran.err;
+  EXPECT_NE(summary("out").at("warnings").dump().find(inertia), std::string::npos);
+}
+
 // What the tool gives the base takes: in equilibrium to the residual, otherwise but for what sways.
 TEST_F(Run, RestsOnItsBaseWithTheForceThatTheToolFeels) {
   const std::string scene =
