@@ -205,7 +205,8 @@ std::vector<Option> solver_options_of(Config& c) {
       {.key = "solver.evaluations", .value = &c.solver.evaluations, .least = 100, .most = 1e9,
        .stage = "solve", .help = "evaluations of the force for one equilibrium, at most"},
       {.key = "solver.sample_rate_per_s", .unit = "1/s", .value = &c.solver.sample_rate_per_s, .most = 1e6,
-       .least_excluded = true, .stage = "solve", .help = "rows per second of force.csv; where none is given at least 20 of a load with inertia"},
+       .least_excluded = true, .stage = "solve",
+       .help = "rows per second of force.csv; where none is given a load with inertia has 20 at least"},
   };
 }
 

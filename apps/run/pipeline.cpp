@@ -510,6 +510,7 @@ void make_ready(const Case& given, Placed placed, const RunLog& log, Result& res
          .remedy = "run it once with the smallest and once with the largest modulus, or slower"});
   result.spread = force_spread(config);
   result.model_warnings = result.warnings.size();
+  ask_for_units(log, config, result);
   result.complete_s = preparing.seconds();
 }
 
