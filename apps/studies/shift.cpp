@@ -72,6 +72,16 @@ Json json_of(const Points& place_mm, const Points& shift_mm, const Vec3& up, boo
   return list;
 }
 
+// An opening narrower than the surface's triangles may hold none of their corners.
+void warn_of_narrow_opening(const RunLog& log, const Shifted& now, const Eigen::Vector4d& opening) {
+  const Vec3 at = now.result.model.surface.vertex_mm.col(now.largest_in(opening)), middle = opening.head<3>();
+  if (const double away = (at - middle).norm(); away > opening[3])
+    log.warn(fmt::format(
+        "the opening of {} radius lies between the vertices of the surface: the shift at the opening is that "
+        "of the nearest vertex, {}, which is {} from its middle",
+        length_in_words(opening[3]), dimple::in_words(at), length_in_words(away)));
+}
+
 void warn_of_shift(const RunLog& log, const Shifted& now, double shift_mm) {
   if (now.sweep.inverted > 0)
     log.warn(fmt::format("{} of {} integration points are inverted: the shift is not to be trusted there",
@@ -111,12 +121,12 @@ void write_fields(const fs::path& folder, const Shifted& now) {
 Json shift_json(const ShiftOptions& options, const ShiftScene& scene, const Config& config,
                 const Shifted& now, const ShiftBand& band) {
   const Index largest = now.largest_in(scene.opening);
-  const Vec3 most = largest < 0 ? Vec3::Zero().eval() : Vec3(now.surface_mm.col(largest));
+  const Vec3 most = now.surface_mm.col(largest);
   const Points targets = points_of(scene.targets);
   return {{"largest_at_opening_mm", most.norm()},
           {"along_gravity_mm", -most.dot(scene.up)},
           {"components_mm", json_of(most)},
-          {"at_mm", largest < 0 ? Json() : json_of(Vec3(now.result.model.surface.vertex_mm.col(largest)))},
+          {"at_mm", json_of(Vec3(now.result.model.surface.vertex_mm.col(largest)))},
           {"largest_of_all_mm", now.surface_mm.colwise().norm().maxCoeff()},
           {"targets", json_of(targets, now.targets_mm, scene.up, false)},
           {"profile", json_of(now.line, now.line_mm, scene.up, true)},
@@ -230,6 +240,7 @@ Outcome shift(const Config& config, const ShiftOptions& options, const fs::path&
   summary["status"] = band.stopped ? "interrupted" : "finished";
   summary["version"] = DIMPLE_VERSION;
   Json told = shift_json(options, scene, config, now, band);
+  warn_of_narrow_opening(log, now, scene.opening);
   warn_of_shift(log, now, told["largest_at_opening_mm"]);
   const std::vector<std::string> assumed = assumptions_of(config, options);
   log.say("assumed  " + fmt::format("{}", fmt::join(assumed, "; ")));

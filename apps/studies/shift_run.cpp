@@ -142,12 +142,13 @@ ShiftScene scene_of(const ShiftOptions& options) {
 
 Index Shifted::largest_in(const Eigen::Vector4d& ball) const {
   const Points& vertex = result.model.surface.vertex_mm;
-  Index largest = -1;
+  Index largest = -1, nearest = 0;
+  (vertex.colwise() - ball.head<3>()).colwise().squaredNorm().minCoeff(&nearest);
   for (Index v = 0; v < vertex.cols(); ++v)
     if ((vertex.col(v) - ball.head<3>()).norm() <= ball[3] &&
         (largest < 0 || surface_mm.col(v).norm() > surface_mm.col(largest).norm()))
       largest = v;
-  return largest;
+  return largest < 0 ? nearest : largest;
 }
 
 Points points_of(const std::vector<Vec3>& list) {

@@ -38,7 +38,7 @@ struct Shifted {
   double solve_s = 0.0;
 
   const Nodal& u() const { return system->step_start().u; }
-  /// The vertex within a ball that moves most; -1: none lies in it.
+  /// The vertex within a ball that moves most; of a ball between the vertices the one nearest to its middle.
   Index largest_in(const Eigen::Vector4d& ball) const;
   /// [3 x places] mm.
   Points at(const Points& places_mm) const;

@@ -43,6 +43,29 @@ TEST(Shift, GrowsWithTheFluidThatIsLostAndFallsAlongGravity) {
   }
 }
 
+// 0.00 mm was reported, with exit code 0.
+TEST(Shift, AtAnOpeningBetweenTheSurfacesVerticesIsThatOfTheNearestOne) {
+  const fs::path folder = fresh_folder();
+  ASSERT_EQ(dimple(folder, "phantom head.nrrd --shape cut-ellipsoid --size 140,170,120 --spacing 4").code, 0);
+  const auto with_radius = [&](const std::string& radius) {
+    const Ran ran = dimple(folder,
+                           "shift head.nrrd -o out --force --tables --nodes 800 --close 0 --up superior "
+                           "--set accuracy.band=off --opening 24.3,0.9,66.9," +
+                               radius);
+    EXPECT_EQ(ran.code, 0) << ran.err;
+    return std::pair(Json::parse(text_of(folder / "out" / "summary.json"))["shift"],
+                     ran.err.find("lies between the vertices") != std::string::npos);
+  };
+  const auto [wide, is_wide_told] = with_radius("6");
+  const auto [narrow, is_narrow_told] = with_radius("1.5");
+  EXPECT_FALSE(is_wide_told);
+  EXPECT_TRUE(is_narrow_told);
+  const double shift = wide["largest_at_opening_mm"];
+  EXPECT_GT(shift, 2.0);
+  EXPECT_NEAR(narrow["largest_at_opening_mm"].get<double>(), shift, 0.2 * shift);
+  EXPECT_FALSE(narrow["at_mm"].is_null());
+}
+
 // There is no tool that could pass through the skull.
 TEST(Shift, BesideAnOpeningOnTheSideSaysNothingOfATool) {
   const fs::path folder = fresh_folder();
