@@ -451,6 +451,7 @@ void make_ready(const Case& given, Placed placed, const RunLog& log, Result& res
   std::map<std::string, Vec3> push_of_others;
   for (const Touch& other : others.touch) push_of_others[other.name] = other.pose.points_at;
   result.loading.steps = steps_of(config, model.tool, push_of_others);
+  require_near(loading.steps, model.X);
   if (!config.load.poses_taken.empty()) log.say("poses    " + config.load.poses_taken);
   for (const Step& step : result.loading.steps) log.say("step     " + in_words(step));
   result.loading.touch =
