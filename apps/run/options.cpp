@@ -82,7 +82,8 @@ std::vector<Option> boundary_options(Config& c) {
                "x,y,z in LPS, or organ: as its shape alone suggests"},
       {.key = "boundary.base_depth_mm", .flag = "--base-depth", .unit = "mm",
        .value = &c.boundary.base_depth_mm, .most = 1000, .stage = "model",
-       .help = "the surface is fixed up to this height above the base's lowest point; 0: chosen"},
+       .help = "the surface is fixed up to this height above the base's lowest point; 0: all of a flat face, "
+               "else a third of the organ's height"},
       {.key = "boundary.base_hold", .flag = "--base-hold", .value = &c.boundary.base_hold,
        .choices = {"fixed", "none"}, .stage = "solve",
        .help = "fixed: the base's nodes stand still; none: walls carry the body (--wall), by contact alone"},

@@ -13,6 +13,7 @@
 #include "apps/run/loads.hpp"
 #include "apps/run/membranes.hpp"
 #include "apps/run/other_tools.hpp"
+#include "apps/run/rocking.hpp"
 #include "apps/run/run_words.hpp"
 #include "apps/run/steps.hpp"
 #include "apps/run/stopwatch.hpp"
@@ -554,6 +555,7 @@ class Watched {
         hears_(observer),
         place_(to_followed(result)),
         bending_(result.model),
+        rocking_(result.model),
         closing_(result.model, 1e-3 * config.image.cut_gap_mm) {
     if (place_ && from && from->u.cols() > 0)
       result.followed->u = displacement_at(*place_, from->u);  // no frame may be left
@@ -569,7 +571,8 @@ class Watched {
     FoldContact::Audit& folds = result_.history.folds;
     const bool touch = result_.loading.folds != nullptr;
     folds.penetration = std::max(folds.penetration, touch ? closing_.deepest() : 0.0);
-    for (const std::string& warning : {bending_.warning(), touch ? std::string() : closing_.warning()})
+    const std::string bends = bending_.warning(), rocks = bends.empty() ? rocking_.warning() : bends;
+    for (const std::string& warning : {rocks, touch ? std::string() : closing_.warning()})
       if (!warning.empty()) log.warn(warning);
     if (result_.loading.loads.move_the_body()) tell_of_settling(log);
   }
@@ -597,6 +600,7 @@ class Watched {
       result_.history.settled = node_interpolation(result_.model)(frame.u).colwise().norm().maxCoeff();
     feel_supports(frame.f, frame.depth, result_);
     bending_.see(frame);
+    rocking_.see(frame);
     closing_.see(frame);
     if (observer_.frame) observer_.frame(frame);
   }
@@ -606,6 +610,7 @@ class Watched {
   Observer hears_;
   std::optional<Interpolation> place_;
   BendingOfPart bending_;
+  RockingOfBody rocking_;
   ClosingCut closing_;
 };
 

@@ -232,8 +232,11 @@ void find_base(const BodySurface& body, const Moments& moments, const BoundaryOp
     result.base_by_axes = true;
   }
   if (options.base_depth_mm > 0.0) result.base_depth = options.base_depth_mm;
-  result.base_reason = fmt::format("{}; {}; surface up to {:.1f} mm above it is fixed",
-                                   side_in_words(body, result.down), reason, result.base_depth);
+  const char* why_so_deep = options.base_depth_mm > 0.0 ? ", as asked for,"
+                            : result.flat_base          ? ""
+                                                        : ", a third of the organ's height (--base-depth),";
+  result.base_reason = fmt::format("{}; {}; surface up to {:.1f} mm above it{} is fixed",
+                                   side_in_words(body, result.down), reason, result.base_depth, why_so_deep);
 }
 
 Vec3 middle_of(const BodySurface& body, Index t) {

@@ -117,6 +117,18 @@ TEST_F(Places, OnAPieceThatWasDroppedAreRefusedWithThatReason) {
   EXPECT_THAT(ran.err, HasSubstr("the labels form 2 pieces, and all but the largest were dropped"));
 }
 
+// A column that is pressed on its end yields in all of its length.
+TEST_F(Places, AnOrganThatMovesAsABodyFarFromTheToolIsWarnedOf) {
+  good("phantom tall.nrrd --shape block --size 30,30,90 --spacing 2");
+  good("phantom low.nrrd --shape block --size 60,60,40 --spacing 2");
+  const std::string scene = " --base inferior --depth 2mm --nodes 600 --band off --write force";
+  const std::string moves = "far from the tool the organ moves as a body";
+  const Ran down = good("run tall.nrrd -o tall --indenter-diameter 8" + scene);
+  EXPECT_THAT(down.err, HasSubstr(moves));
+  EXPECT_THAT(down.err, HasSubstr("--base-depth"));
+  EXPECT_EQ(good("run low.nrrd -o low" + scene).err.find(moves), std::string::npos);
+}
+
 // A post of 12 mm with an arm of 9 mm thickness that hangs over nothing: pushed down, the arm bends.
 TEST_F(Places, OnAPartThatSwingsAreWarnedOfWithNumbersAndABetterPlace) {
   const std::array<int, 3> size = {44, 24, 34};

@@ -446,6 +446,17 @@ TEST(Boundary, AndCircleKnowEachSideByTheSameWords) {
     }
 }
 
+TEST(Boundary, SaysHowDeepItReachesAndWhy) {
+  const SegmentedBody egg = make_body_surface(upright_egg(), {});
+  EXPECT_NE(find_boundary(egg.surface, {}).base_reason.find("a third of the organ's height (--base-depth)"),
+            std::string::npos);
+  EXPECT_NE(find_boundary(egg.surface, {.base_depth_mm = 7.0})
+                .base_reason.find("up to 7.0 mm above it, as asked for, is fixed"),
+            std::string::npos);
+  const BodySurface block = block_surface({-30, -30, 0}, {30, 30, 30});
+  EXPECT_EQ(find_boundary(block, {}).base_reason.find("--base-depth"), std::string::npos);
+}
+
 TEST(Boundary, RefusesWordsOfTheRoomAsSidesOfThePatient) {
   const BodySurface block = block_surface({-30, -30, 0}, {30, 30, 30});
   for (const char* word : {"up", "down", "top", "bottom", "above", "below", "under"}) try {
