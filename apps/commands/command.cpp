@@ -18,12 +18,14 @@ namespace dimple {
 namespace {
 
 // "run" has all flags, "" all that decide a result, "fit" those and the tool's, "solve" those of the
-// simulation and of its files, "live" those of the model and of what a tool feels that someone moves.
+// simulation and of its files, "live" those of the model and of what a tool feels that someone moves,
+// "places" those of the model and of how wide the tool touches.
 bool has_flag(const std::string& command, const Option& of) {
   const std::string& option = of.stage;
   if (command == "live")
     return option == "model" || of.key.starts_with("material.") || of.key == "load.contact" ||
            of.key == "solver.precision" || of.key == "tool.shape";
+  if (command == "places") return option == "model" || of.key == "tool.shape" || of.key == "load.depth_mm";
   if (command == "shift")
     return of.key.starts_with("material.") || of.key == "cloud.nodes" || of.key == "image.label_names" ||
            of.key == "image.close_mm" || of.key.starts_with("output.warp") || of.key == "load.self_contact" ||

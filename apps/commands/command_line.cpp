@@ -133,7 +133,8 @@ const std::vector<NotModelled>& not_modelled() {
        "a force cannot be prescribed: the tool is pressed to a depth, and the force is computed",
        "--depth 2mm; read the depth at that force off force.csv"},
       {{"--tool", "--sphere", "--cone", "--indenter", "--indenter-shape", "--tool-shape"},
-       "a tool of another shape than the flat circle is an option of `dimple run`, `fit` and `poke` alone: "
+       "a tool of another shape than the flat circle is an option of `dimple run`, `fit`, `places` and "
+       "`poke` alone: "
        "--tool",
        "dimple run IMAGE --tool sphere:5mm, punch:5mm,edge=1mm, capsule:2mm,length=20mm or probe.stl"},
       {{"--unload", "--unloading", "--retract", "--relax", "--hold"},

@@ -328,7 +328,7 @@ void require_circle(const Config& config, const std::string& what) {
   throw UsageError(
       {.fact = fmt::format("{} knows the circle alone, and the tool is '{}'", what, config.tool.shape),
        .where = "tool.shape",
-       .why = "a tool that touches is known to `dimple run`, `fit` and `poke` alone",
+       .why = "a tool that touches is known to `dimple run`, `fit`, `places` and `poke` alone",
        .remedy = "leave the tool out here"});
 }
 

@@ -77,6 +77,28 @@ TEST_F(Places, OnEachSideAreTakenWithTheBaseBesideThemAndTheWayFromThere) {
   EXPECT_GE(others, 2);
 }
 
+TEST_F(Places, OfAToolAreThoseThatItsRunTakes) {
+  good("phantom brain.nrrd --spacing 3");
+  const std::string tool = " --tool sphere:14mm --depth 2mm ";
+  const Json listed = Json::parse(good("places brain.nrrd --json" + tool).out);
+  EXPECT_EQ(listed.at("tool"), "sphere:14mm");
+  EXPECT_EQ(listed.at("circle_diameter_mm"), 28.0);
+  EXPECT_THAT(good("places brain.nrrd" + tool).out,
+              HasSubstr("Places for the tool sphere:14mm, pressed in by 2.00 mm"));
+  for (const Json& side : listed.at("sides")) {
+    if (side.at("verdict") == "refused") continue;
+    const Json& x = side.at("centre_mm");
+    const Ran ran = good("run brain.nrrd -o out --force --nodes 500 --frames 1 --band off --write force " +
+                         tool + "--indent-at " + side.at("from").get<std::string>());
+    std::smatch said;
+    ASSERT_TRUE(std::regex_search(ran.err, said,
+                                  std::regex("contact  .* at \\(([-0-9.]+), ([-0-9.]+), ([-0-9.]+)\\) mm")))
+        << ran.err;
+    for (std::size_t d = 0; d < 3; ++d)
+      EXPECT_NEAR(std::stod(said[d + 1]), x[d].get<double>(), 3.0) << side.at("from") << ", a voxel";
+  }
+}
+
 TEST_F(Places, OfACircleThatJustFitsAFaceAreFound) {
   good("phantom cube.nrrd --shape block --size 40,40,40 --spacing 2");
   for (const char* width : {"33mm", "36mm", "39mm"})

@@ -295,7 +295,7 @@ TEST_F(Refusal, OfPhysicsThatIsNotModelledSaysWhatIs) {
     expect(2, std::string("run brain.nrrd -o out ") + words, texts);
   }
   expect(2, "model brain.nrrd -o out --tool sphere:5mm",
-         {"an option of `dimple run`, `fit` and `poke` alone", "not-modelled"});
+         {"an option of `dimple run`, `fit`, `places` and `poke` alone", "not-modelled"});
   expect(2, "run brain.nrrd -o out --gravity",
          {"--gravity is given without its value", "usage of the command"});
   // An option that the command has is not what is wrong with its line.
