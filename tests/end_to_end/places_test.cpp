@@ -79,12 +79,12 @@ TEST_F(Places, OnEachSideAreTakenWithTheBaseBesideThemAndTheWayFromThere) {
 
 TEST_F(Places, OfAToolAreThoseThatItsRunTakes) {
   good("phantom brain.nrrd --spacing 3");
-  const std::string tool = " --tool sphere:14mm --depth 2mm ";
+  const std::string tool = " --tool sphere:6mm --depth 2mm ";
   const Json listed = Json::parse(good("places brain.nrrd --json" + tool).out);
-  EXPECT_EQ(listed.at("tool"), "sphere:14mm");
-  EXPECT_EQ(listed.at("circle_diameter_mm"), 28.0);
+  EXPECT_EQ(listed.at("tool"), "sphere:6mm");
+  EXPECT_EQ(listed.at("circle_diameter_mm"), 12.0);
   EXPECT_THAT(good("places brain.nrrd" + tool).out,
-              HasSubstr("Places for the tool sphere:14mm, pressed in by 2.00 mm"));
+              HasSubstr("Places for the tool sphere:6mm, pressed in by 2.00 mm"));
   for (const Json& side : listed.at("sides")) {
     if (side.at("verdict") == "refused") continue;
     const Json& x = side.at("centre_mm");
@@ -95,7 +95,7 @@ TEST_F(Places, OfAToolAreThoseThatItsRunTakes) {
                                   std::regex("contact  .* at \\(([-0-9.]+), ([-0-9.]+), ([-0-9.]+)\\) mm")))
         << ran.err;
     for (std::size_t d = 0; d < 3; ++d)
-      EXPECT_NEAR(std::stod(said[d + 1]), x[d].get<double>(), 3.0) << side.at("from") << ", a voxel";
+      EXPECT_NEAR(std::stod(said[d + 1]), x[d].get<double>(), 0.1) << side.at("from");
   }
 }
 
