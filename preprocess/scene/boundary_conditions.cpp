@@ -511,13 +511,34 @@ void place_on_highest(const BodySurface& body, const Moments& moments, const Bou
                                       : "");
 }
 
+// A tool that is tilted stands where it would stand upright, `straight`, and not on what is highest along its
+// push.
+void place_tilted(const BodySurface& body, const Moments& moments, const BoundaryOptions& options,
+                  const Asked& asked, const Vec3& straight, Boundary& result) {
+  Boundary upright = result;
+  upright.push = straight;
+  place_on_highest(body, moments, options, asked, View(body, moments, straight), upright);
+  Asked there;
+  there.place = body.to_world() * upright.centre;
+  place_as_asked(body, words(body, upright.centre), there, View(body, moments, result.push),
+                 radius_of_touch(options), options.contact_radius_mm > 0.0, result);
+  result.circle_reason =
+      fmt::format("{}; tilted there by {:.0f} degrees", upright.circle_reason,
+                  180.0 / std::numbers::pi * std::acos(std::min(1.0, straight.dot(result.push))));
+}
+
+// `straight`: the push of a tool without a direction of its own.
 void find_circle(const BodySurface& body, const Moments& moments, const BoundaryOptions& options,
-                 const Asked& asked, Boundary& result) {
+                 const Asked& asked, const Vec3& straight, Boundary& result) {
+  constexpr double most_tilted = 0.65;  // its cosine: beyond that the tool comes from another side
   check_width(options, result);
   const View view(body, moments, result.push);
+  const double tilt = straight.dot(result.push);
   if (asked.place)
     place_as_asked(body, options.indent_at, asked, view, radius_of_touch(options),
                    options.contact_radius_mm > 0.0, result);
+  else if (tilt > most_tilted && tilt < 1.0 - 1e-9)
+    place_tilted(body, moments, options, asked, straight, result);
   else
     place_on_highest(body, moments, options, asked, view, result);
   if (result.room < wanted_room * result.radius)
@@ -566,7 +587,10 @@ Boundary find_boundary(const BodySurface& body, const BoundaryOptions& options, 
   warn_of_base_at_image_end(body, result);
   result.radius = 0.5 * options.indenter_diameter_mm;
   result.push = push_of(body, options, asked, known, result.down);
-  find_circle(body, moments, options, asked, result);
+  BoundaryOptions without_direction = options;
+  without_direction.direction = "auto";
+  const Vec3 straight = push_of(body, without_direction, asked, known, result.down);
+  find_circle(body, moments, options, asked, straight, result);
   return result;
 }
 

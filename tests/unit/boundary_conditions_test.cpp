@@ -306,17 +306,23 @@ TEST(Circle, OnTheLeftHalfIsOnTheLeft) {
   EXPECT_THROW(find_boundary(body.surface, {.indent_at = "superior,inferior"}), UsageError);
 }
 
-TEST(Circle, UnderATiltedPushLiesOnOneFaceOfABlockNotOnItsEdge) {
+TEST(Circle, UnderATiltedPushStaysWhereItStandsUpright) {
   const SegmentedBody body =
       make_body_surface(make_phantom({.shape = "block", .size_mm = {80, 80, 40}, .spacing_mm = 1.5}), {});
+  const Vec3 upright = find_boundary(body.surface, {}).centre;
   for (const char* direction : {"1,0,-1", "1,1,-1.4", "0.5,0,-1"}) {
     const Boundary found = find_boundary(body.surface, {.direction = direction});
+    EXPECT_LT((found.centre - upright).norm(), 1e-3) << direction;
+    EXPECT_NE(found.circle_reason.find("tilted there by "), std::string::npos) << found.circle_reason;
     EXPECT_GE(found.room, 1.75 * found.radius) << direction;
     const Points rim = rim_of_circle(body.surface, found, 24);
     const Vec3 normal = body.surface.normal().col(body.surface.closest(found.centre).triangle);
     for (const auto& x : rim.colwise()) EXPECT_NEAR((x - found.centre).dot(normal), 0.0, 0.2) << direction;
     EXPECT_TRUE(found.warnings.empty());
   }
+  // So far from upright it comes from another side.
+  const Boundary aside = find_boundary(body.surface, {.direction = "1,0,-0.2"});
+  EXPECT_GT((aside.centre - upright).norm(), 10.0);
 }
 
 TEST(Circle, OnADomeShapedShellIsAtItsTopNotOnItsWall) {
