@@ -20,6 +20,7 @@
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/label_names.hpp"
+#include "preprocess/scene/cut_face.hpp"
 #include "preprocess/surface/label_surface.hpp"
 
 namespace dimple {
@@ -549,6 +550,9 @@ Discretisation place_nodes(const Config& config, const Organ& organ, const Model
                     "not there; give more --nodes, or a wider gap with --set image.cut_gap={:.2g}mm",
                     length_in_words(apart), length_in_words(gap), apart / widest_over_gap));
   log.say(fmt::format("base     {} nodes: {}", places.base.size(), report.boundary.base_reason));
+  for (const std::string& sentence :
+       faces_along_voxels(organ.body->surface, report.boundary, options.boundary.is_pressed))
+    log.say("flat     " + sentence);
   const std::string centre = in_words(places.tool.centre * 1e3);
   if (options.boundary.contact_radius_mm > 0.0 && options.boundary.is_pressed)
     log.say(fmt::format("contact  nodes are finest around a circle {:.1f} mm across at {}: {}",

@@ -15,6 +15,7 @@
 #include "io/error.hpp"
 #include "preprocess/image/phantom.hpp"
 #include "preprocess/scene/circle_place.hpp"
+#include "preprocess/scene/cut_face.hpp"
 #include "preprocess/scene/flat_face.hpp"
 #include "preprocess/scene/usable_places.hpp"
 #include "preprocess/surface/label_surface.hpp"
@@ -461,6 +462,21 @@ TEST(Boundary, SaysHowDeepItReachesAndWhy) {
             std::string::npos);
   const BodySurface block = block_surface({-30, -30, 0}, {30, 30, 30});
   EXPECT_EQ(find_boundary(block, {}).base_reason.find("--base-depth"), std::string::npos);
+}
+
+TEST(Boundary, AndToolOnAFaceAlongTheVoxelsAreReported) {
+  const SegmentedBody half = make_body_surface(
+      make_phantom({.shape = "cut-ellipsoid", .size_mm = {60, 50, 40}, .spacing_mm = 2}), {});
+  const auto of = [](const BodySurface& body, const BoundaryOptions& options) {
+    return faces_along_voxels(body, find_boundary(body, options), true);
+  };
+  const std::vector<std::string> below = of(half.surface, {}), above = of(half.surface, {.base = "superior"});
+  ASSERT_EQ(below.size(), 1u);
+  EXPECT_EQ(below[0].find("the base is on a flat face of "), 0u) << below[0];
+  EXPECT_NE(below[0].find("on the inferior side"), std::string::npos) << below[0];
+  ASSERT_EQ(above.size(), 1u);
+  EXPECT_EQ(above[0].find("the tool is on a flat face of "), 0u) << above[0];
+  EXPECT_TRUE(of(make_body_surface(upright_egg(), {}).surface, {}).empty());
 }
 
 TEST(Boundary, RefusesWordsOfTheRoomAsSidesOfThePatient) {
