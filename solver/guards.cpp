@@ -42,6 +42,8 @@ constexpr double hourglass_poor = 0.15;  // of the stored energy; usual: 0.02 to
 // its 1.5, and 19 with supports of 2.5 spacings, whose force is a third. A circle of three nodes has 5 from
 // the first touch on.
 constexpr double fluctuation_poor = 1.5, fluctuation_wrong = 10.0;
+// Nodal parameters are somewhat longer than displacements where a tool touches.
+constexpr double longer_than_displacement = 1.25;
 
 std::string in_mm(const Vec3& metres) {
   const Vec3 x = metres * 1e3;
@@ -458,22 +460,21 @@ void Guards::check_wall(const Touch& wall, double penetration, bool touches, con
 }
 
 void Guards::found_limit_point(const Nodal& jump, double way, bool folds_touch, const Moment& now) {
-  if (!on_ || std::any_of(findings_.begin(), findings_.end(),
-                          [](const Finding& f) { return f.report.code == "limit-point"; }))
-    return;
   Index furthest = 0;
   const Eigen::RowVectorXd size = jump.colwise().norm();
   const double largest = size.maxCoeff(&furthest);
+  if (!on_ || largest <= longer_than_displacement * way ||
+      std::any_of(findings_.begin(), findings_.end(),
+                  [](const Finding& f) { return f.report.code == "limit-point"; }))
+    return;
   find({{.fact = text("the tissue gave way at ", fixed(1e3 * now.depth, 2), " mm: a node moved by ",
                       fixed(1e3 * largest, largest < 1e-5 ? 6 : 2), " mm while the tool moved by ",
                       fixed(1e3 * way, 2), " mm, and ", (size.array() > way).count(), " of ", size.size(),
                       " nodes by more than the tool"),
          .where = moment(now) + "; " + place_of(model_, furthest),
          .why =
-             text(largest > way ? "the path of equilibria has a limit point there: a wall buckled or a fold "
-                                  "rolled over. "
-                                : "no further equilibrium was found on the path, and one close by was. ",
-                  "The force beyond is that of the equilibrium in which the tissue came to rest",
+             text("the path of equilibria has a limit point there: a wall buckled or a fold rolled over. The "
+                  "force beyond is that of the equilibrium in which the tissue came to rest",
                   folds_touch ? "" : "; its folds pass through each other (--self-contact)"),
          .remedy =
              text("trust the curve to ", fixed(1e3 * (now.depth - way), 2),
@@ -486,9 +487,7 @@ void Guards::found_limit_point(const Nodal& jump, double way, bool folds_touch, 
 void Guards::found_lost_contact(const Nodal& jump, double way, const Moment& now) {
   Index furthest = 0;
   const double largest = jump.colwise().norm().maxCoeff(&furthest);
-  // Of nodal parameters, which are somewhat longer than displacements where a tool touches.
-  constexpr double longer = 1.25;
-  if (!on_ || largest <= longer * way ||
+  if (!on_ || largest <= longer_than_displacement * way ||
       std::any_of(findings_.begin(), findings_.end(),
                   [](const Finding& f) { return f.report.code == "tool-left"; }))
     return;

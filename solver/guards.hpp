@@ -104,7 +104,8 @@ class Guards {
   /// enough for a static answer makes it jump from one to the next.
   void check_smooth(const std::vector<double>& force, double largest, double duration, const Moment& now);
   /// `limit-point`: the tissue gave way at a held load and came to rest elsewhere, `jump` [m] from where the
-  /// path would have led, the tool having moved by `way` [m]. The first one stays.
+  /// path would have led, the tool having moved by `way` [m], by more than that: a shorter jump leaves the
+  /// curve as it is, and the tissue under a tool that first touches moves as far. The first one stays.
   void found_limit_point(const ForceSystem::Nodal& jump, double way, bool folds_touch, const Moment& now);
   /// `tool-left`: the tool, having moved by `way` [m], touches nothing, and the tissue sprang back by `jump`
   /// [m], by more than that. The first one stays.

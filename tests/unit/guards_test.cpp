@@ -141,6 +141,21 @@ TEST_F(StateGuard, OfAToolThatLeavesWarnsOnceAndOnlyWhereTheTissueSpringsBackByM
   EXPECT_EQ(findings.size(), 1u);
 }
 
+// Under a sphere that first touched a block the tissue moved by 0.76 mm with the tool's 0.75 mm, and the
+// curve was right to its end.
+TEST_F(StateGuard, OfALimitPointWarnsOnceAndOnlyWhereANodeJumpsByMoreThanTheToolMoved) {
+  u(2, 3) = -0.76e-3;
+  guards.found_limit_point(u, 0.75e-3, false, now);
+  EXPECT_TRUE(findings.empty()) << "it goes with the tool";
+  guards.found_limit_point(u, 0.25e-3, false, now);
+  ASSERT_EQ(findings.size(), 1u);
+  expect_whole(findings.front().report, "limit-point");
+  EXPECT_THAT(findings.front().report.fact, HasSubstr("0.76 mm while the tool moved by 0.25 mm"));
+  EXPECT_THAT(findings.front().report.remedy, HasSubstr("trust the curve to 1.75 mm"));
+  guards.found_limit_point(2.0 * u, 0.1e-3, false, now);
+  EXPECT_EQ(findings.size(), 1u);
+}
+
 TEST_F(StateGuard, OfAToolThatTouchesWarnsOfWhatComesIntoItAndEndsWhereItIsTooMuchOrNowhereLookedFor) {
   Touch touch;
   touch.surface.beyond = Points::Constant(3, 1, 7e-3);
