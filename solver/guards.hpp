@@ -21,7 +21,7 @@ constexpr int most_retries = 3;  ///< that a guard asks for, of one run or step 
 struct Finding {
   Report report;
   double worst = 0.0;
-  bool is_minor = false;  ///< it changes no result but those at the place named
+  bool is_minor = false;  ///< it changes the force by no more than the error bounds hold
 };
 
 /// The last good state was taken up again.
@@ -84,7 +84,8 @@ class Guards {
   /// that has come so deep [m]: a sphere's force grows as its depth^1.5.
   static double off_by_penetration(double penetration, double depth) { return 1.4 * penetration / depth; }
   /// Of a tool that touches: `penetration`, where the surface reaches into it by more than `most` [m] between
-  /// the places where contact is enforced. Throws SolveError: by fifty times as much; or `contact-surface`:
+  /// the places where contact is enforced; minor, where that may change the force by a tenth or less. Throws
+  /// SolveError: by fifty times as much; or `contact-surface`:
   /// it has come to a part of the surface that has no samples.
   void check_contact(const TouchingTool::Audit& audit, double most, const Touch& touch, const Moment& now);
   /// Throws SolveError: they overlap.

@@ -166,6 +166,11 @@ TEST_F(StateGuard, OfAToolThatTouchesWarnsOfWhatComesIntoItAndEndsWhereItIsTooMu
   EXPECT_NO_THROW(guards.check_contact({.penetration = 2.0 * most}, most, touch, now));
   ASSERT_EQ(findings.size(), 1u);
   EXPECT_EQ(findings.front().report.code, "penetration");
+  EXPECT_TRUE(findings.front().is_minor) << "1.4 x 0.01 mm of 2 mm: 0.7 % of the force";
+  guards.check_contact({.penetration = 40.0 * most}, most, touch, now);
+  ASSERT_EQ(findings.size(), 1u);
+  EXPECT_FALSE(findings.front().is_minor) << "14 %";
+  EXPECT_THAT(findings.front().report.why, HasSubstr("may be off by up to 14"));
   const auto ends_with = [&](const TouchingTool::Audit& audit) -> std::string {
     try {
       guards.check_contact(audit, most, touch, now);
