@@ -5,6 +5,7 @@
 
 #include <chrono>
 #include <csignal>
+#include <fstream>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <regex>
@@ -41,6 +42,38 @@ TEST(Shift, GrowsWithTheFluidThatIsLostAndFallsAlongGravity) {
     EXPECT_GT(shift["along_gravity_mm"].get<double>(), 0.9 * most) << lost;
     before = most;
   }
+}
+
+// One point as numbers, and as 3D Slicer writes it in either space.
+TEST(Shift, RepeatsOpeningAndTargetsWithTheirSidesAndReadsMarkups) {
+  const fs::path folder = fresh_folder();
+  std::ofstream(folder / "t.fcsv") << "# Markups fiducial file version = 4.11\n# CoordinateSystem = RAS\n"
+                                      "# columns = id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc\n"
+                                      "1,-5,-10,20,0,0,0,1,1,1,0,F-1,\n";
+  std::ofstream(folder / "t.mrk.json")
+      << R"({"markups": [{"type": "Fiducial", "coordinateSystem": "LPS", "coordinateUnits": "mm",
+            "controlPoints": [{"id": "1", "label": "F-1", "position": [5, 10, 20]}]}]})";
+  std::string numbers;
+  for (const char* target : {"5,10,20", "t.fcsv", "t.mrk.json"}) {
+    const Ran ran = dimple(folder, "shift " + block_of_brain + " -o out --force --tables" + opened +
+                                       "--set accuracy.band=off --target " + target);
+    ASSERT_EQ(ran.code, 0) << ran.err;
+    for (const char* line : {"opening  (0.0, 0.0, 30.0) mm, of 15.00 mm radius: ", "superior of the brain's",
+                             "target   (5.0, 10.0, 20.0) mm: ", " mm left, ", " mm posterior, "})
+      EXPECT_NE(ran.err.find(line), std::string::npos) << line << '\n' << ran.err;
+    const std::string table = text_of(folder / "out" / "targets.csv");
+    if (numbers.empty()) numbers = table;
+    EXPECT_EQ(table, numbers) << target;
+  }
+  const auto refused = [&](const char* content, const char* word) {
+    std::ofstream(folder / "bad.fcsv") << content;
+    const Ran ran = dimple(folder, "shift " + block_of_brain + " -o no" + opened + "--target bad.fcsv");
+    EXPECT_EQ(ran.code, 3) << ran.err;
+    EXPECT_NE(ran.err.find(word), std::string::npos) << ran.err;
+  };
+  refused("# CoordinateSystem = IJK\n1,0,0,20\n", "the space 'IJK'");
+  refused("# CoordinateSystem = LPS\n1,0,up,20\n", "'up' is not a coordinate");
+  refused("# CoordinateSystem = LPS\n", "no point is in the file");
 }
 
 // 0.00 mm was reported, with exit code 0.
