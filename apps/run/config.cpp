@@ -25,8 +25,8 @@ namespace dimple {
 
 std::string without_unit(const Option& option) {
   static const std::map<std::string, std::string> suffix = {
-      {"mm", "_mm"},     {"Pa", "_Pa"},       {"mm/s", "_mm_per_s"}, {"kg/m3", "_kg_per_m3"},
-      {"1/s", "_per_s"}, {"N/m", "_N_per_m"}, {"s", "_s"},           {"deg", "_deg"}};
+      {"mm", "_mm"},       {"Pa", "_Pa"}, {"mm/s", "_mm_per_s"}, {"kg/m3", "_kg_per_m3"}, {"1/s", "_per_s"},
+      {"N/m", "_N_per_m"}, {"s", "_s"},   {"deg", "_deg"},       {"J/m2", "_J_m2"},       {"%", "_percent"}};
   const auto found = suffix.find(option.unit);
   if (found == suffix.end() || !option.key.ends_with(found->second)) return option.key;
   return option.key.substr(0, option.key.size() - found->second.size());
@@ -48,6 +48,7 @@ const std::map<std::string, std::map<std::string, double>>& unit_table() {
       {"deg", {{"deg", 1.0}, {"rad", 180.0 / std::numbers::pi}}},
       {"N", {{"N", 1.0}, {"mN", 1e-3}, {"uN", 1e-6}}},
       {"N/m", {{"N/m", 1.0}, {"mN/m", 1e-3}}},
+      {"J/m2", {{"J/m2", 1.0}, {"kJ/m2", 1e3}}},
   };
   return table;
 }
@@ -194,9 +195,14 @@ Option* find(std::vector<Option>& options, const std::string& key) {
                                                               {"poisson", "material.nu"},
                                                               {"poisson_ratio", "material.nu"},
                                                               {"rho", "material.density"}};
-  const auto synonym = synonyms.find(lower(key.substr(key.rfind('.') + 1)));
-  const std::string meant = synonym == synonyms.end() ? did_you_mean(key, known)
-                                                      : fmt::format(", did you mean '{}'?", synonym->second);
+  const auto without_section = [](const std::string& whole) { return whole.substr(whole.find('.') + 1); };
+  const std::string tail = lower(key.substr(key.rfind('.') + 1));
+  const auto synonym = synonyms.find(tail);
+  std::string meant = synonym == synonyms.end() ? did_you_mean(key, known)
+                                                : fmt::format(", did you mean '{}'?", synonym->second);
+  for (const Option& option : options)  // "mu" of material.mu
+    if (key == without_section(without_unit(option)) || key == without_section(option.key))
+      meant = fmt::format(", did you mean '{}'?", without_unit(option));
   throw UsageError({.fact = fmt::format("there is no option '{}'{}", key, meant),
                     .where = source,
                     .why = "keys are section.name, in lower case",

@@ -348,7 +348,8 @@ std::vector<Option> options_of(Config::Step& s) {
        .help = "what it turns about, x,y,z in LPS; none: its tip as it is when the step begins"},
       {.key = "step.cut", .value = &s.cut, .stage = "solve",
        .help = "what is cut in this step, as image.cut, where the body then is; nothing moves in it"},
-      {.key = "step.toughness_J_m2", .value = &s.toughness_J_m2, .least = 0.0, .most = 1e6, .stage = "solve",
+      {.key = "step.toughness_J_m2", .unit = "J/m2", .value = &s.toughness_J_m2, .least = 0.0, .most = 1e6,
+       .stage = "solve",
        .help = "of a step that cuts: energy that a square metre of new area takes; 0: not known"},
       {.key = "step.time_s", .unit = "s", .value = &s.time_s, .least = 0.0, .most = 1e7, .stage = "solve",
        .help = "how long it lasts, for tissue that relaxes; 0: as long as its way takes at load.rate. Where "

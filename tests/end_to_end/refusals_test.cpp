@@ -272,6 +272,7 @@ TEST_F(Refusal, OfWordsItDoesNotKnow) {
   expect(2, "run brain.nrrd -o out --set material.mew=300Pa",
          {"no option 'material.mew'", "did you mean 'material.mu", "dimple options"});
   expect(2, "run brain.nrrd -o out --set material.mu", {"'material.mu' is not key=value"});
+  expect(2, "run brain.nrrd -o out --set mu=300", {"no option 'mu'", "did you mean 'material.mu'?"});
   expect(2, "run brain.nrrd", {"--out"});
   for (const std::string flag :
        {"--depth 3", "--rate 3", "--time dynamic", "--damping 3", "--frames 3", "--safety 0.5"})
