@@ -75,7 +75,7 @@ RockingOfBody::RockingOfBody(const Model& model) {
   }
   for (std::size_t k = 0; k < nodes.size(); ++k)
     if (away[k] > far_from_base * furthest) far_.push_back(nodes[k]);
-  if (static_cast<Index>(far_.size()) < fewest_far) return far_.clear();
+  if (static_cast<Index>(far_.size()) < fewest_far) far_.clear();
   x_.resize(3, static_cast<Index>(far_.size()));
   for (Index k = 0; k < x_.cols(); ++k) x_.col(k) = model.X.col(far_[static_cast<std::size_t>(k)]);
   settled_ = Points::Zero(3, x_.cols());
