@@ -518,10 +518,12 @@ void place_tilted(const BodySurface& body, const Moments& moments, const Boundar
   Boundary upright = result;
   upright.push = straight;
   place_on_highest(body, moments, options, asked, View(body, moments, straight), upright);
+  const Vec3 x = body.to_world() * upright.centre;
   Asked there;
-  there.place = body.to_world() * upright.centre;
-  place_as_asked(body, words(body, upright.centre), there, View(body, moments, result.push),
-                 radius_of_touch(options), options.contact_radius_mm > 0.0, result);
+  there.place = x;
+  place_as_asked(body, fmt::format("{:.1f},{:.1f},{:.1f}", x.x(), x.y(), x.z()), there,
+                 View(body, moments, result.push), radius_of_touch(options), options.contact_radius_mm > 0.0,
+                 result);
   result.circle_reason =
       fmt::format("{}; tilted there by {:.0f} degrees", upright.circle_reason,
                   180.0 / std::numbers::pi * std::acos(std::min(1.0, straight.dot(result.push))));
