@@ -8,6 +8,9 @@
 //   $ dimple solve block_model -o block_results --depth 0.5mm --rate 10mm/s
 //   $ dimple run block.nrrd -o block_run --nodes 500 --depth 0.5mm --rate 10mm/s --set material.mu=300Pa
 
+#include <fcntl.h>
+#include <unistd.h>
+
 #include <cstdlib>  // which says whether the library is glibc
 #ifdef __GLIBC__
 #include <malloc.h>
@@ -15,7 +18,21 @@
 
 #include "apps/commands/command_line.hpp"
 
+namespace {
+
+// A closed stderr (2>&-) would be the number of the next file, and messages would go there.
+void open_where_closed(int descriptor) {
+  if (fcntl(descriptor, F_GETFD) >= 0) return;
+  const int nowhere = open("/dev/null", O_RDWR);
+  if (nowhere < 0 || nowhere == descriptor) return;
+  dup2(nowhere, descriptor);
+  close(nowhere);
+}
+
+}  // namespace
+
 int main(int argc, char** argv) {
+  open_where_closed(STDERR_FILENO);
   // Each stage reuses the memory that the one before it has freed: new pages cost up to a fifth of its time.
 #ifdef __GLIBC__
   mallopt(M_MMAP_THRESHOLD, 32 << 20);

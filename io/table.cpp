@@ -110,6 +110,15 @@ InputError bad_table(const fs::path& file, std::size_t line, std::string fact, s
                      .remedy = std::move(remedy)});
 }
 
+/// Two columns of one name. Names that are empty are left to the caller.
+void require_unlike(const std::vector<std::string>& header, const fs::path& file, std::size_t line) {
+  for (auto name = header.begin(); name != header.end(); ++name)
+    if (!name->empty() && std::find(header.begin(), name, *name) != name)
+      throw bad_table(file, line, fmt::format("two columns are called '{}'", *name),
+                      "what a column holds is told by its name alone",
+                      "give one of them another name, or take it out");
+}
+
 double number(const std::string& field, const fs::path& file, std::size_t line, const std::string& column) {
   const char* first = field.data();
   const char* const last = first + field.size();
@@ -173,6 +182,7 @@ Table read_csv(const fs::path& file) {
         throw bad_table(file, line, fmt::format("the table starts with the number '{}'", first),
                         "the first line must name the columns with their units, e.g. depth_mm,force_N",
                         "put such a header above the numbers");
+      require_unlike(table.header, file, line);
       continue;
     }
     std::vector<std::string> fields;
@@ -207,14 +217,12 @@ TextTable read_text_csv(const fs::path& file) {
                       "a field in quotes ends in its line, and a quote within it is written twice",
                       "close the quote, or take it out");
     if (is_header) {
-      for (auto name = fields.begin(); name != fields.end(); ++name)
-        if (name->empty() || std::find(fields.begin(), name, *name) != name)
-          throw bad_table(
-              file, lines.number(),
-              name->empty()
-                  ? fmt::format("column {} of {} has no name", name - fields.begin() + 1, fields.size())
-                  : fmt::format("two columns are called '{}'", *name),
-              "what a column holds is told by its name alone", "name it in the header, or take it out");
+      if (const auto name = std::find(fields.begin(), fields.end(), ""); name != fields.end())
+        throw bad_table(file, lines.number(),
+                        fmt::format("column {} of {} has no name", name - fields.begin() + 1, fields.size()),
+                        "what a column holds is told by its name alone",
+                        "name it in the header, or take it out");
+      require_unlike(fields, file, lines.number());
       table.header = std::move(fields);
       continue;
     }

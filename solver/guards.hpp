@@ -25,7 +25,7 @@ constexpr int most_retries = 3;  ///< that a guard asks for, of one run or step 
 struct Finding {
   Report report;
   double worst = 0.0;
-  bool is_minor = false;  ///< it changes no result but those at the place named
+  bool is_minor = false;  ///< it changes the force by no more than the error bounds hold
 };
 
 /// The last good state was taken up again.
@@ -89,7 +89,8 @@ class Guards {
   /// that has come so deep [m]: a sphere's force grows as its depth^1.5.
   static double off_by_penetration(double penetration, double depth) { return 1.4 * penetration / depth; }
   /// Of a tool that touches: `penetration`, where the surface reaches into it by more than `most` [m] between
-  /// the places where contact is enforced. Throws SolveError: by fifty times as much; or `contact-surface`:
+  /// the places where contact is enforced; minor, where that may change the force by a tenth or less. Throws
+  /// SolveError: by fifty times as much; or `contact-surface`:
   /// it has come to a part of the surface that has no samples.
   void check_contact(const TouchingTool::Audit& audit, double most, const Touch& touch, const Moment& now);
   /// Throws SolveError: they overlap.
@@ -109,7 +110,8 @@ class Guards {
   /// enough for a static answer makes it jump from one to the next.
   void check_smooth(const std::vector<double>& force, double largest, double duration, const Moment& now);
   /// `limit-point`: the tissue gave way at a held load and came to rest elsewhere, `jump` [m] from where the
-  /// path would have led, the tool having moved by `way` [m]. The first one stays.
+  /// path would have led, the tool having moved by `way` [m], by more than that: a shorter jump leaves the
+  /// curve as it is, and the tissue under a tool that first touches moves as far. The first one stays.
   void found_limit_point(const ForceSystem::Nodal& jump, double way, bool folds_touch, const Moment& now);
   /// `tool-left`: the tool, having moved by `way` [m], touches nothing, and the tissue sprang back by `jump`
   /// [m], by more than that. The first one stays.

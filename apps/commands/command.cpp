@@ -9,6 +9,7 @@
 
 #include "apps/commands/log.hpp"
 #include "apps/commands/terminal.hpp"
+#include "apps/run/given_once.hpp"
 #include "io/error.hpp"
 #include "io/text.hpp"
 
@@ -17,12 +18,14 @@ namespace dimple {
 namespace {
 
 // "run" has all flags, "" all that decide a result, "fit" those and the tool's, "solve" those of the
-// simulation and of its files, "live" those of the model and of what a tool feels that someone moves.
+// simulation and of its files, "live" those of the model and of what a tool feels that someone moves,
+// "places" those of the model and of how wide the tool touches.
 bool has_flag(const std::string& command, const Option& of) {
   const std::string& option = of.stage;
   if (command == "live")
     return option == "model" || of.key.starts_with("material.") || of.key == "load.contact" ||
            of.key == "solver.precision" || of.key == "tool.shape";
+  if (command == "places") return option == "model" || of.key == "tool.shape" || of.key == "load.depth_mm";
   if (command == "shift")
     return of.key.starts_with("material.") || of.key == "cloud.nodes" || of.key == "image.label_names" ||
            of.key == "image.close_mm" || of.key.starts_with("output.warp") || of.key == "load.self_contact" ||
@@ -83,6 +86,7 @@ void Flags::add(CLI::App& command, const std::string& stage, Config defaults) {
 Config Flags::stated(const CLI::App& command) const {
   Config result;
   if (!config_file.empty()) read_config(result, config_file);
+  GivenOnce once;
   for (const std::string& pair : sets) {
     const auto equals = pair.find('=');
     if (equals == std::string::npos)
@@ -90,14 +94,17 @@ Config Flags::stated(const CLI::App& command) const {
                         .where = "--set",
                         .why = "there is no =",
                         .remedy = "for instance --set material.mu=300Pa"});
+    once.add(pair.substr(0, equals), pair.substr(equals + 1), "--set");
     set_option(result, pair.substr(0, equals), pair.substr(equals + 1), "--set");
   }
   Config defaults;
   for (const Option& option : options_of(defaults))
     for (const auto& [key, text] : given)
       if (key == option.key && command.count(option.flag) > 0 &&
-          !(defaults_are_unsaid && is_default(option, *text)))
+          !(defaults_are_unsaid && is_default(option, *text))) {
+        once.add(key, *text, option.flag);
         set_option(result, key, *text, option.flag);
+      }
   return result;
 }
 

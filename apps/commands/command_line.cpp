@@ -133,7 +133,8 @@ const std::vector<NotModelled>& not_modelled() {
        "a force cannot be prescribed: the tool is pressed to a depth, and the force is computed",
        "--depth 2mm; read the depth at that force off force.csv"},
       {{"--tool", "--sphere", "--cone", "--indenter", "--indenter-shape", "--tool-shape"},
-       "a tool of another shape than the flat circle is an option of `dimple run`, `fit` and `poke` alone: "
+       "a tool of another shape than the flat circle is an option of `dimple run`, `fit`, `places` and "
+       "`poke` alone: "
        "--tool",
        "dimple run IMAGE --tool sphere:5mm, punch:5mm,edge=1mm, capsule:2mm,length=20mm or probe.stl"},
       {{"--unload", "--unloading", "--retract", "--relax", "--hold"},
@@ -201,7 +202,14 @@ std::string key_of(const std::string& flag) {
     for (const CLI::Option* option : command->get_options())
       for (const std::string& name : option->get_lnames()) flags.push_back("--" + name);
   }
-  std::string fact = error.what(), remedy = "see `dimple --help`, or `dimple COMMAND --help`";
+  std::string fact = error.what(), remedy = "see `dimple --help`, or `dimple COMMAND --help`",
+              why = "it does not follow the usage of the command";
+  // CLI11: "--depth: At Most 1 required but received 2"
+  if (const std::size_t twice = fact.find(": At Most 1 required but received "); twice != std::string::npos) {
+    fact = fmt::format("{} is given {} times", fact.substr(0, twice), fact.substr(fact.rfind(' ') + 1));
+    why = "it has one value, and which one is meant is not known";
+    remedy = "leave all but one of them out";
+  }
   // CLI11: "--gravity: 1 required TEXT missing"
   if (const std::size_t missing = fact.find(": 1 required"); missing != std::string::npos)
     fact = fmt::format("{} is given without its value", fact.substr(0, missing));
@@ -225,10 +233,7 @@ std::string key_of(const std::string& flag) {
         break;
       }
     }
-  throw UsageError({.fact = fact,
-                    .where = "command line",
-                    .why = "it does not follow the usage of the command",
-                    .remedy = remedy});
+  throw UsageError({.fact = fact, .where = "command line", .why = why, .remedy = remedy});
 }
 
 // 3D Slicer knows one program as one module, and gives flags without a command.

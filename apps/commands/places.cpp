@@ -7,6 +7,8 @@
 #include "apps/commands/command.hpp"
 #include "apps/commands/log.hpp"
 #include "apps/commands/terminal.hpp"
+#include "apps/run/tool.hpp"
+#include "io/digits.hpp"
 
 namespace dimple {
 namespace {
@@ -28,14 +30,21 @@ void print_place(const UsablePlace& place) {
                       verdict));
 }
 
-void print_places(const UsablePlaces& places, double diameter_mm) {
+// "a circle of 10 mm", or "the tool sphere:6mm, pressed in by 3.00 mm".
+std::string tool_in_words(const Config& config) {
+  if (!tool_of(config)) return fmt::format("a circle of {:.4g} mm", config.boundary.indenter_diameter_mm);
+  return fmt::format("the tool {}, pressed in by {}", config.tool.shape,
+                     length_in_words(config.load.depth_mm));
+}
+
+void print_places(const UsablePlaces& places, const std::string& tool) {
   print(fmt::format(
-      "Places for a circle of {:.4g} mm; --indent-at takes a side, or x,y,z (LPS, mm) with the base and, "
+      "Places for {}; --indent-at takes a side, or x,y,z (LPS, mm) with the base and, "
       "where the tool "
       "does not come from opposite to it, its way: --base inferior --direction=-1,0,0.\n\n{:<9}  {:<22}  "
       "{:<9}"
       "  {:>9}  {:>10}  {:>7}  {}\n",
-      diameter_mm, "tool from", "x,y,z [mm]", "base", "tissue mm", "tilt [deg]", "room mm", "verdict"));
+      tool, "tool from", "x,y,z [mm]", "base", "tissue mm", "tilt [deg]", "room mm", "verdict"));
   for (const UsablePlace& place : places.sides) print_place(place);
   if (places.looked_at == 0) return;
   const std::string& side = places.sides.front().from;
@@ -53,9 +62,9 @@ void print_places(const UsablePlaces& places, double diameter_mm) {
 Command add_places(CLI::App& app, Invocation& shared) {
   const auto flags = std::make_shared<Flags>();
   CLI::App* command = app.add_subcommand(
-      "places", "list where the circle may stand on an organ, with reasons against the others");
+      "places", "list where the tool may stand on an organ, with reasons against the others");
   command->add_option("IMAGE", shared.image, "label image");
-  flags->add(*command, "model");
+  flags->add(*command, "places");
   add_common(*command, shared);
   return {command, [&shared, command, flags] {
             const Config config = flags->config(*command, shared.image);
@@ -64,7 +73,7 @@ Command add_places(CLI::App& app, Invocation& shared) {
             if (shared.json)
               print_json(places_json(config, found) + "\n");
             else
-              print_places(found.places, config.boundary.indenter_diameter_mm);
+              print_places(found.places, tool_in_words(config));
             return 0;
           }};
 }

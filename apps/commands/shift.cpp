@@ -59,8 +59,10 @@ Command add_shift(CLI::App& app, Invocation& shared) {
       "of a label: between brain and skull at the nearest place, else as the image has it; of a "
       "derived skull: in front of the brain's outer hull, else 2 mm");
   command
-      ->add_option("--target", shift_options.target,
-                   "a place x,y,z in LPS mm whose shift is asked for; several")
+      ->add_option(
+          "--target", shift_options.target,
+          "a place x,y,z in LPS mm whose shift is asked for, or a file of 3D Slicer's markups (.mrk.json, "
+          ".fcsv); several")
       ->expected(1)
       ->take_all();
   command->add_flag("--tables", shift_options.tables_alone,

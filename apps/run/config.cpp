@@ -11,6 +11,7 @@
 #include <numbers>
 #include <sstream>
 
+#include "apps/run/given_once.hpp"
 #include "apps/run/other_tools.hpp"
 #include "apps/run/steps.hpp"
 #include "apps/run/tool.hpp"
@@ -25,7 +26,7 @@ namespace dimple {
 std::string without_unit(const Option& option) {
   static const std::map<std::string, std::string> suffix = {
       {"mm", "_mm"},       {"Pa", "_Pa"}, {"mm/s", "_mm_per_s"}, {"kg/m3", "_kg_per_m3"}, {"1/s", "_per_s"},
-      {"N/m", "_N_per_m"}, {"s", "_s"},   {"deg", "_deg"},       {"J/m2", "_J_m2"}};
+      {"N/m", "_N_per_m"}, {"s", "_s"},   {"deg", "_deg"},       {"J/m2", "_J_m2"},       {"%", "_percent"}};
   const auto found = suffix.find(option.unit);
   if (found == suffix.end() || !option.key.ends_with(found->second)) return option.key;
   return option.key.substr(0, option.key.size() - found->second.size());
@@ -389,6 +390,20 @@ void set_option(Config& config, const std::string& key, const std::string& text,
   config.source[option->key] = source;
 }
 
+std::string full_key(const std::string& key, const std::string& source) {
+  const auto name_ends = key.rfind('.');
+  const auto without_section = [](const std::string& whole) { return whole.substr(whole.rfind('.')); };
+  if (key.starts_with("tissue.") && name_ends > 7)
+    return key.substr(0, name_ends) + without_section(full_key("material" + key.substr(name_ends), source));
+  Config scratch;
+  if (const auto named = named_option(scratch, key, source))
+    return key.substr(0, name_ends) + without_section(named->key);
+  std::vector<Option> options = options_of(scratch);
+  const Option* option = find(options, key);
+  if (!option) unknown_key(options, key, source);
+  return option->key;
+}
+
 std::string option_named(const std::string& name, const std::string& source,
                          const std::vector<std::string>& others) {
   Config config;
@@ -591,30 +606,43 @@ bool default_nodes(const Config& config) {
 
 namespace {
 
+// A value as --set would have it.
+std::string text_of_value(const toml::node& value) {
+  std::ostringstream shown;
+  if (const auto word = value.value_exact<std::string>())
+    shown << *word;
+  else if (const toml::array* list = value.as_array())
+    for (std::size_t k = 0; k < list->size(); ++k) {
+      shown << (k ? "," : "");
+      (*list)[k].visit([&](auto&& v) { shown << v; });
+    }
+  else
+    value.visit([&](auto&& v) { shown << v; });
+  return shown.str();
+}
+
 // The options of a section that has a name of its own.
 void set_all(Config& config, const std::string& section, const toml::node& node,
-             const std::filesystem::path& file) {
+             const std::filesystem::path& file, GivenOnce& given) {
   const toml::table* table = node.as_table();
   std::vector<Option> options = options_of(config);
   if (!table) unknown_key(options, section, file.string());
+  if (table->empty())
+    throw UsageError({.fact = fmt::format("the section [{}] is empty", section),
+                      .where = fmt::format("{}, line {}", file.string(), table->source().begin.line),
+                      .why = "it would change nothing, and what it is to be is not known",
+                      .remedy = "give it its options (`dimple options`), or leave it out"});
   for (const auto& [name, value] : *table) {
-    std::ostringstream shown;
-    if (const auto word = value.value_exact<std::string>())
-      shown << *word;
-    else if (const toml::array* list = value.as_array())
-      for (std::size_t k = 0; k < list->size(); ++k) {
-        shown << (k ? "," : "");
-        (*list)[k].visit([&](auto&& v) { shown << v; });
-      }
-    else
-      value.visit([&](auto&& v) { shown << v; });
-    set_option(config, fmt::format("{}.{}", section, name.str()), shown.str(),
-               fmt::format("{}, line {}", file.string(), value.source().begin.line));
+    const std::string key = fmt::format("{}.{}", section, name.str()), text = text_of_value(value),
+                      place = fmt::format("{}, line {}", file.string(), value.source().begin.line);
+    given.add(key, text, place);
+    set_option(config, key, text, place);
   }
 }
 
 // A table of TOML has no order of its own: the lines have, and the places in them.
-void read_steps(Config& config, const toml::table& table, const std::filesystem::path& file) {
+void read_steps(Config& config, const toml::table& table, const std::filesystem::path& file,
+                GivenOnce& given) {
   const toml::node* section = table.get("step");
   if (!section) return;
   std::vector<Option> options = options_of(config);
@@ -625,7 +653,7 @@ void read_steps(Config& config, const toml::table& table, const std::filesystem:
     const toml::source_position x = a.second->source().begin, y = b.second->source().begin;
     return std::pair(x.line, x.column) < std::pair(y.line, y.column);
   });
-  for (const auto& [name, node] : steps) set_all(config, "step." + name, *node, file);
+  for (const auto& [name, node] : steps) set_all(config, "step." + name, *node, file, given);
 }
 
 }  // namespace
@@ -642,17 +670,18 @@ void read_config(Config& config, const std::filesystem::path& file) {
          .remedy = "correct that line; strings need quotes, tables look like [material]"});
   }
   std::vector<Option> options = options_of(config);
+  GivenOnce given;
   for (const auto& [section, node] : table) {
     const toml::table* entries = node.as_table();
     if (!entries) unknown_key(options, std::string(section.str()), file.string());
     for (const auto& [name, value] : *entries) {
       if (section.str() == "tissue") {
-        set_all(config, "tissue." + std::string(name.str()), value, file);
+        set_all(config, "tissue." + std::string(name.str()), value, file, given);
         continue;
       }
       if (section.str() == "membrane" || section.str() == "wall" ||
           ((section.str() == "support" || section.str() == "tool") && value.is_table())) {
-        set_all(config, fmt::format("{}.{}", section.str(), name.str()), value, file);
+        set_all(config, fmt::format("{}.{}", section.str(), name.str()), value, file, given);
         continue;
       }
       if (section.str() == "step") continue;  // below, in the order of their lines
@@ -660,13 +689,14 @@ void read_config(Config& config, const std::filesystem::path& file) {
         const toml::table* pressures = value.as_table();
         if (!pressures) unknown_key(options, "load.pressure", file.string());
         for (const auto& [of, its] : *pressures)
-          set_all(config, "load.pressure." + std::string(of.str()), its, file);
+          set_all(config, "load.pressure." + std::string(of.str()), its, file, given);
         continue;
       }
       const std::string key = std::string(section.str()) + "." + std::string(name.str());
       const std::string place = fmt::format("{}, line {}", file.string(), value.source().begin.line);
       Option* option = find(options, key);
       if (!option) unknown_key(options, key, place);
+      given.add(key, text_of_value(value), place);
       const bool is_text = !std::holds_alternative<double*>(option->value) &&
                            !std::holds_alternative<std::int64_t*>(option->value);
       if (const auto text = value.value_exact<std::string>()) {
@@ -696,7 +726,7 @@ void read_config(Config& config, const std::filesystem::path& file) {
       config.source[option->key] = place;
     }
   }
-  read_steps(config, table, file);
+  read_steps(config, table, file, given);
 }
 
 namespace {
@@ -1019,7 +1049,7 @@ std::vector<Material> materials_of(const Config& c) {
 Vec3 gravity_of(const Config& config) {
   const std::string& asked = config.load.gravity;
   if (asked == "none") return Vec3::Zero();
-  if (const auto side = side_named(asked)) return 9.81 * *side;
+  if (const auto side = side_named(asked, "--gravity (load.gravity)")) return 9.81 * *side;
   Vec3 result = Vec3::Zero();
   const std::vector<std::string> parts = parts_of(asked);
   bool numbers = parts.size() == 3;
@@ -1046,11 +1076,15 @@ Loading loading_of(const Config& c) {
 }
 
 SolverOptions solver_options(const Config& c) {
+  constexpr double fewest_samples = 20.0;  // of a load that is shorter than the usual rate takes for them
+  const double least_rate = was_given(c, "solver.sample_rate_per_s")
+                                ? 0.0
+                                : fewest_samples * c.load.rate_mm_per_s / c.load.depth_mm;
   return {.safety = c.solver.safety,
           .damping = c.solver.damping_per_s,
           .frames = static_cast<int>(c.solver.frames),
           .step_radii = c.solver.step_radii,
-          .sample_rate = c.solver.sample_rate_per_s,
+          .sample_rate = std::max(c.solver.sample_rate_per_s, least_rate),
           .tolerance = c.solver.tolerance,
           .evaluations = c.solver.evaluations};
 }

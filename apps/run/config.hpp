@@ -196,6 +196,10 @@ std::string without_unit(const Option& option);
 /// choice.
 void set_option(Config& config, const std::string& key, const std::string& text, const std::string& source);
 
+/// The whole key of the option that a file or --set calls `key`, with its unit: "load.depth_mm" of
+/// "load.depth", "step.press.move_mm" of "step.press.move". Throws UsageError: there is none.
+std::string full_key(const std::string& key, const std::string& source);
+
 /// The key of the option that somebody calls `name`, as the head of a column: its key, with or without
 /// section and unit
 /// ("material.mu_Pa", "mu"), or its flag ("indent-at", "indent_at"). Throws UsageError: there is none, with a

@@ -58,7 +58,7 @@ std::optional<FluidWords> fluid_lost_of(const Config& config) {
              .help = "a share in percent"},
             last.substr(0, last.size() - 1), "load.fluid_lost");
   const std::string up = text.substr(0, comma);
-  std::optional<Vec3> direction = side_named(up);
+  std::optional<Vec3> direction = side_named(up, "load.fluid_lost");
   if (!direction) {
     std::vector<double> n;
     set_value({.key = "load.fluid_lost", .value = &n, .least = -1e6, .most = 1e6, .help = "which way is up"},

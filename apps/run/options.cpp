@@ -82,7 +82,8 @@ std::vector<Option> boundary_options(Config& c) {
                "x,y,z in LPS, or organ: as its shape alone suggests"},
       {.key = "boundary.base_depth_mm", .flag = "--base-depth", .unit = "mm",
        .value = &c.boundary.base_depth_mm, .most = 1000, .stage = "model",
-       .help = "the surface is fixed up to this height above the base's lowest point; 0: chosen"},
+       .help = "the surface is fixed up to this height above the base's lowest point; 0: all of a flat face, "
+               "else a third of the organ's height"},
       {.key = "boundary.base_hold", .flag = "--base-hold", .value = &c.boundary.base_hold,
        .choices = {"fixed", "none"}, .stage = "solve",
        .help = "fixed: the base's nodes stand still; none: walls carry the body (--wall), by contact alone"},
@@ -205,7 +206,8 @@ std::vector<Option> solver_options_of(Config& c) {
       {.key = "solver.evaluations", .value = &c.solver.evaluations, .least = 100, .most = 1e9,
        .stage = "solve", .help = "evaluations of the force for one equilibrium, at most"},
       {.key = "solver.sample_rate_per_s", .unit = "1/s", .value = &c.solver.sample_rate_per_s, .most = 1e6,
-       .least_excluded = true, .stage = "solve", .help = "rows per second of force.csv"},
+       .least_excluded = true, .stage = "solve",
+       .help = "rows per second of force.csv; where none is given a load with inertia has 20 at least"},
   };
 }
 
@@ -346,7 +348,8 @@ std::vector<Option> options_of(Config::Step& s) {
        .help = "what it turns about, x,y,z in LPS; none: its tip as it is when the step begins"},
       {.key = "step.cut", .value = &s.cut, .stage = "solve",
        .help = "what is cut in this step, as image.cut, where the body then is; nothing moves in it"},
-      {.key = "step.toughness_J_m2", .unit = "J/m2", .value = &s.toughness_J_m2, .least = 0.0, .most = 1e6, .stage = "solve",
+      {.key = "step.toughness_J_m2", .unit = "J/m2", .value = &s.toughness_J_m2, .least = 0.0, .most = 1e6,
+       .stage = "solve",
        .help = "of a step that cuts: energy that a square metre of new area takes; 0: not known"},
       {.key = "step.time_s", .unit = "s", .value = &s.time_s, .least = 0.0, .most = 1e7, .stage = "solve",
        .help = "how long it lasts, for tissue that relaxes; 0: as long as its way takes at load.rate. Where "

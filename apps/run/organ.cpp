@@ -21,6 +21,7 @@
 #include "io/file.hpp"
 #include "io/label_names.hpp"
 #include "io/text.hpp"
+#include "preprocess/scene/cut_face.hpp"
 #include "preprocess/surface/label_surface.hpp"
 
 namespace dimple {
@@ -254,7 +255,11 @@ TissueOptions tissues_of(const Config& config, const std::map<std::string, int>&
   int number = 0;
   for (const auto& [label, differing] : config.tissue) {
     const int value = number_of_label(label, label_names);
-    tissues.of_label[value] = ++number;
+    if (!tissues.of_label.emplace(value, ++number).second)
+      throw UsageError({.fact = fmt::format("label {} is given two tissues", value),
+                        .where = fmt::format("tissue.{}", label),
+                        .why = "one is named by the label's number, another by its name",
+                        .remedy = "put the options of both into one section"});
     const bool is_gone = std::any_of(taken_out.begin(), taken_out.end(),
                                      [&](const LabelMeasure& m) { return m.value == value; });
     if (!is_gone && !(places.label.array() == value).any())
@@ -557,6 +562,9 @@ Discretisation place_nodes(const Config& config, const Organ& organ, const Model
                     length_in_words(apart), length_in_words(gap), apart / widest_over_gap));
   if (has_base(config))
     log.say(fmt::format("base     {} nodes: {}", places.base.size(), report.boundary.base_reason));
+  for (const std::string& sentence :
+       faces_along_voxels(organ.body->surface, report.boundary, options.boundary.is_pressed))
+    log.say("flat     " + sentence);
   const std::string centre = in_words(places.tool.centre * 1e3);
   if (options.boundary.contact_radius_mm > 0.0 && options.boundary.is_pressed)
     log.say(fmt::format("contact  nodes are finest around a circle {:.1f} mm across at {}: {}",

@@ -13,6 +13,7 @@
 #include "apps/run/loads.hpp"
 #include "apps/run/membranes.hpp"
 #include "apps/run/other_tools.hpp"
+#include "apps/run/rocking.hpp"
 #include "apps/run/run_words.hpp"
 #include "apps/run/steps.hpp"
 #include "apps/run/stopwatch.hpp"
@@ -453,6 +454,7 @@ void make_ready(const Case& given, Placed placed, const RunLog& log, Result& res
   std::map<std::string, Vec3> push_of_others;
   for (const Touch& other : others.touch) push_of_others[other.name] = other.pose.points_at;
   result.loading.steps = steps_of(config, model.tool, push_of_others);
+  require_near(loading.steps, model.X);
   if (!config.load.poses_taken.empty()) log.say("poses    " + config.load.poses_taken);
   for (const Step& step : result.loading.steps) log.say("step     " + in_words(step));
   result.loading.touch =
@@ -515,6 +517,7 @@ void make_ready(const Case& given, Placed placed, const RunLog& log, Result& res
          .remedy = "run it once with the smallest and once with the largest modulus, or slower"});
   result.spread = force_spread(config);
   result.model_warnings = result.warnings.size();
+  ask_for_units(log, config, result);
   result.complete_s = preparing.seconds();
 }
 
@@ -557,6 +560,7 @@ class Watched {
         hears_(observer),
         place_(to_followed(result)),
         bending_(result.model),
+        rocking_(result.model),
         closing_(result.model, 1e-3 * config.image.cut_gap_mm) {
     if (place_ && from && from->u.cols() > 0)
       result.followed->u = displacement_at(*place_, from->u);  // no frame may be left
@@ -572,7 +576,8 @@ class Watched {
     FoldContact::Audit& folds = result_.history.folds;
     const bool touch = result_.loading.folds != nullptr;
     folds.penetration = std::max(folds.penetration, touch ? closing_.deepest() : 0.0);
-    for (const std::string& warning : {bending_.warning(), touch ? std::string() : closing_.warning()})
+    const std::string bends = bending_.warning(), rocks = bends.empty() ? rocking_.warning() : bends;
+    for (const std::string& warning : {rocks, touch ? std::string() : closing_.warning()})
       if (!warning.empty()) log.warn(warning);
     if (result_.loading.loads.move_the_body()) tell_of_settling(log);
   }
@@ -600,6 +605,7 @@ class Watched {
       result_.history.settled = node_interpolation(result_.model)(frame.u).colwise().norm().maxCoeff();
     feel_supports(frame.f, frame.depth, result_);
     bending_.see(frame);
+    rocking_.see(frame);
     closing_.see(frame);
     if (observer_.frame) observer_.frame(frame);
   }
@@ -609,6 +615,7 @@ class Watched {
   Observer hears_;
   std::optional<Interpolation> place_;
   BendingOfPart bending_;
+  RockingOfBody rocking_;
   ClosingCut closing_;
 };
 
@@ -677,6 +684,7 @@ std::unique_ptr<ForceSystem> march(const Config& config, const SolverOptions& op
   tell_of_lost_contact(log, result);
   tell_of_lateral_force(log, result);
   tell_of_rigid(log, result);
+  warn_of_inertia(log, result);
   if (watched) watched->tell(log);
   return system;
 }

@@ -8,6 +8,7 @@
 #include "apps/run/cuts.hpp"
 #include "apps/run/organ.hpp"
 #include "apps/run/summary.hpp"
+#include "apps/run/tool.hpp"
 #include "io/words.hpp"
 
 namespace dimple {
@@ -43,6 +44,7 @@ PlacesOfImage places_of_image(const Config& config, const LabelImage* image, con
   Result result;
   const RunLog log{observer, result};
   require_no_cuts(config, "the list of places");
+  check_tool(config);
   const Organ organ = read_organ({.config = config, .image = image}, model_options(config), log, result);
   found.places = usable_places(organ.body->surface, organ.options.boundary);
   found.warnings = result.warnings;
@@ -50,8 +52,10 @@ PlacesOfImage places_of_image(const Config& config, const LabelImage* image, con
 }
 
 std::string places_json(const Config& config, const PlacesOfImage& found) {
+  const std::optional<ToolShape> tool = tool_of(config);
   Json json = {{"image", name_of_image(config)},
-               {"circle_diameter_mm", config.boundary.indenter_diameter_mm},
+               {"tool", config.tool.shape},
+               {"circle_diameter_mm", tool ? 2e3 * tool->radius : config.boundary.indenter_diameter_mm},
                {"sides", Json::array()},
                {"others", Json::array()},
                {"looked_at", found.places.looked_at},

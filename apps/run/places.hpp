@@ -9,7 +9,7 @@
 
 namespace dimple {
 
-/// Where the circle may stand on an image's organ.
+/// Where the tool may stand on an image's organ.
 struct PlacesOfImage {
   UsablePlaces places;
   std::vector<std::string> warnings;

@@ -9,6 +9,7 @@
 #include "apps/run/membranes.hpp"
 #include "apps/run/steps.hpp"
 #include "apps/run/tool.hpp"
+#include "apps/run/verdict.hpp"
 #include "apps/run/words.hpp"
 
 namespace dimple {
@@ -166,6 +167,45 @@ std::string time_in_words(TimeMode mode, double crossings, bool shallow) {
                                     : "quasi-static",
       crossings_in_words(crossings),
       shallow ? "; the load is short, but its tool is slow; --time explicit follows the waves" : "");
+}
+
+void ask_for_units(const RunLog& log, const Config& config, const Result& result) {
+  constexpr double shallowest_mm = 0.05, softest_Pa = 5.0, thinnest_film_mm = 0.005, softest_film_Pa = 1e3;
+  const auto ask = [&](const std::string& what, const std::string& least, const std::string& option,
+                       const char* unit) {
+    log.warn(
+        fmt::format("{} is less than {}: are the units of {} those of its numbers? A bare number is in {}",
+                    what, least, option, unit));
+  };
+  if (config.load.depth_mm < shallowest_mm)
+    ask("a depth of " + length_in_words(config.load.depth_mm), length_in_words(shallowest_mm),
+        config.step.empty() ? "--depth (load.depth_mm)" : "the steps", "mm");
+  for (const Material& tissue : in_use(result.tissues))
+    if (tissue.mu < softest_Pa)
+      ask("a shear modulus of " + stress_in_words(tissue.mu), stress_in_words(softest_Pa),
+          "the material (--mu, --young)", "Pa");
+  for (const Membrane& film : result.loading.loads.membrane) {
+    if (!(film.shear_modulus > 0.0)) continue;  // tension alone
+    const std::string option = fmt::format("the membrane '{}'", film.name);
+    if (1e3 * film.thickness < thinnest_film_mm)
+      ask(fmt::format("a film of {}", length_in_words(1e3 * film.thickness)),
+          length_in_words(thinnest_film_mm), option, "mm");
+    if (film.shear_modulus < softest_film_Pa)
+      ask(fmt::format("a film's shear modulus of {}", stress_in_words(film.shear_modulus)),
+          stress_in_words(softest_film_Pa), option, "Pa");
+  }
+}
+
+void warn_of_inertia(const RunLog& log, const Result& result) {
+  if (result.time == TimeMode::quasi_static || result.history.force.empty()) return;
+  const ForceSample& last = result.history.force.back();
+  const double off = std::abs(last.base_force - last.force);
+  if (!(off > inertia_to_check * std::abs(last.force))) return;
+  log.warn(fmt::format(
+      "inertia takes part in the force: the tool has {} at the end, the base {}; {}; give a lower --rate, or "
+      "--time quasi-static for the force of equilibrium",
+      force_in_words(last.force), force_in_words(last.base_force),
+      crossings_in_words(shear_crossings(result.model, result.tissues, result.loading))));
 }
 
 std::string level_in_words(int number, const RefinementLevel& level, bool has_displacement) {

@@ -23,6 +23,12 @@ std::vector<Material> in_use(const Tissues& tissues);
 /// How time is followed, and why so. `shallow`: the load is short, but its tool is slow.
 std::string time_in_words(TimeMode mode, double crossings, bool shallow);
 
+/// Asks for the unit of numbers that look like metres or kPa: a depth, a tool, a modulus or a film that is
+/// smaller than any of soft tissue.
+void ask_for_units(const RunLog& log, const Config& config, const Result& result);
+/// Warns where the base does not bear the tool's force at the end of a march with inertia.
+void warn_of_inertia(const RunLog& log, const Result& result);
+
 /// The cloud of a refinement level, and one that came to nothing.
 std::string level_in_words(int number, const RefinementLevel& level, bool has_displacement);
 std::string failure_in_words(int number, Index nodes, const std::string& fact);

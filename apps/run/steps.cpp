@@ -386,6 +386,18 @@ std::vector<Step> steps_of(const Config& config, const ToolPlace& tool,
   return steps;
 }
 
+void require_near(const std::vector<Step>& steps, const Points& body) {
+  constexpr double furthest = 20.0;  // of the body's size
+  const double size = (body.rowwise().maxCoeff() - body.rowwise().minCoeff()).norm();
+  for (const Step& step : steps)
+    if (!step.holds() && step.length() > furthest * size)
+      refuse(step.name, step.turns() ? "about_mm" : "move_mm",
+             fmt::format("goes {} far, more than {:g} times the body's size of {}",
+                         length_in_words(1e3 * step.length()), furthest, length_in_words(1e3 * size)),
+             step.turns() ? "a turn about a far place is a long way" : "nothing of the body is there",
+             "give lengths and places in mm, LPS, near the body");
+}
+
 bool turns(const Config& config) {
   return std::any_of(config.step.begin(), config.step.end(),
                      [](const auto& step) { return !step.second.turn_deg.empty(); });

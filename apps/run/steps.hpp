@@ -36,6 +36,9 @@ Vec3 way_of(const std::vector<double>& move, const Vec3& push);
 std::vector<Step> steps_of(const Config& config, const ToolPlace& tool,
                            const std::map<std::string, Vec3>& push_of_others = {});
 
+/// Throws UsageError: a step goes further than twenty times the size of the body, whose nodes are given [m].
+void require_near(const std::vector<Step>& steps, const Points& body);
+
 /// Whether the tool turns in any of them.
 bool turns(const Config& config);
 

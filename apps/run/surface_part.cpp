@@ -48,7 +48,7 @@ std::vector<Index> uncut_triangles_on(const SurfacePart& part, const Surface& su
 
 std::optional<SurfacePart> surface_part_named(const std::string& on) {
   if (on == "all") return SurfacePart{};
-  const SurfacePart part{.side = side_named(on), .ball = ball_in_mm(on)};
+  const SurfacePart part{.side = side_named(on, "on = SIDE, a part of the surface"), .ball = ball_in_mm(on)};
   return part.side || part.ball ? std::optional(part) : std::nullopt;
 }
 

@@ -255,12 +255,18 @@ std::string depth_of_tool_in_words(const Config& config) {
 void require_tool_as_long(const Config& config, double depth_mm) {
   const std::optional<ToolShape> tool = tool_of(config);
   if (!tool || 1e-3 * depth_mm <= length_of_tool(*tool)) return;
+  constexpr double smallest_mm = 0.05;  // radius of what indents soft tissue
+  const bool looks_like_metres = 1e3 * tool->radius < smallest_mm;
   throw UsageError(
       {.fact = fmt::format("the tool is to be pushed in by {}, and is {} long", length_in_words(depth_mm),
                            length_in_words(1e3 * length_of_tool(*tool))),
        .where = config.step.empty() ? "--depth (load.depth_mm)" : "step",
-       .why = "what holds it at its upper end is not modelled",
-       .remedy = "give a smaller --depth, or a longer tool"});
+       .why = looks_like_metres ? fmt::format("its radius is {}: are the units of --tool those of its "
+                                              "numbers? A bare number is in mm",
+                                              length_in_words(1e3 * tool->radius))
+                                : "what holds it at its upper end is not modelled",
+       .remedy = looks_like_metres ? "give the radius in millimetres or with its unit, as --tool sphere:5mm"
+                                   : "give a smaller --depth, or a longer tool"});
 }
 
 void require_tool_as_long_turned(const Config& config, double below) {
@@ -322,7 +328,7 @@ void require_circle(const Config& config, const std::string& what) {
   throw UsageError(
       {.fact = fmt::format("{} knows the circle alone, and the tool is '{}'", what, config.tool.shape),
        .where = "tool.shape",
-       .why = "a tool that touches is known to `dimple run`, `fit` and `poke` alone",
+       .why = "a tool that touches is known to `dimple run`, `fit`, `places` and `poke` alone",
        .remedy = "leave the tool out here"});
 }
 

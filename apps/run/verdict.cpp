@@ -40,7 +40,7 @@ struct Answer {
 std::set<std::string> fired(const Result& result, const std::set<std::string>& about) {
   std::set<std::string> codes;
   for (const Finding& finding : result.findings)
-    if (finding.report.code != "inverted" && about.contains(finding.report.code))
+    if (finding.report.code != "inverted" && !finding.is_minor && about.contains(finding.report.code))
       codes.insert(finding.report.code);
   for (const Retry& retry : result.history.retries)
     if (about.contains(retry.code)) codes.insert(retry.code);

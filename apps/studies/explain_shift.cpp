@@ -44,8 +44,7 @@ Measured measured(const Config& config, const ShiftScene& scene, Points& places)
   Shifted now;
   unless_stopped([&] { come_to_rest(config, scene, {}, now); });
   Measured result;
-  const Index largest = now.largest_in(scene.opening);
-  if (largest >= 0) result.at_opening = now.surface_mm.col(largest).norm();
+  result.at_opening = now.surface_mm.col(now.largest_in(scene.opening)).norm();
   if (places.cols() == 0) {
     places.resize(3, now.line.cols() + static_cast<Index>(scene.targets.size()));
     for (Index k = 0; k < places.cols(); ++k)

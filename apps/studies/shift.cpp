@@ -73,6 +73,16 @@ Json json_of(const Points& place_mm, const Points& shift_mm, const Vec3& up, boo
   return list;
 }
 
+// An opening narrower than the surface's triangles may hold none of their corners.
+void warn_of_narrow_opening(const RunLog& log, const Shifted& now, const Eigen::Vector4d& opening) {
+  const Vec3 at = now.result.model.surface.vertex_mm.col(now.largest_in(opening)), middle = opening.head<3>();
+  if (const double away = (at - middle).norm(); away > opening[3])
+    log.warn(fmt::format(
+        "the opening of {} radius lies between the vertices of the surface: the shift at the opening is that "
+        "of the nearest vertex, {}, which is {} from its middle",
+        length_in_words(opening[3]), dimple::in_words(at), length_in_words(away)));
+}
+
 void warn_of_shift(const RunLog& log, const Shifted& now, double shift_mm) {
   if (now.sweep.inverted > 0)
     log.warn(fmt::format("{} of {} integration points are inverted: the shift is not to be trusted there",
@@ -248,6 +258,7 @@ Outcome shift(const Config& config, const ShiftOptions& options, const fs::path&
   summary["status"] = band.stopped ? "interrupted" : "finished";
   summary["version"] = DIMPLE_VERSION;
   Json told = shift_json(options, scene, config, now, band);
+  warn_of_narrow_opening(log, now, scene.opening);
   warn_of_shift(log, now, told["largest_at_opening_mm"]);
   const std::vector<std::string> assumed = assumptions_of(config, options);
   log.say("assumed  " + fmt::format("{}", fmt::join(assumed, "; ")));

@@ -16,7 +16,7 @@ struct ShiftOptions {
   std::string up;                   ///< a side, or x,y,z: against gravity
   std::string fluid_lost = "60%";   ///< of the brain's height
   std::string gap;                  ///< between brain and skull; empty: of a label as the image has it
-  std::vector<std::string> target;  ///< x,y,z in mm each
+  std::vector<std::string> target;  ///< x,y,z in mm each, or the name of a file of markups
   bool tables_alone = false;        ///< no images, pictures and page
 };
 

@@ -20,8 +20,7 @@ constexpr double least_share = 0.25;
 constexpr Index fewest_nodes = 4000;
 
 double largest_at_opening(const ShiftScene& scene, const Shifted& shifted) {
-  const Index largest = shifted.largest_in(scene.opening);
-  return largest < 0 ? 0.0 : shifted.surface_mm.col(largest).norm();
+  return shifted.surface_mm.col(shifted.largest_in(scene.opening)).norm();
 }
 
 // What it was measured with, but for the brain, the opening, the gap and the fluid.

@@ -17,6 +17,7 @@
 #include "apps/run/unloaded.hpp"
 #include "apps/run/walls.hpp"
 #include "apps/run/words.hpp"
+#include "apps/studies/markups.hpp"
 #include "io/digits.hpp"
 #include "io/error.hpp"
 #include "io/stop.hpp"
@@ -58,7 +59,7 @@ Eigen::Vector4d opening_of(const ShiftOptions& options) {
 }
 
 Vec3 up_of(const ShiftOptions& options) {
-  if (const auto side = side_named(options.up)) return *side;
+  if (const auto side = side_named(options.up, "--up")) return *side;
   const auto n = numbers_of_shift(options.up, "--up", 3, "a side, such as anterior, or x,y,z, LPS");
   const Vec3 up(n[0], n[1], n[2]);
   if (up.isZero(0.0))
@@ -69,10 +70,35 @@ Vec3 up_of(const ShiftOptions& options) {
 std::vector<Vec3> targets_of(const ShiftOptions& options) {
   std::vector<Vec3> targets;
   for (const std::string& one : options.target) {
+    if (is_markups_file(one)) {
+      const std::vector<Vec3> read = read_markups(one);
+      targets.insert(targets.end(), read.begin(), read.end());
+      continue;
+    }
     const auto n = numbers_of_shift(one, "--target", 3, "x,y,z in mm, LPS");
     targets.emplace_back(n[0], n[1], n[2]);
   }
   return targets;
+}
+
+// "20.0 mm left, 10.0 mm posterior of the brain's middle": RAS in place of LPS is seen there.
+std::string from_middle(const BodySurface& surface, const Vec3& place) {
+  constexpr double nothing_mm = 0.05;
+  const Vec3 away = place - surface.to_world() * surface.centroid();
+  std::string text;
+  for (Index d = 0; d < 3; ++d)
+    if (std::abs(away[d]) >= nothing_mm)
+      text += fmt::format("{}{:.1f} mm {}", text.empty() ? "" : ", ", std::abs(away[d]),
+                          side_towards(away[d] * Vec3::Unit(d)));
+  return text.empty() ? "at the brain's middle" : text + " of the brain's middle";
+}
+
+void say_places(const RunLog& log, const BodySurface& surface, const ShiftScene& scene) {
+  const Vec3 opening = scene.opening.head<3>();
+  log.say(fmt::format("opening  {}, of {} radius: {}", dimple::in_words(opening),
+                      length_in_words(scene.opening[3]), from_middle(surface, opening)));
+  for (const Vec3& target : scene.targets)
+    log.say(fmt::format("target   {}: {}", dimple::in_words(target), from_middle(surface, target)));
 }
 
 // What is asked for lies on or in the brain, before anything expensive is done.
@@ -187,6 +213,7 @@ void come_to_rest(const Config& config, const ShiftScene& scene, const ShiftHook
   const Case given{.config = config, .change = hooks.change};
   Organ organ = read_organ(given, model_options(config), log, result);
   require_on_brain(organ, scene.opening, scene.targets);
+  say_places(log, organ.body->surface, scene);
   spread_evenly(organ);
   result.provenance = {{"image", name_of_image(config)},
                        {"image_sha256", sha256_of_image(config, result.image)}};

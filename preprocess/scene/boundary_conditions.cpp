@@ -30,7 +30,9 @@ constexpr double same_moment = 0.9;      // variances across two axes: from here
 constexpr double few_voxels = 3.0;       // across the circle
 constexpr double border_share = 0.05;    // of the base: less than that at the image's border decides nothing
 constexpr double smallest_organ_mm = 1.0;  // across: the image of a smaller one may be in metres
-constexpr double widest_circle = 1000.0;   // mm: as wide as --indenter-diameter takes
+constexpr const char *base_option = "--base (boundary.base)",
+                     *place_option = "--indent-at (boundary.indent_at)";
+constexpr double widest_circle = 1000.0;  // mm: as wide as --indenter-diameter takes
 
 // "inferior side", or "inferior side (0.17, 0.00, -0.98)" where it is not along that axis of the patient.
 std::string side_in_words(const BodySurface& body, const Vec3& down) {
@@ -155,10 +157,10 @@ void rest_on_side(const BodySurface& body, const Moments& moments, const Vec3& d
 // What --base says: a word, or a direction.
 std::optional<Vec3> base_direction(const std::string& text) {
   if (text == "auto" || text == "organ") return std::nullopt;
-  if (const auto side = side_named(text)) return side;
+  if (const auto side = side_named(text, base_option)) return side;
   if (const auto vector = parse_vector(text); vector && vector->norm() > 0.0) return vector->normalized();
   throw UsageError({.fact = fmt::format("'{}' is not a side", text),
-                    .where = "--base (boundary.base)",
+                    .where = base_option,
                     .why =
                         "a side is auto, organ, inferior, superior, left, right, anterior, posterior, one of "
                         "I, S, L, R, A, P, or x,y,z in LPS",
@@ -214,11 +216,12 @@ void find_base(const BodySurface& body, const Moments& moments, const BoundaryOp
       return organ || (one.share >= cut_share && !is_image_end(body, one));
     });
   if (asked) {
-    rest_on_side(body, moments,
-                 side_named(options.base) ? nearest_axis(body, *asked) : local_direction(body, *asked),
-                 result);
+    rest_on_side(
+        body, moments,
+        side_named(options.base, base_option) ? nearest_axis(body, *asked) : local_direction(body, *asked),
+        result);
     reason = "as asked for";
-    if (side_named(options.base)) tell_of_turned_axes(body, *asked, options.base, result);
+    if (side_named(options.base, base_option)) tell_of_turned_axes(body, *asked, options.base, result);
   } else if (face) {
     rest_on(*face, result);
     reason = fmt::format("the organ's largest flat face, {:.0f} % of its outline", 100.0 * face->share);
@@ -230,8 +233,11 @@ void find_base(const BodySurface& body, const Moments& moments, const BoundaryOp
     result.base_by_axes = true;
   }
   if (options.base_depth_mm > 0.0) result.base_depth = options.base_depth_mm;
-  result.base_reason = fmt::format("{}; {}; surface up to {:.1f} mm above it is fixed",
-                                   side_in_words(body, result.down), reason, result.base_depth);
+  const char* why_so_deep = options.base_depth_mm > 0.0 ? ", as asked for,"
+                            : result.flat_base          ? ""
+                                                        : ", a third of the organ's height (--base-depth),";
+  result.base_reason = fmt::format("{}; {}; surface up to {:.1f} mm above it{} is fixed",
+                                   side_in_words(body, result.down), reason, result.base_depth, why_so_deep);
 }
 
 Vec3 middle_of(const BodySurface& body, Index t) {
@@ -315,11 +321,11 @@ Asked parse_place(const std::string& text) {
     throw UsageError(
         {.fact = "'top' does not say where to indent",
          .where = "--indent-at (boundary.indent_at)",
-         .why = "it meant the side opposite to the base, whichever that is, and --base top is the patient's "
-                "superior side",
+         .why =
+             "it may mean the side opposite to the base, whichever that is, or the patient's superior side",
          .remedy = "give --indent-at opposite for the side opposite to the base, or --indent-at superior"});
-  const auto from = side_named(part[0]);
-  const auto half = part.size() == 2 ? side_named(part[1]) : std::nullopt;
+  const auto from = side_named(part[0], place_option);
+  const auto half = part.size() == 2 ? side_named(part[1], place_option) : std::nullopt;
   if (part.size() > 2 || (!from && part[0] != "opposite") || (part.size() == 2 && !half))
     throw UsageError(
         {.fact = fmt::format("'{}' is not a place to indent", text),
@@ -513,13 +519,36 @@ void place_on_highest(const BodySurface& body, const Moments& moments, const Bou
                                       : "");
 }
 
+// A tool that is tilted stands where it would stand upright, `straight`, and not on what is highest along its
+// push.
+void place_tilted(const BodySurface& body, const Moments& moments, const BoundaryOptions& options,
+                  const Asked& asked, const Vec3& straight, Boundary& result) {
+  Boundary upright = result;
+  upright.push = straight;
+  place_on_highest(body, moments, options, asked, View(body, moments, straight), upright);
+  const Vec3 x = body.to_world() * upright.centre;
+  Asked there;
+  there.place = x;
+  place_as_asked(body, fmt::format("{:.1f},{:.1f},{:.1f}", x.x(), x.y(), x.z()), there,
+                 View(body, moments, result.push), radius_of_touch(options), options.contact_radius_mm > 0.0,
+                 result);
+  result.circle_reason =
+      fmt::format("{}; tilted there by {:.0f} degrees", upright.circle_reason,
+                  180.0 / std::numbers::pi * std::acos(std::min(1.0, straight.dot(result.push))));
+}
+
+// `straight`: the push of a tool without a direction of its own.
 void find_circle(const BodySurface& body, const Moments& moments, const BoundaryOptions& options,
-                 const Asked& asked, Boundary& result) {
+                 const Asked& asked, const Vec3& straight, Boundary& result) {
+  constexpr double most_tilted = 0.65;  // its cosine: beyond that the tool comes from another side
   check_width(options, result);
   const View view(body, moments, result.push);
+  const double tilt = straight.dot(result.push);
   if (asked.place)
     place_as_asked(body, options.indent_at, asked, view, radius_of_touch(options),
                    options.contact_radius_mm > 0.0, result);
+  else if (tilt > most_tilted && tilt < 1.0 - 1e-9)
+    place_tilted(body, moments, options, asked, straight, result);
   else
     place_on_highest(body, moments, options, asked, view, result);
   if (result.room < wanted_room * result.radius)
@@ -568,7 +597,10 @@ Boundary find_boundary(const BodySurface& body, const BoundaryOptions& options, 
   warn_of_base_at_image_end(body, result);
   result.radius = 0.5 * options.indenter_diameter_mm;
   result.push = push_of(body, options, asked, known, result.down);
-  find_circle(body, moments, options, asked, result);
+  BoundaryOptions without_direction = options;
+  without_direction.direction = "auto";
+  const Vec3 straight = push_of(body, without_direction, asked, known, result.down);
+  find_circle(body, moments, options, asked, straight, result);
   return result;
 }
 

@@ -19,7 +19,8 @@ struct BoundaryOptions {
   /// from superior.
   std::string indent_at = "opposite";
   double indenter_diameter_mm = 10.0;
-  /// auto: from the side that indent_at names; or x,y,z: the LPS direction in which the circle moves.
+  /// auto: from the side that indent_at names; or x,y,z: the LPS direction in which the circle moves. Where
+  /// that is within 49 degrees of auto the circle stays at the place of auto.
   std::string direction = "auto";
   double voxel_mm =
       0.0;  ///< longest edge of the image's voxels: finer than that nothing is known; 0: unknown

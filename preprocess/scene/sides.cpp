@@ -1,8 +1,12 @@
 #include "preprocess/scene/sides.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <array>
 #include <map>
+
+#include "io/error.hpp"
 
 namespace dimple {
 namespace {
@@ -20,12 +24,17 @@ const std::array<Side, 6> sides = {{{"inferior", {0, 0, -1}},
 
 }  // namespace
 
-std::optional<Vec3> side_named(const std::string& word) {
+std::optional<Vec3> side_named(const std::string& word, const std::string& where) {
   static const std::map<std::string, std::string> same_side = {
-      {"bottom", "inferior"}, {"below", "inferior"}, {"under", "inferior"}, {"down", "inferior"},
-      {"top", "superior"},    {"above", "superior"}, {"up", "superior"},    {"front", "anterior"},
-      {"back", "posterior"},  {"I", "inferior"},     {"S", "superior"},     {"A", "anterior"},
-      {"P", "posterior"},     {"L", "left"},         {"R", "right"}};
+      {"front", "anterior"}, {"back", "posterior"}, {"I", "inferior"}, {"S", "superior"},
+      {"A", "anterior"},     {"P", "posterior"},    {"L", "left"},     {"R", "right"}};
+  for (const char* of_room : {"up", "down", "top", "bottom", "above", "below", "under"})
+    if (word == of_room)
+      throw UsageError({.fact = fmt::format("'{}' is no side of the patient", word),
+                        .where = where,
+                        .why = "which side it means depends on how the patient lies: of a supine patient "
+                               "anterior is up, of a standing one superior",
+                        .remedy = "give superior, inferior, anterior, posterior, left or right"});
   const auto other = same_side.find(word);
   const std::string& name = other == same_side.end() ? word : other->second;
   for (const Side& side : sides)

@@ -8,9 +8,10 @@
 namespace dimple {
 
 /// The patient's side of that name, as the LPS unit vector out of the patient: superior, inferior, anterior,
-/// posterior, left or right, 3D Slicer's letters S, I, A, P, L and R, or top, bottom, front, back, above,
-/// below, under, up and down of a patient whose z points up. Nothing for any other word.
-std::optional<Vec3> side_named(const std::string& word);
+/// posterior, left or right, 3D Slicer's letters S, I, A, P, L and R, or front and back. Nothing for any
+/// other word. Throws UsageError for up, down, top, bottom, above, below and under: which side they mean
+/// depends on how the patient lies. `where`: the option that holds the word.
+std::optional<Vec3> side_named(const std::string& word, const std::string& where);
 
 /// The name of the patient's side that an LPS direction comes nearest to.
 std::string side_towards(const Vec3& lps);

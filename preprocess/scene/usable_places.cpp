@@ -187,7 +187,7 @@ UsablePlaces usable_places(const BodySurface& body, const BoundaryOptions& optio
     there.indent_at = side;
     there.direction = "auto";
     // Where the axes decide, the base is opposite to the tool: that takes no search for cut faces.
-    if (own && own->base_by_axes) there.base = side_towards(-*side_named(side));
+    if (own && own->base_by_axes) there.base = side_towards(-*side_named(side, "side"));
     add(side, there, own && !own->base_by_axes ? &*own : nullptr);
   }
   if (why_not && std::all_of(result.sides.begin(), result.sides.end(), [](const UsablePlace& place) {

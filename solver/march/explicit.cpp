@@ -111,7 +111,9 @@ void ExplicitMarch::run() {
 
 void ExplicitMarch::begin_stretch() {
   state_.step = 0;
-  state_.steps = static_cast<std::int64_t>(std::ceil(stretch_ / (state_.safety * state_.dt_stable)));
+  // A load shorter than a few stable steps has as many steps as the force has samples.
+  const double longest = std::min(state_.safety * state_.dt_stable, 1.0 / options_.sample_rate);
+  state_.steps = static_cast<std::int64_t>(std::ceil(stretch_ / longest));
   state_.dt = stretch_ / static_cast<double>(state_.steps);
   if (state_.frame == 0) {
     history_.dt_stable_first = state_.dt_stable;

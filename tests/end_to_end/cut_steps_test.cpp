@@ -274,8 +274,7 @@ TEST_F(StepsThatCut, HaveTheWorkOfTheirBladeByTheBalanceOfEnergyWhereAToughnessI
   const Json& cut = step["scene"][1];
   EXPECT_NEAR(cut["work_of_blade_J"].get<double>(),
               2e-6 * cut["area_mm2"].get<double>() - cut["released_J"].get<double>(), 1e-12);
-  const Json tear =
-      quick("tear", press + "--set step.slit.cut=" + disc + " --set step.slit.toughness_J_m2=1e-6");
+  const Json tear = quick("tear", press + "--set step.slit.cut=" + disc + " --set step.slit.toughness=1e-6");
   EXPECT_EQ(tear["scene"][1]["work_of_blade_J"].get<double>(), 0.0) << "the tissue gives more than it takes";
   EXPECT_FALSE(
       quick("none", press + "--set step.slit.cut=" + disc + "")["scene"][1].contains("work_of_blade_J"));

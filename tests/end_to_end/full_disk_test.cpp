@@ -192,5 +192,17 @@ TEST_F(FullDisk, BehindTheStandardOutputIsNoticed) {
   EXPECT_EQ(silent.code, 3);
 }
 
+TEST(ClosedStreams, OfMessagesLeaveTheRunAsItIs) {
+  const fs::path folder = fresh_folder();
+  ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 40,40,20 --spacing 2").code, 0);
+  const Ran ran = Program(folder,
+                          {"-c", DIMPLE_PROGRAM " run block.nrrd -o out --nodes 300 --depth 1mm "
+                                                "--frames 1 --band off --write force 2>&-"},
+                          "/bin/sh")
+                      .wait();
+  EXPECT_EQ(ran.code, 0);
+  EXPECT_GT(fs::file_size(folder / "out" / "force.csv"), 0u);
+}
+
 }  // namespace
 }  // namespace dimple

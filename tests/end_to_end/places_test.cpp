@@ -77,6 +77,28 @@ TEST_F(Places, OnEachSideAreTakenWithTheBaseBesideThemAndTheWayFromThere) {
   EXPECT_GE(others, 2);
 }
 
+TEST_F(Places, OfAToolAreThoseThatItsRunTakes) {
+  good("phantom brain.nrrd --spacing 3");
+  const std::string tool = " --tool sphere:6mm --depth 2mm ";
+  const Json listed = Json::parse(good("places brain.nrrd --json" + tool).out);
+  EXPECT_EQ(listed.at("tool"), "sphere:6mm");
+  EXPECT_EQ(listed.at("circle_diameter_mm"), 12.0);
+  EXPECT_THAT(good("places brain.nrrd" + tool).out,
+              HasSubstr("Places for the tool sphere:6mm, pressed in by 2.00 mm"));
+  for (const Json& side : listed.at("sides")) {
+    if (side.at("verdict") == "refused") continue;
+    const Json& x = side.at("centre_mm");
+    const Ran ran = good("run brain.nrrd -o out --force --nodes 500 --frames 1 --band off --write force " +
+                         tool + "--indent-at " + side.at("from").get<std::string>());
+    std::smatch said;
+    ASSERT_TRUE(std::regex_search(ran.err, said,
+                                  std::regex("contact  .* at \\(([-0-9.]+), ([-0-9.]+), ([-0-9.]+)\\) mm")))
+        << ran.err;
+    for (std::size_t d = 0; d < 3; ++d)
+      EXPECT_NEAR(std::stod(said[d + 1]), x[d].get<double>(), 0.1) << side.at("from");
+  }
+}
+
 TEST_F(Places, OfACircleThatJustFitsAFaceAreFound) {
   good("phantom cube.nrrd --shape block --size 40,40,40 --spacing 2");
   for (const char* width : {"33mm", "36mm", "39mm"})
@@ -115,6 +137,18 @@ TEST_F(Places, OnAPieceThatWasDroppedAreRefusedWithThatReason) {
   const Ran ran = dimple(folder, "run two.nrrd -o out --force --nodes 300 -q --indent-at 16,18,top");
   EXPECT_EQ(ran.code, 4) << ran.err;
   EXPECT_THAT(ran.err, HasSubstr("the labels form 2 pieces, and all but the largest were dropped"));
+}
+
+// A column that is pressed on its end yields in all of its length.
+TEST_F(Places, AnOrganThatMovesAsABodyFarFromTheToolIsWarnedOf) {
+  good("phantom tall.nrrd --shape block --size 30,30,90 --spacing 2");
+  good("phantom low.nrrd --shape block --size 60,60,40 --spacing 2");
+  const std::string scene = " --base inferior --depth 2mm --nodes 600 --band off --write force";
+  const std::string moves = "far from the tool the organ moves as a body";
+  const Ran down = good("run tall.nrrd -o tall --indenter-diameter 8" + scene);
+  EXPECT_THAT(down.err, HasSubstr(moves));
+  EXPECT_THAT(down.err, HasSubstr("--base-depth"));
+  EXPECT_EQ(good("run low.nrrd -o low" + scene).err.find(moves), std::string::npos);
 }
 
 // A post of 12 mm with an arm of 9 mm thickness that hangs over nothing: pushed down, the arm bends.

@@ -320,6 +320,7 @@ TEST_F(Refusal, OfWordsItDoesNotKnow) {
   expect(2, "run brain.nrrd -o out --set material.mew=300Pa",
          {"no option 'material.mew'", "did you mean 'material.mu", "dimple options"});
   expect(2, "run brain.nrrd -o out --set material.mu", {"'material.mu' is not key=value"});
+  expect(2, "run brain.nrrd -o out --set mu=300", {"no option 'mu'", "did you mean 'material.mu'?"});
   expect(2, "run brain.nrrd", {"--out"});
   for (const std::string flag :
        {"--depth 3", "--rate 3", "--time dynamic", "--damping 3", "--frames 3", "--safety 0.5"})
@@ -343,7 +344,7 @@ TEST_F(Refusal, OfPhysicsThatIsNotModelledSaysWhatIs) {
     expect(2, std::string("run brain.nrrd -o out ") + words, texts);
   }
   expect(2, "model brain.nrrd -o out --tool sphere:5mm",
-         {"an option of `dimple run`, `fit` and `poke` alone", "not-modelled"});
+         {"an option of `dimple run`, `fit`, `places` and `poke` alone", "not-modelled"});
   expect(2, "run brain.nrrd -o out --gravity",
          {"--gravity is given without its value", "usage of the command"});
   // An option that the command has is not what is wrong with its line.
@@ -383,6 +384,27 @@ TEST_F(Refusal, OfAConfigurationWithAMistakeInIt) {
   expect(2, "run brain.nrrd -o out --config unknown.toml", {"'material.stiffness'", "unknown.toml, line 2"});
   write("typed.toml", "[material]\nnu = true\n");
   expect(2, "run brain.nrrd -o out --config typed.toml", {"material.nu = true", "must be a number"});
+}
+
+TEST_F(Refusal, OfOneOptionWithTwoValues) {
+  expect(2, "run brain.nrrd -o out --depth 1mm --depth 2mm",
+         {"--depth is given 2 times", "leave all but one"});
+  const std::string twice = " is given twice";
+  expect(2, "run brain.nrrd -o out --set load.depth=1 --set load.depth_mm=2",
+         {"load.depth_mm" + twice + ": load.depth = 1, and load.depth_mm = 2"});
+  expect(2, "run brain.nrrd -o out --set material.mu=300 --mu 200",
+         {"material.mu_Pa" + twice, "--set; --mu"});
+  const auto refuses = [&](const std::string& toml, const std::string& word) {
+    write("two.toml", toml);
+    expect(2, "run brain.nrrd -o out --nodes 400 --config two.toml", {word});
+  };
+  refuses("[material]\nmu = 100\nmu_Pa = 2\n", "material.mu_Pa" + twice);
+  refuses("[step.a]\nmove=1\nmove_mm=0.5\n", "step.a.move_mm" + twice);
+  refuses("[tissue.2]\nmu=300\nmu_Pa=100\n", "tissue.2.mu_Pa" + twice);
+  refuses("[tissue.1]\nmu=300\n[tissue.left_hemisphere]\nmu=100\n", "label 1 is given two tissues");
+  refuses("[step.press]\n# move = 2\n", "the section [step.press] is empty");
+  write("same.toml", "[material]\nmu = 100\nmu_Pa = 100\n");  // which leaves no doubt
+  EXPECT_EQ(dimple(folder, "model brain.nrrd -o same --nodes 400 -q --config same.toml").code, 0);
 }
 
 // ---------------------------------------------------------------------------------------------- 4: model
@@ -457,6 +479,8 @@ TEST_F(Refusal, OfPlacesAndNumbersThatNoModelCanHave) {
   };
   for (const Row& row : {
            Row{2, "--base sideways", "'sideways' is not a side"},
+           Row{2, "--base bottom", "'bottom' is no side of the patient"},
+           Row{2, "--gravity down", "give superior, inferior, anterior"},
            Row{2, "--direction up", "'up' is not a direction"},
            Row{2, "--direction 0,0,0", "is not a direction"},
            Row{2, "--indent-at middle", "'middle' is not a place"},

@@ -181,6 +181,34 @@ TEST_F(Run, HasNoBandDeeperThanItWasMeasured) {
   EXPECT_EQ(read_csv(folder / "deeper" / "force.csv").find("low_N"), nullptr);
 }
 
+// Metres per second in place of millimetres: few rows and a force of inertia alone went without a word.
+TEST_F(Run, TooFastForEquilibriumIsSampledAndWarnsWhereTheBaseDoesNotBearTheForce) {
+  const Ran ran =
+      good("run brain.nrrd -o out --nodes 400 --depth 1mm --rate 1m/s --frames 2 --write force --band off");
+  EXPECT_GE(read_csv(folder / "out" / "force.csv").rows(), 20u);
+  const std::string inertia = "inertia takes part in the force";
+  EXPECT_NE(ran.err.find("warning: " + inertia), std::string::npos) << ran.err;
+  EXPECT_NE(summary("out").at("warnings").dump().find(inertia), std::string::npos);
+}
+
+TEST_F(Run, AsksForTheUnitOfNumbersThatLookLikeMetresOrKilopascals) {
+  const std::string scene = "run brain.nrrd -o out --force --nodes 400 --frames 1 --write force --band off ";
+  const std::string question = "are the units of ";
+  for (const auto& [numbers, of] : std::vector<std::pair<std::string, std::string>>{
+           {"--depth 0.008", "--depth"},
+           {"--depth 1mm --mu 0.21", "the material"},
+           {"--depth 1mm --membrane 0.1:400", "the membrane 'surface'"},
+           {"--depth 1mm --membrane 0.0001:400kPa", "the membrane 'surface'"}}) {
+    const Ran ran = good(scene + numbers);
+    EXPECT_NE(ran.err.find(question + of), std::string::npos) << numbers << '\n' << ran.err;
+    EXPECT_NE(summary("out").at("warnings").dump().find(question + of), std::string::npos) << numbers;
+  }
+  EXPECT_EQ(good(scene + "--depth 1mm --membrane 0.1mm:400kPa").err.find(question), std::string::npos);
+  const Ran tool = dimple(folder, "run brain.nrrd -o small --tool sphere:0.005 --depth 1");
+  EXPECT_EQ(tool.code, 2) << tool.err;
+  EXPECT_NE(tool.err.find(question + "--tool"), std::string::npos) << tool.err;
+}
+
 // What the tool gives the base takes: in equilibrium to the residual, otherwise but for what sways.
 TEST_F(Run, RestsOnItsBaseWithTheForceThatTheToolFeels) {
   const std::string scene =

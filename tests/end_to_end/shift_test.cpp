@@ -61,6 +61,61 @@ TEST(Shift, SaysTheShiftAtTheMiddleOfTheOpeningFirstAndTheLargestThere) {
   }
 }
 
+// One point as numbers, and as 3D Slicer writes it in either space.
+TEST(Shift, RepeatsOpeningAndTargetsWithTheirSidesAndReadsMarkups) {
+  const fs::path folder = fresh_folder();
+  std::ofstream(folder / "t.fcsv") << "# Markups fiducial file version = 4.11\n# CoordinateSystem = RAS\n"
+                                      "# columns = id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc\n"
+                                      "1,-5,-10,20,0,0,0,1,1,1,0,F-1,\n";
+  std::ofstream(folder / "t.mrk.json")
+      << R"({"markups": [{"type": "Fiducial", "coordinateSystem": "LPS", "coordinateUnits": "mm",
+            "controlPoints": [{"id": "1", "label": "F-1", "position": [5, 10, 20]}]}]})";
+  std::string numbers;
+  for (const char* target : {"5,10,20", "t.fcsv", "t.mrk.json"}) {
+    const Ran ran = dimple(folder, "shift " + block_of_brain + " -o out --force --tables" + opened +
+                                       "--set accuracy.band=off --target " + target);
+    ASSERT_EQ(ran.code, 0) << ran.err;
+    for (const char* line : {"opening  (0.0, 0.0, 30.0) mm, of 15.00 mm radius: ", "superior of the brain's",
+                             "target   (5.0, 10.0, 20.0) mm: ", " mm left, ", " mm posterior, "})
+      EXPECT_NE(ran.err.find(line), std::string::npos) << line << '\n' << ran.err;
+    const std::string table = text_of(folder / "out" / "targets.csv");
+    if (numbers.empty()) numbers = table;
+    EXPECT_EQ(table, numbers) << target;
+  }
+  const auto refused = [&](const char* content, const char* word) {
+    std::ofstream(folder / "bad.fcsv") << content;
+    const Ran ran = dimple(folder, "shift " + block_of_brain + " -o no" + opened + "--target bad.fcsv");
+    EXPECT_EQ(ran.code, 3) << ran.err;
+    EXPECT_NE(ran.err.find(word), std::string::npos) << ran.err;
+  };
+  refused("# CoordinateSystem = IJK\n1,0,0,20\n", "the space 'IJK'");
+  refused("# CoordinateSystem = LPS\n1,0,up,20\n", "'up' is not a coordinate");
+  refused("# CoordinateSystem = LPS\n", "no point is in the file");
+}
+
+// 0.00 mm was reported, with exit code 0.
+TEST(Shift, AtAnOpeningBetweenTheSurfacesVerticesIsThatOfTheNearestOne) {
+  const fs::path folder = fresh_folder();
+  ASSERT_EQ(dimple(folder, "phantom head.nrrd --shape cut-ellipsoid --size 140,170,120 --spacing 4").code, 0);
+  const auto with_radius = [&](const std::string& radius) {
+    const Ran ran = dimple(folder,
+                           "shift head.nrrd -o out --force --tables --nodes 800 --close 0 --up superior "
+                           "--set accuracy.band=off --opening 24.3,0.9,66.9," +
+                               radius);
+    EXPECT_EQ(ran.code, 0) << ran.err;
+    return std::pair(Json::parse(text_of(folder / "out" / "summary.json"))["shift"],
+                     ran.err.find("lies between the vertices") != std::string::npos);
+  };
+  const auto [wide, is_wide_told] = with_radius("6");
+  const auto [narrow, is_narrow_told] = with_radius("1.5");
+  EXPECT_FALSE(is_wide_told);
+  EXPECT_TRUE(is_narrow_told);
+  const double shift = wide["largest_at_opening_mm"];
+  EXPECT_GT(shift, 2.0);
+  EXPECT_NEAR(narrow["largest_at_opening_mm"].get<double>(), shift, 0.2 * shift);
+  EXPECT_FALSE(narrow["at_mm"].is_null());
+}
+
 // There is no tool that could pass through the skull.
 TEST(Shift, BesideAnOpeningOnTheSideSaysNothingOfATool) {
   const fs::path folder = fresh_folder();
@@ -258,6 +313,7 @@ TEST(Shift, IsRefusedBeforeAnythingIsBuiltWhereItIsNotUnderstood) {
   refused("--opening 0,0,30,0 --up superior", "no radius");
   refused("--opening 0,0,90,15 --up superior", "from the brain's surface");
   refused("--opening 0,0,30,15 --up 0,0,0", "no direction");
+  refused("--opening 0,0,30,15 --up up", "'up' is no side of the patient");
   refused(well + "--fluid-lost 60", "for instance --fluid-lost 60%");
   refused(well + "--fluid-lost 0%", "0");
   refused(well + "--target 0,0", "has 2 numbers");

@@ -212,7 +212,7 @@ TEST_F(Terminal, EveryLengthTimeAndModulusTakesAUnitOrNone) {
     return text_of(folder / "out" / "force.csv");
   };
   const std::string plain =
-      "--indent-at 3,-2,30 --indenter-diameter 12 --depth 1 --mu 300 --base bottom --time-limit 600";
+      "--indent-at 3,-2,30 --indenter-diameter 12 --depth 1 --mu 300 --base inferior --time-limit 600";
   EXPECT_EQ(
       force(plain),
       force(

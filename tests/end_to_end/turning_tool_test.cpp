@@ -183,10 +183,11 @@ TEST(SceneWithATurn, WhatMakesNoTurnIsRefusedInWords) {
       {"turns 'b'", "straight"});
   refused("--set step.t.turn=0,9,0", {"step.t.turn_deg", "it is the circle"}, "");
   refused(
-      "--set step.press.move=0.0,0,1.5 --set step.press.turn=0,9,0 --set "
+      "--set step.press.turn=0,9,0 --set "
       "step.t.cut=plane:0,0,20,1,0,0,radius=5mm",
       {"step.t.cut", "a tool that turns"});
-  refused("--set step.press.move=5mm --set step.t.turn=0,60,0", {"along its axis", "longer tool"},
+  refused("--set step.t.turn=0,9,0 --set step.t.about=1e9,0,0", {"step 't'", "the body's size"});
+  refused("--set step.more.move=3.5mm --set step.t.turn=0,60,0", {"along its axis", "longer tool"},
           " --tool capsule:3mm,length=6mm");
   const Ran only_turned =
       dimple(folder, "run block.nrrd -o out -q --tool sphere:5mm --set step.t.turn=0,9,0 --write force");

@@ -15,6 +15,7 @@
 #include "io/error.hpp"
 #include "preprocess/image/phantom.hpp"
 #include "preprocess/scene/circle_place.hpp"
+#include "preprocess/scene/cut_face.hpp"
 #include "preprocess/scene/flat_face.hpp"
 #include "preprocess/scene/usable_places.hpp"
 #include "preprocess/surface/label_surface.hpp"
@@ -306,17 +307,23 @@ TEST(Circle, OnTheLeftHalfIsOnTheLeft) {
   EXPECT_THROW(find_boundary(body.surface, {.indent_at = "superior,inferior"}), UsageError);
 }
 
-TEST(Circle, UnderATiltedPushLiesOnOneFaceOfABlockNotOnItsEdge) {
+TEST(Circle, UnderATiltedPushStaysWhereItStandsUpright) {
   const SegmentedBody body =
       make_body_surface(make_phantom({.shape = "block", .size_mm = {80, 80, 40}, .spacing_mm = 1.5}), {});
+  const Vec3 upright = find_boundary(body.surface, {}).centre;
   for (const char* direction : {"1,0,-1", "1,1,-1.4", "0.5,0,-1"}) {
     const Boundary found = find_boundary(body.surface, {.direction = direction});
+    EXPECT_LT((found.centre - upright).norm(), 1e-3) << direction;
+    EXPECT_NE(found.circle_reason.find("tilted there by "), std::string::npos) << found.circle_reason;
     EXPECT_GE(found.room, 1.75 * found.radius) << direction;
     const Points rim = rim_of_circle(body.surface, found, 24);
     const Vec3 normal = body.surface.normal().col(body.surface.closest(found.centre).triangle);
     for (const auto& x : rim.colwise()) EXPECT_NEAR((x - found.centre).dot(normal), 0.0, 0.2) << direction;
     EXPECT_TRUE(found.warnings.empty());
   }
+  // So far from upright it comes from another side.
+  const Boundary aside = find_boundary(body.surface, {.direction = "1,0,-0.2"});
+  EXPECT_GT((aside.centre - upright).norm(), 10.0);
 }
 
 TEST(Circle, OnADomeShapedShellIsAtItsTopNotOnItsWall) {
@@ -422,8 +429,8 @@ LabelImage upright_egg() {
 TEST(Boundary, AndCircleKnowEachSideByTheSameWords) {
   const SegmentedBody body = make_body_surface(upright_egg(), {});
   const std::vector<std::pair<Vec3, std::vector<const char*>>> sides = {
-      {{0, 0, 1}, {"superior", "S", "top"}},
-      {{0, 0, -1}, {"inferior", "I", "bottom"}},
+      {{0, 0, 1}, {"superior", "S"}},
+      {{0, 0, -1}, {"inferior", "I"}},
       {{0, -1, 0}, {"anterior", "A", "front"}},
       {{0, 1, 0}, {"posterior", "P", "back"}},
       {{1, 0, 0}, {"left", "L"}},
@@ -435,7 +442,6 @@ TEST(Boundary, AndCircleKnowEachSideByTheSameWords) {
       const Boundary on = find_boundary(body.surface, {.base = word});
       EXPECT_LT((to_lps * on.down - out).norm(), 1e-12);
       EXPECT_LT((to_lps * on.push - out).norm(), 1e-12);  // opposite to the base
-      if (word == "top") continue;
       const Boundary from = find_boundary(body.surface, {.indent_at = word});
       EXPECT_LT((to_lps * from.push + out).norm(), 1e-12);
       EXPECT_GT((body.surface.to_world() * from.centre).dot(out), 10.0);
@@ -445,6 +451,46 @@ TEST(Boundary, AndCircleKnowEachSideByTheSameWords) {
       EXPECT_LT((to_lps * held.push + out).norm(), 1e-12);
       EXPECT_LT((to_lps * held.down - Vec3::UnitY()).norm(), 1e-12);
     }
+}
+
+TEST(Boundary, SaysHowDeepItReachesAndWhy) {
+  const SegmentedBody egg = make_body_surface(upright_egg(), {});
+  EXPECT_NE(find_boundary(egg.surface, {}).base_reason.find("a third of the organ's height (--base-depth)"),
+            std::string::npos);
+  EXPECT_NE(find_boundary(egg.surface, {.base_depth_mm = 7.0})
+                .base_reason.find("up to 7.0 mm above it, as asked for, is fixed"),
+            std::string::npos);
+  const BodySurface block = block_surface({-30, -30, 0}, {30, 30, 30});
+  EXPECT_EQ(find_boundary(block, {}).base_reason.find("--base-depth"), std::string::npos);
+}
+
+TEST(Boundary, AndToolOnAFaceAlongTheVoxelsAreReported) {
+  const SegmentedBody half = make_body_surface(
+      make_phantom({.shape = "cut-ellipsoid", .size_mm = {60, 50, 40}, .spacing_mm = 2}), {});
+  const auto of = [](const BodySurface& body, const BoundaryOptions& options) {
+    return faces_along_voxels(body, find_boundary(body, options), true);
+  };
+  const std::vector<std::string> below = of(half.surface, {}), above = of(half.surface, {.base = "superior"});
+  ASSERT_EQ(below.size(), 1u);
+  EXPECT_EQ(below[0].find("the base is on a flat face of "), 0u) << below[0];
+  EXPECT_NE(below[0].find("on the inferior side"), std::string::npos) << below[0];
+  ASSERT_EQ(above.size(), 1u);
+  EXPECT_EQ(above[0].find("the tool is on a flat face of "), 0u) << above[0];
+  EXPECT_TRUE(of(make_body_surface(upright_egg(), {}).surface, {}).empty());
+}
+
+TEST(Boundary, RefusesWordsOfTheRoomAsSidesOfThePatient) {
+  const BodySurface block = block_surface({-30, -30, 0}, {30, 30, 30});
+  for (const char* word : {"up", "down", "top", "bottom", "above", "below", "under"}) try {
+      find_boundary(block, {.base = word});
+      ADD_FAILURE() << word;
+    } catch (const UsageError& error) {
+      EXPECT_EQ(error.report.where, "--base (boundary.base)");
+      EXPECT_NE(error.report.remedy.find("superior, inferior, anterior"), std::string::npos)
+          << error.report.remedy;
+    }
+  EXPECT_THROW(find_boundary(block, {.indent_at = "up"}), UsageError);
+  EXPECT_THROW(find_boundary(block, {.indent_at = "superior,down"}), UsageError);
 }
 
 TEST(Circle, AskedForOnTopIsToldTheWordsThatSayWhichTop) {

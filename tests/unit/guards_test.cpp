@@ -141,6 +141,21 @@ TEST_F(StateGuard, OfAToolThatLeavesWarnsOnceAndOnlyWhereTheTissueSpringsBackByM
   EXPECT_EQ(findings.size(), 1u);
 }
 
+// Under a sphere that first touched a block the tissue moved by 0.76 mm with the tool's 0.75 mm, and the
+// curve was right to its end.
+TEST_F(StateGuard, OfALimitPointWarnsOnceAndOnlyWhereANodeJumpsByMoreThanTheToolMoved) {
+  u(2, 3) = -0.76e-3;
+  guards.found_limit_point(u, 0.75e-3, false, now);
+  EXPECT_TRUE(findings.empty()) << "it goes with the tool";
+  guards.found_limit_point(u, 0.25e-3, false, now);
+  ASSERT_EQ(findings.size(), 1u);
+  expect_whole(findings.front().report, "limit-point");
+  EXPECT_THAT(findings.front().report.fact, HasSubstr("0.76 mm while the tool moved by 0.25 mm"));
+  EXPECT_THAT(findings.front().report.remedy, HasSubstr("trust the curve to 1.75 mm"));
+  guards.found_limit_point(2.0 * u, 0.1e-3, false, now);
+  EXPECT_EQ(findings.size(), 1u);
+}
+
 TEST_F(StateGuard, OfAToolThatTouchesWarnsOfWhatComesIntoItAndEndsWhereItIsTooMuchOrNowhereLookedFor) {
   Touch touch;
   touch.surface.beyond = Points::Constant(3, 1, 7e-3);
@@ -151,6 +166,11 @@ TEST_F(StateGuard, OfAToolThatTouchesWarnsOfWhatComesIntoItAndEndsWhereItIsTooMu
   EXPECT_NO_THROW(guards.check_contact({.penetration = 2.0 * most}, most, touch, now));
   ASSERT_EQ(findings.size(), 1u);
   EXPECT_EQ(findings.front().report.code, "penetration");
+  EXPECT_TRUE(findings.front().is_minor) << "1.4 x 0.01 mm of 2 mm: 0.7 % of the force";
+  guards.check_contact({.penetration = 40.0 * most}, most, touch, now);
+  ASSERT_EQ(findings.size(), 1u);
+  EXPECT_FALSE(findings.front().is_minor) << "14 %";
+  EXPECT_THAT(findings.front().report.why, HasSubstr("may be off by up to 14"));
   const auto ends_with = [&](const TouchingTool::Audit& audit) -> std::string {
     try {
       guards.check_contact(audit, most, touch, now);

@@ -93,6 +93,9 @@ TEST(Table, NamesLineAndColumnOfWhatItRefuses) {
   EXPECT_NE(refusal("a,b\n1,2,3\n").fact.find("3 fields"), std::string::npos);
   EXPECT_NE(refusal("0,0\n1,2\n").remedy.find("header"), std::string::npos);
   EXPECT_NE(refusal("# nothing\n\n").fact.find("empty"), std::string::npos);
+  report = refusal("# of one name\ndepth_mm,force_N,force_N\n0,0,0\n");
+  EXPECT_EQ(report.fact, "two columns are called 'force_N'");
+  EXPECT_NE(report.where.find("line 2"), std::string::npos);
   EXPECT_THROW(read_csv("/no/such/table.csv"), InputError);
 }
 

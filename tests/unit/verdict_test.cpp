@@ -61,6 +61,8 @@ TEST(Verdict, AGuardSpeaksToItsOwnQuestionAlone) {
     Result result = good_run();
     result.findings.push_back(finding(code));
     EXPECT_EQ(words(result), expected) << code;
+    result.findings.back().is_minor = true;
+    EXPECT_EQ(words(result), words(good_run())) << code;
   }
 }
 

@@ -1,0 +1,22 @@
+#include "apps/run/given_once.hpp"
+
+#include <fmt/format.h>
+
+#include "apps/run/config.hpp"
+#include "io/error.hpp"
+
+namespace dimple {
+
+void GivenOnce::add(const std::string& key, const std::string& text, const std::string& source) {
+  const std::string option = full_key(key, source);
+  const auto [before, is_first] = of_option_.try_emplace(option, Given{key, text, source});
+  const Given& first = before->second;
+  if (is_first || first.text == text) return;
+  throw UsageError({.fact = fmt::format("{} is given twice: {} = {}, and {} = {}", option, first.key,
+                                        first.text, key, text),
+                    .where = first.source == source ? source : fmt::format("{}; {}", first.source, source),
+                    .why = "an option has one value, and which one is meant is not known",
+                    .remedy = "leave one of them out"});
+}
+
+}  // namespace dimple

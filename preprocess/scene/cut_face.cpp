@@ -1,0 +1,52 @@
+#include "preprocess/scene/cut_face.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "preprocess/scene/flat_face.hpp"
+#include "preprocess/scene/sides.hpp"
+
+namespace dimple {
+namespace {
+
+// Of the outline: the gentle sides of organs, which nobody has cut, have 0.29 to 0.39.
+constexpr double large_share = 0.45;
+
+// The body's frame has the axes of the image.
+bool runs_along_voxels(const BodySurface& body, const FlatFace& face) {
+  const bool ends_with_image =
+      std::any_of(body.image_ends().begin(), body.image_ends().end(), [&](const auto& end) {
+        return end.out.dot(face.out) > 0.98 &&
+               std::abs(end.offset - face.offset) < end.tolerance + face.tolerance;
+      });
+  return face.outermost && face.share >= large_share && face.out.cwiseAbs().maxCoeff() > 1.0 - 1e-9 &&
+         !ends_with_image;
+}
+
+std::string sentence(const BodySurface& body, const FlatFace& face, const char* what, const char* remedy) {
+  return fmt::format(
+      "{} on a flat face of {:.3g} cm2 on the {} side, along one plane of voxels. The segmentation may end "
+      "there, and not the organ; {}",
+      what, face.area / 1e2, side_towards(body.to_world().linear() * face.out), remedy);
+}
+
+}  // namespace
+
+std::vector<std::string> faces_along_voxels(const BodySurface& body, const Boundary& boundary,
+                                            bool has_tool) {
+  std::vector<std::string> sentences;
+  const Moments moments = moments_of(body);
+  if (boundary.flat_base)
+    if (const FlatFace face = face_towards(body, moments, boundary.down); runs_along_voxels(body, face))
+      sentences.push_back(sentence(body, face, "the base is", "--base gives another side"));
+  if (!has_tool) return sentences;
+  const FlatFace face = face_towards(body, moments, -boundary.push);
+  if (runs_along_voxels(body, face) &&
+      std::abs(boundary.centre.dot(face.out) - face.offset) <= face.tolerance)
+    sentences.push_back(sentence(body, face, "the tool is", "--indent-at gives another place"));
+  return sentences;
+}
+
+}  // namespace dimple
