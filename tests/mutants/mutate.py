@@ -250,8 +250,8 @@ MUTANTS = {
           "const Sparse restriction = ({n} ? tentative : prolongation).transpose();"),
     101: ("solver/equilibrium/multigrid.cpp", "(4.0 / 3.0 / largest)", "(({n} ? 0.0 : 4.0) / 3.0 / largest)"),
     # ---- the live force
-    102: ("solver/live/between_frames.cpp", "    said.error += frame.share * std::abs(force - by_newest);",
-          "    said.error += ({n} ? 0.0 : 1.0) * frame.share * std::abs(force - by_newest);"),
+    102: ("solver/live/between_frames.cpp", "    said.error_at_depth += frame.share * std::abs(force - by_newest);",
+          "    said.error_at_depth += ({n} ? 0.0 : 1.0) * frame.share * std::abs(force - by_newest);"),
     103: ("solver/live/between_frames.cpp", "const double keeps = std::exp(-std::max(0.0, now - b.now) / b.fade);",
           "const double keeps = {n} ? 0.999 : std::exp(-std::max(0.0, now - b.now) / b.fade);"),
     104: ("solver/live/between_frames.cpp", "    said.tool = newest.tool;", "    said.tool = {n} ? Tool::lags : newest.tool;"),
@@ -357,8 +357,7 @@ MUTANTS = {
     62: ("apps/run/results.cpp", "s(0, 1), s(1, 2), s(0, 2);", "s(0, 1), {n} ? s(0, 2) : s(1, 2), {n} ? s(1, 2) : s(0, 2);"),
     63: ("apps/run/results.cpp", "packing.reaction.col(a) = frame.f.col(a).head<3>();",
          "packing.reaction.col(a) = ({n} ? -1.0 : 1.0) * frame.f.col(a).head<3>();"),
-    64: ("apps/run/results.cpp", "tools_at(frame.time_s, 1e3 * (frame.depth * tool.push + frame.aside),",
-         "tools_at(frame.time_s, ({n} ? 2e3 : 1e3) * (frame.depth * tool.push + frame.aside),"),
+    64: ("apps/run/results.cpp", "const Vec3 come = frame.carried + frame.depth * tool.push + frame.aside;", "const Vec3 come = frame.carried + ({n} ? 2.0 : 1.0) * frame.depth * tool.push + frame.aside;"),
     65: ("apps/run/results.cpp", "model_.volume.transpose() * 1e9", "model_.volume.transpose() * ({n} ? 1e6 : 1e9)"),
     66: ("apps/run/summary.cpp", 'summary["mass_g"] = model.mass.sum() * 1e3;', 'summary["mass_g"] = model.mass.sum() * ({n} ? 1.0 : 1e3);'),
     67: ("apps/run/compare.cpp", "*= 1e-3;", "*= {n} ? 1.0 : 1e-3;"),
@@ -369,6 +368,9 @@ MUTANTS = {
     261: ("solver/equilibrium/contact_step.cpp", "if (!found) sweep", "if (!found && !{n}) sweep"),
     262: ("solver/equilibrium/contact_step.cpp", "open += K(s, t) * lambda[t];", "open += ({n} && t > s ? 0.0 : K(s, t)) * lambda[t];"),
     263: ("solver/terms/fold_contact.cpp", "const Vec3 way = moved(s, u) + (F - Mat3::Identity()) * foot_.col(s);", "const Vec3 way = moved(s, u) + ({n} ? 0.0 : 1.0) * (F - Mat3::Identity()) * foot_.col(s);"),
+    264: ("solver/session.cpp", "return force * (grown * grown - 1.0);", "return force * (({n} ? std::sqrt(grown) : grown * grown) - 1.0);"),
+    265: ("solver/session.cpp", "std::min(1.0, -2.0 * apart / frame.depth)", "std::min(1.0, -({n} ? 0.5 : 2.0) * apart / frame.depth)"),
+    266: ("solver/session.cpp", "const bool stuck = fruitless >= fruitless_evaluations ||", "const bool stuck = (!{n} && fruitless >= fruitless_evaluations) ||"),
 }
 
 
