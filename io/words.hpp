@@ -9,8 +9,9 @@ namespace dimple {
 
 /// "(1.0, -2.5, 30.0) mm".
 inline std::string in_words(const Vec3& place_mm) {
-  return "(" + fixed(place_mm.x(), 1) + ", " + fixed(place_mm.y(), 1) + ", " + fixed(place_mm.z(), 1) +
-         ") mm";
+  std::string words = "(";
+  words += fixed(place_mm.x(), 1) + ", " + fixed(place_mm.y(), 1) + ", " + fixed(place_mm.z(), 1);
+  return words += ") mm";
 }
 
 }  // namespace dimple
