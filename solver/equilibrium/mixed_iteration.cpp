@@ -711,7 +711,8 @@ struct MixedIteration::Parts {
         const double counts = its.largest > 1.0 ? std::max(tolerance, usual_tolerance) : tolerance;
         residual = std::max(residual, counts * its.largest);
         // Nothing bears anything yet: all of it is missing, however little the tool reaches in.
-        if (its.largest > 1.0 && reactions <= borne * its.force) residual = std::max(residual, 1.0);
+        const double nothing = std::max(borne * its.force, body.least_reactions());
+        if (its.largest > 1.0 && reactions <= nothing) residual = std::max(residual, 1.0);
         continue;
       }
       beside.largest = std::max(beside.largest, its.largest);
