@@ -700,7 +700,8 @@ std::vector<std::int32_t> every_voxel(const LabelImage& image) {
 
 LabelImage read_label_image(const fs::path& file, const fs::path& label_names) {
   const Format format = format_of(file);
-  if (fs::is_directory(file))
+  std::error_code ignored;  // what is wrong with the path is said below
+  if (fs::is_directory(file, ignored))
     throw InputError({.fact = fmt::format("'{}' is a folder", file.string()),
                       .where = image_place(file),
                       .why = "a label image is one file; a folder of DICOM slices is not read",

@@ -145,7 +145,7 @@ std::vector<Option> load_options(Config& c) {
       {.key = "tool.friction", .flag = "--friction", .value = &c.tool.friction, .stage = "run",
        .help = "under a tool that touches: Coulomb's coefficient, as 0.3, or stick: what has touched moves "
                "along it no more"},
-      {.key = "load.depth_mm", .flag = "--depth", .unit = "mm", .value = &c.load.depth_mm, .least = 1e-5, .most = 1000,
+      {.key = "load.depth_mm", .flag = "--depth", .unit = "mm", .value = &c.load.depth_mm, .least = 1e-7, .most = 1000,
        .least_excluded = true, .stage = "solve", .common = true, .help = "indentation at the end"},
       {.key = "load.poses", .flag = "--poses", .value = &c.load.poses, .stage = "solve",
        .help = "CSV of where the tool's tip goes: time_s, x_mm, y_mm, z_mm (LPS), and qw, qx, qy, qz where "

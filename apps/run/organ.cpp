@@ -560,11 +560,11 @@ Discretisation place_nodes(const Config& config, const Organ& organ, const Model
         fmt::format("a cut reaches to where nodes are {} apart, which see across a gap of {} as if it were "
                     "not there; give more --nodes, or a wider gap with --set image.cut_gap={:.2g}mm",
                     length_in_words(apart), length_in_words(gap), apart / widest_over_gap));
+  const FacesAlongVoxels flat = faces_along_voxels(organ.body->surface, report.boundary);
   if (has_base(config))
-    log.say(fmt::format("base     {} nodes: {}", places.base.size(), report.boundary.base_reason));
-  for (const std::string& sentence :
-       faces_along_voxels(organ.body->surface, report.boundary, options.boundary.is_pressed))
-    log.say("flat     " + sentence);
+    log.say(fmt::format("base     {} nodes: {}{}", places.base.size(), report.boundary.base_reason,
+                        flat.base.empty() ? "" : "; " + flat.base));
+  if (options.boundary.is_pressed && !flat.tool.empty()) log.say("flat     " + flat.tool);
   const std::string centre = in_words(places.tool.centre * 1e3);
   if (options.boundary.contact_radius_mm > 0.0 && options.boundary.is_pressed)
     log.say(fmt::format("contact  nodes are finest around a circle {:.1f} mm across at {}: {}",

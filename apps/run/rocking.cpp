@@ -99,7 +99,7 @@ std::string RockingOfBody::warning() const {
   return fmt::format(
       "far from the tool the organ moves as a body, by {} of the {} that the tool moved ({:.0f} %): it rocks "
       "or yields on its base, and the force depends on how it is held; see what --base-depth and --base "
-      "change, or run with --explain",
+      "change",
       length_in_words(1e3 * rigid_), length_in_words(1e3 * depth_), 100.0 * rigid_ / depth_);
 }
 

@@ -25,28 +25,26 @@ bool runs_along_voxels(const BodySurface& body, const FlatFace& face) {
          !ends_with_image;
 }
 
-std::string sentence(const BodySurface& body, const FlatFace& face, const char* what, const char* remedy) {
+std::string in_words(const BodySurface& body, const FlatFace& face) {
   return fmt::format(
-      "{} on a flat face of {:.3g} cm2 on the {} side, along one plane of voxels. The segmentation may end "
-      "there, and not the organ; {}",
-      what, face.area / 1e2, side_towards(body.to_world().linear() * face.out), remedy);
+      "flat face of {:.3g} cm2 on the {} side, along one plane of voxels, where the segmentation may end and "
+      "not the organ",
+      face.area / 1e2, side_towards(body.to_world().linear() * face.out));
 }
 
 }  // namespace
 
-std::vector<std::string> faces_along_voxels(const BodySurface& body, const Boundary& boundary,
-                                            bool has_tool) {
-  std::vector<std::string> sentences;
+FacesAlongVoxels faces_along_voxels(const BodySurface& body, const Boundary& boundary) {
+  FacesAlongVoxels found;
   const Moments moments = moments_of(body);
   if (boundary.flat_base)
     if (const FlatFace face = face_towards(body, moments, boundary.down); runs_along_voxels(body, face))
-      sentences.push_back(sentence(body, face, "the base is", "--base gives another side"));
-  if (!has_tool) return sentences;
+      found.base = "a " + in_words(body, face);
   const FlatFace face = face_towards(body, moments, -boundary.push);
   if (runs_along_voxels(body, face) &&
       std::abs(boundary.centre.dot(face.out) - face.offset) <= face.tolerance)
-    sentences.push_back(sentence(body, face, "the tool is", "--indent-at gives another place"));
-  return sentences;
+    found.tool = "the tool is on a " + in_words(body, face) + "; --indent-at gives another place";
+  return found;
 }
 
 }  // namespace dimple

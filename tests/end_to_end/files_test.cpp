@@ -235,7 +235,7 @@ TEST_F(Files, AModelAndAFitAreResultsToo) {
   EXPECT_FALSE(fs::exists(folder / "model/nodes.vtu"));
 
   write("curve.csv", "indentation_mm,force_N\n0.5,0.004\n1,0.009\n");
-  const std::string fit = "fit block.nrrd -o fitted --curve curve.csv --nodes 300 --band off -q";
+  const std::string fit = "fit block.nrrd -o fitted --curve curve.csv --nodes 300 --set accuracy.band=off -q";
   good(fit);
   const std::string found = text("fitted/summary.json");
   const Ran over_fit = run(fit + " --rim 0.2");

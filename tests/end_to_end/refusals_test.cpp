@@ -177,7 +177,7 @@ TEST_F(Refusal, OfADamagedModel) {
 TEST_F(Refusal, OfAModelWhoseNumbersNoBodyCanHave) {
   std::string nodes = "x_mm,y_mm,z_mm,spacing_mm,node_set\n", points = "x_mm,y_mm,z_mm,volume_mm3\n";
   for (const char* at : {"0,0,0", "4,0,0", "0,4,0", "0,0,4"}) {
-    nodes += std::string(at) + ",4,3\n";
+    nodes += std::string(at) + (at[4] == '4' ? ",4,2\n" : ",4,1\n");
     points += std::string(at) + ",64\n";
   }
   const std::string model =
@@ -195,9 +195,9 @@ TEST_F(Refusal, OfAModelWhoseNumbersNoBodyCanHave) {
     expect(3, "solve model.toml -o out", words);
   };
   expect_without(nodes, "0,4,0", "0,1e300,0", "nodes.csv", {"nodes.csv", "1e+300", "kilometre"});
-  expect_without(nodes, "4,3", "nan,3", "nodes.csv", {"nodes.csv", "line 2", "not a finite number"});
-  expect_without(nodes, "4,3", "-4,3", "nodes.csv", {"nodes.csv", "spacing is -4, not positive"});
-  expect_without(nodes, "4,3", "4,1e300", "nodes.csv", {"nodes.csv", "node_set is 1e+300", "from 0 to 3"});
+  expect_without(nodes, "4,1", "nan,1", "nodes.csv", {"nodes.csv", "line 2", "not a finite number"});
+  expect_without(nodes, "4,1", "-4,1", "nodes.csv", {"nodes.csv", "spacing is -4, not positive"});
+  expect_without(nodes, "4,1", "4,1e300", "nodes.csv", {"nodes.csv", "node_set is 1e+300", "from 0 to 3"});
   expect_without(points, "4,0,0,64", "4,0,0,0", "points.csv", {"points.csv", "volume is 0, not positive"});
   expect_without(model, "[1, 0, 0]", "[nan, 0, 0]", "model.toml", {"three unit vectors"});
   expect_without(model, "-1]", "0]", "model.toml", {"push is zero"});
@@ -206,7 +206,7 @@ TEST_F(Refusal, OfAModelWhoseNumbersNoBodyCanHave) {
 
   expect_without(nodes, nodes, "x_mm,y_mm,z_mm\n", "nodes.csv", {"nodes.csv", "list is empty"});
   const std::string same = "x_mm,y_mm,z_mm\n1,2,3\n1,2,3\n1,2,3\n";
-  expect_without(nodes, nodes, same, "nodes.csv", {"nodes.csv", "lie on one place"});
+  expect_without(nodes, nodes, same, "nodes.csv", {"nodes.csv", "nodes 0 and 1 are both at"});
   expect_without(points, points, same, "points.csv", {"points.csv", "lie on one place"});
 }
 
@@ -293,7 +293,8 @@ TEST_F(Refusal, OfABodyInMetresNamesTheUnit) {
 
 TEST_F(Refusal, OfAListedNodeThatIsThereTwiceOrHeldAndMovedNamesIt) {
   write("list/model.toml",
-        "nodes = \"nodes.csv\"\npoints = \"points.csv\"\n[indenter]\ncentre_mm = [0, 0, 10]\n"
+        "format = \"dimple model 1\"\nnodes = \"nodes.csv\"\npoints = \"points.csv\"\n"
+        "axes = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\n[indenter]\ncentre_mm = [0, 0, 10]\n"
         "push = [0, 0, -1]\ndiameter_mm = 10\n");
   write("list/points.csv", "x_mm,y_mm,z_mm\n0,0,2\n4,0,2\n0,4,2\n4,4,8\n0,0,8\n4,0,8\n0,4,8\n");
   const std::string nodes =

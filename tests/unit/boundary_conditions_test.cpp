@@ -468,15 +468,16 @@ TEST(Boundary, AndToolOnAFaceAlongTheVoxelsAreReported) {
   const SegmentedBody half = make_body_surface(
       make_phantom({.shape = "cut-ellipsoid", .size_mm = {60, 50, 40}, .spacing_mm = 2}), {});
   const auto of = [](const BodySurface& body, const BoundaryOptions& options) {
-    return faces_along_voxels(body, find_boundary(body, options), true);
+    return faces_along_voxels(body, find_boundary(body, options));
   };
-  const std::vector<std::string> below = of(half.surface, {}), above = of(half.surface, {.base = "superior"});
-  ASSERT_EQ(below.size(), 1u);
-  EXPECT_EQ(below[0].find("the base is on a flat face of "), 0u) << below[0];
-  EXPECT_NE(below[0].find("on the inferior side"), std::string::npos) << below[0];
-  ASSERT_EQ(above.size(), 1u);
-  EXPECT_EQ(above[0].find("the tool is on a flat face of "), 0u) << above[0];
-  EXPECT_TRUE(of(make_body_surface(upright_egg(), {}).surface, {}).empty());
+  const FacesAlongVoxels below = of(half.surface, {}), above = of(half.surface, {.base = "superior"}),
+                         egg = of(make_body_surface(upright_egg(), {}).surface, {});
+  EXPECT_EQ(below.base.find("a flat face of "), 0u) << below.base;
+  EXPECT_NE(below.base.find("on the inferior side"), std::string::npos) << below.base;
+  EXPECT_EQ(below.tool, "");
+  EXPECT_EQ(above.tool.find("the tool is on a flat face of "), 0u) << above.tool;
+  EXPECT_EQ(above.base, "");
+  EXPECT_EQ(egg.base + egg.tool, "");
 }
 
 TEST(Boundary, RefusesWordsOfTheRoomAsSidesOfThePatient) {
