@@ -36,7 +36,8 @@ TEST(LiveWords, AToolInTheTissueIsNeverSaidNotToTouch) {
 TEST(LiveWords, EachStatusHasItsName) {
   const std::vector<std::string> names = {"there", "lags", "stopped", "elsewhere", "beyond"};
   for (int k = 0; k < 5; ++k) EXPECT_EQ(name_of(static_cast<Tool>(k)), names[static_cast<std::size_t>(k)]);
-  EXPECT_NE(words_of(frame_at(2e-3, 0.01, Tool::elsewhere), false).find("beside this one"), std::string::npos);
+  EXPECT_NE(words_of(frame_at(2e-3, 0.01, Tool::elsewhere), false).find("beside this one"),
+            std::string::npos);
   EXPECT_NE(words_of(frame_at(2e-3, 0.01, Tool::beyond), false).find("deeper than the body"),
             std::string::npos);
 }
