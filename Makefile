@@ -41,7 +41,7 @@ check-quick: bootstrap
 	cmake --preset asan -B build/asan-solver -DDIMPLE_SOLVER_ONLY=ON
 	cmake --build build/asan-solver --target solver_test discretise_test
 	LSAN_OPTIONS=suppressions=$(CURDIR)/tests/leaks.supp ctest --test-dir build/asan-solver --output-on-failure -j 2 -L unit \
-	  -E '^(BetweenFrames|Frames|ImplicitSteps|Live|LoadSlowly|Recovery|Restart|Steps)\.|OtherCaches|HoweverManyRows'
+	  -E '^(BetweenFrames|Frames|Live|LoadSlowly|Recovery|Restart|Steps)\.|OtherCaches|HoweverManyRows'
 
 # ITK's pool and VTK's hand work over where the sanitizer cannot see it. ITK's plain threads it sees; VTK gets one.
 check-threads: bootstrap

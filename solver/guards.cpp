@@ -279,8 +279,7 @@ void Guards::check_energy(const EnergySample& e, double largest_external, double
                    ? "the time integration became unstable"
                    : "the steps are too long to follow the path, or the tissue gave way between two",
         .remedy = now.dt_stable > 0.0 ? "use a smaller solver.safety, for instance --set solver.safety=0.6"
-                                      : "use shorter steps: --set solver.step_radii=0.05 in equilibrium, "
-                                        "more --frames with inertia",
+                                      : "use shorter steps: --set solver.step_radii=0.05",
         .code = "energy"};
     // Central differences gain energy only by instability, and the few nodes under the circle jump long
     // before the whole body shows much of it.
@@ -507,7 +506,7 @@ void Guards::found_limit_point(const Nodal& jump, double way, bool folds_touch, 
          .remedy =
              text("trust the curve to ", fixed(1e3 * (now.depth - way), 2),
                   " mm; beyond, put the circle further from folds and edges (--indent-at), or follow the "
-                  "motion of a bonded circle with --time dynamic"),
+                  "motion of a bonded circle with --time explicit"),
          .code = "limit-point"},
         1e3 * largest});
 }

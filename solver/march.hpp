@@ -1,7 +1,6 @@
 #pragma once
 
-// What every way of marching is given and hands out: explicit.hpp, implicit.hpp, quasi_static.hpp; solve.hpp
-// chooses.
+// What every way of marching is given and hands out: explicit.hpp, quasi_static.hpp; solve.hpp chooses.
 
 #include <algorithm>
 #include <array>
@@ -11,7 +10,6 @@
 #include <optional>
 #include <vector>
 
-#include "solver/equilibrium/mixed_iteration.hpp"
 #include "solver/equilibrium/stable_time_step.hpp"
 #include "solver/guards.hpp"
 #include "solver/march/predictor.hpp"
@@ -141,11 +139,10 @@ struct Frame {
 struct History {
   std::vector<ForceSample> force;
   std::vector<EnergySample> energy;
-  /// With inertia the number of steps, each of which evaluates the force once in the explicit march; quasi-
-  /// statically the evaluations that the searches for equilibrium took.
+  /// With inertia the number of steps, each of which evaluates the force once; quasi-statically the
+  /// evaluations that the searches for equilibrium took.
   std::int64_t evaluations = 0;
-  /// Of the force besides: for the stable step; of the implicit march all; quasi-statically for frames
-  /// between equilibria.
+  /// Of the force besides: for the stable step; quasi-statically for frames between equilibria.
   std::int64_t extra_evaluations = 0;
   double dt_stable_first = 0.0, dt_first = 0.0, dt_smallest = 0.0;  ///< [s]
   double J_min = 1.0;                                               ///< smallest det F at any point and step
@@ -184,21 +181,18 @@ struct Account {
 /// All that one step leaves to the next. A run that starts from it goes on to the same bits as if it had
 /// never stopped. Each way of marching fills in what it needs.
 struct MarchState {
-  int frame = 0;           ///< explicit, implicit: the stretch before the next; slowly: the last done
+  int frame = 0;           ///< explicit: the stretch before the next; slowly: the last done
   std::int64_t step = 0;   ///< explicit: the next one of that stretch; slowly: the last done
   std::int64_t steps = 0;  ///< explicit: of that stretch
-  double t = 0.0, dt = 0.0, dt_before = 0.0, dt_stable = 0.0;  ///< [s]
-  double depth = 0.0;                                          ///< [m]
+  double dt = 0.0, dt_before = 0.0, dt_stable = 0.0;  ///< [s]
+  double depth = 0.0;                                 ///< [m]
   Account account;
   double safety = 0.0, longest = 0.0;  ///< explicit; slowly [m]: smaller once a guard has sent it back
   int refused = 0;                     ///< slowly: equilibria that a guard has sent back
   std::int64_t looked = 0;             ///< explicit: steps until Guards::check_fluctuation()
-  bool anew = true;                    ///< of the next MixedIteration
   std::vector<double> depths, forces;  ///< slowly: of all equilibria [m], [N]
-  Nodal u, v, a, f;                    ///< [N] m, m/s, m/s^2, N
-  Eigen::VectorXd lambda;              ///< [patches] N m
+  Nodal u, v;                          ///< [N] m, m/s
   std::deque<Predictor::Point> path;
-  MixedIteration::Memory mixed;
   std::vector<double> past;      ///< of viscoelastic tissue, as ForceState::past()
   int step_of_scene = 0;         ///< of Loading::steps, from 0
   Rest begun;                    ///< where that step began

@@ -4,9 +4,9 @@
 
 #include "io/error.hpp"
 #include "io/stop.hpp"
+#include "solver/equilibrium/mixed_iteration.hpp"
 #include "solver/equilibrium/stable_time_step.hpp"
 #include "solver/march/explicit.hpp"
-#include "solver/march/implicit.hpp"
 #include "solver/march/quasi_static.hpp"
 #include "solver/march/steps.hpp"
 #include "solver/text.hpp"
@@ -17,8 +17,6 @@ std::string_view name_of(TimeMode mode) {
   switch (mode) {
     case TimeMode::quasi_static:
       return "quasi-static";
-    case TimeMode::dynamic:
-      return "dynamic";
     case TimeMode::explicit_:
       return "explicit";
   }
@@ -112,8 +110,6 @@ void solve(TimeMode mode, const ForceSystem& tissue, const Model& model, const L
         if (!loading.steps.empty())
           return march_in_steps(*system, loading, options, observer, history, from, part);
         return march_quasi_statically(*system, loading, options, observer, history, from);
-      case TimeMode::dynamic:
-        return march_implicitly(*system, loading, options, observer, history, from);
       case TimeMode::explicit_:
         return march_explicitly(*system, loading, options, observer, history, from);
     }

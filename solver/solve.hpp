@@ -9,8 +9,7 @@ namespace dimple {
 /// How time is followed.
 enum class TimeMode {
   quasi_static,  ///< equilibrium at each depth: march_quasi_statically()
-  dynamic,       ///< with inertia, by implicit steps as long as the body's natural modes: march_implicitly()
-  explicit_      ///< central differences: march_explicitly()
+  explicit_      ///< with inertia, by central differences: march_explicitly()
 };
 std::string_view name_of(TimeMode mode);
 

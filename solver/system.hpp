@@ -120,7 +120,7 @@ class System {
   Sweep stress_sweep(const Nodal& u) { return tissue_.stress_sweep(u); }
   void gather(const Nodal& u, Nodal& f, const std::function<void(Index first, Index last)>& then);
   /// Of the last force(). `unbalanced` [4xN] N: what of it is not held. `beside(a, all)` may add to the force
-  /// of node a: inertia, in a step in time.
+  /// of node a: what slows it down, in a viscous step.
   template <class Beside>
   Balance balance(const Nodal& f, Nodal& unbalanced, const Beside& beside) const;
   Balance balance(const Nodal& f, Nodal& unbalanced) const {

@@ -117,7 +117,7 @@ namespace {
 std::string why_no_band(const Config& config, const std::vector<Material>& tissues) {
   const Config usual;
   if (config.scheme.name != usual.scheme.name) return "calibrated for the converging scheme only";
-  if (config.solver.time == "explicit" || config.solver.time == "dynamic") return not_for_dynamics;
+  if (config.solver.time == "explicit") return not_for_dynamics;
   if (config.load.contact != usual.load.contact) return "not calibrated for a circle that is not bonded";
   if (has_loads(config)) return "not calibrated for loads other than the tool";
   if (has_membranes(config)) return "not calibrated for membranes";

@@ -13,7 +13,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* format = "dimple checkpoint 19";
+constexpr const char* format = "dimple checkpoint 20";
 constexpr std::size_t digest_length = 64;  // SHA-256 in hexadecimal, behind the rest
 
 }  // namespace
@@ -65,12 +65,6 @@ void members(Archive& io, T& point) {
   io(at, u, lambda);
 }
 
-template <class Archive, Like<MixedIteration::Memory> T>
-void members(Archive& io, T& memory) {
-  auto& [inertia, bulk_of_inertia, u_of_inertia, u_of_gradient, moved, changed, gram, next] = memory;
-  io(inertia, bulk_of_inertia, u_of_inertia, u_of_gradient, moved, changed, gram, next);
-}
-
 template <class Archive, Like<Rest> T>
 void members(Archive& io, T& rest) {
   auto& [u, lambda] = rest;
@@ -87,11 +81,10 @@ void members(Archive& io, T& account) {
 
 template <class Archive, Like<MarchState> T>
 void members(Archive& io, T& state) {
-  auto& [frame, step, steps, t, dt, dt_before, dt_stable, depth, account, safety, longest, refused, looked,
-         anew, depths, forces, u, v, a, f, lambda, path, mixed, past, step_of_scene, begun, least_reactions,
-         history] = state;
-  io(frame, step, steps, t, dt, dt_before, dt_stable, depth, account, safety, longest, refused, looked, anew,
-     depths, forces, u, v, a, f, lambda, path, mixed, past, step_of_scene, begun, least_reactions, history);
+  auto& [frame, step, steps, dt, dt_before, dt_stable, depth, account, safety, longest, refused, looked,
+         depths, forces, u, v, path, past, step_of_scene, begun, least_reactions, history] = state;
+  io(frame, step, steps, dt, dt_before, dt_stable, depth, account, safety, longest, refused, looked, depths,
+     forces, u, v, path, past, step_of_scene, begun, least_reactions, history);
 }
 
 template <class Archive, Like<Checkpoint> T>

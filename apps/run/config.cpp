@@ -879,8 +879,7 @@ bool has_tool_alone(const Config& config) {
 }
 
 std::string why_not_proportional(const Config& config) {
-  if (config.scheme.name != converging.name || config.solver.time == "explicit" ||
-      config.solver.time == "dynamic")
+  if (config.scheme.name != converging.name || config.solver.time == "explicit")
     return "the force holds inertia, which does not grow with mu";
   if (config.material.mooney_c01_Pa > 0.0)
     return "the second constant of a Mooney-Rivlin law does not grow with mu";

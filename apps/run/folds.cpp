@@ -15,7 +15,7 @@ namespace {
 constexpr double widest = 2.0;
 
 bool has_inertia(const Config& config) {
-  return config.solver.time == "explicit" || config.solver.time == "dynamic";
+  return config.solver.time == "explicit";
 }
 
 bool converges(const Config& config) {

@@ -73,8 +73,7 @@ void check_membranes(const Config& config) {
              "give both, as in --membrane 0.1mm:400kPa, or a tension alone");
   }
   if (config.scheme.name != Config{}.scheme.name) require_no_membranes(config, "the scheme of 2007");
-  if (config.solver.time == "explicit" || config.solver.time == "dynamic")
-    require_no_membranes(config, "a run with inertia");
+  if (config.solver.time == "explicit") require_no_membranes(config, "a run with inertia");
 }
 
 void check_membranes(const Config& config, const Surface& surface) {

@@ -193,10 +193,9 @@ std::vector<Option> solver_options_of(Config& c) {
        .help = "longest step of the load between two equilibria, in radii of the tool, at least 0.001; 0: 0.2, "
                "0.1 under a tool that touches"},
       {.key = "solver.time", .flag = "--time", .value = &c.solver.time,
-       .choices = {"auto", "quasi-static", "dynamic", "explicit"}, .stage = "solve",
+       .choices = {"auto", "quasi-static", "explicit"}, .stage = "solve",
        .help = "quasi-static: equilibrium after each step of the load; explicit: central differences; "
-               "dynamic: implicit steps as long as the body's natural modes allow, explicit if the load "
-               "is too short; auto: quasi-static or, if the --rate given is fast for the body, explicit. "
+               "auto: quasi-static or, if the --rate given is fast for the body, explicit. "
                "horton2007 is explicit"},
       {.key = "solver.precision", .flag = "--precision", .value = &c.solver.precision,
        .choices = {"single", "double"}, .stage = "solve",

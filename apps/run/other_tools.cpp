@@ -151,8 +151,7 @@ void check_other_tools(const Config& config) {
   }
   const Config usual;
   constexpr const char* in_equilibrium = "contact is solved for in equilibrium, depth by depth";
-  refuse_beside(config.solver.time == "explicit" || config.solver.time == "dynamic", "inertia",
-                "--time (solver.time)", in_equilibrium);
+  refuse_beside(config.solver.time == "explicit", "inertia", "--time (solver.time)", in_equilibrium);
   refuse_beside(config.scheme.name != usual.scheme.name, "the paper's scheme", "--scheme (scheme.name)",
                 "its explicit march knows the circle alone");
   refuse_beside(has_loads(config), "gravity or a pressure", "load",

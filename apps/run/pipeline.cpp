@@ -152,7 +152,7 @@ void tell_of_fast_steps(const RunLog& log, const Result& result) {
           step.name, step.lasts, crossing));
 }
 
-// As config.solver.time asks: "auto" and "dynamic" look at how long the load lasts.
+// As config.solver.time asks: "auto" looks at how long the load lasts.
 TimeMode time_of(const Config& config, const RunLog& log, const Result& result) {
   const std::string& asked = config.solver.time;
   if (asked == "quasi-static") return TimeMode::quasi_static;
@@ -179,7 +179,6 @@ TimeMode time_of(const Config& config, const RunLog& log, const Result& result) 
                       .why = "contact is solved for in equilibrium, without inertia",
                       .remedy = "give a lower --rate, or --time quasi-static"});
   if (result.loading.touch) return mode;
-  if (mode == TimeMode::quasi_static && asked == "dynamic") mode = TimeMode::dynamic;
   if (mode != TimeMode::quasi_static && !config.step.empty())
     throw UsageError({.fact = "the tool is too fast for a scene of steps",
                       .where = "--rate (load.rate_mm_per_s)",
@@ -199,7 +198,7 @@ void tell_of_damping(const Config& config, const RunLog& log, TimeMode mode) {
   if (mode == TimeMode::quasi_static && config.solver.damping_per_s > 0.0)
     log.warn(
         fmt::format("{} 1/s of damping is not used: the force is that of equilibrium at each depth, which "
-                    "nothing damps (--time explicit or dynamic does)",
+                    "nothing damps (--time explicit does)",
                     plain(config.solver.damping_per_s)));
 }
 
@@ -500,8 +499,7 @@ void make_ready(const Case& given, Placed placed, const RunLog& log, Result& res
                                                           : friction_in_words(loading.touch->friction),
                          result.time == TimeMode::quasi_static
                              ? fmt::format("equilibrium in {} steps", steps_of_load(model, loading, options))
-                         : result.time == TimeMode::dynamic ? "with inertia, by implicit steps"
-                                                            : "with inertia, by central differences"));
+                             : "with inertia, by central differences"));
   if (is_as_printed(result.tissues.material.front())) {
     log.warn("the printed stress has no energy: energy.csv shows that of the consistent form");
     if (options.damping == 0.0)
@@ -564,8 +562,6 @@ class Watched {
         closing_(result.model, 1e-3 * config.image.cut_gap_mm) {
     if (place_ && from && from->u.cols() > 0)
       result.followed->u = displacement_at(*place_, from->u);  // no frame may be left
-    if (from && from->f.cols() > 0)
-      feel_supports(from->f, from->history.force.back().depth, result);  // likewise
     hears_.frame = [this](const Frame& frame) { see(frame); };
   }
   Watched(const Watched&) = delete;

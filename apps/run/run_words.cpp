@@ -161,10 +161,7 @@ std::string describe(const Tissues& tissues, std::size_t t, const std::string& l
 
 std::string time_in_words(TimeMode mode, double crossings, bool shallow) {
   return fmt::format(
-      "time     {}: {}{}",
-      mode == TimeMode::dynamic     ? "implicit dynamics, in steps of the body's natural modes"
-      : mode == TimeMode::explicit_ ? "explicit dynamics"
-                                    : "quasi-static",
+      "time     {}: {}{}", mode == TimeMode::explicit_ ? "explicit dynamics" : "quasi-static",
       crossings_in_words(crossings),
       shallow ? "; the load is short, but its tool is slow; --time explicit follows the waves" : "");
 }

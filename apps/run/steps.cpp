@@ -221,8 +221,7 @@ void check_steps(const Config& config) {
            .where = fmt::format("support.{}.move_mm", name),
            .why = "in a scene of steps one thing moves at a time",
            .remedy = fmt::format("give it a step: [step.NAME] with moves = \"{}\"", name)});
-  if (config.solver.time == "explicit" || config.solver.time == "dynamic" ||
-      config.scheme.name != converging.name)
+  if (config.solver.time == "explicit" || config.scheme.name != converging.name)
     throw UsageError({.fact = "steps are asked for of a march with inertia",
                       .where = config.scheme.name != converging.name ? "scheme.name" : "solver.time",
                       .why = "each step goes from an equilibrium to the next",

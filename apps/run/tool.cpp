@@ -297,8 +297,8 @@ void check_tool(const Config& config) {
   if (!tool) return;
   const Config usual;
   constexpr const char* in_equilibrium = "the contact is solved for in equilibrium, depth by depth";
-  refuse_beside(config, config.solver.time == "explicit" || config.solver.time == "dynamic", "inertia",
-                "--time (solver.time)", in_equilibrium, "leave --time out, or --tool");
+  refuse_beside(config, config.solver.time == "explicit", "inertia", "--time (solver.time)", in_equilibrium,
+                "leave --time out, or --tool");
   refuse_beside(config, config.scheme.name != usual.scheme.name, "the paper's scheme",
                 "--scheme (scheme.name)", "its explicit march knows the circle alone",
                 "leave --scheme out, or --tool");

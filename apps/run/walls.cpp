@@ -250,8 +250,7 @@ void check_walls(const Config& config) {
   check_bed(config);
   if (!has_walls(config) && has_base(config)) return;
   if (config.scheme.name != Config{}.scheme.name) require_no_walls(config, "the scheme of 2007");
-  if (config.solver.time == "explicit" || config.solver.time == "dynamic")
-    require_no_walls(config, "a run with inertia");
+  if (config.solver.time == "explicit") require_no_walls(config, "a run with inertia");
 }
 
 void check_walls(const Config& config, const LabelImage& image, const std::vector<int>& of_body,

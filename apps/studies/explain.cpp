@@ -331,11 +331,9 @@ void add_walls(std::vector<Trial>& trials, const Unchanged& u) {
 }
 
 void add_inertia(std::vector<Trial>& trials, const Unchanged& u) {
-  if (u.touch() || has_walls(u.config) || u.found.loading.folds) return;
-  const bool dynamic = u.found.time != TimeMode::quasi_static;
-  add(trials, u, "inertia", "", dynamic ? "neglected" : "included",
-      dynamic ? Kind::simplification : Kind::doubt,
-      [&](Case& c) { c.config.solver.time = dynamic ? "quasi-static" : "dynamic"; });
+  if (u.found.time == TimeMode::quasi_static) return;
+  add(trials, u, "inertia", "", "neglected", Kind::simplification,
+      [](Case& c) { c.config.solver.time = "quasi-static"; });
 }
 
 void add_one_material(std::vector<Trial>& trials, const Unchanged& u) {

@@ -119,8 +119,7 @@ void require_equilibrium_of_ours(const Config& config) {
   };
   if (config.scheme.name != Config{}.scheme.name)
     refuse("a scheme", "--scheme", "the file is solved by the other program's elements");
-  if (config.solver.time == "dynamic" || config.solver.time == "explicit")
-    refuse("inertia", "--time", "the file holds a static step");
+  if (config.solver.time == "explicit") refuse("inertia", "--time", "the file holds a static step");
   if (config.load.imaged != Config{}.load.imaged)
     refuse("a body that was imaged under its loads", "load.imaged", "the file holds no loads to take back");
 }

@@ -16,12 +16,6 @@ namespace dimple {
 class Anderson {
  public:
   static constexpr int most = 30;  ///< differences that are remembered
-  /// What outlives a call where the next problem is nearly the same, as in time steps.
-  struct Memory {
-    Eigen::MatrixXf moved, changed;  ///< [length x most] what each step changed, in the place and in g
-    Eigen::MatrixXd gram;            ///< [most x most] of `changed`
-    int kept = 0, next = 0;
-  };
 
   /// Another iteration of variables of this number begins; `anew`: what is remembered is of no use to it.
   void begin(Eigen::Index length, bool anew);
@@ -30,11 +24,12 @@ class Anderson {
   /// The next place after `place`, where g is `step`. `caution`: g counts for so many times less.
   Eigen::VectorXd next(const Eigen::VectorXd& place, const Eigen::VectorXd& step, double caution);
 
-  const Memory& memory() const { return memory_; }
-  void restore(Memory memory);
+  int remembers() const { return kept_; }  ///< differences now
 
  private:
-  Memory memory_;
+  Eigen::MatrixXf moved_, changed_;  // [length x most] what each step changed, in the place and in g
+  Eigen::MatrixXd gram_;             // [most x most] of `changed_`
+  int kept_ = 0, next_ = 0;
   Eigen::VectorXd last_place_, last_step_;
   bool fresh_ = true;  // no step has been seen since begin() or forget()
 

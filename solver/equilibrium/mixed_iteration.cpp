@@ -227,12 +227,9 @@ struct MixedIteration::Parts {
   Eigen::VectorXd soft_diagonal;  // [N] N/m, of those; empty: there is nothing of that kind
   NodeStiffness soft_part;        // [9xN] Q, see laplacian_solve()
   MassInverse schur;
-  std::shared_ptr<const Factor> schur_of_inertia;
-  Eigen::VectorXd inertia;                    // [N] N/m or empty, for which `across` was made
   Eigen::VectorXd bulk;                       // [patches] for which `schur` was made
-  Eigen::VectorXd bulk_of_inertia;            // and `schur_of_inertia`,
-  Nodal u_of_inertia, u_of_gradient;          // with the gradient here; and where `gradient` is that now
-  double viscous_share = 0.0;                 // for which `memory` was made
+  Nodal u_of_gradient;                        // where `gradient` is that
+  double viscous_share = 0.0;                 // for which the memory of `anderson` was made
   std::chrono::steady_clock::duration lap{};  // of an iteration in bounded time, mean of the last few
   Nodal viscous;                              // force
   Eigen::VectorXd scale, dual_scale;          // that make u and lambda of one kind: square roots of energies
@@ -349,7 +346,7 @@ struct MixedIteration::Parts {
     }
   }
 
-  // The Laplacian, what bounds all other forces, and inertia.
+  // The Laplacian, and what bounds all other forces.
   bool invert_laplacian() {
     const StiffnessBound bound = body.stiffness_bound();
     const double own = constraints.let_drift() ? own_of_drift : own_of_piece;
@@ -363,7 +360,6 @@ struct MixedIteration::Parts {
       }
       std::vector<Eigen::Triplet<double>> entry;
       Eigen::VectorXd diagonal = own * weight + bound.node;
-      if (inertia.size() > 0) diagonal += inertia;
       const auto join = [&](int a, int b, double w) {
         diagonal[a] += w;
         diagonal[b] += w;
@@ -545,26 +541,6 @@ struct MixedIteration::Parts {
     }
     schur.factor = factorised(std::move(matrix));
     return schur.factor != nullptr;
-  }
-
-  // G' (inertia)^-1 G over the nodes that may move: what the Schur complement is of where inertia rules.
-  bool factorise_schur_of_inertia() {
-    std::vector<std::vector<std::pair<int, int>>> of_node(static_cast<std::size_t>(model.node_count()));
-    for (int b = 0; b < nodes.rows(); ++b)
-      for (int k = nodes.offset[b]; k < nodes.offset[b + 1]; ++k)
-        if (constraints.is_free(nodes.member[k]))
-          of_node[static_cast<std::size_t>(nodes.member[k])].emplace_back(b, k);
-    schur_of_inertia = factorised(between_patches([&](int c, const auto& add) {
-      for (int k = nodes.offset[c]; k < nodes.offset[c + 1]; ++k) {
-        const int a = nodes.member[k];
-        for (const auto& [b, l] : of_node[static_cast<std::size_t>(a)])
-          if (b >= c) add(b, static_cast<double>(gradient.col(k).dot(gradient.col(l))) / inertia[a]);
-      }
-      add(c, 1.0 / (bulk[c] * model.patches.volume[c]));
-    }));
-    bulk_of_inertia = bulk;
-    u_of_inertia = u_of_gradient;
-    return schur_of_inertia != nullptr;
   }
 
   // The largest change of the strain between neighbours.
@@ -804,9 +780,7 @@ struct MixedIteration::Parts {
         rest[b] = s[b] - sum;
       }
     });
-    // Cahouet and Chabard 1988: the inverse of the sum is nearly the sum of the inverses.
     dlambda = schur(rest);
-    if (inertia.size() > 0) dlambda += schur_of_inertia->solve(rest);
     Nodal held = r;
     for (Index b = 0; b < s.size(); ++b)
       for (int k = nodes.offset[b]; k < nodes.offset[b + 1]; ++k)
@@ -828,14 +802,12 @@ struct Unbalanced {
   double residual = 0.0, reactions = 0.0, volume_error = 0.0;
   double contact = 0.0;  // what a tool's lacks, over what it may
 
-  void at(System& body, const Nodal& u, const Eigen::VectorXd& lambda, Nodal& f,
-          const MixedIteration::Inertia* inertia, const Nodal* viscous) {
+  void at(System& body, const Nodal& u, const Eigen::VectorXd& lambda, Nodal& f, const Nodal* viscous) {
     const Eigen::VectorXd& of_patches = body.model().patches.volume;
     sweep = body.force_at(u, lambda, f);
     body.tissue().patch_state(patches);
     const Balance balance = body.balance(f, force, [&](Index a, Eigen::Vector4d& all) {
       if (viscous) all += viscous->col(a);
-      if (inertia) all += inertia->inertia[a] * body.held().project(a, u.col(a) - inertia->about.col(a));
     });
     residual = balance.residual();
     reactions = balance.reactions;
@@ -903,41 +875,6 @@ double MixedIteration::laplacian_of(const Nodal& v) const {
   return v.cwiseProduct(pull).sum();
 }
 
-MixedIteration::Memory MixedIteration::memory() const {
-  const Parts& p = *parts_;
-  const Anderson::Memory& steps = p.anderson.memory();
-  const Index kept = steps.kept;
-  return {.inertia = p.inertia,
-          .bulk_of_inertia = p.bulk_of_inertia,
-          .u_of_inertia = p.u_of_inertia,
-          .u_of_gradient = p.u_of_gradient,
-          .moved = steps.moved.leftCols(kept),
-          .changed = steps.changed.leftCols(kept),
-          .gram = steps.gram.topLeftCorner(kept, kept),
-          .next = steps.next};
-}
-
-void MixedIteration::restore(const Memory& memory) {
-  Parts& p = *parts_;
-  Nodal f(4, p.model.node_count());
-  if (memory.inertia.size() > 0) {
-    p.inertia = memory.inertia;
-    p.invert_laplacian();
-    p.bulk = memory.bulk_of_inertia;
-    p.forces.internal_force(memory.u_of_inertia, f);
-    p.find_gradient(memory.u_of_inertia);
-    p.factorise_schur_of_inertia();
-    p.bulk.resize(0);  // `schur` is made when it is first needed
-  }
-  p.forces.internal_force(memory.u_of_gradient, f);
-  p.find_gradient(memory.u_of_gradient);
-  p.anderson.restore({.moved = memory.moved,
-                      .changed = memory.changed,
-                      .gram = memory.gram,
-                      .kept = 0,
-                      .next = memory.next});
-}
-
 Eigen::VectorXd pressures_of_volumes(const System& system) {
   ForceState::Patches patches;
   system.tissue().patch_state(patches);
@@ -954,9 +891,9 @@ bool MixedIteration::serves(const std::vector<Material>& tissues) {
 }
 
 Relaxed MixedIteration::operator()(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const RelaxOptions& options,
-                                   bool anew, const Inertia* inertia, const Viscosity* viscosity) {
+                                   bool anew, const Viscosity* viscosity) {
   Parts& p = *parts_;
-  const Relaxed first = iterate(u, lambda, f, options, anew, inertia, viscosity);
+  const Relaxed first = iterate(u, lambda, f, options, anew, viscosity);
   if (first.converged || viscosity || !std::isfinite(first.residual) ||
       first.evaluations >= options.evaluations)
     return first;
@@ -965,7 +902,7 @@ Relaxed MixedIteration::operator()(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, 
   Relaxed second = first;
   p.stiffen(u);
   if (p.invert_laplacian()) {
-    second = iterate(u, lambda, f, rest, true, inertia, nullptr);
+    second = iterate(u, lambda, f, rest, true, nullptr);
     second.evaluations += first.evaluations;
   }
   p.weight = p.weight_at_rest;
@@ -974,13 +911,13 @@ Relaxed MixedIteration::operator()(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, 
 }
 
 Relaxed MixedIteration::within(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const RelaxOptions& options,
-                               bool anew, Left& left, const Inertia* inertia) {
+                               bool anew, Left& left) {
   Parts& p = *parts_;
   left.force.setZero(4, u.cols());
   left.volume.setZero(p.model.patches.count());
   left.contact = 0.0;
   left.late = false;
-  const Relaxed found = iterate(u, lambda, f, options, anew, inertia, nullptr, &left);
+  const Relaxed found = iterate(u, lambda, f, options, anew, nullptr, &left);
   if (p.across.node.empty() || !p.schur.ready()) return found;
   Nodal z(4, u.cols());
   p.laplacian_solve(left.force, z);
@@ -989,16 +926,13 @@ Relaxed MixedIteration::within(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, cons
 }
 
 // Makes what the step needs, where it is not that of the last call. False: a matrix is not positive definite.
-bool MixedIteration::prepare(const Nodal& u, const Eigen::VectorXd& bulk, bool anew, const Inertia* inertia,
+bool MixedIteration::prepare(const Nodal& u, const Eigen::VectorXd& bulk, bool anew,
                              const Viscosity* viscosity) {
   Parts& p = *parts_;
   if (anew || p.gradient.cols() == 0) p.find_gradient(u);
-  const Index size = inertia ? u.cols() : 0;
   const bool other_viscosity = p.viscous_share != (viscosity ? viscosity->share : 0.0);
   p.viscous_share = viscosity ? viscosity->share : 0.0;
-  const bool other_inertia = size != p.inertia.size() || (inertia && inertia->inertia != p.inertia);
-  if (other_inertia) p.inertia = inertia ? inertia->inertia : Eigen::VectorXd();
-  const bool matrix_anew = other_inertia || p.across.node.empty();
+  const bool matrix_anew = p.across.node.empty();
   if (matrix_anew && !p.invert_laplacian()) return false;
   if (matrix_anew || anew || p.soft_part.cols() == 0) p.find_soft_part();
   if (p.bulk.size() != bulk.size() || p.bulk != bulk) {
@@ -1008,24 +942,19 @@ bool MixedIteration::prepare(const Nodal& u, const Eigen::VectorXd& bulk, bool a
       return false;
     }
   }
-  if (other_inertia && inertia && !p.factorise_schur_of_inertia()) {
-    p.inertia.resize(0);
-    return false;
-  }
-  p.anderson.begin(4 * u.cols() + bulk.size() + p.body.contact_unknowns(),
-                   anew || other_inertia || other_viscosity);
+  p.anderson.begin(4 * u.cols() + bulk.size() + p.body.contact_unknowns(), anew || other_viscosity);
   return true;
 }
 
 Relaxed MixedIteration::iterate(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const RelaxOptions& options,
-                                bool anew, const Inertia* inertia, const Viscosity* viscosity, Left* left) {
+                                bool anew, const Viscosity* viscosity, Left* left) {
   Parts& p = *parts_;
   Relaxed result;
   result.converged = false;
   Unbalanced now(u.cols(), p.model.patches.count());
   const auto evaluate = [&] {
     stop_if_asked();
-    now.at(p.body, u, lambda, f, inertia, viscosity ? p.viscous_force(u, *viscosity) : nullptr);
+    now.at(p.body, u, lambda, f, viscosity ? p.viscous_force(u, *viscosity) : nullptr);
     result.sweep = now.sweep;
     result.residual = now.residual;
     ++result.evaluations;
@@ -1039,7 +968,7 @@ Relaxed MixedIteration::iterate(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, con
     if (left && p.body.touching()) now.contact = p.lack_of_tool();
   };
   evaluate();
-  if (!prepare(u, now.patches.bulk, anew, inertia, viscosity)) return result;
+  if (!prepare(u, now.patches.bulk, anew, viscosity)) return result;
   look_at_contact();
 
   BestState best(u, lambda, result.residual);

@@ -61,11 +61,6 @@ class MixedIteration {
   explicit MixedIteration(System& system);
   ~MixedIteration();
 
-  /// Of a time step: every free node has inertia[a] (u_a - about_a) [N] besides; [N/m], [N] m.
-  struct Inertia {
-    Eigen::VectorXd inertia;
-    ForceSystem::Nodal about;
-  };
   /// Of a step that viscous forces slow down: share x A (u - about) [N] besides, A as it is at rest; [N] m.
   struct Viscosity {
     double share;
@@ -76,8 +71,7 @@ class MixedIteration {
   /// held in `forces`. `anew`: dJ/du is that at the guess, as every larger move needs, and not that at the
   /// last such call.
   Relaxed operator()(ForceSystem::Nodal& u, Eigen::VectorXd& lambda, ForceSystem::Nodal& f,
-                     const RelaxOptions& options, bool anew, const Inertia* inertia = nullptr,
-                     const Viscosity* viscosity = nullptr);
+                     const RelaxOptions& options, bool anew, const Viscosity* viscosity = nullptr);
 
   /// What is left unbalanced at the best state that was met.
   struct Left {
@@ -90,33 +84,20 @@ class MixedIteration {
   /// As above in one try. Where it ends by a limit, `u`, `lambda`, `f` and `left` are
   /// those of the best state that was met.
   Relaxed within(ForceSystem::Nodal& u, Eigen::VectorXd& lambda, ForceSystem::Nodal& f,
-                 const RelaxOptions& options, bool anew, Left& left, const Inertia* inertia = nullptr);
+                 const RelaxOptions& options, bool anew, Left& left);
 
   /// v.A v, A as it is at rest [J].
   double laplacian_of(const ForceSystem::Nodal& v) const;
-
-  /// What time steps hand on: steps that Anderson's acceleration remembers, and where the linear problem was
-  /// made.
-  struct Memory {
-    Eigen::VectorXd inertia, bulk_of_inertia;
-    ForceSystem::Nodal u_of_inertia, u_of_gradient;
-    Eigen::MatrixXf moved, changed;
-    Eigen::MatrixXd gram;
-    int next = 0;
-  };
-  Memory memory() const;
-  void restore(const Memory& memory);
 
   /// Whether this model has what is needed: patches, each with a bulk modulus of its own.
   static bool serves(const ForceSystem& system, const Model& model);
   static bool serves(const std::vector<Material>& tissues);  ///< whether they have
 
  private:
-  bool prepare(const ForceSystem::Nodal& u, const Eigen::VectorXd& bulk, bool anew, const Inertia* inertia,
+  bool prepare(const ForceSystem::Nodal& u, const Eigen::VectorXd& bulk, bool anew,
                const Viscosity* viscosity);
   Relaxed iterate(ForceSystem::Nodal& u, Eigen::VectorXd& lambda, ForceSystem::Nodal& f,
-                  const RelaxOptions& options, bool anew, const Inertia* inertia, const Viscosity* viscosity,
-                  Left* left = nullptr);
+                  const RelaxOptions& options, bool anew, const Viscosity* viscosity, Left* left = nullptr);
   struct Parts;
   std::unique_ptr<Parts> parts_;
 };

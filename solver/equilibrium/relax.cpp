@@ -52,7 +52,7 @@ SolveError no_equilibrium(const Relaxed& found, const Model& model) {
        .remedy =
            gave_way
                ? "use a smaller --depth, a coarser spacing at the circle's rim (--rim 0.15 or more), a "
-                 "place further from folds and edges (--indent-at), or for a bonded circle --time dynamic"
+                 "place further from folds and edges (--indent-at), or for a bonded circle --time explicit"
            : drifts ? "let a wall touch it at rest beneath the tool, hold its base (--base-hold fixed), or "
                       "use a smaller "
                       "--depth"
@@ -192,7 +192,7 @@ Relaxed Relaxation::give_way(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const 
         next, next_lambda, f,
         {.tolerance = std::clamp(0.2 * result.residual, 0.5 * options.tolerance, 10.0 * options.tolerance),
          .evaluations = std::min(evaluations_of_step, options.evaluations - result.evaluations)},
-        anew, nullptr, &viscosity);
+        anew, &viscosity);
     result.evaluations += step.evaluations;
     if (!step.converged) {
       too_little = viscosity.share;

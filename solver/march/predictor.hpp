@@ -11,7 +11,7 @@ namespace dimple {
 /// The last equilibria along the load: the polynomial through them says where to look for the next one.
 struct Predictor {
   struct Point {
-    double at;  ///< depth or time
+    double at;  ///< [m] depth, or way of the load
     ForceSystem::Nodal u;
     Eigen::VectorXd lambda;
   };

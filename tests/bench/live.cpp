@@ -267,38 +267,6 @@ struct Plain : Body {
   }
 };
 
-// Backward Euler with the body's own mass.
-struct Dynamic : Body {
-  Dynamic(const Model& m, double step)
-      : Body(m),
-        dt(step),
-        u(Nodal::Zero(4, m.node_count())),
-        v(u),
-        f(u),
-        lambda(Eigen::VectorXd::Zero(m.patches.count())) {}
-  double dt;
-  Nodal u, v, f;
-  Eigen::VectorXd lambda;
-  bool begun = false;
-  LiveFrame follow(double to, std::int64_t evaluations) {
-    MixedIteration::Inertia inertia{model.mass / (dt * dt), u + dt * v};
-    Nodal next = inertia.about;
-    if (!begun && to > 0.0) first_guess(model, model.tool.push, to, next), begun = true;
-    if (!begun) return {};
-    body.held().prescribe(next, to);
-    Eigen::VectorXd l = lambda;
-    MixedIteration::Left left;
-    const Relaxed found = mixed.within(next, l, f, {.evaluations = evaluations}, true, left, &inertia);
-    v = (next - u) / dt;
-    u = next, lambda = l;
-    return {.asked = to,
-            .depth = to,
-            .force = along_push(f),
-            .residual = found.residual,
-            .evaluations = found.evaluations};
-  }
-};
-
 // Galerkin's method in the span of equilibria that were computed beforehand, by Broyden's method.
 struct Reduced : Body {
   Reduced(const Model& m, double deepest, int snapshots, int modes) : Body(m) {
@@ -375,8 +343,6 @@ void ways(const fs::path& image, Index nodes, std::vector<Row>& rows) {
     add("known states", n, [&](double d) { return session.follow(d, {.evaluations = n}); });
     Plain plain(model);
     add("iteration alone", n, [&](double d) { return plain.follow(d, n); });
-    Dynamic dynamic(model, 1.0 / rate);
-    add("implicit dynamics", n, [&](double d) { return dynamic.follow(d, n); });
     Reduced reduced(model, deepest, 12, 5);
     add("reduced space", n, [&](double d) { return reduced.follow(d, n); });
   }

@@ -310,7 +310,7 @@ TEST(SelfContact, OfABodyThatNowhereFacesItselfSaysThatNothingCanTouch) {
 
 TEST(SelfContact, IsRefusedWhereNothingLooksForIt) {
   const fs::path folder = fresh_folder();
-  for (const char* beside : {"--time explicit", "--time dynamic", "--scheme horton2007"}) {
+  for (const char* beside : {"--time explicit", "--scheme horton2007"}) {
     const Ran ran = dimple(folder, "run " + block + " -o out --self-contact on " + beside);
     EXPECT_EQ(ran.code, 2) << beside;
     EXPECT_NE(ran.err.find("folds are to touch"), std::string::npos) << ran.err;

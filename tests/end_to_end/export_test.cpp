@@ -147,7 +147,7 @@ TEST(Export, RefusesWhatItCannotSay) {
         {"--set load.fluid_lost=superior,50%", "lost fluid cannot be exported"},
         {"--gravity inferior", "gravity cannot be exported"},
         {"--scheme horton2007", "a scheme cannot be exported"},
-        {"--time dynamic", "inertia cannot be exported"},
+        {"--time explicit", "inertia cannot be exported"},
         {"--set load.imaged=loaded", "imaged under its loads cannot be exported"}}) {
     const Ran ran = dimple(folder, std::string("export block.nrrd -o a.inp ") + option);
     EXPECT_EQ(ran.code, 2) << option;

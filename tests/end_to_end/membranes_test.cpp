@@ -151,7 +151,6 @@ TEST_F(AMembrane, IsRefusedInWordsWhereItIsNotModelled) {
   const std::string pia = " --membrane 0.1mm:400kPa", run_it = "run block.nrrd -o no -q";
   const std::string no_mass = "they have no mass";
   refused(2, run_it + pia + " --time explicit", {"a run with inertia takes no membrane", no_mass});
-  refused(2, run_it + pia + " --time dynamic", {"a run with inertia takes no membrane", no_mass});
   refused(2, run_it + pia + " --rate 500mm/s --nodes 600", {"a run with inertia takes no membrane"});
   refused(2, run_it + pia + " --scheme horton2007", {"the scheme of 2007 takes no membrane"});
   refused(2, run_it + pia + " --explain", {"--explain takes no membrane"});

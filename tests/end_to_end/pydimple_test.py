@@ -773,7 +773,7 @@ class Words(InAFolder):
 
         for flags, keywords in (
             ("use more nodes (--nodes) or a smaller --depth", "use more nodes (nodes=) or a smaller depth_mm="),
-            ("give a smaller --depth, or --time dynamic", 'give a smaller depth_mm=, or time="dynamic"'),
+            ("give a smaller --depth, or --time explicit", 'give a smaller depth_mm=, or time="explicit"'),
             ("on where a body has folds; give --nodes 4000", "on where a body has folds; give nodes=4000"),
             ("spacing at the rim (--rim 0.15 or more)", "spacing at the rim (rim=0.15 or more)"),
             ("for a brain about --close 4mm", "for a brain about close_mm=4"),

@@ -324,7 +324,7 @@ TEST_F(Refusal, OfWordsItDoesNotKnow) {
   expect(2, "run brain.nrrd -o out --set mu=300", {"no option 'mu'", "did you mean 'material.mu'?"});
   expect(2, "run brain.nrrd", {"--out"});
   for (const std::string flag :
-       {"--depth 3", "--rate 3", "--time dynamic", "--damping 3", "--frames 3", "--safety 0.5"})
+       {"--depth 3", "--rate 3", "--time explicit", "--damping 3", "--frames 3", "--safety 0.5"})
     expect(2, "poke brain.nrrd " + flag, {flag.substr(0, flag.find(' '))});  // of a load, and there is none
 }
 

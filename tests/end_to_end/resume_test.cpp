@@ -186,9 +186,6 @@ TEST_F(Resume, OfRunsThatWereKilledAtAnyMomentEndsWithTheSameBits) {
   std::vector<Scene> scenes = {
       {"slowly", "--depth 5mm --frames 25" + cloud},
       {"slowly_relaxing", "--depth 5mm --frames 25 --preset miller_chinzei_2002" + cloud},
-      {"dynamic", "--depth 5mm --frames 6 --time dynamic" + cloud},
-      {"dynamic_relaxing",
-       "--depth 5mm --rate 2mm/s --frames 4 --time dynamic --preset miller_chinzei_2002" + cloud},
       {"every_wave", "--depth 3mm --rate 20mm/s --frames 6 --time explicit" + cloud},
       {"touching", "--depth 3mm --frames 25 --tool sphere:5mm --friction 0.3 --wall around:0.2mm" + cloud},
       {"papers_scheme", "--depth 3mm --rate 4mm/s --frames 6 --scheme horton2007" + cloud},

@@ -284,7 +284,7 @@ TEST(Bed, IsRefusedWhereNothingCarriesTheBodyOrHoldsItSideways) {
                             "--gravity inferior --set wall.wall.friction=stick",
                             "--gravity inferior --set support.s.on=left --set support.s.hold=sliding"})
     refused(bed + loose, "nothing holds the body sideways");
-  refused(bed + "--time dynamic", "whose base is not held");
+  refused(bed + "--time explicit", "whose base is not held");
   refused(bed + "--scheme horton2007", "whose base is not held");
   refused("--socket s --set boundary.base_hold=none --set load.wall=plane:0,0,0,0,0,1",
           "whose base is not held", "poke ");

@@ -38,29 +38,6 @@ TEST(Anderson, SolvesALinearProblemInLittleMoreStepsThanItHasUnknowns) {
   EXPECT_GT(problem.residual(plain), 1e-2) << "which the iteration alone does not";
 }
 
-TEST(Anderson, RestoredGoesOnToTheSameBits) {
-  const Linear problem;
-  Anderson whole;
-  whole.begin(8, true);
-  Eigen::VectorXd x = Eigen::VectorXd::Zero(8);
-  for (int k = 0; k < 5; ++k) x = whole.next(x, problem.step(x), 1.0);
-  const Anderson::Memory& m = whole.memory();
-  ASSERT_EQ(m.kept, 4);
-  Anderson restored;
-  restored.restore({.moved = m.moved.leftCols(m.kept),
-                    .changed = m.changed.leftCols(m.kept),
-                    .gram = m.gram.topLeftCorner(m.kept, m.kept),
-                    .kept = 0,
-                    .next = m.next});
-  whole.begin(8, false);
-  Eigen::VectorXd y = x;
-  for (int k = 0; k < 3; ++k) {
-    x = whole.next(x, problem.step(x), 1.0);
-    y = restored.next(y, problem.step(y), 1.0);
-    EXPECT_EQ(x, y);
-  }
-}
-
 TEST(Anderson, ForgetsWhatIsOfNoUse) {
   const Linear problem;
   Anderson anderson;
@@ -71,7 +48,7 @@ TEST(Anderson, ForgetsWhatIsOfNoUse) {
   const Eigen::VectorXd step = problem.step(x);
   EXPECT_EQ(anderson.next(x, step, 1.0), Eigen::VectorXd(x + step))
       << "the first step is the iteration's own";
-  EXPECT_EQ(anderson.memory().kept, 0);
+  EXPECT_EQ(anderson.remembers(), 0);
   anderson.begin(8, true);
   EXPECT_EQ(anderson.next(x, step, 4.0), Eigen::VectorXd(x + step / 4.0)) << "a cautious one is shorter";
 }
@@ -85,7 +62,7 @@ TEST(Anderson, RemembersNoMoreThanItsWindow) {
   const Eigen::VectorXd rate = Eigen::VectorXd::LinSpaced(n, 0.01, 1.0);
   Eigen::VectorXd x = Eigen::VectorXd::Ones(n);
   for (int k = 0; k < 80; ++k) x = anderson.next(x, -rate.cwiseProduct(x), 1.0);
-  EXPECT_EQ(anderson.memory().kept, Anderson::most);
+  EXPECT_EQ(anderson.remembers(), Anderson::most);
   EXPECT_LT(rate.cwiseProduct(x).norm(), 1e-4);
 }
 

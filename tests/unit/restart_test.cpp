@@ -120,26 +120,6 @@ TEST(Restart, OfEquilibriumOfThePapersSchemeAtEachDepth) {
       {.frames = 5, .step_radii = 0.05, .tolerance = 1e-3, .guards = false});  // so coarse a cloud is refused
 }
 
-TEST(Restart, OfImplicitSteps) {
-  const Model model = averaged_block(4);
-  const Loading loading{.depth = 4e-3, .rate = 4e-3};
-  expect_restarts(TimeMode::dynamic, model, one(plain, model), loading, {.frames = 3}, 7);
-  expect_restarts(TimeMode::dynamic, model, one(relaxing, model), loading, {.damping = 3.0, .frames = 3}, 11);
-  const Model two = averaged_block(4, 0.2, 1.8, [](const Vec3& x) { return x.z() > 10e-3 ? 1 : 0; });
-  const Tissues tissues{{relaxing, plain}, two.label};
-  expect_restarts(TimeMode::dynamic, two, tissues,
-                  {.depth = 4e-3, .rate = 4e-3, .contact = Contact::frictionless}, {.frames = 3}, 13,
-                  Precision::double_);
-}
-
-TEST(Restart, OfStretchesThatNoImplicitStepCouldEnd) {
-  // So few evaluations for a step that some do not converge.
-  const Model model = averaged_block(5);
-  const History history = expect_restarts(TimeMode::dynamic, model, one(plain, model),
-                                          {.depth = 6e-3, .rate = 20e-3}, {.frames = 3, .evaluations = 6}, 3);
-  EXPECT_FALSE(history.retries.empty());
-}
-
 TEST(Restart, OfEveryWave) {
   const Model paper = block(4);
   const Loading loading{.depth = 0.4e-3, .rate = 20e-3};

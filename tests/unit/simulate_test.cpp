@@ -318,7 +318,7 @@ TEST(Simulate, ShowsNoBandOutsideOfWhatItWasMeasuredFor) {
   EXPECT_THAT(why([](Config& c) { c.solver.step_radii = 0.5; }), HasSubstr("load steps above 0.2"));
   EXPECT_THAT(why([](Config& c) { c.boundary.direction = "0.1,0,-1"; }), HasSubstr("oblique"));
   EXPECT_THAT(why([](Config& c) { c.cloud.rim = 0.5; }), HasSubstr("default rim"));
-  EXPECT_THAT(why([](Config& c) { c.solver.time = "dynamic"; }), HasSubstr("dynamics"));
+  EXPECT_THAT(why([](Config& c) { c.solver.time = "explicit"; }), HasSubstr("dynamics"));
 }
 
 TEST(Simulate, ABandIsTheSameHoweverManyFramesAreWritten) {

@@ -175,7 +175,7 @@ TEST(Verdict, ANumberThatIsNoneIsNeverGood) {
 
 TEST(Verdict, InDynamicsTheBaseMustCarryWhatTheToolPresses) {
   Result result = good_run();
-  result.time = TimeMode::dynamic;
+  result.time = TimeMode::explicit_;
   result.history.force.back().base_force = 0.04;
   const auto equilibrium = verdict_of({}, result, "finished")["equilibrium"];
   EXPECT_NEAR(equilibrium["value"].get<double>(), 20.0, 1e-12);

@@ -29,7 +29,7 @@ from . import _study
 from ._study import Case, in_words, refuse
 
 MOST_DEPTHS = 8  # 1, 2, ... mm
-SCHEMES, TIMES, ELEMENTS = ["converging", "horton2007"], ["quasi-static", "dynamic"], ["hexahedra", "tetrahedra"]
+SCHEMES, TIMES, ELEMENTS = ["converging", "horton2007"], ["quasi-static", "explicit"], ["hexahedra", "tetrahedra"]
 
 # Horton, Wittek, Miller, MICCAI 2007, section 5: 0.131 N computed; 0.181 and 0.125 N measured at the two hemispheres of a swine
 # brain, 0.153 N in the mean; 55 s on a 3 GHz Pentium 4.
@@ -391,8 +391,7 @@ def comparison(points, subjects):
 _FAMILIES = [
     ("dimple", "converging", "quasi-static", "converging, quasi-static", "converging", 0, True),
     ("dimple", "accuracy", "quasi-static", "an accuracy asked for: all clouds of its ladder", "", 2, True),
-    ("dimple", "converging", "dynamic", "converging, dynamic", "converging, dynamic", 5, True),
-    ("dimple", "horton2007", "dynamic", "horton2007, dynamic", "horton2007", 1, True),
+    ("dimple", "horton2007", "explicit", "horton2007, explicit", "horton2007", 1, True),
     ("calculix", "C3D20R", "quasi-static", "CalculiX, hexahedra (C3D20R)", "CalculiX", 3, True),
     ("calculix", "C3D10", "quasi-static", "CalculiX, tetrahedra (C3D10)", "C3D10", 3, False),
     ("febio", "hex8", "quasi-static", "FEBio, hexahedra (hex8, mixed)", "FEBio", 4, True),
@@ -484,7 +483,7 @@ def _check(case, options):
     _study.known_words(options.schemes, SCHEMES, "--schemes")
     _study.known_words(options.time, TIMES, "--time")
     _study.known_words(options.elements, ELEMENTS, "--elements")
-    for nodes in options.nodes + options.dynamic_nodes:
+    for nodes in options.nodes + options.explicit_nodes:
         if nodes < 100:
             refuse(f"{nodes} nodes are too few", "--nodes", "a cloud has at least 100", "for instance --nodes 500,1000,2000")
     for goal in options.goals:
@@ -568,7 +567,6 @@ class Notes:
         self.folder, self.subjects, self.how, self.say, self.points = folder, subjects, how, say, []
 
     def _finest(self, subject):
-        """Of two with as many nodes the first: quasi-static comes before dynamic."""
         own = [
             p
             for p in self.points
@@ -589,7 +587,7 @@ class Notes:
                 "That run is no reference: how far it is itself from the converged force is not known.",
             ]
         set_errors(self.points, subject, reference)
-        # Nor has the same cloud followed in time: it shares the errors of what it would be compared with.
+        # What shares its cloud shares its errors.
         for p in self.points if finest else ():
             if p.scene == subject.name and p.scheme == finest.scheme and p.nodes == finest.nodes:
                 p.error = p.error_last = math.nan
@@ -606,10 +604,10 @@ class Notes:
 
 def _run_all(subject, options, peers, note, threads):
     nodes = sorted(options.nodes)
-    dynamic = sorted(options.dynamic_nodes) or [n for n in nodes if n <= 4250]
+    explicit = sorted(options.explicit_nodes) or [n for n in nodes if n <= 4250]
     for program, scheme, of_time, *_ in _FAMILIES:
         if program == "dimple" and scheme in options.schemes and of_time in options.time:
-            for count in dynamic if of_time == "dynamic" else nodes:
+            for count in explicit if of_time == "explicit" else nodes:
                 note(subject, own_point(subject, scheme, of_time, count, options.repeat))
     for goal in options.goals:
         note(subject, dial_point(subject, goal, options.repeat))
@@ -633,8 +631,8 @@ def study(case, options, say):
         pydimple.usable_places(case.image)  # an image that cannot be read is refused before the first run
     _study.write(folder / "chart.csv", table([], []))  # the folder is ours from here on
     subjects = list(_scenes(options, folder, threads)) + ([_of_image(case, options, known, threads)] if with_image else [])
-    if not options.dynamic_nodes and "dynamic" in options.time and max(options.nodes) > 4250:
-        say("dynamic runs: up to 4250 nodes (--dynamic-nodes: others)")
+    if not options.explicit_nodes and "explicit" in options.time and max(options.nodes) > 4250:
+        say("explicit runs: up to 4250 nodes (--explicit-nodes: others)")
     note = Notes(folder, subjects, _how(options, threads), say)
     stopped = False
     try:
@@ -656,9 +654,9 @@ def main(argv=None):
     of.add_argument("--reference", help="CSV with columns indentation_mm, force_N of the image: its depths are run")
     of.add_argument("--nodes", type=numbers, default=[600, 1000, 2000, 3000, 4250, 8500], help="numbers of nodes")
     of.add_argument("--goals", type=words, default=["10%", "5%", "3%"], help="accuracies to ask for, or none")
-    of.add_argument("--schemes", type=words, default=SCHEMES, help="converging, horton2007 (dynamic only)")
-    of.add_argument("--time", type=words, default=TIMES, help="quasi-static, dynamic")
-    of.add_argument("--dynamic-nodes", type=numbers, default=[], help="of dynamic runs [those of --nodes up to 4250]")
+    of.add_argument("--schemes", type=words, default=SCHEMES, help="converging (quasi-static), horton2007 (explicit)")
+    of.add_argument("--time", type=words, default=TIMES, help="quasi-static, explicit")
+    of.add_argument("--explicit-nodes", type=numbers, default=[], help="of explicit runs [those of --nodes up to 4250]")
     of.add_argument("--repeat", type=int, default=1, help="clouds of each size: times are medians, errors the largest")
     of.add_argument("--calculix", default="ccx", metavar="PATH", help="CalculiX, if not as ccx on PATH; none: leave it out")
     of.add_argument("--febio", metavar="PATH", help="FEBio 4, to run it too")
