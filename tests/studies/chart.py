@@ -1,7 +1,7 @@
 """Error of the force against wall time: schemes, sizes of clouds, accuracies asked for, and other programs beside them.
 
-    python3 -m pydimple.chart -o OUT                                   two scenes whose force is known
-    python3 -m pydimple.chart IMAGE -o OUT [--reference known.csv]     and an image of yours; --set and --config are its
+    python3 tests/studies/chart.py -o OUT                                   two scenes whose force is known
+    python3 tests/studies/chart.py IMAGE -o OUT [--reference known.csv]     and an image of yours; --set and --config are its
 
 chart.csv, chart.png and chart.svg. Scenes A and B are made here as 1 mm images, left in the folder. An image without a
 reference of its own is shown by the difference from the finest of its runs, with no front and no verdict on other programs.
@@ -25,8 +25,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import pydimple
 
-from . import _study
-from ._study import Case, in_words, refuse
+import _study
+from _study import Case, in_words, refuse
 
 MOST_DEPTHS = 8  # 1, 2, ... mm
 SCHEMES, TIMES, ELEMENTS = ["converging", "horton2007"], ["quasi-static", "dynamic"], ["hexahedra", "tetrahedra"]
@@ -495,7 +495,7 @@ def _check(case, options):
             "a chart needs at least one cloud size and one run of it", "--nodes, --repeat", "there would be no point",
             "for instance --nodes 500,1000,2000",
         )  # fmt: skip
-    again = "python3 -m pydimple.chart IMAGE -o OUT"
+    again = "python3 tests/studies/chart.py IMAGE -o OUT"
     if not case.image and "image" in options.only:
         refuse("no label image was given", "--only image", "there is nothing to run", f"give one: {again}")
     if not case.image and options.reference:
@@ -624,7 +624,7 @@ def study(case, options, say):
     options.goals = [goal for goal in options.goals if goal != "none"]
     _check(case, options)
     peers = _peers(options, say)
-    folder = _study.folder_for(options.out, "chart.csv", "python3 -m pydimple.chart").absolute()
+    folder = _study.folder_for(options.out, "chart.csv", "python3 tests/studies/chart.py").absolute()
     plt = _study.pyplot()
     known = _study.reference_at(options.reference) if options.reference else []
     threads = options.threads or len(os.sched_getaffinity(0))
