@@ -6,7 +6,7 @@
 chart.csv, chart.png and chart.svg. Scenes A and B are made here as 1 mm images, left in the folder. An image without a
 reference of its own is shown by the difference from the finest of its runs, with no front and no verdict on other programs.
 Times are those of the whole, from the image to the force; of other programs (apt install calculix-ccx) with the mesh, which
-`dimple export` makes. A run that fails is a row without an error. Below, what the runs with a band say of their own error, the
+`dimple export` makes of tetrahedra and `dimple_peer` of hexahedra. A run that fails is a row without an error. Below, what the runs with a band say of their own error, the
 band's time counted in.
 """
 
@@ -274,7 +274,10 @@ def peer_point(subject, peer, nodes, options, folder, threads):
             shutil.rmtree(folder, ignore_errors=True)
             folder.mkdir(parents=True)
             begun = time.monotonic()
-            command = [_study.program(), "export", case.image, "-o", str(file), "--elements", peer.elements, "--json", "-q"]
+            if peer.elements == "hexahedra":
+                command = [_study.program("peer"), case.image, str(file)]
+            else:
+                command = [_study.program(), "export", case.image, "-o", str(file), "--json", "-q"]
             made = subprocess.run(command + case.arguments(), capture_output=True, text=True, check=False)
             if made.returncode:
                 point.status = made.stderr.strip().split("\n")[0].removeprefix("dimple: ")
@@ -521,6 +524,8 @@ def _peers(options, say):
     if options.febio:
         program = asked_for(options.febio, "--febio")
         peers += [Peer("febio", "hex8" if e == "hexahedra" else "tet10", e, program) for e in options.elements]
+    if any(peer.elements == "hexahedra" for peer in peers):
+        _study.program("peer")  # is there, before the first run
     return peers
 
 
