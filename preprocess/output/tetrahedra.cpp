@@ -154,9 +154,9 @@ std::map<Edge, Index> number_middles(const Cells& mesh) {
 TetrahedralMesh with_middles(const Cells& from, const std::map<Edge, Index>& middle) {
   TetrahedralMesh mesh;
   mesh.volume_mm3 = from.volume;
-  mesh.corner_count = static_cast<Index>(from.places.size());
-  mesh.X.resize(3, mesh.corner_count + static_cast<Index>(middle.size()));
-  for (Index a = 0; a < mesh.corner_count; ++a) mesh.X.col(a) = from.place(a);
+  const auto corners = static_cast<Index>(from.places.size());
+  mesh.X.resize(3, corners + static_cast<Index>(middle.size()));
+  for (Index a = 0; a < corners; ++a) mesh.X.col(a) = from.place(a);
   for (const auto& [ends, node] : middle)
     mesh.X.col(node) = 0.5 * (from.place(ends.first) + from.place(ends.second));
   mesh.tetrahedra.resize(10, static_cast<Index>(from.cells.size()));
