@@ -22,9 +22,9 @@ struct ElementModel {
   int frames = 8;      ///< even depths at which forces are asked for
 };
 
-/// The input file of CalculiX (`ccx FILE-without-.inp`), which Abaqus reads too, and of FEBio 4 (`febio4 -i
-/// FILE`). `element`: what the program calls these elements. Lengths in mm,
-/// forces in mN, stresses in kPa, so that numbers are near 1: both programs compare some with absolute
+/// The input file of CalculiX (`ccx FILE-without-.inp`), in keywords of Abaqus (which has no such *NODE
+/// PRINT), and of FEBio 4 (`febio4 -i FILE`). `element`: what the program calls these elements. Lengths in
+/// mm, forces in mN, stresses in kPa, so that numbers are near 1: both programs compare some with absolute
 /// limits. Throws UsageError: FEBio with a sliding circle that is not pushed along an axis.
 std::string calculix_input(const ElementModel& model, const std::string& element = "C3D10");
 std::string febio_input(const ElementModel& model, const std::string& element = "tet10");

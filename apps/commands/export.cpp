@@ -35,11 +35,12 @@ Command add_export(CLI::App& app, Invocation& shared) {
   const auto options = std::make_shared<ExportArguments>();
   CLI::App* command = app.add_subcommand(
       "export",
-      "write the scene for another program, as a mesh: CalculiX, Abaqus or FEBio; --nodes or --spacing say "
-      "how fine");
+      "write the scene for another program, as a mesh: CalculiX or FEBio; --nodes or --spacing say how "
+      "fine");
   command->add_option("IMAGE", shared.image, "label image");
   command
-      ->add_option("-o,--out,--output", shared.out, "file to write: .inp (CalculiX, Abaqus) or .feb (FEBio)")
+      ->add_option("-o,--out,--output", shared.out,
+                   "file to write: .inp (CalculiX, in Abaqus's keywords) or .feb (FEBio)")
       ->required();
   command->add_option("--format", options->format, "the other program [from the file's name]")
       ->type_name("calculix|febio");

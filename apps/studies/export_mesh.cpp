@@ -39,7 +39,7 @@ std::string chosen_format(const std::string& format, const fs::path& file) {
   if (suffix == ".feb") return "febio";
   throw UsageError({.fact = fmt::format("'{}' does not say for which program it is", file.string()),
                     .where = "-o",
-                    .why = "CalculiX and Abaqus read .inp, FEBio .feb",
+                    .why = "CalculiX reads .inp, FEBio .feb",
                     .remedy = "name it so, or give --format calculix or --format febio"});
 }
 
