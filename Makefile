@@ -6,7 +6,7 @@
 # make check-threads   the tests under the thread sanitizer
 # make fuzz   a million damaged files for each reader, under sanitizers (clang); 5000 honest ones beside other libraries
 # make bench  how long each stage takes, beside what this processor can do; results into tests/bench/results
-# make converge, make atlas, make chart   the studies of the Python module: IMAGE=FILE is yours, STUDY="--options of the study"
+# make converge, make atlas, make chart   the studies of tests/studies: IMAGE=FILE is yours, STUDY="--options of the study"
 # make wheel  the Python module as a wheel, for this system: build/wheel
 # make deb    packages for Debian 12: build/package/dimple_*.deb, libdimple-dev_*.deb
 # make clean  remove everything that was built
@@ -72,25 +72,25 @@ wheel: bootstrap
 	cmake --build $(BUILD) --target dimple_python
 	DIMPLE_BUILD=$(BUILD) /usr/bin/python3 -m build --wheel --no-isolation -o build/wheel apps/python
 
-# How far a force can be trusted, where a scene survives, error against wall time: by the wheel, in an environment of its own.
+# How far a force can be trusted, where a scene survives, error against wall time: with the wheel, in an environment of its own.
 IMAGE :=
 STUDY :=
-PYDIMPLE := DIMPLE_PROGRAM=$(DIMPLE) build/studies/bin/python -m pydimple
+STUDIES := DIMPLE_PROGRAM=$(DIMPLE) DIMPLE_PEER=$(BUILD)/dimple_peer build/studies/bin/python tests/studies
 
 converge: studies
 	@mkdir -p out
 	@[ -n "$(IMAGE)" ] || $(DIMPLE) phantom out/block.nrrd --shape block --size 60,60,30 --spacing 0.5
-	$(PYDIMPLE).converge $(or $(IMAGE),out/block.nrrd) -o out/converge $(STUDY)
+	$(STUDIES)/converge.py $(or $(IMAGE),out/block.nrrd) -o out/converge $(STUDY)
 
 atlas: studies
-	$(PYDIMPLE).atlas $(IMAGE) -o out/atlas $(STUDY)
+	$(STUDIES)/atlas.py $(IMAGE) -o out/atlas $(STUDY)
 
 chart: studies
-	$(PYDIMPLE).chart $(IMAGE) -o out/chart $(STUDY)
+	$(STUDIES)/chart.py $(IMAGE) -o out/chart $(STUDY)
 
 studies: wheel
 	@./bootstrap python3-matplotlib
-	cmake --build $(BUILD) --target dimple
+	cmake --build $(BUILD) --target dimple dimple_peer
 	/usr/bin/python3 -m venv --clear --system-site-packages build/studies
 	build/studies/bin/python -m pip install --quiet --disable-pip-version-check --no-index build/wheel/pydimple-*.whl
 

@@ -4,7 +4,6 @@
 #include <fmt/ranges.h>
 
 #include <Eigen/Geometry>
-#include <algorithm>
 #include <cmath>
 #include <iterator>
 
@@ -42,24 +41,7 @@ int axis_of(const Vec3& push) {
 
 }  // namespace
 
-ElementModel without_middles(const ElementModel& model, Index corner_count) {
-  ElementModel m = model;
-  m.X = model.X.leftCols(corner_count).eval();
-  m.elements = model.elements.topRows(model.elements.rows() == 10 ? 4 : 8).eval();
-  for (std::vector<Index>* nodes : {&m.base, &m.circle})
-    nodes->erase(std::lower_bound(nodes->begin(), nodes->end(), corner_count), nodes->end());
-  return m;
-}
-
-std::string calculix_element(const ElementModel& m) {
-  return m.elements.rows() == 10 ? "C3D10" : m.elements.rows() == 20 ? "C3D20R" : "C3D8";
-}
-
-std::string febio_element(const ElementModel& m) {
-  return m.elements.rows() == 10 ? "tet10" : m.elements.rows() == 20 ? "hex20" : "hex8";
-}
-
-std::string calculix_input(const ElementModel& m) {
+std::string calculix_input(const ElementModel& m, const std::string& element) {
   std::string text;
   const Text out(text);
   for (const std::string& line : head(m)) fmt::format_to(out, "** {}\n", line);
@@ -68,10 +50,10 @@ std::string calculix_input(const ElementModel& m) {
       "** CalculiX: U = C10 (I1_bar - 3) + 1/D1 (J - 1)^2: the same with C10 = mu/2, D1 = 2/kappa.\n"
       "** {}: linear elements lock at this kappa / mu; CalculiX has no mixed (hybrid) ones.\n"
       "*NODE, NSET=all\n",
-      calculix_element(m));
+      element);
   for (Index a = 0; a < m.X.cols(); ++a)
     fmt::format_to(out, "{}, {:.9g}, {:.9g}, {:.9g}\n", a + 1, m.X(0, a), m.X(1, a), m.X(2, a));
-  fmt::format_to(out, "*ELEMENT, TYPE={}, ELSET=tissue\n", calculix_element(m));
+  fmt::format_to(out, "*ELEMENT, TYPE={}, ELSET=tissue\n", element);
   for (Index e = 0; e < m.elements.cols(); ++e) {
     fmt::format_to(out, "{}", e + 1);
     // A line that ends with a comma goes on.
@@ -124,7 +106,7 @@ void require_febio_push(const ElementModel& m) {
        .remedy = "give --direction along an axis, e.g. 0,0,-1, or --contact bonded, or --format calculix"});
 }
 
-void febio_comments(Text out, const ElementModel& m) {
+void febio_comments(Text out, const ElementModel& m, const std::string& element) {
   for (std::string line : head(m)) {
     // Two hyphens would end an XML comment.
     for (std::size_t at; (at = line.find("--")) != std::string::npos;) line.replace(at, 2, "- -");
@@ -136,7 +118,7 @@ void febio_comments(Text out, const ElementModel& m) {
       "k = "
       "kappa. -->\n"
       "<!-- {} with a pressure of their own (three-field): without, they lock at this k / c1. -->\n",
-      febio_element(m));
+      element);
 }
 
 void febio_control(Text out, int frames) {
@@ -170,12 +152,12 @@ void febio_node_set(Text out, const char* name, const std::vector<Index>& nodes)
   fmt::format_to(out, "    </NodeSet>\n");
 }
 
-void febio_mesh(Text out, const ElementModel& m) {
+void febio_mesh(Text out, const ElementModel& m, const std::string& element) {
   fmt::format_to(out, "  <Mesh>\n    <Nodes name=\"all\">\n");
   for (Index a = 0; a < m.X.cols(); ++a)
     fmt::format_to(out, "      <node id=\"{}\">{:.9g},{:.9g},{:.9g}</node>\n", a + 1, m.X(0, a), m.X(1, a),
                    m.X(2, a));
-  fmt::format_to(out, "    </Nodes>\n    <Elements type=\"{}\" name=\"tissue\">\n", febio_element(m));
+  fmt::format_to(out, "    </Nodes>\n    <Elements type=\"{}\" name=\"tissue\">\n", element);
   for (Index e = 0; e < m.elements.cols(); ++e) {
     fmt::format_to(out, "      <elem id=\"{}\">", e + 1);
     for (Index k = 0; k < m.elements.rows(); ++k)
@@ -221,15 +203,15 @@ void febio_load_curves(Text out, int frames) {
 
 }  // namespace
 
-std::string febio_input(const ElementModel& m) {
+std::string febio_input(const ElementModel& m, const std::string& element) {
   require_febio_push(m);
   std::string text = "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n";
   const Text out(text);
-  febio_comments(out, m);
+  febio_comments(out, m, element);
   fmt::format_to(out, "<febio_spec version=\"4.0\">\n");
   febio_control(out, m.frames);
   febio_material(out, m);
-  febio_mesh(out, m);
+  febio_mesh(out, m, element);
   febio_boundary(out, m);
   febio_load_curves(out, m.frames);
   fmt::format_to(out,

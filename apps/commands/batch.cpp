@@ -110,7 +110,6 @@ int run_all(const Cohort& cohort, const Config& of_all_rows, const Invocation& s
   CohortOptions options{
       .jobs = jobs > 0 ? jobs : std::max<std::size_t>(1, cores / static_cast<std::size_t>(threads)),
       .anew = shared.force,
-      .threads = threads,
       .program = {std::filesystem::read_symlink("/proc/self/exe").string()}};
   options.program.insert(options.program.end(), shared.words.begin(), shared.words.end());
   options.program.push_back("--index");

@@ -6,7 +6,7 @@
 
 #include "apps/commands/command.hpp"
 #include "apps/commands/log.hpp"
-#include "apps/studies/peer_mesh.hpp"
+#include "apps/studies/export_mesh.hpp"
 #include "io/error.hpp"
 
 namespace dimple {
@@ -14,7 +14,7 @@ namespace {
 
 struct ExportArguments {
   Flags flags;
-  std::string format, elements = "hexahedra";
+  std::string format, elements = "tetrahedra";
 };
 
 // A mesh of this program says so in its first lines.
@@ -38,23 +38,26 @@ Command add_export(CLI::App& app, Invocation& shared) {
       "write the scene for another program, as a mesh: CalculiX or FEBio; --nodes or --spacing say how "
       "fine");
   command->add_option("IMAGE", shared.image, "label image");
-  command->add_option("-o,--out,--output", shared.out, "file to write: .inp (CalculiX) or .feb (FEBio)")
+  command
+      ->add_option("-o,--out,--output", shared.out,
+                   "file to write: .inp (CalculiX, in Abaqus's keywords) or .feb (FEBio)")
       ->required();
   command->add_option("--format", options->format, "the other program [from the file's name]")
       ->type_name("calculix|febio");
-  command
-      ->add_option("--elements", options->elements,
-                   "columns of hexahedra along the push, or CGAL's tetrahedra")
-      ->type_name("hexahedra|tetrahedra")
-      ->capture_default_str();
+  command->add_option("--elements", options->elements)->group("");  // there were others once
   command->add_flag("--force", shared.force, "replace a file that this program has not written");
   options->flags.add(*command, "");
   add_common(*command, shared);
   return {command, [&shared, command, options] {
+            if (options->elements != "tetrahedra")
+              throw UsageError({.fact = fmt::format("there are no {} to export", options->elements),
+                                .where = "--elements",
+                                .why = "the mesh is one of ten-node tetrahedra",
+                                .remedy = "leave --elements out, or give --elements tetrahedra"});
             try_file(shared.out);
             if (!shared.force) require_no_file_of_others(shared.out);
             return finish(shared, export_model(options->flags.config(*command, shared.image), options->format,
-                                               options->elements, shared.out, {.line = to_log().line}));
+                                               shared.out, {.line = to_log().line}));
           }};
 }
 

@@ -49,8 +49,6 @@ namespace py = pybind11;
 
 namespace dimple {
 
-void add_studies(py::module_& m);  // studies.cpp
-
 namespace {
 
 // ---------------------------------------------------------------------------------------------------------
@@ -304,6 +302,16 @@ struct Settings {
     if (!config_file.empty()) read_config(result, config_file);
     for (const auto& [key, text, source] : given) set_option(result, key, text, source);
     resolve_material(result);
+    return result;
+  }
+
+  // What they amount to: key -> value, in the unit of the key.
+  py::dict values() const {
+    Config all = config();
+    py::dict result;
+    for (const Option& option : options_of(all))
+      result[py::str(option.key)] =
+          std::visit([](const auto* value) { return py::cast(*value); }, option.value);
     return result;
   }
 };
@@ -710,9 +718,11 @@ void add_image_and_settings(py::module_& m) {
       .def(py::init([](std::string file, std::vector<std::array<std::string, 3>> given) {
         return Settings{std::move(file), std::move(given)};
       }))
-      .def("set", [](Settings& self, std::string key, std::string text, std::string source) {
-        self.given.push_back({std::move(key), std::move(text), std::move(source)});
-      });
+      .def("set",
+           [](Settings& self, std::string key, std::string text, std::string source) {
+             self.given.push_back({std::move(key), std::move(text), std::move(source)});
+           })
+      .def("values", &Settings::values);
 }
 
 void add_computations(py::module_& m) {
@@ -1086,7 +1096,6 @@ PYBIND11_MODULE(_core, m) {
   // In this order: a signature names classes that are known by then.
   add_words(m);
   add_image_and_settings(m);
-  add_studies(m);
   add_model(m);
   add_organ(m);
   add_result(m);

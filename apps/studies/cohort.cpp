@@ -6,7 +6,6 @@
 #include <atomic>
 #include <csignal>
 #include <cstring>
-#include <limits>
 #include <map>
 #include <mutex>
 #include <nlohmann/json.hpp>
@@ -194,8 +193,7 @@ CaseEnd run_apart(const Cohort& cohort, std::size_t row, const Config& of_all_ro
   words.push_back(std::to_string(row + 1));
   constexpr double grace_s = 0.9;  // less than what the whole program has to end
   const ProgramRun run = run_program(
-      words, fs::current_path(), log.string(), std::numeric_limits<double>::infinity(), options.threads,
-      [] { return stop_asked() != StopReason::none; }, grace_s);
+      words, fs::current_path(), log.string(), [] { return stop_asked() != StopReason::none; }, grace_s);
   CaseEnd end{.seconds = whole.seconds()};
   std::error_code ignored;
   if (run.code == 0) {

@@ -58,7 +58,6 @@ struct CaseEnd {
 struct CohortOptions {
   std::size_t jobs = 1;
   bool anew = false;
-  int threads = 1;  ///< of each
   std::vector<std::string>
       program;  ///< with its arguments: runs the row whose number, from 1 on, is put behind them
 };

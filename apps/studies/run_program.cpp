@@ -8,7 +8,6 @@
 
 #include <chrono>
 #include <csignal>
-#include <cstdlib>
 #include <cstring>
 #include <thread>
 
@@ -19,24 +18,16 @@ namespace dimple {
 namespace {
 
 namespace fs = std::filesystem;
-
-std::vector<char*> pointers(std::vector<std::string>& words) {
-  std::vector<char*> result;
-  for (std::string& word : words) result.push_back(word.data());
-  result.push_back(nullptr);
-  return result;
-}
+using Clock = std::chrono::steady_clock;
 
 }  // namespace
 
 ProgramRun run_program(const std::vector<std::string>& arguments, const fs::path& folder,
-                       const std::string& log, double limit_s, int threads,
-                       const std::function<bool()>& stop_requested, double grace_s) {
-  std::vector<std::string> words = arguments, environment;
-  for (char** entry = environ; *entry != nullptr; ++entry)
-    if (std::strncmp(*entry, "OMP_NUM_THREADS=", 16) != 0) environment.emplace_back(*entry);
-  environment.push_back(fmt::format("OMP_NUM_THREADS={}", threads));
-
+                       const std::string& log, const std::function<bool()>& stop_requested, double grace_s) {
+  std::vector<std::string> words = arguments;
+  std::vector<char*> pointers;
+  for (std::string& word : words) pointers.push_back(word.data());
+  pointers.push_back(nullptr);
   posix_spawn_file_actions_t actions;
   posix_spawn_file_actions_init(&actions);
   posix_spawn_file_actions_addchdir_np(&actions, folder.c_str());
@@ -49,9 +40,8 @@ ProgramRun run_program(const std::vector<std::string>& arguments, const fs::path
   posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETPGROUP);
   posix_spawnattr_setpgroup(&attributes, 0);
   pid_t child = 0;
-  const auto start = std::chrono::steady_clock::now();
-  const int failed = posix_spawn(&child, words.front().c_str(), &actions, &attributes, pointers(words).data(),
-                                 pointers(environment).data());
+  const int failed =
+      posix_spawn(&child, words.front().c_str(), &actions, &attributes, pointers.data(), environ);
   posix_spawn_file_actions_destroy(&actions);
   posix_spawnattr_destroy(&attributes);
   if (failed != 0)
@@ -62,26 +52,21 @@ ProgramRun run_program(const std::vector<std::string>& arguments, const fs::path
 
   const Child ends_with_this_process(child);
   ProgramRun run;
-  const auto seconds = [&] {
-    return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  };
   int status = 0;
-  double asked_at_s = 0.0;
+  Clock::time_point asked;
   while (waitpid(child, &status, WNOHANG) == 0) {
     if (!run.interrupted && stop_requested && stop_requested()) {
       run.interrupted = true;
-      asked_at_s = seconds();
+      asked = Clock::now();
       if (grace_s > 0.0) kill(-child, SIGTERM);
     }
-    run.out_of_time = seconds() > limit_s;
-    if ((run.interrupted && seconds() >= asked_at_s + grace_s) || run.out_of_time) {
+    if (run.interrupted && Clock::now() >= asked + std::chrono::duration<double>(grace_s)) {
       kill(-child, SIGKILL);
       waitpid(child, &status, 0);
       break;
     }
     std::this_thread::sleep_for(std::chrono::milliseconds(10));
   }
-  run.seconds = seconds();
   run.code = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
   return run;
 }

@@ -10,16 +10,15 @@ namespace dimple {
 /// How another program ended.
 struct ProgramRun {
   int code = -1;  ///< what it returned; 128 + signal if it died of one
-  bool out_of_time = false, interrupted = false;
-  double seconds = 0.0;
+  bool interrupted = false;
 };
 
-/// Runs a program in `folder` to its end, or ends it and what it started after `limit_s` seconds, or when
-/// `stop_requested`: then it has `grace_s` to end by itself. Its words go to `log` in the folder;
-/// OMP_NUM_THREADS is `threads`. By posix_spawn: no shell between that would read the arguments, and no other
-/// library here starts programs. Throws UsageError if it cannot be started.
+/// Runs a program in `folder` to its end, or ends it and what it started when `stop_requested`: then it has
+/// `grace_s` to end by itself. Its words go to `log` in the folder. By posix_spawn: no shell between that
+/// would read the arguments, and no other library here starts programs. Throws UsageError if it cannot be
+/// started.
 ProgramRun run_program(const std::vector<std::string>& arguments, const std::filesystem::path& folder,
-                       const std::string& log, double limit_s, int threads,
-                       const std::function<bool()>& stop_requested, double grace_s = 0.0);
+                       const std::string& log, const std::function<bool()>& stop_requested = {},
+                       double grace_s = 0.0);
 
 }  // namespace dimple

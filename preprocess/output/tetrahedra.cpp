@@ -19,7 +19,6 @@
 #include "io/error.hpp"
 #include "io/stop.hpp"
 #include "preprocess/cloud/node_cloud.hpp"
-#include "preprocess/output/element_sets.hpp"
 
 namespace dimple {
 namespace {
@@ -90,6 +89,12 @@ Complex fill(const BodySurface& body, const Boundary& boundary, const Sizing& si
                                     p::exude(p::time_limit = 0.0));
 }
 
+// An edge by the numbers of its ends, the lesser first.
+using Edge = std::pair<Index, Index>;
+Edge edge(Index a, Index b) {
+  return {std::min(a, b), std::max(a, b)};
+}
+
 // Corners, and tetrahedra of positive volume by their numbers.
 struct Cells {
   std::vector<Vec3> places;
@@ -149,9 +154,9 @@ std::map<Edge, Index> number_middles(const Cells& mesh) {
 TetrahedralMesh with_middles(const Cells& from, const std::map<Edge, Index>& middle) {
   TetrahedralMesh mesh;
   mesh.volume_mm3 = from.volume;
-  mesh.corner_count = static_cast<Index>(from.places.size());
-  mesh.X.resize(3, mesh.corner_count + static_cast<Index>(middle.size()));
-  for (Index a = 0; a < mesh.corner_count; ++a) mesh.X.col(a) = from.place(a);
+  const auto corners = static_cast<Index>(from.places.size());
+  mesh.X.resize(3, corners + static_cast<Index>(middle.size()));
+  for (Index a = 0; a < corners; ++a) mesh.X.col(a) = from.place(a);
   for (const auto& [ends, node] : middle)
     mesh.X.col(node) = 0.5 * (from.place(ends.first) + from.place(ends.second));
   mesh.tetrahedra.resize(10, static_cast<Index>(from.cells.size()));
@@ -206,6 +211,21 @@ void find_base_and_circle(const Cells& mesh, const std::map<Edge, Index>& middle
   }
 }
 
+void require_apart(const std::set<Index>& base, const std::set<Index>& circle, double spacing_mm) {
+  if (base.empty() || circle.empty())
+    throw ModelError({.fact = fmt::format("no triangle of the mesh lies {}",
+                                          base.empty() ? "on the base" : "in the circle"),
+                      .where = "tetrahedral mesh",
+                      .why = fmt::format("edges of {:.3g} mm are too long for it", spacing_mm),
+                      .remedy = "give a smaller --spacing or more --nodes"});
+  for (const Index v : base)
+    if (circle.count(v) > 0)
+      throw ModelError({.fact = "the tool's circle lies on the fixed base",
+                        .where = "tetrahedral mesh",
+                        .why = "a node of the mesh belongs to both",
+                        .remedy = "choose another place (--indent-at) or another --base"});
+}
+
 }  // namespace
 
 TetrahedralMesh make_tetrahedra(const BodySurface& body, const Boundary& boundary, const Sizing& sizing,
@@ -227,10 +247,7 @@ TetrahedralMesh make_tetrahedra(const BodySurface& body, const Boundary& boundar
   TetrahedralMesh mesh = with_middles(cells, middle);
   std::set<Index> base, circle;
   find_base_and_circle(cells, middle, boundary, base, circle);
-  require_apart(base, circle,
-                {.mesh = "tetrahedral mesh",
-                 .face = "triangle",
-                 .why = fmt::format("edges of {:.3g} mm are too long for it", spacing_mm)});
+  require_apart(base, circle, spacing_mm);
   mesh.base.assign(base.begin(), base.end());
   mesh.circle.assign(circle.begin(), circle.end());
   return mesh;

@@ -11,7 +11,6 @@ namespace dimple {
 /// frame.
 struct TetrahedralMesh {
   Points X;  ///< [3xN] corners, then the middles of edges
-  Index corner_count = 0;
   /// [10xE] four corners, of positive volume, then the middles of edges 01, 12, 20, 03, 13, 23: the order of
   /// Abaqus, CalculiX and FEBio.
   Eigen::Matrix<Index, 10, Eigen::Dynamic> tetrahedra;

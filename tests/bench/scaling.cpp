@@ -29,7 +29,7 @@ nlohmann::json summary_of(const std::string& dimple, const fs::path& folder, std
   fs::remove_all(folder / "out");
   words.insert(words.begin(), {dimple, "run", "block.nrrd", "-o", "out", "-q", "--band", "off", "--threads",
                                std::to_string(threads)});
-  const ProgramRun run = run_program(words, folder, "log.txt", 3600.0, threads, [] { return false; });
+  const ProgramRun run = run_program(words, folder, "log.txt");
   if (run.code != 0)
     throw std::runtime_error(fmt::format("{} ended with {}", fmt::join(words, " "), run.code));
   nlohmann::json summary;
@@ -56,7 +56,7 @@ void measure(const std::string& dimple, const fs::path& results, const std::vect
   fs::create_directories(folder);
   run_program(
       {dimple, "phantom", "block.nrrd", "--shape", "block", "--size", "60,60,30", "--spacing", "1", "-q"},
-      folder, "log.txt", 60.0, threads, [] { return false; });
+      folder, "log.txt");
   Table table{.header = {"nodes", "integration_points", "preprocess_s", "quasi_static_s", "evaluations",
                          "peak_MB", "explicit_step_us", "explicit_s_per_s"},
               .column = std::vector<std::vector<double>>(8)};

@@ -440,7 +440,7 @@ TEST_F(Refusal, OfACircleThatIsSmallerThanAVoxel) {
     expect(4, command + " --indenter-diameter 2", words);
   }
   for (const std::string command : {"run brain.nrrd -o few --nodes 400 --depth 0.5mm --frames 1",
-                                    "export brain.nrrd -o few.inp --nodes 3000 --elements hexahedra",
+                                    "export brain.nrrd -o few.inp --nodes 3000",
                                     "poke brain.nrrd --script path.csv --evaluations 4 --nodes 400"}) {
     SCOPED_TRACE(command);
     const Ran ran = dimple(folder, command + " --indenter-diameter 5");

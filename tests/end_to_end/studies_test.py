@@ -1,4 +1,4 @@
-"""The studies of the Python module, as those who develop Dimple start them: run by python_test, in a fresh environment."""
+"""The studies, as those who develop Dimple start them: run by python_test, in a fresh environment with the wheel."""
 
 import contextlib
 import csv
@@ -25,9 +25,16 @@ except ImportError:
     raise SystemExit(0)
 
 import pydimple
-from pydimple import _study, atlas, chart, converge
 
 SOURCE = pathlib.Path(os.environ["DIMPLE_SOURCE"])
+STUDIES = SOURCE / "tests/studies"
+sys.path.insert(0, str(STUDIES))
+
+import _study
+import atlas
+import chart
+import converge
+
 PROGRAM = os.environ["DIMPLE_PROGRAM"]
 
 
@@ -175,7 +182,8 @@ def interrupted(process):
 class Stop(Study):
     def stopped(self, words, after_s):
         """Exit code after a Ctrl-C at that CPU time, which is answered within 2 s of a free machine, and what was said."""
-        process = subprocess.Popen([sys.executable, "-m", *words.split()], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+        script, *words = words.split()
+        process = subprocess.Popen([sys.executable, str(STUDIES / script), *words], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
         with process:
             while cpu_s(process.pid) < after_s and not os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT):
                 time.sleep(0.02)
@@ -187,9 +195,9 @@ class Stop(Study):
     def test_every_study_answers_within_two_seconds(self):
         self.block()
         for words in (
-            "pydimple.converge block.nrrd -o out/converge --sizes 2000,4000,8000",
-            "pydimple.chart -o out/chart --only a --nodes 1000,2000 --calculix none",
-            "pydimple.atlas -o out/atlas --map depth-nu --finest 500 --limit 20",
+            "converge.py block.nrrd -o out/converge --sizes 2000,4000,8000",
+            "chart.py -o out/chart --only a --nodes 1000,2000 --calculix none",
+            "atlas.py -o out/atlas --map depth-nu --finest 500 --limit 20",
         ):
             code, said = self.stopped(words, 3.0)
             self.assertEqual(code, 130, f"{words}: {said}")
@@ -202,7 +210,7 @@ class Stop(Study):
         kept = []
         for after in (1.5, 3.0, 6.0):
             shutil.rmtree("out", ignore_errors=True)
-            code, said = self.stopped("pydimple.converge block.nrrd -o out --sizes 300,500,700,900,1100,2000,3000 --frames 4", after)
+            code, said = self.stopped("converge.py block.nrrd -o out --sizes 300,500,700,900,1100,2000,3000 --frames 4", after)
             self.assertEqual(code, 130, said)
             rows = len(self.table("out/convergence.csv")) if os.path.exists("out/convergence.csv") else 0
             self.assertEqual(rows % 4, 0)  # frames of a run
@@ -216,7 +224,7 @@ class Stop(Study):
         for size in (0, 100, 2000, 20000):
             shutil.rmtree("out", ignore_errors=True)
             limited = "import resource, runpy, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv.pop(1)),) * 2); "
-            limited += "runpy.run_module('pydimple.converge', run_name='__main__')"
+            limited += f"sys.path.insert(0, {str(STUDIES)!r}); runpy.run_module('converge', run_name='__main__')"
             words = f"block.nrrd -o out --sizes 300,400 --densities 1 --seeds 1 --frames 2 --depth 1mm -q"
             ended = subprocess.run([sys.executable, "-c", limited, str(size), *words.split()], capture_output=True, text=True, check=False)
             self.assertEqual(ended.returncode, 6, ended.stderr)
@@ -421,7 +429,7 @@ class Atlas(Study):
         self.good(atlas, self.SMALL + " --threads 1")
         before = {name: pathlib.Path("out", name).read_bytes() for name in ("stress_own.csv", "stress_own.svg", "stress_own.png")}
         os.rename("out", "first")
-        command = [sys.executable, "-m", "pydimple.atlas", *self.SMALL.split(), "--threads", "2"]
+        command = [sys.executable, str(STUDIES / "atlas.py"), *self.SMALL.split(), "--threads", "2"]
         with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
             line = process.stderr.readline()
             self.assertIn("finished", line)

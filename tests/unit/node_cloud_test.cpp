@@ -11,7 +11,6 @@
 #include <thread>
 
 #include "io/error.hpp"
-#include "preprocess/output/hexahedra.hpp"
 #include "preprocess/side_by_side.hpp"
 #include "preprocess/surface/shapes.hpp"
 
@@ -93,13 +92,6 @@ TEST(NodeCloud, OfManyNodesBySpacingIsAsLargeAsThatByNumber) {
   const CloudSize size = cloud_size(body, sizing, {.count = 300000, .grading = {.rim = 0.15}});
   const CloudSize back = cloud_size(body, sizing, {.spacing_mm = size.far_spacing, .grading = {.rim = 0.15}});
   EXPECT_NEAR(static_cast<double>(back.count), 300000.0, 3000.0);
-}
-
-TEST(Hexahedra, ForACountEndWhereNoneCanBe) {
-  const BodySurface body = block();
-  Boundary boundary = find_boundary(body, {});
-  boundary.centre += 22.0 * boundary.push.unitOrthogonal();  // the circle hangs over the edge
-  EXPECT_THROW(hexahedra_spacing_for_count(body, boundary, {.rim = 0.15}, 2000), ModelError);
 }
 
 }  // namespace

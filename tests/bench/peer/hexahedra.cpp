@@ -1,4 +1,4 @@
-#include "preprocess/output/hexahedra.hpp"
+#include "tests/bench/peer/hexahedra.hpp"
 
 #include <fmt/format.h>
 
@@ -10,15 +10,21 @@
 #include <map>
 #include <numbers>
 #include <set>
+#include <utility>
 
 #include "io/error.hpp"
 #include "io/stop.hpp"
-#include "preprocess/output/element_sets.hpp"
 
 namespace dimple {
 namespace {
 
 using Vec2 = Eigen::Vector2d;
+
+// An edge by the numbers of its ends, the lesser first.
+using Edge = std::pair<Index, Index>;
+Edge edge(Index a, Index b) {
+  return {std::min(a, b), std::max(a, b)};
+}
 
 constexpr double core = 0.5;  // half an edge of the square inside the circle / radius
 // Nothing changes as fast along the rim as across it: cells there may be this much longer.
@@ -32,7 +38,7 @@ void refuse_too_many(double cells, double spacing_mm) {
     throw ModelError({.fact = fmt::format("the mesh would have over {:.0f} hexahedra", most_cells),
                       .where = "hexahedral mesh",
                       .why = fmt::format("cells of {:.3g} mm are small for this body", spacing_mm),
-                      .remedy = "give a larger --spacing, fewer --nodes or a coarser --rim",
+                      .remedy = "give a larger cloud.spacing_mm, fewer cloud.nodes or a coarser cloud.rim",
                       .code = "too-large"});
 }
 
@@ -387,7 +393,7 @@ double volume_of(const HexahedralMesh& mesh) {
         throw ModelError({.fact = "a hexahedron is turned inside out",
                           .where = "hexahedral mesh",
                           .why = "the body's surface is too steep for its columns of cells",
-                          .remedy = "use --elements tetrahedra, or another --spacing or --nodes"});
+                          .remedy = "use another cloud.spacing_mm or other cloud.nodes"});
     }
   }
   return volume;
@@ -440,15 +446,19 @@ HexahedralMesh make_hexahedra(const BodySurface& body, const Boundary& boundary,
     throw ModelError({.fact = fmt::format("the mesh has {} hexahedra", cells.size()),
                       .where = "hexahedral mesh",
                       .why = fmt::format("cells of {:.3g} mm are too large for this body", spacing_mm),
-                      .remedy = "give a smaller --spacing or more --nodes"});
+                      .remedy = "give a smaller cloud.spacing_mm or more cloud.nodes"});
   HexahedralMesh mesh = mesh_of(columns, cells);
   mesh.volume_mm3 = volume_of(mesh);
   std::set<Index> base, circle;
   find_base_and_circle(mesh, columns, cells, boundary, base, circle);
-  require_apart(base, circle,
-                {.mesh = "hexahedral mesh",
-                 .face = "face",
-                 .why = fmt::format("cells of {:.3g} mm are too large for it", spacing_mm)});
+  const bool both = std::any_of(base.begin(), base.end(), [&](Index v) { return circle.count(v) > 0; });
+  if (base.empty() || circle.empty() || both)
+    throw ModelError({.fact = both ? std::string("the tool's circle lies on the fixed base")
+                                   : fmt::format("no face of the mesh lies {}",
+                                                 base.empty() ? "on the base" : "in the circle"),
+                      .where = "hexahedral mesh",
+                      .why = fmt::format("cells of {:.3g} mm are too large for it", spacing_mm),
+                      .remedy = "give a smaller cloud.spacing_mm or more cloud.nodes"});
   mesh.base.assign(base.begin(), base.end());
   mesh.circle.assign(circle.begin(), circle.end());
   return mesh;

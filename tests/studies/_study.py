@@ -63,7 +63,7 @@ class Case:
 
     def values(self):
         """key -> value, in the unit of the key. Raises UsageError: an option that is none, or a value that it does not take."""
-        return _core.option_values(self.given)
+        return Case("", self.given).settings().values()
 
     def arguments(self):
         """What differs from the defaults, as arguments of `dimple run IMAGE`."""
@@ -118,7 +118,7 @@ def whole_numbers(text):
 
 def parser(name, description, flags=False):
     """With what every study takes; with `flags` those of `dimple run` too, as --set has them."""
-    result = argparse.ArgumentParser(prog=f"python3 -m pydimple.{name}", description=description, allow_abbrev=False)
+    result = argparse.ArgumentParser(prog=f"python3 tests/studies/{name}.py", description=description, allow_abbrev=False)
     result.add_argument("image", nargs="?", default="", metavar="IMAGE", help="label image")
     result.add_argument("-o", "--out", default="", metavar="FOLDER", help="for the results")
     result.add_argument("--config", metavar="FILE", help="TOML file with options; see `dimple options`")
@@ -226,12 +226,13 @@ def shortest(value):
     return text_of(float(value))
 
 
-def program():
-    """Of the command `dimple`: DIMPLE_PROGRAM, or on the path."""
-    name = os.environ.get("DIMPLE_PROGRAM", "dimple")
+def program(of="program"):
+    """Of the command `dimple`: DIMPLE_PROGRAM, or on the path; or that of tests/bench/peer: DIMPLE_PEER."""
+    usual, variable = {"program": "dimple", "peer": "dimple_peer"}[of], f"DIMPLE_{of.upper()}"
+    name = os.environ.get(variable, usual)
     found = shutil.which(name)
     if not found:
-        refuse(f"there is no program {name}", "PATH", "the study starts it", "install it, or say where: DIMPLE_PROGRAM=build/release/dimple")
+        refuse(f"there is no program {name}", "PATH", "the study starts it", f"build it, and say where: {variable}=build/release/{usual}")
     return os.path.abspath(found)
 
 

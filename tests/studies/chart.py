@@ -1,12 +1,12 @@
 """Error of the force against wall time: schemes, sizes of clouds, accuracies asked for, and other programs beside them.
 
-    python3 -m pydimple.chart -o OUT                                   two scenes whose force is known
-    python3 -m pydimple.chart IMAGE -o OUT [--reference known.csv]     and an image of yours; --set and --config are its
+    python3 tests/studies/chart.py -o OUT                                   two scenes whose force is known
+    python3 tests/studies/chart.py IMAGE -o OUT [--reference known.csv]     and an image of yours; --set and --config are its
 
 chart.csv, chart.png and chart.svg. Scenes A and B are made here as 1 mm images, left in the folder. An image without a
 reference of its own is shown by the difference from the finest of its runs, with no front and no verdict on other programs.
 Times are those of the whole, from the image to the force; of other programs (apt install calculix-ccx) with the mesh, which
-`dimple export` makes. A run that fails is a row without an error. Below, what the runs with a band say of their own error, the
+`dimple export` makes of tetrahedra and `dimple_peer` of hexahedra. A run that fails is a row without an error. Below, what the runs with a band say of their own error, the
 band's time counted in.
 """
 
@@ -25,8 +25,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import pydimple
 
-from . import _study
-from ._study import Case, in_words, refuse
+import _study
+from _study import Case, in_words, refuse
 
 MOST_DEPTHS = 8  # 1, 2, ... mm
 SCHEMES, TIMES, ELEMENTS = ["converging", "horton2007"], ["quasi-static", "explicit"], ["hexahedra", "tetrahedra"]
@@ -274,7 +274,10 @@ def peer_point(subject, peer, nodes, options, folder, threads):
             shutil.rmtree(folder, ignore_errors=True)
             folder.mkdir(parents=True)
             begun = time.monotonic()
-            command = [_study.program(), "export", case.image, "-o", str(file), "--elements", peer.elements, "--json", "-q"]
+            if peer.elements == "hexahedra":
+                command = [_study.program("peer"), case.image, str(file)]
+            else:
+                command = [_study.program(), "export", case.image, "-o", str(file), "--json", "-q"]
             made = subprocess.run(command + case.arguments(), capture_output=True, text=True, check=False)
             if made.returncode:
                 point.status = made.stderr.strip().split("\n")[0].removeprefix("dimple: ")
@@ -494,7 +497,7 @@ def _check(case, options):
             "a chart needs at least one cloud size and one run of it", "--nodes, --repeat", "there would be no point",
             "for instance --nodes 500,1000,2000",
         )  # fmt: skip
-    again = "python3 -m pydimple.chart IMAGE -o OUT"
+    again = "python3 tests/studies/chart.py IMAGE -o OUT"
     if not case.image and "image" in options.only:
         refuse("no label image was given", "--only image", "there is nothing to run", f"give one: {again}")
     if not case.image and options.reference:
@@ -520,6 +523,8 @@ def _peers(options, say):
     if options.febio:
         program = asked_for(options.febio, "--febio")
         peers += [Peer("febio", "hex8" if e == "hexahedra" else "tet10", e, program) for e in options.elements]
+    if any(peer.elements == "hexahedra" for peer in peers):
+        _study.program("peer")  # is there, before the first run
     return peers
 
 
@@ -622,7 +627,7 @@ def study(case, options, say):
     options.goals = [goal for goal in options.goals if goal != "none"]
     _check(case, options)
     peers = _peers(options, say)
-    folder = _study.folder_for(options.out, "chart.csv", "python3 -m pydimple.chart").absolute()
+    folder = _study.folder_for(options.out, "chart.csv", "python3 tests/studies/chart.py").absolute()
     plt = _study.pyplot()
     known = _study.reference_at(options.reference) if options.reference else []
     threads = options.threads or len(os.sched_getaffinity(0))

@@ -1,9 +1,10 @@
-#include "apps/studies/peer_mesh.hpp"
+#include "apps/studies/export_mesh.hpp"
 
 #include <fmt/format.h>
 
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <utility>
 
 #include "apps/run/cuts.hpp"
 #include "apps/run/folds.hpp"
@@ -16,7 +17,6 @@
 #include "io/file.hpp"
 #include "io/stop.hpp"
 #include "io/words.hpp"
-#include "preprocess/output/hexahedra.hpp"
 #include "preprocess/output/tetrahedra.hpp"
 
 namespace dimple {
@@ -43,55 +43,24 @@ std::string chosen_format(const std::string& format, const fs::path& file) {
                     .remedy = "name it so, or give --format calculix or --format febio"});
 }
 
-struct Mesh {
-  ElementModel model;  // X in the surface's frame; nodes and elements only
-  Boundary boundary;
-  double spacing = 0.0, rim = 1.0, volume_mm3 = 0.0;
-};
-
-Mesh tetrahedra(const Config& config, const BodySurface& surface, ModelOptions options) {
+ElementMesh tetrahedra(const Config& config, const BodySurface& surface, const Boundary& boundary,
+                       ModelOptions options) {
   // The paper's even cloud would need a hundred thousand tetrahedra to follow the rim.
   if (config.cloud.rim <= 0.0) options.cloud.grading.rim = 0.15;
   options.cloud.grading.reach = 3.0;
   options.cloud.grading.load_exponent = 0.0;
-  Mesh mesh;
-  mesh.boundary = find_boundary(surface, options.boundary);
-  const Sizing sizing(surface, mesh.boundary, options.cloud.grading);
+  const Sizing sizing(surface, boundary, options.cloud.grading);
+  ElementMesh mesh;
   mesh.rim = options.cloud.grading.rim;
-  mesh.spacing = config.cloud.spacing_mm > 0.0
-                     ? config.cloud.spacing_mm
-                     : tetrahedra_spacing_for_count(surface, options.cloud.count, sizing);
-  const TetrahedralMesh made = make_tetrahedra(surface, mesh.boundary, sizing, mesh.spacing);
-  mesh.model.X = made.X;
+  mesh.spacing_mm = config.cloud.spacing_mm > 0.0
+                        ? config.cloud.spacing_mm
+                        : tetrahedra_spacing_for_count(surface, options.cloud.count, sizing);
+  TetrahedralMesh made = make_tetrahedra(surface, boundary, sizing, mesh.spacing_mm);
+  mesh.model.X = std::move(made.X);
   mesh.model.elements = made.tetrahedra;
-  mesh.model.base = made.base;
-  mesh.model.circle = made.circle;
+  mesh.model.base = std::move(made.base);
+  mesh.model.circle = std::move(made.circle);
   mesh.volume_mm3 = made.volume_mm3;
-  return mesh;
-}
-
-// Of 20 nodes, or, if they are `mixed`, of 8.
-Mesh hexahedra(const Config& config, const BodySurface& surface, ModelOptions options, bool mixed) {
-  // With CalculiX on the block: 0.2 errs by 17 % where 0.1 does by 9 %; 0.05 goes soft at depth.
-  if (config.cloud.rim <= 0.0) options.cloud.grading.rim = 0.1;
-  options.cloud.grading.reach = 3.0;
-  options.cloud.grading.load_exponent = 0.0;
-  const GradingOptions& grading = options.cloud.grading;
-  // A mesh without the middles of edges has about a quarter of the nodes.
-  const Index count = mixed ? 7 * options.cloud.count / 2 : options.cloud.count;
-  Mesh mesh;
-  mesh.boundary = find_boundary(surface, options.boundary);
-  mesh.rim = grading.rim;
-  mesh.spacing = config.cloud.spacing_mm > 0.0
-                     ? config.cloud.spacing_mm
-                     : hexahedra_spacing_for_count(surface, mesh.boundary, grading, count);
-  const HexahedralMesh made = make_hexahedra(surface, mesh.boundary, grading, mesh.spacing);
-  mesh.model.X = made.X;
-  mesh.model.elements = made.hexahedra;
-  mesh.model.base = made.base;
-  mesh.model.circle = made.circle;
-  mesh.volume_mm3 = made.volume_mm3;
-  if (mixed) mesh.model = without_middles(mesh.model, made.corner_count);
   return mesh;
 }
 
@@ -126,14 +95,8 @@ void require_equilibrium_of_ours(const Config& config) {
 
 }  // namespace
 
-ElementModel element_model(const Config& config, const std::string& format, const std::string& elements,
-                           const RunObserver& observer) {
+ElementModel element_model(const Config& config, const RunObserver& observer, const FillBody& fill) {
   const Material material = material_of(config);
-  if (elements != "hexahedra" && elements != "tetrahedra")
-    throw UsageError({.fact = fmt::format("'{}' are no elements", elements),
-                      .where = "--elements",
-                      .why = "known are hexahedra and tetrahedra",
-                      .remedy = "choose one of these"});
   if (!config.tissue.empty() || !is_plain(material) || is_as_printed(material))
     throw UsageError({.fact = "only one neo-Hookean tissue can be exported",
                       .where = "material",
@@ -153,27 +116,26 @@ ElementModel element_model(const Config& config, const std::string& format, cons
   passing.load.self_contact = "off";  // the file knows no folds that touch
   const Organ organ = read_organ({.config = passing}, model_options(config), log, unused);
   const BodySurface& surface = organ.body->surface;
-  const bool mixed = elements == "hexahedra" && format == "febio";
-  const Mesh mesh = elements == "hexahedra" ? hexahedra(config, surface, organ.options, mixed)
-                                            : tetrahedra(config, surface, organ.options);
-  for (const std::string& warning : mesh.boundary.warnings) log.warn(warning);
+  const Boundary boundary = find_boundary(surface, organ.options.boundary);
+  const ElementMesh mesh = fill ? fill(config, surface, boundary, organ.options)
+                                : tetrahedra(config, surface, boundary, organ.options);
+  for (const std::string& warning : boundary.warnings) log.warn(warning);
   if (const double off = mesh.volume_mm3 / surface.volume() - 1.0; std::abs(off) > 0.03)
     log.warn(
         fmt::format("the mesh has {} and the body {}: {:.0f} % {}, so that the two are not the same body; "
-                    "use more --nodes{}",
+                    "use more --nodes",
                     volume_in_words(mesh.volume_mm3), volume_in_words(surface.volume()),
-                    100.0 * std::abs(off), off > 0.0 ? "more" : "less",
-                    elements == "hexahedra" ? ", or --elements tetrahedra, which follow the surface" : ""));
-  if (elements == "tetrahedra" && config.material.nu > nu_that_locks)
+                    100.0 * std::abs(off), off > 0.0 ? "more" : "less"));
+  if (!fill && config.material.nu > nu_that_locks)
     log.warn(fmt::format(
         "ten-node tetrahedra lock at nu {:g}: with up to 18,000 nodes their force was 14 to 76 % too "
-        "large; take --elements hexahedra, or a mixed element of the other program's",
+        "large; take a mixed element of the other program's, such as C3D10H of Abaqus",
         config.material.nu));
   ElementModel model = mesh.model;
   model.X = surface.to_world() * model.X.colwise().homogeneous();
   model.mu = material.mu;
   model.kappa = material.kappa;
-  model.push = surface.to_world().linear() * mesh.boundary.push + Vec3::Zero();
+  model.push = surface.to_world().linear() * boundary.push + Vec3::Zero();
   model.depth_mm = config.load.depth_mm;
   model.bonded = loading_of(config).contact == Contact::bonded;
   model.frames = static_cast<int>(config.solver.frames);
@@ -182,22 +144,23 @@ ElementModel element_model(const Config& config, const std::string& format, cons
                   config.load.depth_mm, config.load.contact, written_by, DIMPLE_VERSION),
       fmt::format("{} nodes, {} {}, edges of {:.4g} mm, {:.4g} mm at the circle's rim; {}, the "
                   "surface's {}",
-                  model.X.cols(), model.elements.cols(), elements, mesh.spacing, mesh.spacing * mesh.rim,
-                  volume_in_words(mesh.volume_mm3), volume_in_words(surface.volume())),
-      fmt::format("base: {} nodes, {}", model.base.size(), mesh.boundary.base_reason),
-      fmt::format("circle: {} nodes, {}", model.circle.size(), mesh.boundary.circle_reason)};
+                  model.X.cols(), model.elements.cols(), mesh.elements, mesh.spacing_mm,
+                  mesh.spacing_mm * mesh.rim, volume_in_words(mesh.volume_mm3),
+                  volume_in_words(surface.volume())),
+      fmt::format("base: {} nodes, {}", model.base.size(), boundary.base_reason),
+      fmt::format("circle: {} nodes, {}", model.circle.size(), boundary.circle_reason)};
   return model;
 }
 
-Outcome export_model(const Config& config, const std::string& format, const std::string& elements,
-                     const fs::path& file, const RunObserver& observer) {
+Outcome export_model(const Config& config, const std::string& format, const fs::path& file,
+                     const RunObserver& observer) {
   std::vector<std::string> warnings;
   const RunObserver keeping = {.line = [&](RunObserver::Line kind, const std::string& text) {
     if (kind == RunObserver::Line::warning) warnings.push_back(text);
     if (observer.line) observer.line(kind, text);
   }};
   const std::string known = chosen_format(format, file);
-  const ElementModel model = element_model(config, known, elements, keeping);
+  const ElementModel model = element_model(config, keeping);
   for (const std::string& line : model.remarks)
     keeping.line(RunObserver::Line::said, fmt::format("export   {}", line));
   stop_if_asked();
@@ -213,8 +176,8 @@ Outcome export_model(const Config& config, const std::string& format, const std:
                                 {"warnings", warnings}})
                               .dump(2, ' ', false, Json::error_handler_t::replace) +
                           "\n",
-          .headline = fmt::format("{} nodes, {} {}; run it with: {}", model.X.cols(), model.elements.cols(),
-                                  elements, command)};
+          .headline = fmt::format("{} nodes, {} tetrahedra; run it with: {}", model.X.cols(),
+                                  model.elements.cols(), command)};
 }
 
 }  // namespace dimple

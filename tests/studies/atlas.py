@@ -1,7 +1,7 @@
 """Where a scene survives and why not: maps over two options each, both schemes side by side.
 
-    python3 -m pydimple.atlas -o OUT [--map depth-nu,...]                  the maps of a block, or some of them
-    python3 -m pydimple.atlas [IMAGE] -o OUT --x material.nu=0.3,0.499 --y cloud.nodes=500,1000      a map of your own
+    python3 tests/studies/atlas.py -o OUT [--map depth-nu,...]                  the maps of a block, or some of them
+    python3 tests/studies/atlas.py [IMAGE] -o OUT --x material.nu=0.3,0.499 --y cloud.nodes=500,1000      a map of your own
 
 Per map stress_NAME.csv, .png and .svg with a panel for each scheme, and stress.csv with how many cells came to what. Each run
 is a process of `dimple run` on one thread, as many at once as there are threads; what is left of it goes to runs/NAME.json as
@@ -10,6 +10,7 @@ these alone: same input, same bytes, however often it was interrupted. A run tha
 another one.
 """
 
+import base64
 import concurrent.futures
 import hashlib
 import json
@@ -28,10 +29,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pydimple
-from pydimple import _core
 
-from . import _study
-from ._study import Case, refuse
+import _study
+from _study import Case, refuse
 
 SCHEMES = ["converging", "horton2007"]
 
@@ -340,6 +340,44 @@ def _columns(file):
     return {name: np.atleast_1d(table[name]) for name in table.dtype.names}
 
 
+def _unpacked(block):
+    """Of a block of LZ4: bytes that stand there, then as many of those before them again, and so on."""
+    out, at = bytearray(), 0
+
+    def length(of):
+        nonlocal at
+        more = 255 if of == 15 else 0
+        while more == 255:
+            more = block[at]
+            of, at = of + more, at + 1
+        return of
+
+    while True:
+        token = block[at]
+        at += 1
+        count = length(token >> 4)
+        out += block[at : at + count]
+        at += count
+        if at >= len(block):
+            return bytes(out)
+        start = len(out) - int.from_bytes(block[at : at + 2], "little")
+        at += 2
+        count = length(token & 15) + 4
+        again = out[start : start + count]  # too short where it reaches into what it makes
+        out += (again * (count // len(again) + 1))[:count]
+
+
+def _array(text, name):
+    """One number for each point of a .vtu file, whose arrays are packed by LZ4 and written in base64."""
+    kind, packed = re.search(rf'<DataArray type="(\w+)" Name="{name}"[^>]*>\s*(\S+)', text).groups()
+    blocks = int.from_bytes(base64.b64decode(packed[:8])[:4], "little")
+    words = 4 * -(-4 * (3 + blocks) // 3)  # of the head: how many blocks, their size, the last one's, and each one's packed
+    sizes, data = np.frombuffer(base64.b64decode(packed[:words]), "<u4")[3:], base64.b64decode(packed[words:])
+    ends = np.cumsum(sizes)
+    whole = b"".join(_unpacked(data[end - size : end]) for end, size in zip(ends, sizes))
+    return np.frombuffer(whole, {"Float32": "<f4", "Float64": "<f8"}[kind]).astype(float)
+
+
 def _frames_of(out):
     """Of the files of a run: forces and energies at the depths of its frames, and what became of the points there."""
     force, energy = _columns(out / "force.csv"), _columns(out / "energy.csv")
@@ -352,8 +390,8 @@ def _frames_of(out):
         so_far = energy["indentation_mm"] <= depth * (1 + 1e-6)
         work = np.max(np.abs(energy["external_work_J"][so_far]), initial=0.0)
         amiss = np.max(np.abs(energy["error_J"][so_far]), initial=0.0)
-        file = str(out / "points" / f"points_{number:04d}.vtu")
-        J, volume = (_core.point_field(file, name)[:, 0] for name in ("jacobian", "volume_mm3"))
+        points = (out / "points" / f"points_{number:04d}.vtu").read_text()
+        J, volume = (_array(points, name) for name in ("jacobian", "volume_mm3"))
         frames.append(
             Frame(
                 depth,
@@ -796,7 +834,7 @@ def study(case, options, say):
                 f"the map {of.name} is of a tool that touches", "--schemes", "the scheme of 2007 knows no contact",
                 "leave --schemes out, or choose other maps by --map",
             )  # fmt: skip
-    folder = _study.folder_for(options.out, "stress.csv", "python3 -m pydimple.atlas").absolute()
+    folder = _study.folder_for(options.out, "stress.csv", "python3 tests/studies/atlas.py").absolute()
     plt = _study.pyplot()
     if case.image:
         case.image = os.path.abspath(case.image)

@@ -1,6 +1,6 @@
 """One scene with clouds of several sizes, densities of points and seeds: how far its force can be trusted.
 
-    python3 -m pydimple.converge IMAGE -o OUT [--sizes 1000,2000,4000] [--reference known.csv] [--depth 5mm ...]
+    python3 tests/studies/converge.py IMAGE -o OUT [--sizes 1000,2000,4000] [--reference known.csv] [--depth 5mm ...]
 
 convergence.csv holds every run, convergence.md what follows from them, convergence.png and .svg show both. Per depth and
 size of cloud: the mean force over the seeds, their scatter (largest - smallest), what doubling the points changes, the
@@ -14,8 +14,8 @@ import sys
 import numpy as np
 import pydimple
 
-from . import _study
-from ._study import in_words, refuse, shortest
+import _study
+from _study import in_words, refuse, shortest
 
 _HEADER = [
     "nodes", "points", "density", "seed", "spacing_mm", "rim_spacing_mm", "indentation_mm", "force_N", "evaluations", "wall_s",
@@ -128,14 +128,14 @@ def study(case, options, say):
             "for instance --sizes 1000,2000,4000",
         )
     if not case.image:
-        refuse("no label image was given", "IMAGE", "there is nothing to run", "python3 -m pydimple.converge IMAGE -o OUT")
+        refuse("no label image was given", "IMAGE", "there is nothing to run", "python3 tests/studies/converge.py IMAGE -o OUT")
     values = case.values()
     frames, deepest = values["solver.frames"], values["load.depth_mm"]
     depths = [deepest * (k + 1) / frames for k in range(frames)]
     reference = np.array(_study.reference_at(options.reference, depths)) if options.reference else None
     ratio = values["grid.ratio"] or _POINTS_PER_NODE[values["scheme.name"]]
     plt = _study.pyplot()
-    folder = _study.folder_for(options.out, "convergence.csv", "python3 -m pydimple.converge")
+    folder = _study.folder_for(options.out, "convergence.csv", "python3 tests/studies/converge.py")
     rows, runs = [_HEADER + (["reference_N"] if options.reference else [])], []
     case = case.having({"accuracy.band": "off", "cloud.spacing_mm": 0, "grid.points": 0})
     try:
