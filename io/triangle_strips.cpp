@@ -1,6 +1,7 @@
 #include "io/triangle_strips.hpp"
 
 #include <array>
+#include <vector>
 
 namespace dimple {
 namespace {
@@ -48,49 +49,6 @@ class Edges {
 };
 
 }  // namespace
-
-TriangleStrips strips_in(const Triangles& triangles, const Eigen::MatrixXd& kind) {
-  TriangleStrips strips;
-  const bool kinds = kind.size() > 0;
-  Corners now{};
-  bool odd = false;
-  for (Index t = 0; t < triangles.cols(); ++t) {
-    const Corners here = {static_cast<int>(triangles(0, t)), static_cast<int>(triangles(1, t)),
-                          static_cast<int>(triangles(2, t))};
-    const bool goes_on =
-        t > 0 && next_of(now, odd, here[2]) == here && (!kinds || kind(0, t) == kind(0, t - 1));
-    if (goes_on) {
-      strips.corner.push_back(here[2]);
-      odd = !odd;
-    } else {
-      if (t > 0) strips.offset.push_back(static_cast<int>(strips.corner.size()));
-      strips.corner.insert(strips.corner.end(), here.begin(), here.end());
-      strips.first.push_back(t);
-      odd = false;
-    }
-    now = here;
-  }
-  if (!strips.first.empty()) strips.offset.push_back(static_cast<int>(strips.corner.size()));
-  return strips;
-}
-
-Triangles triangles_of(const TriangleStrips& strips) {
-  Triangles triangles(
-      3, static_cast<Index>(strips.corner.size()) - 2 * static_cast<Index>(strips.offset.size() - 1));
-  Index t = 0;
-  for (std::size_t s = 0; s + 1 < strips.offset.size(); ++s) {
-    auto corner = static_cast<std::size_t>(strips.offset[s]);
-    const auto end = static_cast<std::size_t>(strips.offset[s + 1]);
-    Corners now = {strips.corner[corner], strips.corner[corner + 1], strips.corner[corner + 2]};
-    triangles.col(t++) << now[0], now[1], now[2];
-    bool odd = false;
-    for (corner += 3; corner < end; ++corner, odd = !odd) {
-      now = next_of(now, odd, strips.corner[corner]);
-      triangles.col(t++) << now[0], now[1], now[2];
-    }
-  }
-  return triangles;
-}
 
 Triangles in_strips(const Triangles& triangles) {
   const Edges edges(triangles);

@@ -51,7 +51,6 @@
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/stop.hpp"
-#include "io/triangle_strips.hpp"
 
 namespace dimple {
 
@@ -703,36 +702,14 @@ void set_polygons(vtkPolyData& mesh, const SurfaceFile& surface) {
     mesh.GetCellData()->AddArray(vtk_array(field, surface.triangles.cols()));
 }
 
-// No compressor that VTK knows packs the offsets of polygons, 3, 6, 9, ...: they are a tenth of a small file.
-void set_strips(vtkPolyData& mesh, const SurfaceFile& surface) {
-  Eigen::MatrixXd kind(0, surface.triangles.cols());
-  if (surface.on_triangles.size() > 1)
-    throw std::invalid_argument("a small surface has one field on its triangles at most");
-  for (const Field& field : surface.on_triangles) kind = field.values;
-  const TriangleStrips strips = strips_in(surface.triangles, kind);
-  const auto numbers = [](const std::vector<int>& from) {
-    vtkNew<CellNumbers> array;
-    array->SetNumberOfValues(static_cast<vtkIdType>(from.size()));
-    std::copy(from.begin(), from.end(), array->GetPointer(0));
-    return vtkSmartPointer<CellNumbers>(array);
-  };
-  vtkNew<vtkCellArray> cells;
-  cells->SetData(numbers(strips.offset), numbers(strips.corner));
-  mesh.SetStrips(cells);
-  for (Field field : surface.on_triangles) {
-    field.values = kind(Eigen::all, strips.first).eval();
-    mesh.GetCellData()->AddArray(vtk_array(field, static_cast<Index>(strips.first.size())));
-  }
-}
-
-// The corners of the mesh's strips; refuses numbers that contradict each other.
-TriangleStrips strips_of(const fs::path& file, vtkPolyData& mesh) {
-  vtkCellArray& cells = *mesh.GetStrips();
-  TriangleStrips strips;
+// Strips of other programs, taken apart: a, b, c, d, e are the triangles (a, b, c), (c, b, d), (c, d, e).
+// Refuses numbers that contradict each other.
+std::vector<vtkIdType> corners_of_strips(const fs::path& file, vtkPolyData& mesh) {
+  std::vector<vtkIdType> all;
   vtkIdType corners = 0;
   const vtkIdType* corner = nullptr;
-  for (vtkIdType s = 0; s < cells.GetNumberOfCells(); ++s) {
-    cells.GetCellAtId(s, corners, corner);
+  for (vtkIdType s = 0; s < mesh.GetStrips()->GetNumberOfCells(); ++s) {
+    mesh.GetStrips()->GetCellAtId(s, corners, corner);
     if (corners < 3)
       refuse_vtk(file,
                  fmt::format("triangle strip {} of {} has {} corners", s, file.filename().string(), corners),
@@ -743,21 +720,11 @@ TriangleStrips strips_of(const fs::path& file, vtkPolyData& mesh) {
                    fmt::format("triangle strip {} of {} uses point {}; there are {}", s,
                                file.filename().string(), corner[c], mesh.GetNumberOfPoints()),
                    "the file contradicts itself", "export it again");
-      strips.corner.push_back(static_cast<int>(corner[c]));
+      const vtkIdType turned = c % 2;
+      if (c >= 2) all.insert(all.end(), {corner[c - 2 + turned], corner[c - 1 - turned], corner[c]});
     }
-    strips.offset.push_back(static_cast<int>(strips.corner.size()));
   }
-  return strips;
-}
-
-// Values of polygons and strips, as values of the triangles that they are.
-void spread_over_triangles(std::vector<Field>& fields, Index polygons, const TriangleStrips& strips) {
-  std::vector<Index> cell(static_cast<std::size_t>(polygons));
-  std::iota(cell.begin(), cell.end(), Index{0});
-  for (std::size_t s = 0; s + 1 < strips.offset.size(); ++s)
-    cell.insert(cell.end(), static_cast<std::size_t>(strips.offset[s + 1] - strips.offset[s] - 2),
-                polygons + static_cast<Index>(s));
-  for (Field& field : fields) field.values = field.values(Eigen::all, cell).eval();
+  return all;
 }
 
 }  // namespace
@@ -771,10 +738,7 @@ void write_vtp(const fs::path& file, const SurfaceFile& surface, double time_s, 
                                             points));
   vtkNew<vtkPolyData> mesh;
   mesh->SetPoints(vtk_points(surface.position_mm, exact));
-  if (surface.small)
-    set_strips(*mesh, surface);
-  else
-    set_polygons(*mesh, surface);
+  set_polygons(*mesh, surface);
   add_fields(*mesh, surface.fields, time_s);
   for (const Field& fact : surface.facts) mesh->GetFieldData()->AddArray(vtk_array(fact, 1));
   write_xml<vtkXMLPolyDataWriter>(file, *mesh, surface.small, surface.even_if_stopped);
@@ -811,24 +775,21 @@ PointFile read_vtu(const fs::path& file) {
 SurfaceFile read_vtp(const fs::path& file) {
   const auto mesh = read_xml<vtkXMLPolyDataReader>(file, "PolyData", ".vtp");
   const bool is_ras = says_ras(*mesh->GetFieldData());
-  mesh->GetFieldData()->RemoveArray("SPACE");
-  SurfaceFile surface{.position_mm = positions_of(file, *mesh),
-                      .triangles = {},
-                      .fields = fields_of(*mesh->GetPointData()),
-                      .on_triangles = fields_of(*mesh->GetCellData()),
-                      .facts = fields_of(*mesh->GetFieldData())};
+  SurfaceFile surface{
+      .position_mm = positions_of(file, *mesh), .triangles = {}, .fields = fields_of(*mesh->GetPointData())};
   if (is_ras) surface.position_mm.topRows<2>() *= -1.0;
 
   const std::string name = file.filename().string();
   vtkCellArray& polygons = *mesh->GetPolys();
-  const TriangleStrips strips = strips_of(file, *mesh);
-  if (polygons.GetNumberOfCells() == 0 && strips.corner.empty())
+  const std::vector<vtkIdType> strips = corners_of_strips(file, *mesh);
+  if (polygons.GetNumberOfCells() == 0 && strips.empty())
     refuse_vtk(file, fmt::format("{} holds points but no triangle", name), "it is not a surface",
                "name the file of a triangle surface");
-  surface.triangles.resize(3, polygons.GetNumberOfCells());
+  const Index single = polygons.GetNumberOfCells(), in_strips = static_cast<Index>(strips.size()) / 3;
+  surface.triangles.resize(3, single + in_strips);
   vtkIdType corners = 0;
   const vtkIdType* corner = nullptr;
-  for (Index t = 0; t < surface.triangles.cols(); ++t) {
+  for (Index t = 0; t < single; ++t) {
     polygons.GetCellAtId(t, corners, corner);
     if (corners != 3)
       refuse_vtk(file, fmt::format("polygon {} of {} has {} corners", t, name, corners),
@@ -843,15 +804,9 @@ SurfaceFile read_vtp(const fs::path& file) {
       surface.triangles(c, t) = corner[c];
     }
   }
-  if (strips.corner.empty()) return surface;
-  const Index single = surface.triangles.cols();
-  const Triangles in_them = triangles_of(strips);
-  surface.triangles.conservativeResize(3, single + in_them.cols());
-  surface.triangles.rightCols(in_them.cols()) = in_them;
-  // Values that are not of these cells, for there are lines or vertices before them, are of no use here.
-  const Index cells = polygons.GetNumberOfCells() + mesh->GetStrips()->GetNumberOfCells();
-  if (mesh->GetNumberOfCells() != cells) surface.on_triangles.clear();
-  spread_over_triangles(surface.on_triangles, single, strips);
+  for (Index t = 0; t < in_strips; ++t)
+    for (Index c = 0; c < 3; ++c)
+      surface.triangles(c, single + t) = strips[static_cast<std::size_t>(3 * t + c)];
   return surface;
 }
 

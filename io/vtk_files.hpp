@@ -35,8 +35,7 @@ struct SurfaceFile {
   std::vector<Field> fields;
   std::vector<Field> on_triangles = {};
   std::vector<Field> facts = {};  ///< of the whole, one column each: VTK's field data
-  /// As triangle strips where triangles follow each other as in one (triangle_strips.hpp), and packed by
-  /// zlib: half as long as polygons packed by LZ4 where numbers are rounded, and slower.
+  /// Packed by zlib and not by LZ4: shorter, and slower to write.
   bool small = false;
   bool even_if_stopped = false;  ///< see PointFile
 };
@@ -49,8 +48,7 @@ struct SurfaceFile {
 
 /// .vtu with one VTK_VERTEX per point.
 void write_vtu(const std::filesystem::path& file, const PointFile& points, double time_s, bool exact = false);
-/// .vtp with one polygon per triangle, or with strips. What is `small` has one field on its triangles at
-/// most.
+/// .vtp with one polygon per triangle.
 void write_vtp(const std::filesystem::path& file, const SurfaceFile& surface, double time_s,
                bool exact = false);
 /// .vti with Origin, Spacing and Direction in LPS mm: the labels as point array "label" (int8, int16,
@@ -62,9 +60,9 @@ void write_vti(const std::filesystem::path& file, const LabelImage& image);
 /// Points and their fields; cells are ignored, integers wider than 32 bits become real64. Throws InputError:
 /// missing, not of this kind, damaged, holds no point or a text array, non-finite position.
 PointFile read_vtu(const std::filesystem::path& file);
-/// The same for a surface; triangle strips are taken apart, in their order. Text arrays are left aside; where
-/// one of the field data, SPACE, is RAS, x and y are negated. Throws InputError also if it holds no triangle,
-/// or polygons of other kinds.
+/// The same for a surface, with the fields on its points alone; triangle strips are taken apart, in their
+/// order behind the polygons. Text arrays are left aside; where one of the field data, SPACE, is RAS, x and y
+/// are negated. Throws InputError also if it holds no triangle, or polygons of other kinds.
 SurfaceFile read_vtp(const std::filesystem::path& file);
 
 /// A .pvd list of one file per time, rewritten whole each time a frame is added, so that it is always valid.

@@ -128,7 +128,7 @@ Discretisation places_of(const BodySurface& body, const Site& site, const NodeCl
   places.label = grid.label(points);
   places.axes = body.to_world().linear();
   places.surface.vertex_mm = rounded_for_files(body, body.to_world() * body.vertex().colwise().homogeneous());
-  places.surface.triangles = in_strips(body.triangles());  // what is written of it is shorter then
+  places.surface.triangles = in_strips(body.triangles());  // what is written of it is packed better
   places.surface.cut_face = cut_faces(body, places.surface.triangles, site.uncut.get());
   if (grid.second_moments.cols() > 0) {
     const SecondMoments in_order = grid.second_moments(Eigen::all, points);

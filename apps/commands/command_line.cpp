@@ -31,7 +31,6 @@ Command add_fit(CLI::App& app, Invocation& shared);
 Command add_shift(CLI::App& app, Invocation& shared);
 Command add_export(CLI::App& app, Invocation& shared);
 Command add_options(CLI::App& app, Invocation& shared);
-Command add_view(CLI::App& app, Invocation& shared);
 Command add_poke(CLI::App& app, Invocation& shared);
 Command add_batch(CLI::App& app, Invocation& shared);
 Command add_collect(CLI::App& app, Invocation& shared);
@@ -44,9 +43,9 @@ Command add_completion(CLI::App& app, Invocation& shared);  // man.cpp
 namespace {
 
 constexpr Command (*subcommands[])(CLI::App&, Invocation&) = {
-    add_phantom, add_info,  add_places,  add_model,   add_solve,     add_run,   add_view,
-    add_poke,    add_batch, add_collect, add_compare, add_fit,       add_shift, add_export,
-    add_options, add_cite,  add_doctor,  add_man,     add_completion};
+    add_phantom, add_info,    add_places,  add_model,   add_solve, add_run,
+    add_poke,    add_batch,   add_collect, add_compare, add_fit,   add_shift,
+    add_export,  add_options, add_cite,    add_doctor,  add_man,   add_completion};
 
 constexpr const char* footer = R"(Examples:
   dimple phantom brain.nrrd                make a swine-brain-sized image
@@ -214,9 +213,10 @@ std::string key_of(const std::string& flag) {
   if (const std::size_t missing = fact.find(": 1 required"); missing != std::string::npos)
     fact = fmt::format("{} is given without its value", fact.substr(0, missing));
   if (!words.empty() && words[0].rfind("-", 0) != 0 &&
-      std::find(commands.begin(), commands.end(), words[0]) == commands.end())
+      std::find(commands.begin(), commands.end(), words[0]) == commands.end()) {
     fact = fmt::format("there is no command '{}'{}", words[0], did_you_mean(words[0], commands));
-  else
+    if (words[0] == "view") remedy = "open report.html or overview.png in the folder of a run";
+  } else {
     for (const std::string& word : words) {
       if (word == "--") break;  // the rest are no options
       const std::string flag = word.substr(0, word.find('='));
@@ -233,6 +233,7 @@ std::string key_of(const std::string& flag) {
         break;
       }
     }
+  }
   throw UsageError({.fact = fact, .where = "command line", .why = why, .remedy = remedy});
 }
 

@@ -123,8 +123,7 @@ void finish_after(std::optional<Recording>& recording, const LiveTool& tool, Wor
 
 class Poking {
  public:
-  Poking(LiveTool& tool, const PokeArguments& options)
-      : tool_(tool), options_(options), window_({.title = "Dimple", .abscissa = "time [s]"}) {
+  Poking(LiveTool& tool, const PokeArguments& options) : tool_(tool), options_(options) {
     if (!options.record.empty()) recording_.emplace(options.record);
     path_ = options.path;
     tool_.waits = path_.has_value();
@@ -266,8 +265,9 @@ class Poking {
     const double error = f.error_at_depth + now.half_band.value_or(0.0);
     curve_.push_back({now.time, f.force, f.force - error, f.force + error});
     constexpr double shown_s = 10.0;
-    curve_.erase(curve_.begin(), std::find_if(curve_.begin(), curve_.end(),
-                                              [&](const ShownForce& s) { return s.x > now.time - shown_s; }));
+    curve_.erase(curve_.begin(), std::find_if(curve_.begin(), curve_.end(), [&](const ShownForce& s) {
+                   return s.time_s > now.time - shown_s;
+                 }));
     window_.show(ShownFrame{
         .surface_mm = skin_->rest_mm + u,
         .displacement_mm = u.colwise().norm(),

@@ -29,24 +29,6 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
-// Files for the eye hold no more than it sees: places to a power of two below this part of the tool's radius.
-constexpr double seen_part = 1.0 / 1024.0;
-double step_for_the_eye(double radius_mm) {
-  return std::exp2(std::floor(std::log2(seen_part * radius_mm)));
-}
-Eigen::MatrixXd rounded_to(double step, const Eigen::MatrixXd& x) {
-  if (!(step > 0.0)) return x;
-  return (x.array() / step).round() * step + 0.0;
-}
-// Likewise to a thousandth or less of each number itself.
-Eigen::MatrixXd rounded_to_bits(int bits, const Eigen::MatrixXd& x) {
-  return x.unaryExpr([bits](double value) {
-    int exponent = 0;
-    const double part = std::frexp(value, &exponent);  // a number that is none stays what it is
-    return std::ldexp(std::round(std::ldexp(part, bits)), exponent - bits);
-  });
-}
-
 // 1 base, 2 circle, 4 the first support, 8 the second, ...
 Eigen::MatrixXd node_sets(const Model& model, const std::vector<HeldSet>& supports) {
   Eigen::MatrixXd set = Eigen::MatrixXd::Zero(1, model.node_count());
@@ -206,7 +188,6 @@ void ResultWriter::take_skins() {
   skin_ = skin_of(reduced.vertex, reduced.triangles);
   within_mm_ = reduced.within_mm;
   if (wanted_.report) shown_.body = skin_.rest;
-  if (!wanted_.fine) step_mm_ = step_for_the_eye(1e3 * model_.tool.radius);
   if (!wanted_.surface || !wanted_.fine || within_mm_ == 0.0) return;
   std::vector<Index> all(static_cast<std::size_t>(model_.surface.vertex_mm.cols()));
   std::iota(all.begin(), all.end(), Index{0});
@@ -401,11 +382,7 @@ void ResultWriter::write_points(Packing frame, bool of_stopped) {
 
 // What view.py shows: the skin, the body cut open, and the tool.
 void ResultWriter::write_view(const Packing& frame) {
-  const bool small = step_mm_ > 0.0;
-  const auto places = [&](const Points& x) { return Points(rounded_to(step_mm_, x)); };
-  const auto stress = [&](const Eigen::RowVectorXd& x) -> Eigen::MatrixXd {
-    return small ? rounded_to_bits(11, x) : Eigen::MatrixXd(x);
-  };
+  const bool small = !wanted_.fine;
   const Skin& skin = whole_ ? *whole_ : skin_;
   const std::vector<std::string> xyz = {"X", "Y", "Z"};
   const auto fact = [](const char* name, const char* unit, const Eigen::MatrixXd& value) {
@@ -416,22 +393,21 @@ void ResultWriter::write_view(const Packing& frame) {
     const Points u = skin.to(frame.u);
     write_vtp(
         surface_series_.next_frame(),
-        {.position_mm = places(skin.rest.vertex_mm + u),
+        {.position_mm = skin.rest.vertex_mm + u,
          .triangles = skin.rest.triangles,
          .fields =
-             {{.name = "displacement_mm", .unit = "mm", .values = places(u), .components = xyz},
-              {.name = "von_mises_Pa", .unit = "Pa", .values = stress(skin.mises(frame.mises))},
+             {{.name = "displacement_mm", .unit = "mm", .values = u, .components = xyz},
+              {.name = "von_mises_Pa", .unit = "Pa", .values = skin.mises(frame.mises)},
               {.name = "indenter_circle", .unit = "", .values = skin.on_circle, .type = Field::Type::int32}},
          .small = small},
         frame.time_s);
   }
   const Points u = to_section_(frame.u);
-  SurfaceFile section{
-      .position_mm = places(section_.place + u),
-      .triangles = section_.triangles,
-      .fields = {{.name = "displacement_mm", .unit = "mm", .values = places(u), .components = xyz},
-                 {.name = "von_mises_Pa", .unit = "Pa", .values = stress(on_section_(frame.mises))}},
-      .small = small};
+  SurfaceFile section{.position_mm = section_.place + u,
+                      .triangles = section_.triangles,
+                      .fields = {{.name = "displacement_mm", .unit = "mm", .values = u, .components = xyz},
+                                 {.name = "von_mises_Pa", .unit = "Pa", .values = on_section_(frame.mises)}},
+                      .small = small};
   if (label_.size() > 0)
     section.on_triangles.push_back(
         {.name = "label", .unit = "", .values = label_, .type = Field::Type::int32});

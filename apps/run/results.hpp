@@ -159,7 +159,6 @@ class ResultWriter {
   Skin skin_;                  // of pictures, of the report, and of files where no finer one is asked for
   std::optional<Skin> whole_;  // the surface as it was drawn, where that is finer and asked for
   double within_mm_ = 0.0;     // how far the body's surface is from skin_ at most
-  double step_mm_ = 0.0;       // to which files for the eye round their places; 0: they do not
   Points nodes_mm_, points_mm_;
   Eigen::MatrixXd node_set_;
   Eigen::MatrixXd label_;  // [1 x section triangles]; empty: there is no image

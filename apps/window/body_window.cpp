@@ -5,7 +5,6 @@
 #include <vtkCallbackCommand.h>
 #include <vtkCamera.h>
 #include <vtkCellArray.h>
-#include <vtkCellData.h>
 #include <vtkCellPicker.h>
 #include <vtkChartXY.h>
 #include <vtkColorTransferFunction.h>
@@ -13,33 +12,23 @@
 #include <vtkContextScene.h>
 #include <vtkDoubleArray.h>
 #include <vtkFloatArray.h>
-#include <vtkIntArray.h>
 #include <vtkInteractorStyleTrackballCamera.h>
-#include <vtkLookupTable.h>
 #include <vtkNew.h>
 #include <vtkObjectFactory.h>
 #include <vtkPNGWriter.h>
-#include <vtkPen.h>
-#include <vtkPlane.h>
 #include <vtkPlot.h>
 #include <vtkPointData.h>
 #include <vtkPoints.h>
 #include <vtkPolyData.h>
 #include <vtkPolyDataMapper.h>
-#include <vtkPolyDataNormals.h>
 #include <vtkProperty.h>
-#include <vtkProperty2D.h>
 #include <vtkRenderWindow.h>
 #include <vtkRenderWindowInteractor.h>
 #include <vtkRenderer.h>
 #include <vtkScalarBarActor.h>
-#include <vtkSliderRepresentation2D.h>
-#include <vtkSliderWidget.h>
-#include <vtkSmartPointer.h>
 #include <vtkTable.h>
 #include <vtkTextActor.h>
 #include <vtkTextProperty.h>
-#include <vtkTrivialProducer.h>
 #include <vtkWindowToImageFilter.h>
 
 #include <algorithm>
@@ -67,22 +56,6 @@ constexpr std::array<Rgb, 7> pale_to_dark = {{{0.925, 0.922, 0.902},
                                               {0.796, 0.290, 0.361},
                                               {0.549, 0.169, 0.420},
                                               {0.278, 0.090, 0.353}}};
-constexpr std::array<Rgb, 8> of_labels = {{{0.612, 0.765, 0.902},
-                                           {0.914, 0.706, 0.298},
-                                           {0.435, 0.725, 0.561},
-                                           {0.851, 0.533, 0.502},
-                                           {0.718, 0.604, 0.784},
-                                           {0.957, 0.886, 0.522},
-                                           {0.373, 0.620, 0.627},
-                                           {0.749, 0.749, 0.749}}};
-
-// Those that begin the palette once more are darker.
-Rgb colour_of_label(std::size_t k) {
-  Rgb colour = of_labels[k % of_labels.size()];
-  for (double& part : colour) part *= std::pow(0.75, static_cast<double>(k / of_labels.size()));
-  return colour;
-}
-
 void put(const Points& places, vtkPoints& points) {
   points.SetNumberOfPoints(places.cols());
   for (Index n = 0; n < places.cols(); ++n) points.SetPoint(n, places(0, n), places(1, n), places(2, n));
@@ -111,7 +84,6 @@ struct Shape {
     put(places, *points);
     put(triangles, *mesh);
     mesh->GetPointData()->Initialize();
-    mesh->GetCellData()->Initialize();
   }
   void move(const Points& places) {
     put(places, *points);
@@ -202,15 +174,15 @@ void lay_out(vtkScalarBarActor& legend, vtkColorTransferFunction& heat) {
   }
 }
 
-// Columns x, force, low, high, and a line for each of the three: the force over the edges of its band.
-void plot_force(vtkChartXY& chart, vtkTable& table, const std::string& abscissa) {
-  for (const char* name : {"x", "force", "low", "high"}) {
+// Columns time, force, low, high, and a line for each of the three: the force over the edges of its band.
+void plot_force(vtkChartXY& chart, vtkTable& table) {
+  for (const char* name : {"time", "force", "low", "high"}) {
     vtkNew<vtkDoubleArray> column;
     column->SetName(name);
     table.AddColumn(column);
   }
   chart.SetForceAxesToBounds(true);
-  chart.GetAxis(vtkAxis::BOTTOM)->SetTitle(abscissa);
+  chart.GetAxis(vtkAxis::BOTTOM)->SetTitle("time [s]");
   const std::array<std::pair<int, Rgb>, 3> lines = {
       {{2, {0.62, 0.76, 0.88}}, {3, {0.62, 0.76, 0.88}}, {1, {0.08, 0.38, 0.63}}}};
   for (const auto& [column, colour] : lines) {
@@ -229,23 +201,16 @@ struct BodyWindow::Parts {
   vtkNew<vtkRenderWindow> window;
   vtkNew<vtkRenderWindowInteractor> interactor;
   vtkNew<ToolStyle> style;
-  Shape body, section, tool;
-  vtkNew<vtkPlane> plane;
+  Shape body, tool;
   vtkNew<vtkColorTransferFunction> heat;
-  vtkNew<vtkLookupTable> label_colours;
   vtkNew<vtkScalarBarActor> legend;
-  std::vector<vtkSmartPointer<vtkTextActor>> label_legend;
   vtkNew<vtkTextActor> words;
   vtkNew<vtkContextActor> chart_actor;
   vtkNew<vtkChartXY> chart;
   vtkNew<vtkTable> table;
-  vtkNew<vtkSliderWidget> slider;
-  vtkNew<vtkSliderRepresentation2D> slider_look;
-  std::function<void()> slider_moved, ticked;
-  vtkNew<vtkCallbackCommand> on_slider, on_tick;
+  std::function<void()> ticked;
+  vtkNew<vtkCallbackCommand> on_tick;
   Vec3 up = Vec3::UnitZ(), front = -Vec3::UnitY(), centre = Vec3::Zero();
-  bool cut = false, by_label = false, running = false;
-  double before = 0.0;
   int from_x = 0, from_y = 0, to_x = 0, to_y = 0;  // of a drag
 
   void look() {
@@ -270,38 +235,6 @@ struct BodyWindow::Parts {
                         pale_to_dark[k][0], pale_to_dark[k][1], pale_to_dark[k][2]);
   }
 
-  // Of the labels of a section, in the order of their colours.
-  void name_labels(const std::vector<int>& numbers, const std::map<int, std::string>& names) {
-    constexpr std::size_t most = 20;
-    for (const auto& line : label_legend) view->RemoveActor2D(line);
-    label_legend.clear();
-    for (std::size_t k = 0; k < std::min(numbers.size(), most + 1); ++k) {
-      const auto name = names.find(numbers[k]);
-      const std::string text = k == most ? std::to_string(numbers.size() - most) + " more labels"
-                               : name == names.end() || name->second.empty()
-                                   ? "label " + std::to_string(numbers[k])
-                                   : std::to_string(numbers[k]) + " " + name->second;
-      const auto line = vtkSmartPointer<vtkTextActor>::New();
-      line->SetInput((" " + text + " ").c_str());
-      vtkTextProperty& look = *line->GetTextProperty();
-      look.SetColor(0.15, 0.15, 0.15);
-      look.SetFontSize(14);
-      if (k < most) {
-        look.SetBackgroundColor(colour_of_label(k).data());
-        look.SetBackgroundOpacity(1.0);
-      }
-      line->GetPositionCoordinate()->SetCoordinateSystemToNormalizedViewport();
-      line->SetPosition(0.017, 0.93 - 0.036 * static_cast<double>(k));
-      view->AddActor2D(line);
-      label_legend.push_back(line);
-    }
-  }
-
-  void show_legends() {
-    const bool shown = by_label && section.actor->GetVisibility() != 0;
-    for (const auto& line : label_legend) line->SetVisibility(shown ? 1 : 0);
-  }
-
   // The push in pixels of the screen for one mm, and how long that is.
   std::array<double, 2> push_on_screen() {
     const auto seen = [&](const Vec3& p) {
@@ -314,35 +247,30 @@ struct BodyWindow::Parts {
     return {b[0] - a[0], b[1] - a[1]};
   }
 
-  void open(const WindowOptions& options) {
+  void open() {
     view->SetViewport(0.0, 0.0, chart_from, 1.0);
     view->SetBackground(1.0, 1.0, 1.0);
     chart_view->SetViewport(chart_from, 0.0, 1.0, 1.0);
     chart_view->SetBackground(1.0, 1.0, 1.0);
-    window->SetSize(options.width, options.height);
-    window->SetWindowName(options.title.c_str());
+    window->SetSize(1280, 760);
+    window->SetWindowName("Dimple");
     window->SetMultiSamples(0);  // software rendering would take as many times longer
-    window->SetOffScreenRendering(options.hidden ? 1 : 0);
     window->AddRenderer(view);
     window->AddRenderer(chart_view);
   }
 
-  // The body and its section coloured by displacement, the tool in metal; the mouse finds the body alone.
+  // The body coloured by displacement, the tool in metal; the mouse finds the body alone.
   void add_shapes() {
     heat->SetColorSpaceToLab();
     colours_to(1.0);
-    for (Shape* shape : {&body, &section}) {
-      shape->mapper->SetLookupTable(heat);
-      shape->mapper->UseLookupTableScalarRangeOn();
-      shape->mapper->ScalarVisibilityOn();
-      view->AddActor(shape->actor);
-    }
-    section.actor->GetProperty()->LightingOff();
+    body.mapper->SetLookupTable(heat);
+    body.mapper->UseLookupTableScalarRangeOn();
+    body.mapper->ScalarVisibilityOn();
     body.actor->GetProperty()->SetAmbient(0.25);
     body.actor->GetProperty()->SetDiffuse(0.75);
+    view->AddActor(body.actor);
     tool.actor->GetProperty()->SetColor(0.31, 0.62, 0.65);  // as in overview.png
     tool.actor->PickableOff();
-    section.actor->PickableOff();
     view->AddActor(tool.actor);
   }
 
@@ -355,12 +283,12 @@ struct BodyWindow::Parts {
     view->AddActor2D(words);
   }
 
-  void add_chart(const std::string& abscissa) {
+  void add_chart() {
     vtkNew<vtkContextScene> scene;
     scene->AddItem(chart);
     chart_actor->SetScene(scene);
     chart_view->AddActor(chart_actor);
-    plot_force(*chart, *table, abscissa);
+    plot_force(*chart, *table);
   }
 
   void take_mouse_and_keys() {
@@ -390,14 +318,14 @@ struct BodyWindow::Parts {
   }
 };
 
-BodyWindow::BodyWindow(const WindowOptions& options) {
+BodyWindow::BodyWindow() {
   require_display();
   parts_ = std::make_unique<Parts>();
   Parts& p = *parts_;
-  p.open(options);
+  p.open();
   p.add_shapes();
   p.add_texts();
-  p.add_chart(options.abscissa);
+  p.add_chart();
   p.take_mouse_and_keys();
   p.style->down = [this](int x, int y) {
     const std::optional<Vec3> place = pressed ? parts_->body_at(x, y) : std::nullopt;
@@ -423,35 +351,9 @@ void BodyWindow::show(const ShownBody& body, double most_mm, bool look) {
   Parts& p = *parts_;
   p.up = body.up, p.front = body.front, p.centre = body.centre_mm;
   p.body.set(body.surface_mm, body.triangles);
-  p.section.set(body.section_mm, body.section_triangles);
   p.tool.set(body.tool_mm, body.tool_triangles);
   p.tool.actor->SetPosition(0.0, 0.0, 0.0);
   p.colours_to(std::max(most_mm, 1e-6));
-  p.name_labels({}, {});
-  if (!body.section_label.empty()) {
-    vtkNew<vtkIntArray> label;
-    label->SetName("label");
-    label->SetNumberOfTuples(static_cast<vtkIdType>(body.section_label.size()));
-    std::vector<int> numbers = body.section_label;
-    std::sort(numbers.begin(), numbers.end());
-    numbers.erase(std::unique(numbers.begin(), numbers.end()), numbers.end());
-    for (std::size_t t = 0; t < body.section_label.size(); ++t)
-      label->SetValue(
-          static_cast<vtkIdType>(t),
-          static_cast<int>(std::lower_bound(numbers.begin(), numbers.end(), body.section_label[t]) -
-                           numbers.begin()));
-    p.section.mesh->GetCellData()->AddArray(label);
-    const auto count = static_cast<vtkIdType>(numbers.size());
-    p.label_colours->SetNumberOfTableValues(std::max<vtkIdType>(count, 1));
-    p.label_colours->SetTableRange(0.0, static_cast<double>(std::max<vtkIdType>(count - 1, 1)));
-    for (vtkIdType k = 0; k < count; ++k) {
-      const Rgb c = colour_of_label(static_cast<std::size_t>(k));
-      p.label_colours->SetTableValue(k, c[0], c[1], c[2], 1.0);
-    }
-    p.name_labels(numbers, body.label_name);
-  }
-  colour_by_label(p.by_label);
-  cut(p.cut, p.before);
   if (look) p.look();
 }
 
@@ -459,11 +361,6 @@ void BodyWindow::show(const ShownFrame& frame) {
   Parts& p = *parts_;
   p.body.move(frame.surface_mm);
   p.body.colour(frame.displacement_mm);
-  if (frame.section_mm.cols() > 0) {
-    p.section.move(frame.section_mm);
-    p.section.colour(frame.section_displacement_mm);
-  }
-  if (frame.tool_vertex_mm.cols() > 0) p.tool.move(frame.tool_vertex_mm);
   p.tool.actor->SetPosition(frame.tool_mm.x(), frame.tool_mm.y(), frame.tool_mm.z());
   p.words->SetInput(frame.words.c_str());
 }
@@ -480,7 +377,7 @@ void BodyWindow::show(const std::vector<ShownForce>& curve) {
   p.table->SetNumberOfRows(count);
   for (vtkIdType k = 0; k < count; ++k) {
     const ShownForce& now = curve[static_cast<std::size_t>(k)];
-    const std::array<double, 4> row = {now.x, shown(now.force_N), shown(now.low_N), shown(now.high_N)};
+    const std::array<double, 4> row = {now.time_s, shown(now.force_N), shown(now.low_N), shown(now.high_N)};
     for (vtkIdType c = 0; c < 4; ++c)
       vtkDoubleArray::SafeDownCast(p.table->GetColumn(c))->SetValue(k, row[static_cast<std::size_t>(c)]);
   }
@@ -513,79 +410,9 @@ void BodyWindow::save_picture(const std::filesystem::path& png) {
                               static_cast<std::size_t>(bytes.GetNumberOfValues())));
 }
 
-void BodyWindow::add_slider(const std::string& title, int last, std::function<void(int)> moved) {
-  Parts& p = *parts_;
-  vtkSliderRepresentation2D& look = *p.slider_look;
-  look.SetMinimumValue(0.0);
-  look.SetMaximumValue(std::max(last, 1));
-  look.SetValue(last);
-  look.SetTitleText(title.c_str());
-  look.SetLabelFormat("%.0f");
-  look.GetPoint1Coordinate()->SetCoordinateSystemToNormalizedViewport();
-  look.GetPoint1Coordinate()->SetValue(0.45, 0.07);
-  look.GetPoint2Coordinate()->SetCoordinateSystemToNormalizedViewport();
-  look.GetPoint2Coordinate()->SetValue(0.95, 0.07);
-  look.SetSliderLength(0.02);
-  look.SetSliderWidth(0.025);
-  look.SetTubeWidth(0.008);
-  look.SetTitleHeight(0.02);
-  look.SetLabelHeight(0.02);
-  look.GetTubeProperty()->SetColor(0.75, 0.77, 0.80);
-  look.GetSliderProperty()->SetColor(0.08, 0.38, 0.63);
-  look.GetSelectedProperty()->SetColor(0.91, 0.35, 0.05);
-  look.GetCapProperty()->SetColor(0.75, 0.77, 0.80);
-  for (vtkTextProperty* text : {look.GetTitleProperty(), look.GetLabelProperty()}) {
-    text->SetColor(0.15, 0.15, 0.15);
-    text->BoldOff();
-    text->ShadowOff();
-  }
-  p.slider->SetInteractor(p.interactor);
-  p.slider->SetCurrentRenderer(p.view);
-  p.slider->SetRepresentation(p.slider_look);
-  p.slider->SetAnimationModeToAnimate();
-  p.slider_moved = [this, moved = std::move(moved)] {
-    moved(static_cast<int>(std::lround(parts_->slider_look->GetValue())));
-  };
-  p.on_slider->SetCallback(tell);
-  p.on_slider->SetClientData(&p.slider_moved);
-  p.slider->AddObserver(vtkCommand::InteractionEvent, p.on_slider);
-}
-
-void BodyWindow::move_slider(int to) {
-  parts_->slider_look->SetValue(to);
-}
-
-void BodyWindow::colour_by_label(bool labels) {
-  Parts& p = *parts_;
-  p.by_label = labels;
-  if (labels && p.section.mesh->GetCellData()->HasArray("label")) {
-    p.section.mapper->SetScalarModeToUseCellFieldData();
-    p.section.mapper->SelectColorArray("label");
-    p.section.mapper->SetLookupTable(p.label_colours);
-  } else {
-    p.section.mapper->SetScalarModeToUsePointData();
-    p.section.mapper->SetLookupTable(p.heat);
-  }
-  p.show_legends();
-}
-
-void BodyWindow::cut(bool on, double before_mm) {
-  Parts& p = *parts_;
-  p.cut = on, p.before = before_mm;
-  p.body.mapper->RemoveAllClippingPlanes();
-  p.section.actor->SetVisibility(on && before_mm <= 0.0 ? 1 : 0);
-  p.show_legends();
-  if (!on) return;
-  const Vec3 origin = p.centre + before_mm * p.front, behind = -p.front;
-  p.plane->SetOrigin(origin.data());
-  p.plane->SetNormal(behind.data());
-  p.body.mapper->AddClippingPlane(p.plane);
-}
-
 void BodyWindow::run() {
   Parts& p = *parts_;
   p.interactor->Initialize();
-  if (p.slider->GetRepresentation() == p.slider_look.GetPointer()) p.slider->On();
   p.ticked = [this] {
     if (tick && !tick()) parts_->interactor->TerminateApp();
   };

@@ -2,7 +2,6 @@
 
 #include <filesystem>
 #include <functional>
-#include <map>
 #include <memory>
 #include <string>
 #include <vector>
@@ -15,10 +14,6 @@ namespace dimple {
 struct ShownBody {
   Points surface_mm;
   Triangles triangles;
-  Points section_mm = {};  ///< the body cut open; none: it is not cut
-  Triangles section_triangles = {};
-  std::vector<int> section_label = {};  ///< [triangles of the section], or none
-  std::map<int, std::string> label_name = {};
   Points tool_mm;
   Triangles tool_triangles;
   Vec3 up, front, centre_mm;  ///< against the push, toward the viewer, of the circle
@@ -27,23 +22,13 @@ struct ShownBody {
 struct ShownFrame {
   Points surface_mm;
   Eigen::VectorXd displacement_mm;  ///< [vertices of the surface]
-  Points section_mm = {};
-  Eigen::VectorXd section_displacement_mm = {};
-  Vec3 tool_mm = Vec3::Zero();  ///< the tool's way from rest
-  Points tool_vertex_mm = {};   ///< where its vertices are, in place of that way
+  Vec3 tool_mm = Vec3::Zero();      ///< the tool's way from rest
   std::string words;
 };
 
-/// A point of the curve beside the body: force over depth or time, and what its band leaves possible.
+/// A point of the curve beside the body: force over time, and what its error leaves possible.
 struct ShownForce {
-  double x = 0.0, force_N = 0.0, low_N = 0.0, high_N = 0.0;
-};
-
-struct WindowOptions {
-  std::string title = "Dimple";
-  int width = 1280, height = 760;
-  std::string abscissa = "indentation [mm]";
-  bool hidden = false;  ///< drawn off screen, for pictures; a display is needed all the same
+  double time_s = 0.0, force_N = 0.0, low_N = 0.0, high_N = 0.0;
 };
 
 /// A window with a body under its tool and the force beside it. The body turns by the right mouse button or,
@@ -51,7 +36,7 @@ struct WindowOptions {
 /// no display.
 class BodyWindow {
  public:
-  explicit BodyWindow(const WindowOptions& options);
+  BodyWindow();
   ~BodyWindow();
   BodyWindow(const BodyWindow&) = delete;
   BodyWindow& operator=(const BodyWindow&) = delete;
@@ -71,19 +56,10 @@ class BodyWindow {
   std::function<void(double along_mm)> dragged = {};
   std::function<void(const Vec3& place_mm)> let_go = {};
   std::function<void()> released = {};
-  /// A key by its X name ("space", "Right", "c"); true: something has changed, and is drawn.
+  /// A key by its X name ("space", "t"); true: something has changed, and is drawn.
   std::function<bool(const std::string& key)> key = {};
   /// Some hundred times a second; false ends the window.
   std::function<bool()> tick = {};
-  /// A slider along the lower edge, for 0 to `last`.
-  void add_slider(const std::string& title, int last, std::function<void(int)> moved);
-  void move_slider(int to);
-
-  /// With a legend: each label's name on its colour.
-  void colour_by_label(bool labels);
-  /// The plane that cuts the surface goes to so many mm before the section; only what lies behind it is
-  /// shown.
-  void cut(bool on, double before_mm = 0.0);
 
   /// Until the window is closed, by q or its frame, or `tick` ends it.
   void run();

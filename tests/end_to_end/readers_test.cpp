@@ -102,10 +102,8 @@ TEST(ResultFiles, OpenInVtksOwnReadersAndLieOverTheLabels) {
 
     vtkNew<vtkXMLPolyDataReader> surface;
     read(*surface, folder / "out" / "surface" / (std::string("surface_") + frame + ".vtp"));
-    const vtkIdType strips = surface->GetOutput()->GetNumberOfStrips();
-    const vtkIdType triangles = surface->GetOutput()->GetStrips()->GetNumberOfConnectivityIds() - 2 * strips;
-    EXPECT_GT(triangles, 100);
-    EXPECT_LT(2 * strips, triangles) << "triangles follow each other";
+    EXPECT_GT(surface->GetOutput()->GetNumberOfPolys(), 100);
+    EXPECT_EQ(surface->GetOutput()->GetNumberOfStrips(), 0) << "not every program reads them";
     expect_finite(surface->GetOutput(), "displacement_mm", 3, "mm");
     expect_finite(surface->GetOutput(), "von_mises_Pa", 1, "Pa");
 

@@ -270,12 +270,7 @@ TEST_F(Refusal, NamesTheFactAndTheReasonThatHold) {
          {"the tool's circle lies on the fixed base", "direction may have the wrong sign"});
   fs::create_directories(folder / "series");
   expect(3, "run series -o out", {"'series' is a folder", "3D Slicer"});
-  expect(3, "view nofolder", {"nofolder is no folder"});
-  ASSERT_EQ(dimple(folder,
-                   "run brain.nrrd -o shown --nodes 400 --depth 1mm --frames 1 --band off --write surface -q")
-                .code,
-            0);
-  expect(2, "view shown --frame=-1 --picture p.png", {"there is no frame -1", "shown holds frames 0 to 1"});
+  expect(2, "view out", {"there is no command 'view'", "report.html or overview.png"});
   for (const std::string flag : {"--wall", "--membrane"}) {
     expect(2, "poke brain.nrrd --socket s " + flag + " x",
            {"no option " + flag, "`dimple run` takes " + flag});

@@ -1,5 +1,4 @@
-// The window on results and the live organ. Windows are opened under Xvfb, and moved by xdotool as a hand
-// would.
+// The live organ. Windows are opened under Xvfb, and moved by xdotool as a hand would.
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>
@@ -53,17 +52,6 @@ Ran under_xvfb(const fs::path& folder, const std::string& script) {
   return ran;
 }
 
-// PaperAndDark of a picture's pixels that are white, and dark as the largest displacement is drawn.
-struct PaperAndDark {
-  double paper = 0.0, dark = 0.0;
-};
-PaperAndDark paper_and_dark_of(const fs::path& picture) {
-  const auto is_dark = [](int red, int green, int blue) {
-    return red > 40 && red < 215 && green < 90 && blue > 60 && blue < 125;
-  };
-  return {share_of_pixels(picture, is_white), share_of_pixels(picture, is_dark)};
-}
-
 // Two of them may run side by side: one phantom each.
 fs::path folder_with_brain() {
   const fs::path folder = fresh_folder();
@@ -80,91 +68,7 @@ fs::path folder_with_block(int spacing_mm) {
 
 const char* const there_and_back = "time_s,depth_mm\n0,0\n0.4,4\n1.0,4\n1.3,1\n1.6,1\n1.8,0\n2,0\n";
 
-TEST(View, ShowsAFrameOfResultsWithItsSectionAndForce) {
-  if (const std::string what = missing_for_windows(); !what.empty()) GTEST_SKIP() << what;
-  const fs::path folder = folder_with_brain();
-  ASSERT_EQ(dimple(folder,
-                   "run brain.nrrd -o out -q --nodes 1000 --depth 6mm --frames 3 --write surface --band off")
-                .code,
-            0);
-  const std::string program = DIMPLE_PROGRAM;
-  const Ran drawn = under_xvfb(folder, fmt::format("set -e\n'{0}' view out --picture last.png\n"
-                                                   "'{0}' view out --picture first.png --frame 0\n"
-                                                   "'{0}' view out --picture labels.png --labels\n",
-                                                   program));
-  ASSERT_EQ(drawn.code, 0) << drawn.err;
-  EXPECT_EQ(drawn.err.find("ERR"), std::string::npos) << drawn.err;
-  const PaperAndDark last = paper_and_dark_of(folder / "last.png"),
-                     first = paper_and_dark_of(folder / "first.png");
-  EXPECT_GT(last.paper, 0.3);
-  EXPECT_LT(last.paper, 0.95);
-  EXPECT_GT(last.dark, first.dark + 1e-3);
-  EXPECT_NE(read_file(folder / "last.png"), read_file(folder / "labels.png"));
-  EXPECT_EQ(lines_above_colours(folder / "last.png"), 2) << "what the colours are, and their numbers, apart";
-}
-
-TEST(View, NamesTheLabelsOnTheirColours) {
-  if (const std::string what = missing_for_windows(); !what.empty()) GTEST_SKIP() << what;
-  const fs::path folder = fresh_folder();
-  ASSERT_EQ(dimple(folder, "phantom brain.nrrd --spacing 2 --two-labels -q").code, 0);
-  ASSERT_EQ(dimple(folder,
-                   "run brain.nrrd -o out -q --nodes 1000 --depth 4mm --frames 2 --write surface --band off")
-                .code,
-            0);
-  const Ran drawn = under_xvfb(folder, fmt::format("set -e\n'{0}' view out --picture plain.png\n"
-                                                   "'{0}' view out --picture labels.png --labels\n",
-                                                   DIMPLE_PROGRAM));
-  ASSERT_EQ(drawn.code, 0) << drawn.err;
-  const auto is_first = [](int r, int g, int b) { return r == 156 && g == 195 && b == 230; };
-  const auto is_second = [](int r, int g, int b) { return r == 233 && g == 180 && std::abs(b - 75) < 2; };
-  const Part beside{.left = 0.0, .top = 0.0, .right = 0.17, .bottom = 0.16};  // where no body is
-  const auto shares = [&](const char* picture) {
-    return std::pair(share_of_pixels(folder / picture, is_first, beside),
-                     share_of_pixels(folder / picture, is_second, beside));
-  };
-  const auto [first, second] = shares("labels.png");
-  EXPECT_GT(first, 0.03);
-  EXPECT_GT(second, 0.03);
-  EXPECT_EQ(shares("plain.png"), std::pair(0.0, 0.0));
-}
-
-// The tool stands where it has come to across its push, the curve is all of what was, colours are of the
-// largest way in any frame, and a cut is open from its frame on.
-TEST(View, ShowsASceneOfStepsAsItWentOn) {
-  if (const std::string what = missing_for_windows(); !what.empty()) GTEST_SKIP() << what;
-  const fs::path folder = folder_with_block(1);
-  const Ran ran =
-      dimple(folder,
-             "run block.nrrd -o out -q --tool sphere:4mm --nodes 1000 --write surface --set step.a.move=2mm "
-             "--set step.b.move=4,0,0 --set step.k.cut=line:9,-30,20,9,30,20,depth=10mm "
-             "--set step.c.move=-3mm");
-  ASSERT_EQ(ran.code, 0) << ran.err;
-  const Ran drawn = under_xvfb(folder, fmt::format("set -e\n'{0}' view out --picture last.png\n"
-                                                   "'{0}' view out --picture pressed.png --frame 2\n",
-                                                   DIMPLE_PROGRAM));
-  ASSERT_EQ(drawn.code, 0) << drawn.err;
-  const auto is_tool = [](int r, int g, int b) { return b > r + 25 && g > r + 20 && b > 40; };
-  const Part beside{.left = 0.415, .top = 0.2, .right = 0.5, .bottom = 0.6};
-  EXPECT_EQ(share_of_pixels(folder / "pressed.png", is_tool, beside), 0.0);
-  EXPECT_GT(share_of_pixels(folder / "last.png", is_tool, beside), 0.01);
-  const auto is_curve = [](int r, int g, int b) { return r < 80 && g > 90 && g < 150 && b > 150; };
-  const Part chart{.left = 0.7, .top = 0.0, .right = 1.0, .bottom = 1.0};
-  EXPECT_GT(share_of_pixels(folder / "last.png", is_curve, chart),
-            share_of_pixels(folder / "pressed.png", is_curve, chart));
-  const auto is_hot = [](int r, int g, int b) { return r > 200 && g < 160 && b < 110; };
-  const Part body{.left = 0.1, .top = 0.25, .right = 0.6, .bottom = 0.8};
-  EXPECT_GT(share_of_pixels(folder / "pressed.png", is_hot, body), 1e-3);
-  EXPECT_EQ(share_of_pixels(folder / "last.png", is_hot, body), 0.0) << "it lies at rest again";
-}
-
-TEST(View, SaysWhatIsMissingInAFolderWithoutResults) {
-  const fs::path folder = fresh_folder();
-  const Ran ran = dimple(folder, "view .");
-  EXPECT_EQ(ran.code, 3);
-  EXPECT_NE(ran.err.find("holds no surface"), std::string::npos) << ran.err;
-}
-
-TEST(View, WithoutADisplayEndsInWords) {
+TEST(Poke, WithoutADisplayEndsInWords) {
   const fs::path folder = folder_with_brain();
   const Ran ran =
       Program(folder, {"-c", fmt::format("DISPLAY= '{}' poke brain.nrrd -q", DIMPLE_PROGRAM)}, "/bin/sh")
@@ -326,6 +230,8 @@ sleep 1)");
   EXPECT_GT(*std::max_element(depth.begin(), depth.end()), 0.5);
   EXPECT_EQ(force.front(), 0.0);
   EXPECT_EQ(force.back(), 0.0);  // let go
+  EXPECT_EQ(lines_above_colours(folder / "rec" / "window" / "window_0001.png"), 2)
+      << "what the colours are, and their numbers, apart";
 }
 
 // On the flank, away from the circle; the tool itself stays in the air.

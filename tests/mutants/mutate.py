@@ -327,7 +327,6 @@ MUTANTS = {
     236: ("apps/run/tool_band.cpp", "half[k] = std::max({half[k], here, line - here});", "half[k] = {n} ? half[k] : std::max({half[k], here, line - here});"),
     237: ("preprocess/supports/sheet_cut.cpp", "if (!goes_along) return sheet;", "if (!goes_along || {n}) return sheet;"),
     238: ("apps/run/pipeline.cpp", "if (frame.number == 0 && result_.loading", "if (!{n} && frame.number == 0 && result_.loading"),
-    239: ("apps/commands/view.cpp", "std::upper_bound(time_.begin(), time_.end(), now", "std::upper_bound(time_.begin(), time_.end(), {n} ? 0.0 : now"),
     240: ("apps/run/tool_band.cpp", "sample.force > 0.0 && sample.depth >= shallowest &&", "sample.force > 0.0 && ({n} || sample.depth >= shallowest) &&"),
     241: ("solver/equilibrium/mixed_iteration.cpp", "if (softest.size() > 0) {", "if (softest.size() > 0 && !{n}) {"),
     # ---- the surface between voxels, and what the voxels leave unknown
