@@ -326,9 +326,9 @@ void be_at_rest(System& system, const Settled& settled) {
 }
 
 // [N] Of a tool that touches the forces are balanced to a part of this at least: that of a sphere pressed in
-// by 0.0007 of its radius. A tool that only grazes the body has an equilibrium, too.
+// by 0.003 of its radius. A tool that only grazes the body has an equilibrium, too.
 double least_contact_force(const ForceSystem& tissue, const Touch& touch) {
-  constexpr double least = 1e-4;  // of the shear modulus times the radius squared
+  constexpr double least = 1e-3;  // of the shear modulus times the radius squared
   double softest = std::numeric_limits<double>::infinity();
   for (const Material& material : tissue.materials()) softest = std::min(softest, material.mu);
   return least * softest * touch.shape.radius * touch.shape.radius;

@@ -416,7 +416,8 @@ TEST_F(Block, RefusesLoadsAndSupportsThatItDoesNotUnderstand) {
             {std::string("a support is named '") + taken + "'", "name it differently"});
   refused(2, start + "--set support.basis.on=left", {"named 'basis'", "moving least squares"});
   refused(5,
-          start + "--force -o crushed --set load.pressure.p.pressure=1e9Pa --set load.pressure.p.on=superior",
+          std::regex_replace(start, std::regex("-o no"), "-o crushed") +
+              "--set load.pressure.p.pressure=1e9Pa --set load.pressure.p.on=superior",
           {"does not carry its loads", "the tolerance is", "--set solver.tolerance"});
   refused(4, support + "500,0,0,3", {"meets no node", "from the ball's middle", "a larger ball"});
   refused(4, start + "--tool sphere:5mm --set support.x.on=0,0,30,5",

@@ -555,10 +555,10 @@ TEST_F(Run, SolvesTwoPlainListsOfLocations) {
   write_csv(folder / "plain" / "points.csv", list(points, {}));
   std::ofstream(folder / "plain" / "model.toml") << toml;
   const Ran ran = good("solve plain -o from_plain" + tables_alone);
-  for (const char* word : {"warning", "no spacing", "no volume", "no node_set"})
+  for (const char* word : {"warning", "no spacing", "no volume", "no node_set", "inertia takes part"})
     EXPECT_NE(ran.err.find(word), std::string::npos) << "no '" << word << "' in\n" << ran.err;
   EXPECT_GT(last_force("from_plain"), 0.0);
-  EXPECT_EQ(summary("from_plain").at("warnings").size(), 3u + summary("from_plain").at("guards").size());
+  EXPECT_EQ(summary("from_plain").at("warnings").size(), 4u + summary("from_plain").at("guards").size());
 }
 
 TEST_F(Run, PrintsJsonAndNothingElseOnStdout) {
