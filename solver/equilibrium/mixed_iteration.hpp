@@ -40,16 +40,14 @@ struct Relaxed {
 ///     [ A   G ] [ du      ]     [ f             ]
 ///     [ G'  -1/(bulk V)   ] [ dlambda ] = - [ J - 1 - p/bulk  ]
 ///
-/// where A is a Laplacian of the graph of neighbouring nodes, as stiff as the shear there and as the bound of
-/// each further force (one for all three components, inverted by Multigrid), and G'A^-1 G is taken for the
-/// patches' mass matrix / mu, as one may for Stokes flow. Anderson's acceleration makes up for what these
+/// where A is a Laplacian of the graph of neighbouring nodes (LaplacePreconditioner), and G'A^-1 G is
+/// replaced by the patches' mass matrix / mu (PressureSchur). Anderson's acceleration makes up for what these
 /// leave out. The number of evaluations, some ten for a depth, depends neither on the number of nodes nor on
 /// the bulk modulus.
 ///
 /// The contact forces of a tool that touches (TouchingTool) are unknowns like the pressures, behind them in
 /// `lambda`. Each iteration then solves the same nearby linear problem with the condition that forces at the
-/// samples are not negative and gaps neither (contact_step.hpp): one sample moves another by phi_s A^-1
-/// phi_t.
+/// samples are not negative and gaps neither (ContactCoupling).
 ///
 /// Where strains are large the tangent is stiffer than A by orders of magnitude. An iteration that fails is
 /// tried again with an A as stiff at each node as the law is at the best state that was met.
@@ -99,6 +97,7 @@ class MixedIteration {
   Relaxed iterate(ForceSystem::Nodal& u, Eigen::VectorXd& lambda, ForceSystem::Nodal& f,
                   const RelaxOptions& options, bool anew, const Viscosity* viscosity, Left* left = nullptr);
   struct Parts;
+  struct Search;
   std::unique_ptr<Parts> parts_;
 };
 

@@ -19,7 +19,7 @@ constexpr double near = 1e-2;  // residual at which an iteration that did not en
 // Of viscous steps: their viscosity at first, and where it is given up; what one may take, and how few let
 // the next be larger.
 constexpr double first_share = 0.3, largest_share = 30.0;
-constexpr std::int64_t evaluations_of_step = 30, few_evaluations = 12;
+constexpr std::int64_t evaluations_of_viscous_step = 30, few_evaluations = 12;
 constexpr int between_checks = 10;
 constexpr int memory = 60;  // iterations over which a change is compared for the frequency
 
@@ -191,7 +191,7 @@ Relaxed Relaxation::give_way(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const 
     const Relaxed step = (*mixed_)(
         next, next_lambda, f,
         {.tolerance = std::clamp(0.2 * result.residual, 0.5 * options.tolerance, 10.0 * options.tolerance),
-         .evaluations = std::min(evaluations_of_step, options.evaluations - result.evaluations)},
+         .evaluations = std::min(evaluations_of_viscous_step, options.evaluations - result.evaluations)},
         anew, &viscosity);
     result.evaluations += step.evaluations;
     if (!step.converged) {
@@ -227,7 +227,7 @@ Relaxed Relaxation::give_way(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const 
       const Relaxed at_rest =
           (*mixed_)(end, end_lambda, f,
                     {.tolerance = options.tolerance,
-                     .evaluations = std::min<std::int64_t>(2 * evaluations_of_step,
+                     .evaluations = std::min<std::int64_t>(2 * evaluations_of_viscous_step,
                                                            options.evaluations - result.evaluations)},
                     true);
       result.evaluations += at_rest.evaluations;

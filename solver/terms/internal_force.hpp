@@ -59,6 +59,10 @@ class ForceSystem {
 
   const std::vector<Material>& materials() const { return tissues_.material; }
   const Tissues& tissues() const { return tissues_; }
+  /// At rest, of the tissue at point q [Pa].
+  double shear_modulus(Index q) const {
+    return tissues_.material[static_cast<std::size_t>(tissues_.of_point[q])].mu;
+  }
   Precision precision() const { return single_ ? Precision::single_ : Precision::double_; }
   bool viscoelastic() const;
   bool as_printed() const { return is_as_printed(tissues_.material.front()); }
