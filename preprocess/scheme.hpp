@@ -5,9 +5,6 @@
 
 namespace dimple {
 
-enum class Basis { linear, quadratic };
-enum class Weight { quartic, cubic, gauss };
-
 /// How the node spacing follows the load. Each number's effect, halved and doubled:
 /// tests/verification/README.md.
 struct GradingOptions {
@@ -28,20 +25,13 @@ struct PointDensity {
 
 /// Size and form of the support domains.
 struct SupportOptions {
-  Basis basis = Basis::linear;
-  Weight weight = Weight::quartic;
-  /// A node's support radius = radius_factor x the cloud's spacing at that node. 0: 1.8 (linear), 2.6
-  /// (quadratic).
-  double radius_factor = 0.0;
+  double radius_factor = 1.8;  ///< a node's support radius / the cloud's spacing at that node
   /// At prescribed nodes the weight is multiplied by (1 + e) / (s^2 + e), s = distance / radius, so that the
   /// field nearly takes their values there; e = this. 0: ordinary weights everywhere. Most & Bucher 2005.
   double interpolation = 0.0;
   /// A node belongs to a place only if it sees it through the tissue (sight.hpp). False: distance alone
   /// decides.
   bool through_tissue = false;
-  double effective_radius_factor() const {
-    return radius_factor > 0.0 ? radius_factor : basis == Basis::linear ? 1.8 : 2.6;
-  }
 };
 
 /// How the integral over the body becomes sums over its nodes and points: every choice in which one
@@ -71,11 +61,7 @@ inline constexpr Scheme converging = {
     .base_outline = true,
     .grading = {.rim = 0.02, .reach = 12.0, .least = 0.11, .load_exponent = 0.4},
     .points_per_node = 7.0,
-    .support = {.basis = Basis::linear,
-                .weight = Weight::quartic,
-                .radius_factor = 1.6,
-                .interpolation = 0.01,
-                .through_tissue = true}};
+    .support = {.radius_factor = 1.6, .interpolation = 0.01, .through_tissue = true}};
 
 /// As the paper has it: an even cloud, an even grid of single points, one neo-Hookean tissue, and central
 /// differences. Horton et al. 2007.

@@ -162,12 +162,11 @@ TEST_F(GuardedRun, PressesABlockToSixtyPercentOfItsHeightAtAnyPoissonRatio) {
 
 // Each warning by a command that deserves it; apps/README.md lists the codes. `inverted`, `circle-nodes`,
 // `time-step`, `no-equilibrium` and a `hourglass` that ends the run have tests of their own above.
-// `non-finite` and `energy` stand behind the others, and no command is known that gets past those:
-// tests/unit/guards_test.cpp fires them.
+// `conditioning`, `non-finite` and `energy` stand behind the others: no command is known that gets past
+// those, and tests/unit/guards_test.cpp fires them.
 TEST_F(GuardedRun, WarnsOfWhateverMakesItsForceLessExact) {
   const std::map<std::string, std::string> firing = {
       {"supports", "--nodes 400 --support 1.2 --depth 1mm --frames 2"},
-      {"conditioning", "--nodes 400 --basis quadratic --support 1.7 --depth 1mm --frames 2"},
       {"hourglass", "--nodes 400 --support 1.0 --depth 1mm --frames 2"},
       {"volume", "--nodes 150 --rim 0.5 --depth 15mm --nu 0.4999 --frames 4"},
       {"jagged", "--nodes 200 --rim 0.5 --time explicit --rate 1.8mm/s --depth 1mm --frames 4"}};

@@ -414,7 +414,8 @@ TEST_F(Block, RefusesLoadsAndSupportsThatItDoesNotUnderstand) {
   for (const char* taken : {"tool", "base"})
     refused(2, start + "--set support." + taken + ".on=left",
             {std::string("a support is named '") + taken + "'", "name it differently"});
-  refused(2, start + "--set support.basis.on=left", {"named 'basis'", "moving least squares"});
+  refused(2, start + "--set support.radius_factor.on=left",
+          {"named 'radius_factor'", "moving least squares"});
   refused(5,
           std::regex_replace(start, std::regex("-o no"), "-o crushed") +
               "--set load.pressure.p.pressure=1e9Pa --set load.pressure.p.on=superior",

@@ -311,8 +311,8 @@ TEST_F(Refusal, OfTwoStiffnessesAndOfOneByAnotherName) {
 TEST_F(Refusal, OfWordsItDoesNotKnow) {
   expect(2, "runn brain.nrrd -o out", {"no command 'runn'", "did you mean 'run'?"});
   expect(2, "run brain.nrrd -o out --nodez 500", {"no option --nodez", "did you mean '--nodes'?"});
-  expect(2, "run brain.nrrd -o out --basis quadratik",
-         {"support.basis = quadratik", "did you mean 'quadratic'?"});
+  expect(2, "run brain.nrrd -o out --scheme convergin",
+         {"scheme.name = convergin", "did you mean 'converging'?"});
   expect(2, "run brain.nrrd -o out --set material.mew=300Pa",
          {"no option 'material.mew'", "did you mean 'material.mu", "dimple options"});
   expect(2, "run brain.nrrd -o out --set material.mu", {"'material.mu' is not key=value"});
