@@ -1,6 +1,5 @@
 #pragma once
 
-#include <array>
 #include <string_view>
 
 namespace dimple {
@@ -37,7 +36,7 @@ struct SupportOptions {
 /// How the integral over the body becomes sums over its nodes and points: every choice in which one
 /// discretisation differs from another, and nothing else in the code asks for a scheme by its name.
 struct Scheme {
-  std::string_view name;  ///< one of scheme_names
+  std::string_view name;  ///< as scheme_named() takes it
   /// Each point stands for a cell with a spread that follows the nodes, and its gradients are means over that
   /// cell. False: gradients at the points of an even grid.
   bool averaged_gradients;
@@ -73,8 +72,6 @@ inline constexpr Scheme horton2007 = {.name = "horton2007",
                                       .grading = {},
                                       .points_per_node = 1.499,
                                       .support = {}};
-
-inline constexpr std::array<std::string_view, 2> scheme_names = {converging.name, horton2007.name};
 
 /// The one of that name, or nullptr.
 constexpr const Scheme* scheme_named(std::string_view name) {

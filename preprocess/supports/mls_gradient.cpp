@@ -1,6 +1,7 @@
 #include "preprocess/supports/mls_gradient.hpp"
 
 #include <Eigen/Cholesky>
+#include <array>
 #include <cmath>
 #include <vector>
 

@@ -16,6 +16,7 @@
 #include "io/table.hpp"
 #include "io/vtk_files.hpp"
 #include "tests/end_to_end/in_folder.hpp"
+#include "tests/helpers/image.hpp"
 
 namespace dimple {
 namespace {

@@ -16,6 +16,7 @@
 #include "io/vtk_files.hpp"
 #include "tests/end_to_end/program.hpp"
 #include "tests/helpers/brain.hpp"
+#include "tests/helpers/image.hpp"
 
 namespace dimple {
 namespace {

@@ -17,6 +17,7 @@
 #include "preprocess/image/phantom.hpp"
 #include "preprocess/surface/label_surface.hpp"
 #include "tests/helpers/folder.hpp"
+#include "tests/helpers/image.hpp"
 
 namespace dimple {
 namespace {

@@ -13,6 +13,7 @@
 #include "preprocess/image/phantom.hpp"
 #include "preprocess/surface/label_surface.hpp"
 #include "tests/helpers/folder.hpp"
+#include "tests/helpers/image.hpp"
 #include "tests/helpers/steps.hpp"
 
 namespace dimple {
