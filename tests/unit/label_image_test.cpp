@@ -24,7 +24,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// An empty folder of the running test's own.
 /// An unsymmetric body of three labels with known names, far from a cube, so that no turn maps it to itself.
 LabelImage body() {
   LabelImage image;
@@ -402,19 +401,6 @@ TEST(LabelImage, ScalesANiftiInMetresOrMicronsAsAWhole) {
   }
 }
 
-TEST(LabelImage, ScalesAnNrrdInMetresAsAWhole) {
-  const LabelImage organ = body();
-  LabelImage in_metres = organ;
-  in_metres.to_world = Eigen::Scaling(0.001) * organ.to_world;
-  const LabelImage image =
-      read("unit.nrrd", nrrd(as_it_is(in_metres), false, "space units: \"m\" \"m\" \"m\"\n"));
-  expect_same(image, organ, 1e-9);
-  EXPECT_TRUE(warns_of(image, "lengths in m;"));
-  EXPECT_TRUE(
-      warns_of(read("parsec.nrrd", nrrd(as_it_is(organ), false, "space units: \"pc\" \"pc\" \"pc\"\n")),
-               "'pc' is unknown"));
-}
-
 TEST(LabelImage, ScalesAMetaImageInCentimetresAsAWhole) {
   const LabelImage organ = body();
   LabelImage in_cm = organ;
@@ -437,13 +423,7 @@ TEST(LabelImage, OfNoKnownVoxelSizeIsRefused) {
   refusal("thick.nrrd", header + "thicknesses: 2 3 4\n\n" + voxels);
 }
 
-TEST(LabelImage, WarnsOfAnImageWithoutOrientationOrOfUnusualSize) {
-  const std::string voxels = bytes_of(as_it_is(body()).voxel);
-  const LabelImage image =
-      read("bare.nrrd",
-           "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 5 7 4\nspacings: 2 3 4\nencoding: raw\n\n" + voxels);
-  EXPECT_TRUE(warns_of(image, "no space directions"));
-  EXPECT_TRUE(image.spacing().isApprox(Vec3(2, 3, 4)));
+TEST(LabelImage, WarnsOfAnUnusualSize) {
   LabelImage tiny = body();
   tiny.to_world = Eigen::Scaling(0.001) * tiny.to_world;  // metres taken for millimetres
   EXPECT_TRUE(warns_of(read("tiny.nrrd", nrrd(as_it_is(tiny))), "check the unit"));
@@ -732,29 +712,7 @@ TEST(LabelImage, RefusesVoxelsThatAreNoLabels) {
 }
 
 // -------------------------------------------------------------------------------------------- refusals
-
-TEST(LabelImage, RefusesAnImageThatIsNotThreeDimensional) {
-  const Raw raw = as_it_is(body());
-  EXPECT_SAYS(refusal("flat.nrrd", "NRRD0004\ntype: uint8\ndimension: 2\nsizes: 5 28\nencoding: raw\n\n" +
-                                       bytes_of(raw.voxel))
-                  .fact,
-              "flat: 5 x 28 voxels");
-  Nifti slice(raw);
-  slice.dims({10, 14, 1});
-  EXPECT_SAYS(refusal("slice.nii", slice.file()).remedy, "whole segmented volume");
-  Nifti series(raw);
-  series.dims({5, 7, 2, 2});
-  EXPECT_SAYS(refusal("series.nii", series.file()).fact, "4 axes (5 x 7 x 2 x 2 voxels)");
-  Nifti vectors(raw);
-  vectors.dims({5, 7, 2, 1, 2});
-  EXPECT_SAYS(refusal("vectors.nii", vectors.file()).fact, "every voxel holds 2 numbers");
-  Nifti trailing(raw);
-  trailing.dims({5, 7, 4, 1});
-  expect_same(read("trailing.nii", trailing.file()), body(), 1e-5);
-  Nifti negative(raw);
-  negative.dims({5, -7, 4});
-  EXPECT_SAYS(refusal("negative.nii", negative.file()).fact, "-7 voxels");
-}
+// Most of them stand in the table of tests/end_to_end/hostile_images_test.cpp.
 
 TEST(LabelImage, RefusesAnNrrdWithAnAxisOfTimeInItsOwnWords) {
   const std::string directions = "(1,0,0) (0,1,0) (0,0,1)", domains = "domain domain domain";
@@ -771,7 +729,7 @@ TEST(LabelImage, RefusesAnNrrdWithAnAxisOfTimeInItsOwnWords) {
   }
 }
 
-TEST(LabelImage, RefusesSegmentsInLayersAndColours) {
+TEST(LabelImage, RefusesSegmentsInLayers) {
   const std::string voxels = bytes_of(as_it_is(body()).voxel);
   const Report layers =
       refusal("layers.seg.nrrd",
@@ -785,42 +743,6 @@ TEST(LabelImage, RefusesSegmentsInLayersAndColours) {
   EXPECT_SAYS(layers.fact, "'liver' in layer 0, 'Segment1' in layer 1");
   EXPECT_SAYS(layers.why, "may overlap");
   EXPECT_SAYS(layers.remedy, "3D Slicer");
-  std::string colour = metaimage(as_it_is(body()));
-  colour.replace(colour.find("ElementType"), 0, "ElementNumberOfChannels = 3\n");
-  EXPECT_SAYS(refusal("colour.mha", colour + voxels + voxels).fact, "every voxel holds 3 numbers");
-  Nifti rgb(as_it_is(body()));
-  rgb.type(128, 24);
-  EXPECT_SAYS(refusal("rgb.nii", rgb.file()).fact, "RGB24");
-  Nifti complex(as_it_is(body()));
-  complex.type(32, 64);
-  EXPECT_SAYS(refusal("complex.nii", complex.file()).fact, "COMPLEX64");
-}
-
-TEST(LabelImage, RefusesAGeometryThatIsNoPlaceInSpace) {
-  LabelImage organ = body();
-  organ.to_world.linear().col(1).setZero();
-  EXPECT_SAYS(refusal("zero.nrrd", nrrd(as_it_is(organ))).why, "place in space");
-  organ = body();
-  organ.to_world.linear().col(1) = organ.to_world.linear().col(0);
-  EXPECT_SAYS(refusal("plane.nrrd", nrrd(as_it_is(organ))).fact, "one plane");
-  EXPECT_SAYS(refusal("plane.nii", Nifti(as_it_is(organ)).file()).fact, "one plane");
-  organ = body();
-  organ.to_world.translation()[1] = std::numeric_limits<double>::quiet_NaN();
-  EXPECT_SAYS(refusal("nan.nii", Nifti(as_it_is(organ)).file()).fact, "not finite");
-  EXPECT_SAYS(all(refusal("nan.nrrd", nrrd(as_it_is(organ)))), "nan");
-  refusal("nan.mha", metaimage(as_it_is(organ)));
-  Nifti pixdim(as_it_is(body()));
-  pixdim.sform(0, body().to_world);
-  pixdim.pixdim(2, std::numeric_limits<float>::quiet_NaN());
-  EXPECT_SAYS(refusal("pixdim.nii", pixdim.file()).fact, "not finite");
-  pixdim.pixdim(2, 0.0f);
-  EXPECT_SAYS(refusal("pixdim.nii", pixdim.file()).fact, "0 x 2 mm");
-}
-
-TEST(LabelImage, RefusesAnImageThatIsAllBackground) {
-  LabelImage empty = body();
-  set_voxels(empty, std::vector<std::int32_t>(5 * 7 * 4, 0));
-  EXPECT_SAYS(refusal("empty.nrrd", nrrd(as_it_is(empty))).fact, "all 140 voxels are background");
 }
 
 TEST(LabelImage, RefusesEveryTruncation) {
@@ -833,12 +755,6 @@ TEST(LabelImage, RefusesEveryTruncation) {
       SCOPED_TRACE(testing::Message() << name << " cut to " << part);
       refusal(name, whole.substr(0, static_cast<std::size_t>(part * static_cast<double>(whole.size()))));
     }
-  }
-  for (const auto& [name, whole] : {std::pair<std::string, std::string>{"raw.nrrd", nrrd(as_it_is(brain))},
-                                    {"raw.mha", metaimage(as_it_is(brain))},
-                                    {"raw.nii", Nifti(as_it_is(brain)).file()}}) {
-    EXPECT_EQ(read(name, whole).run, brain.run);
-    EXPECT_SAYS(refusal(name, whole.substr(0, whole.size() - 1)).why, "incomplete");
   }
 }
 
@@ -874,79 +790,6 @@ TEST(LabelImage, IsRefusedWhereItsNeighboursAreHardlyEverAlike) {
   const Report report = refusal("mri.nrrd", nrrd(mri));
   EXPECT_SAYS(report.fact, "change more than 4194304 times along the rows of 260 x 260 x 260 voxels");
   EXPECT_SAYS(report.why, "an MRI or CT rather than its segmentation");
-}
-
-TEST(LabelImage, RefusesDamagedCompressedData) {
-  const fs::path folder = fresh_folder();
-  LabelImage noise = body();
-  noise.size = {32, 32, 32};
-  noise.names.clear();
-  std::mt19937 random(5);
-  std::vector<std::int32_t> voxel(32 * 32 * 32);
-  for (auto& v : voxel) v = static_cast<std::int32_t>(random() % 8);
-  set_voxels(noise, voxel);
-  for (const char* name : {"a.nrrd", "a.mha", "a.nii.gz"}) {
-    write_label_image(folder / name, noise);
-    std::string content = read_file(folder / name);
-    content[content.size() / 2] = static_cast<char>(content[content.size() / 2] ^ 0x55);
-    EXPECT_SAYS(refusal(name, content).why, "damaged");
-  }
-}
-
-TEST(LabelImage, RefusesAHeaderThatPromisesMoreThanTheFileCanHold) {
-  Nifti nifti(as_it_is(body()));
-  nifti.dims({1200, 1200, 1200});
-  EXPECT_SAYS(refusal("huge.nii", nifti.file()).fact, "cannot hold");
-  nifti.dims({32000, 32000, 32000});
-  EXPECT_SAYS(refusal("huge.nii", nifti.file()).fact, "3.28e+13 voxels");
-  std::string content = nrrd(as_it_is(body()));
-  content.replace(content.find("5 7 4"), 5, "1200 1200 1200");
-  refusal("huge.nrrd", content);
-  content = metaimage(as_it_is(body()));
-  content.replace(content.find("5 7 4"), 5, "1200 1200 1200");
-  EXPECT_SAYS(refusal("huge.mha", content).fact, "140 of 1728000000 bytes");
-}
-
-TEST(LabelImage, RefusesWhatIsNoLabelImage) {
-  EXPECT_SAYS(refusal("picture.png", "PNG").why, ".seg.nrrd");
-  EXPECT_SAYS(refusal("aseg.mgz", "\x1f\x8b").fact, "FreeSurfer's format");
-  EXPECT_SAYS(refusal("aseg.mgz", "\x1f\x8b").remedy, "mri_convert aseg.mgz aseg.nii.gz");
-  EXPECT_SAYS(refusal("text.nrrd", "not an image").fact, "cannot be read as NRRD");
-  EXPECT_SAYS(refusal("text.mha", "not an image").fact, "cannot be read as MetaImage");
-  EXPECT_SAYS(refusal("text.nii", std::string(1000, 'x')).fact, "not a NIfTI-1 image");
-  EXPECT_SAYS(refusal("empty.nii", "").why, "incomplete");
-  std::string nifti2(540, '\0');
-  nifti2.replace(0, 4, std::string("\x1c\x02\0\0", 4));
-  EXPECT_SAYS(refusal("two.nii", nifti2).fact, "NIfTI-2");
-  try {
-    read_label_image("no/such/brain.nrrd");
-    FAIL();
-  } catch (const InputError& error) {
-    EXPECT_SAYS(error.report.fact, "no/such/brain.nrrd': No such file or directory");
-  }
-  EXPECT_THROW(read_label_image(fresh_folder()), InputError);
-}
-
-TEST(LabelImage, ReadsAHeaderWithItsVoxelsInASecondFile) {
-  const fs::path folder = fresh_folder();
-  const Raw raw = as_it_is(body());
-  std::string header = metaimage(raw);
-  header = header.substr(0, header.find("LOCAL")) + "a.raw\n";
-  write_file(folder / "a.mhd", header);
-  try {
-    read_label_image(folder / "a.mhd");
-    FAIL();
-  } catch (const InputError& error) {
-    EXPECT_SAYS(error.report.why, "a.raw': No such file");
-  }
-  write_file(folder / "a.raw", bytes_of(raw.voxel));
-  expect_same(read_label_image(folder / "a.mhd"), body(), 1e-9);
-  std::string nhdr = nrrd(raw, false, "data file: a.raw\n");
-  write_file(folder / "a.nhdr", nhdr.substr(0, nhdr.find("\n\n") + 1));
-  expect_same(read_label_image(folder / "a.nhdr"), body(), 1e-9);
-  write_file(folder / "a.raw", bytes_of(raw.voxel).substr(0, 100));
-  EXPECT_THROW(read_label_image(folder / "a.mhd"), InputError);
-  EXPECT_THROW(read_label_image(folder / "a.nhdr"), InputError);
 }
 
 // -------------------------------------------------------------------------------------------- names
