@@ -11,7 +11,7 @@
 
 #include "io/table.hpp"
 #include "io/vtk_files.hpp"
-#include "tests/end_to_end/program.hpp"
+#include "tests/end_to_end/in_folder.hpp"
 
 namespace dimple {
 namespace {
@@ -20,14 +20,9 @@ namespace fs = std::filesystem;
 using Json = nlohmann::json;
 using testing::HasSubstr;
 
-class GuardedRun : public testing::Test {
+class GuardedRun : public InFolder {
  protected:
-  const fs::path folder = fresh_folder();
-
-  void SetUp() override {
-    ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 2 -q").code, 0);
-  }
-  Json summary(const std::string& out) const { return Json::parse(text_of(folder / out / "summary.json")); }
+  void SetUp() override { make_block(2); }
   Table curve(const std::string& out) const { return read_csv(folder / out / "force.csv"); }
 
   static const Json* with_code(const Json& list, const std::string& code) {

@@ -59,7 +59,6 @@ class Run : public InFolder {
   double last_force(const std::string& out) const {
     return read_csv(folder / out / "force.csv").find("force_N")->back();
   }
-  Json summary(const std::string& out) const { return Json::parse(text_of(folder / out / "summary.json")); }
 };
 
 /// The frames that a .pvd lists, as paths; each must be there.
