@@ -668,14 +668,6 @@ void append_row(LabelImage& image, std::span<const std::int32_t> label) {
   image.row_offset.push_back(image.run.size());
 }
 
-void set_voxels(LabelImage& image, std::span<const std::int32_t> label) {
-  image.run.clear();
-  image.row_offset.clear();
-  const auto length = static_cast<std::size_t>(image.size[0]);
-  for (std::size_t first = 0; first < label.size(); first += length)
-    append_row(image, label.subspan(first, length));
-}
-
 VoxelBox foreground_box(const LabelImage& image) {
   VoxelBox box{.low = image.size, .high = {-1, -1, -1}};
   auto& [low, high] = box;
@@ -687,15 +679,6 @@ VoxelBox foreground_box(const LabelImage& image) {
       high = {std::max<Index>(high[0], row.back().end - 1), std::max(high[1], j), std::max(high[2], k)};
     }
   return box;
-}
-
-std::vector<std::int32_t> every_voxel(const LabelImage& image) {
-  std::vector<std::int32_t> label(static_cast<std::size_t>(image.size[0] * image.size[1] * image.size[2]), 0);
-  std::int32_t* row = label.data();
-  for (Index k = 0; k < image.size[2]; ++k)
-    for (Index j = 0; j < image.size[1]; ++j, row += image.size[0])
-      for (const Run& r : image.row(j, k)) std::fill(row + r.begin, row + r.end, r.label);
-  return label;
 }
 
 LabelImage read_label_image(const fs::path& file, const fs::path& label_names) {

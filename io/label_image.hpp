@@ -54,10 +54,6 @@ struct LabelImage {
 
 /// Adds the next row: image.size[0] labels, i ascending. Rows come with j fastest, size[1]*size[2] of them.
 void append_row(LabelImage& image, std::span<const std::int32_t> label);
-/// Replaces all voxels: image.size[0]*size[1]*size[2] labels, i fastest.
-void set_voxels(LabelImage& image, std::span<const std::int32_t> label);
-/// The label of every voxel, i fastest.
-std::vector<std::int32_t> every_voxel(const LabelImage& image);
 
 /// Voxels low to high, both included.
 struct VoxelBox {

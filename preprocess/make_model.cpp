@@ -24,7 +24,7 @@ void refuse_too_many_grown(const Model& model) {
   constexpr double usual = 1.5;
   const SupportReport& support = model.support_report;
   const double share = static_cast<double>(support.grown) / static_cast<double>(model.point_count());
-  if (model.scheme.support.effective_radius_factor() < usual || share <= most_grown) return;
+  if (model.scheme.support.radius_factor < usual || share <= most_grown) return;
   const Vec3 x = model.point.col(std::max<Index>(support.fewest_at, 0)) * 1e3;
   throw ModelError(
       {.fact = fmt::format("{} of {} supports ({:.0f} %) had to be enlarged, up to {:.2f} times, to hold "

@@ -1,12 +1,8 @@
 #pragma once
 
-#include <array>
 #include <string_view>
 
 namespace dimple {
-
-enum class Basis { linear, quadratic };
-enum class Weight { quartic, cubic, gauss };
 
 /// How the node spacing follows the load. Each number's effect, halved and doubled:
 /// tests/verification/README.md.
@@ -28,26 +24,19 @@ struct PointDensity {
 
 /// Size and form of the support domains.
 struct SupportOptions {
-  Basis basis = Basis::linear;
-  Weight weight = Weight::quartic;
-  /// A node's support radius = radius_factor x the cloud's spacing at that node. 0: 1.8 (linear), 2.6
-  /// (quadratic).
-  double radius_factor = 0.0;
+  double radius_factor = 1.8;  ///< a node's support radius / the cloud's spacing at that node
   /// At prescribed nodes the weight is multiplied by (1 + e) / (s^2 + e), s = distance / radius, so that the
   /// field nearly takes their values there; e = this. 0: ordinary weights everywhere. Most & Bucher 2005.
   double interpolation = 0.0;
   /// A node belongs to a place only if it sees it through the tissue (sight.hpp). False: distance alone
   /// decides.
   bool through_tissue = false;
-  double effective_radius_factor() const {
-    return radius_factor > 0.0 ? radius_factor : basis == Basis::linear ? 1.8 : 2.6;
-  }
 };
 
 /// How the integral over the body becomes sums over its nodes and points: every choice in which one
 /// discretisation differs from another, and nothing else in the code asks for a scheme by its name.
 struct Scheme {
-  std::string_view name;  ///< one of scheme_names
+  std::string_view name;  ///< as scheme_named() takes it
   /// Each point stands for a cell with a spread that follows the nodes, and its gradients are means over that
   /// cell. False: gradients at the points of an even grid.
   bool averaged_gradients;
@@ -71,11 +60,7 @@ inline constexpr Scheme converging = {
     .base_outline = true,
     .grading = {.rim = 0.02, .reach = 12.0, .least = 0.11, .load_exponent = 0.4},
     .points_per_node = 7.0,
-    .support = {.basis = Basis::linear,
-                .weight = Weight::quartic,
-                .radius_factor = 1.6,
-                .interpolation = 0.01,
-                .through_tissue = true}};
+    .support = {.radius_factor = 1.6, .interpolation = 0.01, .through_tissue = true}};
 
 /// As the paper has it: an even cloud, an even grid of single points, one neo-Hookean tissue, and central
 /// differences. Horton et al. 2007.
@@ -87,8 +72,6 @@ inline constexpr Scheme horton2007 = {.name = "horton2007",
                                       .grading = {},
                                       .points_per_node = 1.499,
                                       .support = {}};
-
-inline constexpr std::array<std::string_view, 2> scheme_names = {converging.name, horton2007.name};
 
 /// The one of that name, or nullptr.
 constexpr const Scheme* scheme_named(std::string_view name) {

@@ -65,8 +65,8 @@ void members(Archive& io, T& grading) {
 
 template <class Archive, Like<SupportOptions> T>
 void members(Archive& io, T& support) {
-  auto& [basis, weight, radius_factor, interpolation, through_tissue] = support;
-  io(basis, weight, radius_factor, interpolation, through_tissue);
+  auto& [radius_factor, interpolation, through_tissue] = support;
+  io(radius_factor, interpolation, through_tissue);
 }
 
 template <class Archive, Like<Scheme> T>

@@ -132,7 +132,6 @@ std::string why_no_band(const Config& config, const std::vector<Material>& tissu
     return fmt::format("not calibrated for load steps above {:g} radii", usual_step);
   if (config.cloud.rim != usual.cloud.rim || config.cloud.jitter != usual.cloud.jitter ||
       config.grid.points != usual.grid.points || config.grid.ratio != usual.grid.ratio ||
-      config.support.basis != usual.support.basis || config.support.weight != usual.support.weight ||
       config.support.radius_factor != usual.support.radius_factor)
     return "calibrated for the default rim, points and supports only";
   if (const std::optional<ToolShape> tool = tool_of(config)) {

@@ -172,8 +172,7 @@ std::string sha256_of_model(const Discretisation& m, const Scheme& scheme) {
   matrix(m.surface.triangles);
   add(scheme.name.data(), scheme.name.size());
   const std::string support =
-      fmt::format("{} {} {} {}", basis_word(scheme.support.basis), weight_word(scheme.support.weight),
-                  scheme.support.effective_radius_factor(), scheme.support.interpolation);
+      fmt::format("{} {}", scheme.support.radius_factor, scheme.support.interpolation);
   add(support.data(), support.size());
   return sha256(bytes);
 }

@@ -328,12 +328,11 @@ std::vector<std::pair<std::string, Option>> named_options(Config& config) {
 
 // A file of all options holds both in one table.
 void refuse_names_of_options(const Config& config, const std::string& source) {
-  for (const char* taken : {"basis", "weight", "radius_factor"})
-    if (config.held.contains(taken))
-      throw UsageError({.fact = fmt::format("a support is named '{}'", taken),
-                        .where = source,
-                        .why = fmt::format("support.{} is an option of the moving least squares", taken),
-                        .remedy = "give it another name, such as support.retractor"});
+  if (config.held.contains("radius_factor"))
+    throw UsageError({.fact = "a support is named 'radius_factor'",
+                      .where = source,
+                      .why = "support.radius_factor is an option of the moving least squares",
+                      .remedy = "give it another name, such as support.retractor"});
   for (const char* taken : {"shape", "friction"})
     if (config.other_tool.contains(taken))
       throw UsageError({.fact = fmt::format("a further tool is named '{}'", taken),
@@ -835,21 +834,13 @@ std::string did_you_mean(const std::string& word, const std::vector<std::string>
 }
 
 Scheme scheme_of(const Config& c) {
-  const Scheme* named = scheme_named(c.scheme.name);  // one of the option's choices
-  Scheme scheme = *named;
+  Scheme scheme = *scheme_named(c.scheme.name);  // one of the option's choices
   if (c.cloud.rim > 0.0) {
     scheme.grading.rim = c.cloud.rim;
     scheme.grading.least = 0.0;
   }
   if (c.grid.ratio > 0.0) scheme.points_per_node = c.grid.ratio;
-  SupportOptions& support = scheme.support;
-  support.basis = c.support.basis == "linear" ? Basis::linear : Basis::quadratic;
-  support.weight = c.support.weight == "quartic" ? Weight::quartic
-                   : c.support.weight == "cubic" ? Weight::cubic
-                                                 : Weight::gauss;
-  // A scheme's own radius is one for its own basis.
-  if (support.basis != named->support.basis) support.radius_factor = 0.0;
-  if (c.support.radius_factor > 0.0) support.radius_factor = c.support.radius_factor;
+  if (c.support.radius_factor > 0.0) scheme.support.radius_factor = c.support.radius_factor;
   return scheme;
 }
 

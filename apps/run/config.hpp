@@ -39,8 +39,6 @@ struct Config {
     double ratio = 0.0;
   } grid;
   struct Support {
-    std::string basis = "linear";
-    std::string weight = "quartic";
     double radius_factor = 0.0;
   } support;
   struct BoundarySection {

@@ -341,15 +341,15 @@ std::string scheme_named_in(const fs::path& file, const toml::table& table, cons
 // With its supports as the file has them.
 Scheme scheme_in(const fs::path& file, const toml::table& table, const std::string& name) {
   Config words;
-  for (const char* key : {"basis", "weight", "radius_factor"})
-    if (const auto node = table["support"][key]; node) {
-      std::ostringstream shown;
-      if (const auto s = node.value<std::string>())
-        shown << *s;
-      else
-        node.visit([&](auto&& v) { shown << v; });
-      set_option(words, std::string("support.") + key, shown.str(), file.string());
-    }
+  if (const auto node = table["support"]["radius_factor"]; node) {
+    std::ostringstream shown;
+    node.visit([&](auto&& v) { shown << v; });
+    set_option(words, "support.radius_factor", shown.str(), file.string());
+  }
+  for (const auto& [key, word] : {std::pair{"basis", "linear"}, std::pair{"weight", "quartic"}})
+    if (table["support"][key].value_or(std::string(word)) != word)
+      refuse(file, fmt::format("support.{} is not '{}'", key, word),
+             "earlier versions had others, which are no more", fmt::format("remove support.{}", key));
   words.scheme.name = name;
   Scheme scheme = scheme_of(words);
   double& interpolation = scheme.support.interpolation;
@@ -361,13 +361,6 @@ Scheme scheme_in(const fs::path& file, const toml::table& table, const std::stri
 }
 
 }  // namespace
-
-std::string_view basis_word(Basis basis) {
-  return basis == Basis::linear ? "linear" : "quadratic";
-}
-std::string_view weight_word(Weight weight) {
-  return weight == Weight::quartic ? "quartic" : weight == Weight::cubic ? "cubic" : "gauss";
-}
 
 void write_model(const fs::path& folder, const Discretisation& model, const Scheme& scheme,
                  const std::map<std::string, std::string>& provenance, double facing_share) {
@@ -425,10 +418,8 @@ void write_model(const fs::path& folder, const Discretisation& model, const Sche
                         list(model.axes.col(1)), list(model.axes.col(2)));
   text += fmt::format("\n[indenter]\ncentre_mm = {}\npush = {}\ndiameter_mm = {}\n", list(centre),
                       list(model.tool.push), 2.0 * millimetres(model.tool.radius));
-  text += fmt::format("\n[support]\nbasis = \"{}\"\nweight = \"{}\"\nradius_factor = {}\n",
-                      basis_word(scheme.support.basis), weight_word(scheme.support.weight),
-                      scheme.support.effective_radius_factor());
-  text += fmt::format("interpolation = {}\n", scheme.support.interpolation);
+  text += fmt::format("\n[support]\nradius_factor = {}\ninterpolation = {}\n", scheme.support.radius_factor,
+                      scheme.support.interpolation);
   text += "\n[made_from]\n";
   for (const auto& [key, value] : provenance) text += fmt::format("{} = {}\n", key, toml_string(value));
   write_file(folder / "model.toml", text);

@@ -35,7 +35,4 @@ void write_model(const std::filesystem::path& folder, const Discretisation& plac
 /// `model` is the folder or its model.toml. Throws InputError: what is missing or makes no sense.
 ModelFiles read_model(const std::filesystem::path& model);
 
-std::string_view basis_word(Basis basis);
-std::string_view weight_word(Weight weight);
-
 }  // namespace dimple

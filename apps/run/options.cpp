@@ -64,13 +64,8 @@ std::vector<Option> discretisation_options(Config& c) {
        .help = "approximate number of integration points; 0: from the ratio"},
       {.key = "grid.ratio", .value = &c.grid.ratio, .most = 100, .stage = "model",
        .help = "integration points per node; 0: 7 (converging), 1.499 (horton2007)"},
-      {.key = "support.basis", .flag = "--basis", .value = &c.support.basis,
-       .choices = {"linear", "quadratic"}, .stage = "model", .help = "moving least squares basis"},
-      {.key = "support.weight", .flag = "--weight", .value = &c.support.weight,
-       .choices = {"quartic", "cubic", "gauss"}, .stage = "model",
-       .help = "moving least squares weight function"},
       {.key = "support.radius_factor", .flag = "--support", .value = &c.support.radius_factor, .most = 10,
-       .stage = "model", .help = "support radius in spacings; 0: 1.6 (converging), 1.8, quadratic 2.6"},
+       .stage = "model", .help = "support radius in spacings; 0: 1.6 (converging), 1.8 (horton2007)"},
   };
 }
 

@@ -103,14 +103,11 @@ std::string nodes_for_edge_in_words(Index nodes, Index usual) {
 }
 
 void tell_of_supports(const RunLog& log, const Model& model) {
-  const SupportOptions& options = model.scheme.support;
   const SupportReport& support = model.support_report;
   const ConsistencyReport& consistency = model.consistency_report;
   log.detail(fmt::format(
-      "support  {} basis, {} weight, radius {:.2f} spacings: {} to {} nodes per point, mean {:.1f}; {} grown "
-      "for conditioning",
-      basis_word(options.basis), weight_word(options.weight), options.effective_radius_factor(),
-      support.fewest, support.most, support.mean, support.grown));
+      "support  radius {:.2f} spacings: {} to {} nodes per point, mean {:.1f}; {} grown for conditioning",
+      model.scheme.support.radius_factor, support.fewest, support.most, support.mean, support.grown));
   log.detail(fmt::format("support  linear fields reproduced to {:.1e}; worst pivot ratio {:.1e}",
                          support.linear_error, support.worst_pivot_ratio));
   if (consistency.iterations > 0)

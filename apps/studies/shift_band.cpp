@@ -34,9 +34,7 @@ std::string why_unknown(const Config& config) {
       config.wall.begin()->second.friction != Config::Wall{}.friction)
     return "calibrated for a frictionless skull only";
   if (config.cloud.jitter != usual.cloud.jitter || config.grid.points != usual.grid.points ||
-      config.grid.ratio != usual.grid.ratio || config.support.basis != usual.support.basis ||
-      config.support.weight != usual.support.weight ||
-      config.support.radius_factor != usual.support.radius_factor ||
+      config.grid.ratio != usual.grid.ratio || config.support.radius_factor != usual.support.radius_factor ||
       config.solver.tolerance > usual.solver.tolerance)
     return "calibrated for the default points, supports and tolerance only";
   return {};

@@ -1,6 +1,7 @@
 #include "preprocess/supports/mls_gradient.hpp"
 
 #include <Eigen/Cholesky>
+#include <array>
 #include <cmath>
 #include <vector>
 
@@ -12,35 +13,18 @@ struct WeightValue {
   double dw_ds;  ///< its derivative with respect to s = distance / radius
 };
 
-WeightValue weight_at(Weight weight, double s) {
+// The quartic spline.
+WeightValue weight_at(double s) {
   if (s >= 1.0) return {0.0, 0.0};
-  switch (weight) {
-    case Weight::quartic:
-      return {1.0 + s * s * (-6.0 + s * (8.0 - 3.0 * s)), s * (-12.0 + s * (24.0 - 12.0 * s))};
-    case Weight::cubic:
-      if (s <= 0.5) return {2.0 / 3.0 + s * s * (-4.0 + 4.0 * s), s * (-8.0 + 12.0 * s)};
-      return {4.0 / 3.0 * (1.0 - s) * (1.0 - s) * (1.0 - s), -4.0 * (1.0 - s) * (1.0 - s)};
-    case Weight::gauss: {
-      // Cut at the radius: shifted so that it ends at zero there.
-      constexpr double beta2 = 9.0;
-      const double end = std::exp(-beta2), g = std::exp(-beta2 * s * s);
-      return {(g - end) / (1.0 - end), -2.0 * beta2 * s * g / (1.0 - end)};
-    }
-  }
-  return {0.0, 0.0};
+  return {1.0 + s * s * (-6.0 + s * (8.0 - 3.0 * s)), s * (-12.0 + s * (24.0 - 12.0 * s))};
 }
 
-template <int M>
-using Basisd = Eigen::Matrix<double, M, 1>;
+using Vec4 = Eigen::Vector4d;
+using Mat4 = Eigen::Matrix4d;
 
-template <int M>
-Basisd<M> basis_at(const Vec3& y) {
-  Basisd<M> p;
-  if constexpr (M == 4) {
-    p << 1.0, y;
-  } else {
-    p << 1.0, y, y.x() * y.x(), y.y() * y.y(), y.z() * y.z(), y.x() * y.y(), y.y() * y.z(), y.z() * y.x();
-  }
+Vec4 basis_at(const Vec3& y) {
+  Vec4 p;
+  p << 1.0, y;
   return p;
 }
 
@@ -49,15 +33,16 @@ WeightValue sharpened(WeightValue at, double s, double e) {
   return {at.w * factor, at.dw_ds * factor - at.w * factor * 2.0 * s / (s * s + e)};
 }
 
-template <int M>
-MlsResult evaluate(const Vec3& x, const Points& X, std::span<const int> nodes, const Eigen::VectorXd& radius,
-                   double growth, const SupportOptions& options, std::span<const char> pinned,
-                   Eigen::VectorXd& phi, Points& dphi) {
-  using Moment = Eigen::Matrix<double, M, M>;
+}  // namespace
+
+MlsResult mls_shape_functions(const Vec3& x, const Points& X, std::span<const int> nodes,
+                              const Eigen::VectorXd& radius, double growth, const SupportOptions& options,
+                              std::span<const char> pinned, Eigen::VectorXd& phi, Points& dphi) {
+  if (options.interpolation <= 0.0) pinned = {};
   const Index n = static_cast<Index>(nodes.size());
   phi.resize(n);
   dphi.resize(3, n);
-  if (n < M) return {};
+  if (n < 4) return {};
 
   double scale = 0.0;
   for (const int a : nodes) scale += radius[a];
@@ -68,57 +53,45 @@ MlsResult evaluate(const Vec3& x, const Points& X, std::span<const int> nodes, c
   // with x.
   thread_local std::vector<double> weight;
   weight.resize(static_cast<std::size_t>(n));
-  Moment A = Moment::Zero();
-  std::array<Moment, 3> dA = {Moment::Zero(), Moment::Zero(), Moment::Zero()};
+  Mat4 A = Mat4::Zero();
+  std::array<Mat4, 3> dA = {Mat4::Zero(), Mat4::Zero(), Mat4::Zero()};
   for (Index k = 0; k < n; ++k) {
     const int a = nodes[static_cast<std::size_t>(k)];
     const Vec3 d = x - X.col(a);
     const double R = radius[a] * growth, distance = d.norm(), s = distance / R;
-    WeightValue at = weight_at(options.weight, s);
+    WeightValue at = weight_at(s);
     if (!pinned.empty() && pinned[static_cast<std::size_t>(a)]) at = sharpened(at, s, options.interpolation);
     const double w = weight[static_cast<std::size_t>(k)] = at.w;
     const Vec3 dw = distance > 0.0 ? Vec3(d * (at.dw_ds / (R * distance))) : Vec3(Vec3::Zero());
     dphi.col(k) = dw;
-    const Basisd<M> p = basis_at<M>(-d / scale);
-    const Moment pp = p * p.transpose();
+    const Vec4 p = basis_at(-d / scale);
+    const Mat4 pp = p * p.transpose();
     A += w * pp;
     for (int r = 0; r < 3; ++r) dA[static_cast<std::size_t>(r)] += dw[r] * pp;
   }
-  if constexpr (M == 10) A.diagonal().template tail<6>().array() += 1e-7;
 
-  const Eigen::LDLT<Moment> factor(A);
+  const Eigen::LDLT<Mat4> factor(A);
   const auto pivots = factor.vectorD();
   const double largest = pivots.cwiseAbs().maxCoeff(), smallest = pivots.minCoeff();
   if (!(smallest > 0.0)) return {};
 
-  const Basisd<M> c = factor.solve(Basisd<M>::Unit(0));
-  std::array<Basisd<M>, 3> dc;
+  const Vec4 c = factor.solve(Vec4::Unit(0));
+  std::array<Vec4, 3> dc;
   for (int r = 0; r < 3; ++r) {
     // p(x') at x' = x + dx in the frozen frame is [1, dx/scale, O(dx^2)]: its derivative is e_(r+1)/scale.
-    const Basisd<M> dp = Basisd<M>::Unit(1 + r) / scale;
+    const Vec4 dp = Vec4::Unit(1 + r) / scale;
     dc[static_cast<std::size_t>(r)] = factor.solve(dp - dA[static_cast<std::size_t>(r)] * c);
   }
   for (Index k = 0; k < n; ++k) {
     const int a = nodes[static_cast<std::size_t>(k)];
     const Vec3 d = x - X.col(a), dw = dphi.col(k);
     const double w = weight[static_cast<std::size_t>(k)];
-    const Basisd<M> p = basis_at<M>(-d / scale);
+    const Vec4 p = basis_at(-d / scale);
     const double pc = p.dot(c);
     phi[k] = w * pc;
     for (int r = 0; r < 3; ++r) dphi(r, k) = dw[r] * pc + w * p.dot(dc[static_cast<std::size_t>(r)]);
   }
   return {smallest / largest};
-}
-
-}  // namespace
-
-MlsResult mls_shape_functions(const Vec3& x, const Points& X, std::span<const int> nodes,
-                              const Eigen::VectorXd& radius, double growth, const SupportOptions& options,
-                              std::span<const char> pinned, Eigen::VectorXd& phi, Points& dphi) {
-  if (options.interpolation <= 0.0) pinned = {};
-  return options.basis == Basis::linear
-             ? evaluate<4>(x, X, nodes, radius, growth, options, pinned, phi, dphi)
-             : evaluate<10>(x, X, nodes, radius, growth, options, pinned, phi, dphi);
 }
 
 }  // namespace dimple

@@ -16,15 +16,14 @@ struct MlsResult {
 
 /// Shape functions phi [n] and their gradients dphi [3xn, 1/m] at `x` from n nodes at X with radii `radius`.
 ///
-///     w_a = w(|x - X_a| / R_a),  p = [1, y, (y y^T)],  y = (X_a - x)/R,  A = sum_a w_a p_a p_a^T + H
+///     w_a = w(|x - X_a| / R_a),  p = [1, y],  y = (X_a - x)/R,  A = sum_a w_a p_a p_a^T
 ///     phi_a = w_a p_a . A^-1 p(0)
 ///     d phi_a/dx_r = dw_a/dx_r p_a . c + w_a p_a . d c/dx_r,   c = A^-1 p(x)
 ///
 /// Every linear field is reproduced exactly; this is checked for every point of every model built.
-/// Source:   Horton et al. 2007, section 2.1 (theory of Lancaster & Salkauskas); quadratic basis with
-///           H = 1e-7 on the quadratic coefficients as in Joldes et al. 2015 (modified MLS).
-/// Departs:  the basis is centred at x and scaled by the mean radius, so that conditioning and H do not
-/// depend on
+/// w is the quartic spline 1 - 6 s^2 + 8 s^3 - 3 s^4.
+/// Source:   Horton et al. 2007, section 2.1 (theory of Lancaster & Salkauskas).
+/// Departs:  the basis is centred at x and scaled by the mean radius, so that conditioning does not depend on
 ///           the unit of length.
 /// Returns:  how well the moment matrix is conditioned; phi and dphi are meaningful only if ok().
 /// `pinned` [N]: 1 at prescribed nodes; empty: none.

@@ -22,7 +22,7 @@ struct MlsOfEight {
   std::vector<double> weight;  // of the first pass, for the second
 };
 
-/// As mls_shape_functions() with the linear basis and the quartic weight, to rounding. `x` [3x8]; `nodes`:
+/// As mls_shape_functions(), to rounding. `x` [3x8]; `nodes`:
 /// all that may reach one of them. `pinned` [N]: 1 at prescribed nodes, whose
 /// weight is sharpened by `interpolation`. Fills the gradients or else the values.
 void mls_of_eight(const Points& x, const Points& X, std::span<const int> nodes, const Eigen::VectorXd& radius,

@@ -271,8 +271,7 @@ std::vector<Index> changed_points(const Model& before, const Divided& cut, const
         changed[static_cast<std::size_t>(cut.whole[static_cast<std::size_t>(second)])] = 1;
   const Index added = cut.model.node_count() - before.node_count();
   const Points its = cut.model.X.rightCols(added);
-  const Eigen::VectorXd radius =
-      before.scheme.support.effective_radius_factor() * cut.model.spacing.tail(added);
+  const Eigen::VectorXd radius = before.scheme.support.radius_factor * cut.model.spacing.tail(added);
   const double farthest_added = added > 0 ? radius.maxCoeff() : 0.0;
   tbb::parallel_for(Index{0}, before.point_count(), [&](Index q) {
     if (q % 4096 == 0) stop_if_asked();
@@ -317,7 +316,7 @@ Neighbourhood neighbourhood_of(const Model& model, std::vector<Index> points, Lo
   const Vec3 lower = places.rowwise().minCoeff(), upper = places.rowwise().maxCoeff();
   double margin = 0.0;
   for (const Index q : near.point) margin = std::max(margin, margin_of(model, q));
-  const double factor = farthest_grown * model.scheme.support.effective_radius_factor();
+  const double factor = farthest_grown * model.scheme.support.radius_factor;
   for (Index a = 0; a < model.node_count(); ++a) {
     const double reach = factor * model.spacing[a] + margin;
     const Vec3 x = model.X.col(a);
@@ -675,7 +674,7 @@ SheetCut cut_by_sheet(const Model& before, const std::shared_ptr<const Sheet>& b
   if (changed.empty())
     refuse("the blade meets no tissue", "its way lies beside the body, or goes where another cut has gone",
            "move it");
-  const Eigen::VectorXd radius = model.scheme.support.effective_radius_factor() * model.spacing;
+  const Eigen::VectorXd radius = model.scheme.support.radius_factor * model.spacing;
   const auto sight = std::make_shared<const Sight>(before.sight, sheet, model, radius, divided.whole);
   model.sight = sight;
 

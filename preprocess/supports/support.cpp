@@ -30,6 +30,7 @@ constexpr Index slab = 2048;
 // A moment matrix that looks worse than this beside seven others is looked at by itself; and of nodes that
 // lie on one bank of a fold, nearly in a plane, more are wanted (with 1e-5 some bodies found no equilibrium).
 constexpr double surely_conditioned = 1e-3;
+constexpr std::size_t enough_nodes = 8;  // at a place: twice the terms of the linear basis
 constexpr Index most_members = 2'000'000'000;
 
 struct PlaceSupport {
@@ -45,7 +46,7 @@ struct PlaceSupport {
 // What the places of one model share.
 struct Cloud {
   Cloud(const Discretisation& m, const SupportOptions& o)
-      : model(m), options(o), tree(m.X), radius(o.effective_radius_factor() * m.spacing) {
+      : model(m), options(o), tree(m.X), radius(o.radius_factor * m.spacing) {
     std::map<int, std::vector<int>> of_octave;
     for (Index a = 0; a < m.node_count(); ++a)
       of_octave[std::ilogb(radius[a])].push_back(static_cast<int>(a));
@@ -119,7 +120,6 @@ struct Around {
 // these. `around` holds x.
 PlaceSupport support_of(const Vec3& x, const Cloud& cloud, std::span<const int> near, Around& around,
                         const std::function<bool(int)>& connected = {}) {
-  const std::size_t terms = cloud.options.basis == Basis::linear ? 4 : 10;
   PlaceSupport result;
   stop_if_asked();
   result.nodes.assign(near.begin(), near.end());
@@ -128,11 +128,10 @@ PlaceSupport support_of(const Vec3& x, const Cloud& cloud, std::span<const int> 
     for (result.growth = 1.0; result.growth <= largest_growth; result.growth *= 1.1) {
       if (result.growth > 1.0 || result.unconnected)
         around.reaching(x, cloud, result.growth, connected, only_connected, result.nodes);
-      if (result.nodes.size() < 2 * terms) continue;
+      if (result.nodes.size() < enough_nodes) continue;
       result.mls = mls_shape_functions(x, cloud.model.X, result.nodes, cloud.radius, result.growth,
                                        cloud.options, cloud.pinned, result.phi, result.dphi);
-      if (result.mls.ok() && (!only_connected || terms > 4 || result.mls.pivot_ratio > surely_conditioned))
-        return true;
+      if (result.mls.ok() && (!only_connected || result.mls.pivot_ratio > surely_conditioned)) return true;
     }
     return false;
   };
@@ -249,12 +248,10 @@ void at_point(Index q, const Cloud& cloud, std::span<const int> near,
   result.dphi = std::move(place.dphi);
 }
 
-// What mls_of_eight() can do; and whether it did it at this place, without any doubt.
-bool serves_eight(const SupportOptions& options) {
-  return options.basis == Basis::linear && options.weight == Weight::quartic;
-}
+// Whether mls_of_eight() served this place without any doubt.
 bool surely_good(const MlsOfEight& eight, std::size_t place) {
-  return eight.reached[place] >= 2 * 4 && eight.pivot_ratio[place] > surely_conditioned;
+  return eight.reached[place] >= static_cast<int>(enough_nodes) &&
+         eight.pivot_ratio[place] > surely_conditioned;
 }
 
 // The gradients at each place, found one by one, with larger supports where they need it.
@@ -298,15 +295,12 @@ void over_cell(Index q, const Cloud& cloud, std::span<const int> near,
     x.col(k) = cloud.model.point.col(q) + root * sign;
   }
   thread_local MlsOfEight gradients;
-  bool good = false;
-  if (serves_eight(cloud.options)) {
-    mls_of_eight(x, cloud.model.X, near, cloud.radius, cloud.pinned, cloud.options.interpolation, true,
-                 gradients);
-    good = true;
-    for (std::size_t k = 0; k < cell_places; ++k) {
-      good = good && surely_good(gradients, k);
-      result.worst_pivot_ratio = std::min(result.worst_pivot_ratio, gradients.pivot_ratio[k]);
-    }
+  mls_of_eight(x, cloud.model.X, near, cloud.radius, cloud.pinned, cloud.options.interpolation, true,
+               gradients);
+  bool good = true;
+  for (std::size_t k = 0; k < cell_places; ++k) {
+    good = good && surely_good(gradients, k);
+    result.worst_pivot_ratio = std::min(result.worst_pivot_ratio, gradients.pivot_ratio[k]);
   }
   if (!good) {
     result.worst_pivot_ratio = 1.0;
@@ -452,7 +446,7 @@ double linear_error(const Model& model, Index q, const PointSupport& s, double r
 
 std::shared_ptr<const Sight> sight_in(const Discretisation& model, const SupportOptions& options) {
   if (!options.through_tissue || model.surface.empty()) return {};
-  auto sight = std::make_shared<const Sight>(model, options.effective_radius_factor() * model.spacing);
+  auto sight = std::make_shared<const Sight>(model, options.radius_factor * model.spacing);
   return sight->all_clear() ? nullptr : sight;
 }
 
@@ -484,19 +478,19 @@ struct InOwnAxes {
 
 [[noreturn]] void refuse_support(const SupportOptions& options, Index q, const PointSupport& s,
                                  const Vec3& mm) {
-  const bool linear = options.basis == Basis::linear;
   throw ModelError(
-      {.fact = fmt::format("integration point {} has {} nodes in its support, which do not span the {} basis "
-                           "(pivot ratio {:.1e})",
-                           q, s.failed_nodes, linear ? "linear" : "quadratic", s.failed.pivot_ratio),
+      {.fact =
+           fmt::format("integration point {} has {} nodes in its support, which do not span the linear basis "
+                       "(pivot ratio {:.1e})",
+                       q, s.failed_nodes, s.failed.pivot_ratio),
        .where =
            fmt::format("support domains; point at ({:.2f}, {:.2f}, {:.2f}) mm, radii enlarged {:.1f} times",
                        mm.x(), mm.y(), mm.z(), largest_growth),
        .why = "the cloud is too sparse or too flat there",
        .remedy = fmt::format("raise support.radius_factor from {:.2f}, or ask for more nodes "
-                             "(--nodes) or a linear basis",
-                             options.effective_radius_factor()),
-       .code = s.failed_nodes < 2 * (linear ? 4u : 10u) ? "supports" : "conditioning"});
+                             "(--nodes)",
+                             options.radius_factor),
+       .code = s.failed_nodes < enough_nodes ? "supports" : "conditioning"});
 }
 
 // Room in the lists for those of points [0, done), which hold so many nodes; for all, if the others have
@@ -572,7 +566,7 @@ void supports_of(Model& model, const Connected& sees) {
   Eigen::VectorXd margin;
   if (averaged)
     margin = model.second_moments.topRows<3>().colwise().sum().cwiseMax(0.0).cwiseSqrt().transpose() * 1.8;
-  const double mean_radius = options.effective_radius_factor() * model.spacing.mean();
+  const double mean_radius = options.radius_factor * model.spacing.mean();
 
   SupportReport& report = model.support_report = {};
   report.fewest = model.node_count();
@@ -665,7 +659,7 @@ Interpolation make_interpolation(const Discretisation& body, const SupportOption
   tbb::parallel_for(Index{0}, (places.cols() + cell_places - 1) / cell_places, [&](Index group) {
     stop_if_asked();
     const Index first = group * cell_places, last = std::min(first + cell_places, places.cols());
-    if (!serves_eight(options) || last - first < cell_places) {
+    if (last - first < cell_places) {
       for (Index m = first; m < last; ++m) by_itself(m);
       return;
     }
@@ -917,7 +911,7 @@ void FieldAnywhere::at(const Points& places, const Points& nodal, Points& value,
     p.by_itself(places.col(k), nodal, nodes, list, k, value, derivative);
   };
   const SupportOptions& options = p.cloud.options;
-  if (!serves_eight(options) || !alike || reaching.empty()) {
+  if (!alike || reaching.empty()) {
     for (Index k = 0; k < count; ++k) single(k);
     return;
   }

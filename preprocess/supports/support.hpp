@@ -13,8 +13,9 @@ namespace dimple {
 
 /// For each integration point: its nodes (those whose radius reaches it) and their shape function gradients.
 ///
-/// A place is accepted when its moment matrix is well conditioned and it has at least twice as many nodes as
-/// the basis has terms; until then all radii are enlarged for that place by a tenth, at most to 2.5 times.
+/// A place is accepted when its moment matrix is well conditioned and it has at least eight nodes, twice as
+/// many as the linear basis has terms; until then all radii are enlarged for that place by a tenth, at most
+/// to 2.5 times.
 ///
 /// Where the scheme averages gradients, they are means over the point's cell, by the eight places
 /// point + second_moments^(1/2) (+-1, +-1, +-1), which integrate quadratics exactly; and `variance` receives

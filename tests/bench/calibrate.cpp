@@ -37,13 +37,13 @@
 #include "preprocess/build_model.hpp"
 #include "preprocess/image/phantom.hpp"
 #include "preprocess/supports/support.hpp"
-#include "preprocess/surface/shapes.hpp"
 #include "solver/solve.hpp"
 #include "tests/bench/calibration_scenes.hpp"
 #include "tests/bench/picture.hpp"
 #include "tests/helpers/band_scenes.hpp"
 #include "tests/helpers/draw.hpp"
 #include "tests/helpers/random_bodies.hpp"
+#include "tests/helpers/shapes.hpp"
 
 namespace dimple {
 namespace {

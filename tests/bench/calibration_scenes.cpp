@@ -7,9 +7,9 @@
 #include <cmath>
 
 #include "io/label_image.hpp"
-#include "preprocess/surface/shapes.hpp"
 #include "tests/helpers/draw.hpp"
 #include "tests/helpers/random_bodies.hpp"
+#include "tests/helpers/shapes.hpp"
 
 namespace dimple {
 

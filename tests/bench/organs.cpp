@@ -30,9 +30,9 @@
 #include "io/label_image.hpp"
 #include "preprocess/build_model.hpp"
 #include "preprocess/image/phantom.hpp"
-#include "preprocess/surface/shapes.hpp"
 #include "solver/solve.hpp"
 #include "tests/bench/picture.hpp"
+#include "tests/helpers/shapes.hpp"
 
 namespace dimple {
 namespace {

@@ -12,6 +12,7 @@
 #include "preprocess/image/voxel_set.hpp"
 #include "preprocess/surface/mesh_sweeps.hpp"
 #include "preprocess/surface/smooth_lattice.hpp"
+#include "tests/helpers/image.hpp"
 
 namespace dimple {
 namespace {

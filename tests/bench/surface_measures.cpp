@@ -9,6 +9,8 @@
 #include <numbers>
 #include <vector>
 
+#include "tests/helpers/image.hpp"
+
 namespace dimple {
 namespace {
 

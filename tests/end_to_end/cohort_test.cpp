@@ -5,7 +5,6 @@
 #include <chrono>
 #include <cmath>
 #include <csignal>
-#include <fstream>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <set>
@@ -13,7 +12,7 @@
 #include <tuple>
 
 #include "io/table.hpp"
-#include "tests/end_to_end/program.hpp"
+#include "tests/end_to_end/in_folder.hpp"
 #include "tests/end_to_end/whole_files.hpp"
 
 namespace dimple {
@@ -22,20 +21,9 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::json;
 
-class Batch : public testing::Test {
+class Batch : public InFolder {
  protected:
-  const fs::path folder = fresh_folder();
-
-  void SetUp() override {
-    ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3 -q").code, 0);
-  }
-
-  void write(const std::string& name, const std::string& content) const {
-    fs::create_directories((folder / name).parent_path());
-    std::ofstream(folder / name, std::ios::binary) << content;
-  }
-
-  Json summary(const std::string& out) const { return Json::parse(text_of(folder / out / "summary.json")); }
+  void SetUp() override { make_block(); }
 
   /// Row of the table by id, column -> field.
   std::map<std::string, std::map<std::string, std::string>> collected(const std::string& arguments) const {
@@ -54,12 +42,9 @@ class Batch : public testing::Test {
     SCOPED_TRACE(content.substr(0, 200));
     write("bad.csv", content);
     const Ran ran = dimple(folder, "batch bad.csv -o out");
-    EXPECT_EQ(ran.code, code) << ran.err;
     EXPECT_EQ(ran.out, "");
-    for (const char* part : {"dimple: ", "\n  where: ", "\n  why:   ", "\n  try:   ", "\n  code:  "})
-      EXPECT_NE(ran.err.find(part), std::string::npos) << "no '" << part << "' in\n" << ran.err;
-    for (const std::string& word : words)
-      EXPECT_NE(ran.err.find(word), std::string::npos) << "no '" << word << "' in\n" << ran.err;
+    expect_refusal(ran, code, words);
+    expect_refusal(ran, code, {"\n  code:  "});
     EXPECT_FALSE(fs::exists(folder / "out"));
   }
 };

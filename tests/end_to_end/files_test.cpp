@@ -11,7 +11,6 @@
 #include <algorithm>
 #include <chrono>
 #include <cstdlib>
-#include <fstream>
 #include <nlohmann/json.hpp>
 #include <regex>
 #include <set>
@@ -38,11 +37,6 @@ class Files : public InFolder {
 
   Ran run(const std::string& arguments) const { return dimple(folder, arguments); }
   Ran by_shell(const std::string& script) const { return Program(folder, {"-c", script}, "/bin/sh").wait(); }
-  void block() const { good("phantom block.nrrd --shape block --size 60,60,30 --spacing 3 -q"); }
-  void write(const fs::path& name, const std::string& content) const {
-    fs::create_directories((folder / name).parent_path());
-    std::ofstream(folder / name, std::ios::binary) << content;
-  }
   std::string text(const fs::path& name) const { return text_of(folder / name); }
   double force(const std::string& out) const {
     return Json::parse(text(out + "/summary.json")).at("force_N").get<double>();
@@ -60,7 +54,7 @@ class Files : public InFolder {
 TEST_F(Files, AWindowWhereNoOpenGLIsDrawnEndsInWords) {
   if (std::system("command -v xvfb-run > /dev/null 2>&1") != 0)
     GTEST_SKIP() << "xvfb-run is not installed here (Debian: xvfb, xauth)";
-  block();
+  make_block();
   const Ran ran = by_shell(fmt::format(
       "xvfb-run -a -n $((200 + $$ % 700)) -s '-screen 0 800x600x24 -noreset -extension GLX' '{}' poke "
       "block.nrrd -q",
@@ -73,7 +67,7 @@ TEST_F(Files, AWindowWhereNoOpenGLIsDrawnEndsInWords) {
 TEST_F(Files, AWindowEndsWhenItsTimeIsUp) {
   if (std::system("command -v xvfb-run > /dev/null 2>&1") != 0)
     GTEST_SKIP() << "xvfb-run is not installed here (Debian: xvfb, xauth)";
-  block();
+  make_block();
   const Ran ran =
       by_shell(fmt::format("xvfb-run -a -n $((200 + $$ % 700)) -s '-screen 0 800x600x24 -noreset' timeout -s "
                            "KILL 60 '{}' poke block.nrrd --nodes 600 -q --time-limit 2s",
@@ -127,7 +121,7 @@ TEST_F(Files, AReadOnlyDiskIsNoticedBeforeTheInputIsRead) {
 }
 
 TEST_F(Files, ForceRemovesWhatARunHasMadeAndNothingElse) {
-  block();
+  make_block();
   const std::string line = "run block.nrrd -o out" + few + "all,images";
   good(line);
   // Its own list has all of it.
@@ -154,7 +148,7 @@ TEST_F(Files, ForceRemovesWhatARunHasMadeAndNothingElse) {
 }
 
 TEST_F(Files, ForceTakesNothingFromAFolderThatNeverHeldARun) {
-  block();
+  make_block();
   for (const char* name :
        {"overview.png", "force.csv", "report.html", "nodes.pvd", "surface.vtp", "nodes.vtu", "fit.csv"}) {
     write("holiday/" + std::string(name), "mine");
@@ -175,7 +169,7 @@ TEST_F(Files, ForceTakesNothingFromAFolderThatNeverHeldARun) {
 }
 
 TEST_F(Files, ARunGoesThroughNoLink) {
-  block();
+  make_block();
   good("run block.nrrd -o out" + few + "all");
   for (const char* part : {"nodes", "model", "images"}) {
     fs::remove_all(folder / "out" / part);
@@ -195,7 +189,7 @@ TEST_F(Files, ARunGoesThroughNoLink) {
 }
 
 TEST_F(Files, AFolderWithoutItsListIsNotTouched) {
-  block();
+  make_block();
   good("run block.nrrd -o out" + few + "all");
   fs::remove(folder / "out/.dimple_files");
   const Words before = files_in(folder / "out");
@@ -208,7 +202,7 @@ TEST_F(Files, AFolderWithoutItsListIsNotTouched) {
 }
 
 TEST_F(Files, AFileOfOthersInThePlaceOfAResultIsNamedAndKept) {
-  block();
+  make_block();
   good("run block.nrrd -o out" + few + "force");
   write("out/surface.pvd", "mine");
   const Ran ran = run("run block.nrrd -o out --force" + fewer + "surface");
@@ -220,7 +214,7 @@ TEST_F(Files, AFileOfOthersInThePlaceOfAResultIsNamedAndKept) {
 }
 
 TEST_F(Files, AModelAndAFitAreResultsToo) {
-  block();
+  make_block();
   good("model block.nrrd -o model --nodes 300 -q");
   const std::string nodes = text("model/nodes.vtu");
   const Ran over_model = run("run block.nrrd -o model" + few + "force");
@@ -245,7 +239,7 @@ TEST_F(Files, AModelAndAFitAreResultsToo) {
 // -------------------------------------------------------------------------------------------------- material
 
 TEST_F(Files, ANumberOfTheMaterialCountsMoreThanThePresetAndIsListed) {
-  block();
+  make_block();
   const std::string line = "run block.nrrd --nodes 300 --depth 1mm --frames 4 --band off --write force -o ";
   good(line + "plain --mu 3");
   const Ran said = good(line + "flags --preset horton_2007 --mu 3");
@@ -270,7 +264,7 @@ TEST_F(Files, ANumberOfTheMaterialCountsMoreThanThePresetAndIsListed) {
 }
 
 TEST_F(Files, AShearModulusBesideAPresetOfOgdensLawScalesItsTerms) {
-  block();
+  make_block();
   const std::string line =
       "run block.nrrd --nodes 300 --depth 1mm --frames 4 --band off -q --write force -o ";
   good(line + "whole --preset miller_chinzei_2002");
@@ -295,7 +289,7 @@ TEST_F(Files, AShearModulusBesideAPresetOfOgdensLawScalesItsTerms) {
 }
 
 TEST_F(Files, ARowOfATableCountsMoreThanWhatIsGivenForAllRows) {
-  block();
+  make_block();
   write("cases.csv",
         "id,image,mu_Pa,preset\nown,block.nrrd,300,\nall,block.nrrd,,\npreset,block.nrrd,,horton_2007\n");
   const std::string few_of_all = " --nodes 300 --depth 1mm --frames 4 --band off --write force -q ";
@@ -356,7 +350,7 @@ TEST_F(Files, NoStreamRepeatsControlCharacters) {
   const std::string bad =
       "a\x1b[31m\x07\x7f\xc2\x9b"
       "2J\r\x08";
-  block();
+  make_block();
   fs::rename(folder / "block.nrrd", folder / (bad + ".nrrd"));
   const auto with_few = [&](Words words) {
     for (const std::string& word : words_of(few + "force"))
@@ -420,7 +414,7 @@ TEST_F(Files, CollectReadsFilesAloneAndNoneWithoutEnd) {
 }
 
 TEST_F(Files, NoInputWithoutEndIsReadForEver) {
-  block();
+  make_block();
   for (const char* command :
        {"run block.nrrd -o out --config /dev/zero", "info block.nrrd --label-names /dev/zero",
         "run block.nrrd -o out --compare /dev/zero", "batch /dev/zero -o out"}) {
@@ -447,7 +441,7 @@ TEST_F(Files, TheDoctorNamesATemporaryFolderThatIsNotThere) {
 // line
 
 TEST_F(Files, TheResolvedConfigurationRepeatsAnyName) {
-  block();
+  make_block();
   const std::string name = "a \"\"\"'''\nb = 1\n[c]\\x # \t\x1b\x7f\u00e4.nrrd";
   fs::rename(folder / "block.nrrd", folder / name);
   const auto with_few = [&](Words words) {
@@ -466,7 +460,7 @@ TEST_F(Files, TheResolvedConfigurationRepeatsAnyName) {
 }
 
 TEST_F(Files, ANameThatNoConfigurationCanRepeatIsRefusedInWords) {
-  block();
+  make_block();
   const std::string name = "a\xff.nrrd";
   fs::rename(folder / "block.nrrd", folder / name);
   const Ran ran = dimple(folder, {"run", name, "-o", "out", "--nodes", "300"});
@@ -477,7 +471,7 @@ TEST_F(Files, ANameThatNoConfigurationCanRepeatIsRefusedInWords) {
 }
 
 TEST_F(Files, TwoHyphensEndTheOptions) {
-  block();
+  make_block();
   fs::rename(folder / "block.nrrd", folder / "-odd.nrrd");
   EXPECT_THAT(good("info -- -odd.nrrd").out, HasSubstr("-odd.nrrd"));
   good("run" + few + "force -o out -- -odd.nrrd");
@@ -487,7 +481,7 @@ TEST_F(Files, TwoHyphensEndTheOptions) {
 }
 
 TEST_F(Files, ATinyDepthHasTheStiffnessOfEquilibrium) {
-  block();
+  make_block();
   const std::string line = "run block.nrrd --nodes 300 --frames 4 --band off --write force ";
   good(line + "-o equilibrium --depth 0.1mm --time quasi-static -q");
   const double slope = force("equilibrium") / 0.1;
@@ -514,7 +508,7 @@ TEST_F(Files, ATinyDepthHasTheStiffnessOfEquilibrium) {
 }
 
 TEST_F(Files, AMillionRowsOfACurveAreAveraged) {
-  block();
+  make_block();
   std::string rows = "indentation_mm,force_N\n";
   for (int k = 1; k <= 1'000'000; ++k) rows += fmt::format("{:.6f},{:.8f}\n", 1e-6 * k, 0.0098e-6 * k);
   write("curve.csv", rows);

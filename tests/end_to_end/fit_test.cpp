@@ -20,8 +20,6 @@ using testing::HasSubstr;
 class Fit : public InFolder {
  protected:
   const std::string block = std::string(DIMPLE_SAMPLE_DATA) + "/block_3mm.nrrd";
-
-  Json summary(const std::string& out) const { return Json::parse(text_of(folder / out / "summary.json")); }
 };
 
 TEST_F(Fit, FindsTheModulusOfACurveMadeWithAnotherCloud) {

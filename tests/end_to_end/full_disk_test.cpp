@@ -11,7 +11,7 @@
 #include <csignal>
 #include <fstream>
 
-#include "tests/end_to_end/program.hpp"
+#include "tests/end_to_end/in_folder.hpp"
 #include "tests/end_to_end/whole_files.hpp"
 
 namespace dimple {
@@ -63,26 +63,13 @@ struct Mount {
   }
 };
 
-class FullDisk : public testing::Test {
+class FullDisk : public InFolder {
  protected:
-  const fs::path folder = fresh_folder();
   const std::string run = "run brain.nrrd --nodes 500 --depth 2mm --frames 12 -q -o ";
 
   void SetUp() override {
     good("phantom brain.nrrd --spacing 3 -q");
     good("model brain.nrrd -o model --nodes 500 -q");
-  }
-  void good(const std::string& arguments) const {
-    const Ran ran = dimple(folder, arguments);
-    ASSERT_EQ(ran.code, 0) << arguments << '\n' << ran.err;
-  }
-  /// The four parts of a message of exit code 6.
-  static void expect_refusal(const Ran& ran, const std::vector<std::string>& words) {
-    EXPECT_EQ(ran.code, 6) << ran.err;
-    for (const char* part : {"dimple: ", "\n  where: ", "\n  why:   ", "\n  try:   "})
-      EXPECT_NE(ran.err.find(part), std::string::npos) << "no '" << part << "' in\n" << ran.err;
-    for (const std::string& word : words)
-      EXPECT_NE(ran.err.find(word), std::string::npos) << "no '" << word << "' in\n" << ran.err;
   }
   /// Commands that write, each with the place `out` for its results; all need at most some seconds.
   static std::vector<std::string> writers(const std::string& out) {
@@ -113,7 +100,7 @@ TEST_F(FullDisk, OfAnySizeLeavesWholeFilesOrNone) {
       if (ran.code == 0) continue;
       ++refused;
       // With no byte to be had not even the words arrive.
-      if (bytes > 1000) expect_refusal(ran, {"File too large"});
+      if (bytes > 1000) expect_refusal(ran, 6, {"File too large"});
       EXPECT_EQ(ran.code, 6) << ran.err;
     }
     expect_whole_files(folder / out, true);
@@ -127,7 +114,7 @@ TEST_F(FullDisk, ThatHasRoomAgainLetsARunGoOn) {
     const SmallFiles limit(60'000);  // the model fits, no frame of the points does
     return dimple(folder, run + "out");
   }();
-  expect_refusal(ran, {"File too large", "--output"});
+  expect_refusal(ran, 6, {"File too large", "--output"});
   expect_whole_files(folder / "out", true);
   good(run + "out --resume");
   expect_same_results(folder / "undisturbed", folder / "out");
@@ -147,13 +134,13 @@ TEST_F(FullDisk, ReallyFull) {
       SCOPED_TRACE(command);
       const Ran ran = dimple(folder, command);
       refused += ran.code == 6;
-      if (ran.code != 0) expect_refusal(ran, {"No space left on device"});
+      if (ran.code != 0) expect_refusal(ran, 6, {"No space left on device"});
       expect_whole_files(disk.at, true);
       for (const auto& entry : fs::directory_iterator(disk.at)) fs::remove_all(entry);
     }
     const Ran ran = dimple(folder, run + name + "/out");
     if (ran.code == 0) continue;
-    expect_refusal(ran, {"No space left on device"});
+    expect_refusal(ran, 6, {"No space left on device"});
     ASSERT_EQ(mount("tmpfs", disk.at.c_str(), "tmpfs", MS_REMOUNT, "size=50m"), 0);  // room again
     good(run + name + "/out --resume");
     expect_same_results(folder / "undisturbed", folder / name / "out");
@@ -170,10 +157,10 @@ TEST_F(FullDisk, OrOneThatMayOnlyBeReadIsRefusedInWords) {
   ASSERT_EQ(mount("tmpfs", disk.at.c_str(), "tmpfs", MS_REMOUNT | MS_RDONLY, ""), 0);
   for (const std::string& command : writers("disk")) {
     SCOPED_TRACE(command);
-    expect_refusal(dimple(folder, command), {"Read-only file system"});
+    expect_refusal(dimple(folder, command), 6, {"Read-only file system"});
   }
   const Ran ran = dimple(folder, run + "disk/earlier --force");
-  expect_refusal(ran, {"Read-only file system"});
+  expect_refusal(ran, 6, {"Read-only file system"});
   EXPECT_EQ(files_in(disk.at), before);
 }
 
@@ -183,7 +170,7 @@ TEST_F(FullDisk, BehindTheStandardOutputIsNoticed) {
        {"options", "run brain.nrrd --nodes 400 --depth 0.5mm --frames 1 -q --json -o out"}) {
     const Ran ran =
         Program(folder, {"-c", std::string(DIMPLE_PROGRAM " ") + command + " > /dev/full"}, "/bin/sh").wait();
-    expect_refusal(ran, {"standard output"});
+    expect_refusal(ran, 6, {"standard output"});
   }
   expect_whole_files(folder / "out", true);
   EXPECT_TRUE(fs::exists(folder / "out" / "summary.json"));

@@ -53,7 +53,7 @@ typename Image::Pointer read(const fs::path& file) {
 }
 
 template <class Image>
-void write(const fs::path& file, Image* image) {
+void write_image(const fs::path& file, Image* image) {
   const auto writer = itk::ImageFileWriter<Image>::New();
   writer->SetImageIO(format_of(file));
   writer->SetFileName(file.string());
@@ -119,10 +119,6 @@ std::vector<Orientation> orientations() {
 
 class Images : public InFolder {
  protected:
-  Json summary(const std::string& out = "out") const {
-    return Json::parse(text_of(folder / out / "summary.json"));
-  }
-
   /// A dome 50 mm wide and 26 mm high, whose flat side lies below, on an image with these axes; and beside it
   /// an MRI on the same grid with a bright spot in the dome's axis, 6 mm below its top.
   void make_dome(const Orientation& how) const {
@@ -138,8 +134,8 @@ class Images : public InFolder {
       grey->SetPixel(at,
                      static_cast<float>(100.0 + 900.0 * std::exp(-(place - spot()).squaredNorm() / 18.0)));
     });
-    write(folder / (std::string("labels") + how.suffix), labels.GetPointer());
-    write(folder / (std::string("mri") + how.suffix), grey.GetPointer());
+    write_image(folder / (std::string("labels") + how.suffix), labels.GetPointer());
+    write_image(folder / (std::string("mri") + how.suffix), grey.GetPointer());
   }
   const Vec3 middle{12.0, -34.0, 51.0};
   Vec3 spot() const { return middle + Vec3(0, 0, 8); }
@@ -307,8 +303,8 @@ TEST_F(Images, AnMriOnAGridOfItsOwnKeepsThatGridAndItsType) {
   for_each_voxel(mri.GetPointer(), [&](const auto& at, const Vec3& place) {
     mri->SetPixel(at, static_cast<short>(std::lround(-1000.0 + 20.0 * (place.z() - 20.0))));
   });
-  write(folder / "mri.nii.gz", mri.GetPointer());
-  write(folder / "atlas.mha", mri.GetPointer());
+  write_image(folder / "mri.nii.gz", mri.GetPointer());
+  write_image(folder / "atlas.mha", mri.GetPointer());
   good(
       "run labels.nrrd -o out --nodes 600 --depth 6mm --frames 2 --base inferior --indent-at 12,-34,top "
       "--band off "

@@ -2,6 +2,9 @@
 
 #include <gtest/gtest.h>
 
+#include <fstream>
+#include <nlohmann/json.hpp>
+
 #include "tests/end_to_end/program.hpp"
 
 namespace dimple {
@@ -16,6 +19,21 @@ class InFolder : public testing::Test {
     const Ran ran = dimple(folder, arguments);
     EXPECT_EQ(ran.code, 0) << "dimple " << arguments << '\n' << ran.err;
     return ran;
+  }
+  void refused(int code, const std::string& arguments, const std::vector<std::string>& words) const {
+    SCOPED_TRACE("dimple " + arguments);
+    expect_refusal(dimple(folder, arguments), code, words);
+  }
+  void write(const std::filesystem::path& name, const std::string& content) const {
+    std::filesystem::create_directories((folder / name).parent_path());
+    std::ofstream(folder / name, std::ios::binary) << content;
+  }
+  nlohmann::json summary(const std::string& out = "out") const {
+    return nlohmann::json::parse(text_of(folder / out / "summary.json"));
+  }
+  /// A block of 60 x 60 x 30 mm, block.nrrd.
+  void make_block(int spacing_mm = 3) const {
+    good("phantom block.nrrd --shape block --size 60,60,30 -q --spacing " + std::to_string(spacing_mm));
   }
 };
 

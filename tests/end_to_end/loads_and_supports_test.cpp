@@ -15,12 +15,13 @@
 #include <cstdio>
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <regex>
 #include <thread>
 
 #include "io/table.hpp"
 #include "io/types.hpp"
 #include "io/vtk_files.hpp"
-#include "tests/end_to_end/program.hpp"
+#include "tests/end_to_end/in_folder.hpp"
 #include "tests/end_to_end/whole_files.hpp"
 
 namespace dimple {
@@ -36,27 +37,16 @@ Vec3 three(const Json& list) {
 
 // A block of 60 x 60 x 30 mm that stands on its inferior face, with the tool in the middle of the superior
 // one.
-class Block : public testing::Test {
+class Block : public InFolder {
  protected:
-  const fs::path folder = fresh_folder();
   const std::string scene = " --base inferior --indent-at 0,0,top --frames 2 -q";
 
-  void SetUp() override {
-    ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3 -q").code, 0);
-  }
+  void SetUp() override { make_block(); }
   Json run(const std::string& options, const std::string& out = "out", const std::string& mu = "2kPa") const {
-    const Ran ran = dimple(folder, "run block.nrrd --force -o " + out + scene + " --mu " + mu + options);
-    EXPECT_EQ(ran.code, 0) << options << '\n' << ran.err;
-    return Json::parse(text_of(folder / out / "summary.json"));
+    good("run block.nrrd --force -o " + out + scene + " --mu " + mu + options);
+    return summary(out);
   }
   std::string force(const std::string& out = "out") const { return text_of(folder / out / "force.csv"); }
-  void refused(int code, const std::string& arguments, const std::vector<std::string>& words) const {
-    const Ran ran = dimple(folder, arguments);
-    EXPECT_EQ(ran.code, code) << arguments << '\n' << ran.err;
-    for (const char* part : {"dimple: ", "\n  where: ", "\n  why:   ", "\n  try:   "})
-      EXPECT_THAT(ran.err, HasSubstr(part));
-    for (const std::string& word : words) EXPECT_THAT(ran.err, HasSubstr(word)) << arguments;
-  }
 };
 
 using GravityInAScene = Block;
@@ -414,7 +404,8 @@ TEST_F(Block, RefusesLoadsAndSupportsThatItDoesNotUnderstand) {
   for (const char* taken : {"tool", "base"})
     refused(2, start + "--set support." + taken + ".on=left",
             {std::string("a support is named '") + taken + "'", "name it differently"});
-  refused(2, start + "--set support.basis.on=left", {"named 'basis'", "moving least squares"});
+  refused(2, start + "--set support.radius_factor.on=left",
+          {"named 'radius_factor'", "moving least squares"});
   refused(5,
           std::regex_replace(start, std::regex("-o no"), "-o crushed") +
               "--set load.pressure.p.pressure=1e9Pa --set load.pressure.p.on=superior",

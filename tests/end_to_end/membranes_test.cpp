@@ -26,21 +26,12 @@ class AMembrane : public InFolder {
   const std::string scene =
       " --base inferior --indent-at 0,0,top --frames 2 --mu 2kPa --nodes 700 --depth 2mm --write force";
 
-  void SetUp() override {
-    ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3 -q").code, 0);
-  }
+  void SetUp() override { make_block(); }
   Json run(const std::string& options) const {
     good("run block.nrrd --force -q -o out" + scene + options);
-    return Json::parse(text_of(folder / "out" / "summary.json"));
+    return summary();
   }
   double force(const std::string& options) const { return run(options)["force_N"].get<double>(); }
-  void refused(int code, const std::string& arguments, const std::vector<std::string>& words) const {
-    const Ran ran = dimple(folder, arguments);
-    EXPECT_EQ(ran.code, code) << arguments << '\n' << ran.err;
-    for (const char* part : {"dimple: ", "\n  where: ", "\n  why:   ", "\n  try:   "})
-      EXPECT_THAT(ran.err, HasSubstr(part));
-    for (const std::string& word : words) EXPECT_THAT(ran.err, HasSubstr(word)) << arguments;
-  }
 };
 
 TEST_F(AMembrane, ByOneFlagIsTheOneOfThatNameInAFile) {

@@ -188,4 +188,12 @@ std::string text_of(const fs::path& file) {
   return text.str();
 }
 
+void expect_refusal(const Ran& ran, int code, const std::vector<std::string>& words) {
+  EXPECT_EQ(ran.code, code) << ran.err;
+  for (const char* part : {"dimple: ", "\n  where: ", "\n  why:   ", "\n  try:   "})
+    EXPECT_NE(ran.err.find(part), std::string::npos) << "no '" << part << "' in\n" << ran.err;
+  for (const std::string& word : words)
+    EXPECT_NE(ran.err.find(word), std::string::npos) << "no '" << word << "' in\n" << ran.err;
+}
+
 }  // namespace dimple

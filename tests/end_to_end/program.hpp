@@ -62,4 +62,7 @@ std::vector<std::string> words_of(const std::string& arguments);
 
 std::string text_of(const std::filesystem::path& file);
 
+/// The exit code, and a message with its four parts and these words.
+void expect_refusal(const Ran& ran, int code, const std::vector<std::string>& words);
+
 }  // namespace dimple

@@ -13,8 +13,8 @@
 #include <sstream>
 
 #include "io/vtk_files.hpp"
+#include "tests/end_to_end/in_folder.hpp"
 #include "tests/end_to_end/picture_pixels.hpp"
-#include "tests/end_to_end/program.hpp"
 
 namespace dimple {
 namespace {
@@ -48,9 +48,8 @@ Json held(const std::string& page, const std::string& id) {
   return Json::parse(page.substr(from, page.find("</script>", from) - from));
 }
 
-class Report : public testing::Test {
+class Report : public InFolder {
  protected:
-  const fs::path folder = fresh_folder();
   const std::string browser = program_named("chromium");
 
   void SetUp() override {
@@ -86,7 +85,6 @@ class Report : public testing::Test {
     EXPECT_TRUE(std::regex_search(page.substr(0, 300), std::regex("<html[^>]*class=\"[a-z ]*ready")));
     return page;
   }
-  Json summary() const { return Json::parse(text_of(folder / "out" / "summary.json")); }
 };
 
 // Each number that the page marks is the summary's; the keys of those that it shows.

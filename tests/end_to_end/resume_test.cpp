@@ -36,14 +36,6 @@ class Resume : public InFolder {
 
   void SetUp() override { ASSERT_EQ(dimple(folder, "phantom brain.nrrd --spacing 3 -q").code, 0); }
 
-  void refused(int code, const std::string& arguments, const std::vector<std::string>& expected) const {
-    const Ran ran = dimple(folder, arguments);
-    EXPECT_EQ(ran.code, code) << arguments << '\n' << ran.err;
-    for (const char* part : {"dimple: ", "\n  where: ", "\n  why:   ", "\n  try:   "})
-      EXPECT_NE(ran.err.find(part), std::string::npos) << "no '" << part << "' in\n" << ran.err;
-    for (const std::string& word : expected)
-      EXPECT_NE(ran.err.find(word), std::string::npos) << "no '" << word << "' in\n" << ran.err;
-  }
   /// The slow run, stopped by `signal` when it has left a checkpoint and gone on for a while.
   Ran stopped(int signal) const {
     Program program(folder, words(slow));

@@ -7,6 +7,7 @@
 
 #include "io/label_image.hpp"
 #include "tests/end_to_end/program.hpp"
+#include "tests/helpers/image.hpp"
 
 namespace dimple {
 namespace {

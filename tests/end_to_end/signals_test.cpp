@@ -11,7 +11,7 @@
 #include <thread>
 
 #include "io/table.hpp"
-#include "tests/end_to_end/program.hpp"
+#include "tests/end_to_end/in_folder.hpp"
 #include "tests/end_to_end/whole_files.hpp"
 
 namespace dimple {
@@ -33,15 +33,12 @@ double seconds_since(Clock::time_point start) {
   return std::chrono::duration<double>(Clock::now() - start).count();
 }
 
-class Stop : public testing::Test {
+class Stop : public InFolder {
  protected:
-  const fs::path folder = fresh_folder();
   // Ten seconds or more, if nobody ends it.
   const std::string slow = "run brain.nrrd -o out --nodes 500 --depth 8mm --rate 0.02mm/s --frames 400 -q";
 
   void SetUp() override { ASSERT_EQ(dimple(folder, "phantom brain.nrrd --spacing 2 -q").code, 0); }
-
-  Json summary(const std::string& out) const { return Json::parse(text_of(folder / out / "summary.json")); }
 
   /// Sends the signal after that time, counted from its start or from when it has said `word` that often.
   /// Every command ends soon, as if nothing had been, or with code 130.

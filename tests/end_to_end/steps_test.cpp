@@ -8,8 +8,8 @@
 
 #include "io/table.hpp"
 #include "io/types.hpp"
+#include "tests/end_to_end/in_folder.hpp"
 #include "tests/end_to_end/picture_pixels.hpp"
-#include "tests/end_to_end/program.hpp"
 #include "tests/end_to_end/whole_files.hpp"
 
 namespace dimple {
@@ -20,26 +20,15 @@ using Json = nlohmann::json;
 using testing::HasSubstr;
 using testing::Not;
 
-class SceneOfSteps : public testing::Test {
+class SceneOfSteps : public InFolder {
  protected:
-  const fs::path folder = fresh_folder();
   const std::string scene = " --base inferior --indent-at 0,0,top --nodes 600 --mu 2kPa -q";
 
-  void SetUp() override {
-    ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3 -q").code, 0);
-  }
+  void SetUp() override { make_block(); }
   void write_scene(const std::string& text) const { std::ofstream(folder / "scene.toml") << text; }
   Json run(const std::string& options, const std::string& out = "out") const {
-    const Ran ran = dimple(folder, "run block.nrrd --force -o " + out + scene + options);
-    EXPECT_EQ(ran.code, 0) << options << '\n' << ran.err;
-    return Json::parse(text_of(folder / out / "summary.json"));
-  }
-  void refused(const std::string& arguments, const std::vector<std::string>& words) const {
-    const Ran ran = dimple(folder, arguments);
-    EXPECT_EQ(ran.code, 2) << arguments << '\n' << ran.err;
-    for (const char* part : {"dimple: ", "\n  where: ", "\n  why:   ", "\n  try:   "})
-      EXPECT_THAT(ran.err, HasSubstr(part));
-    for (const std::string& word : words) EXPECT_THAT(ran.err, HasSubstr(word)) << arguments;
+    good("run block.nrrd --force -o " + out + scene + options);
+    return summary(out);
   }
 };
 
@@ -237,36 +226,38 @@ TEST_F(SceneOfSteps, AskForALongToolOnlyWhereTheyPushItIn) {
   EXPECT_EQ(run(tool + "--set support.s.on=left --set step.a.moves=s --set step.a.move=7,0,0")["force_N"],
             0.0);
   for (const char* push : {"8mm", "0,0,-8"})
-    refused("run block.nrrd --force -o deep" + scene + tool + "--set step.a.move=" + push,
+    refused(2, "run block.nrrd --force -o deep" + scene + tool + "--set step.a.move=" + push,
             {"pushed in by 8.00 mm, and is 6.00 mm long"});
 }
 
 TEST_F(SceneOfSteps, WhatMakesNoSceneIsRefusedInWords) {
   const std::string all = "run block.nrrd -o out" + scene;
-  refused(all + " --set step.a.moves=retractor --set step.a.move=1,0,0",
+  refused(2, all + " --set step.a.moves=retractor --set step.a.move=1,0,0",
           {"step.a.moves", "which is not there"});
-  refused(all + " --set step.a.move=1,2", {"step.a.move_mm", "2 numbers"});
-  refused(all + " --set step.a.move=0,0,0", {"moves by nothing"});
-  refused(all + " --set step.a.moves=tool", {"moves nothing", "time_s alone to hold"});
-  refused(all + " --set step.a.time=5s", {"holds, and no step moves anything"});
-  refused(all + " --set step.a.move=1 --set step.a.time=-1s", {"step.time_s"});
-  refused(all + " --set step.a.move=1 --set step.b.cut=plane:0,0,10,1,0,0,radius=5mm --set step.b.time=1s",
+  refused(2, all + " --set step.a.move=1,2", {"step.a.move_mm", "2 numbers"});
+  refused(2, all + " --set step.a.move=0,0,0", {"moves by nothing"});
+  refused(2, all + " --set step.a.moves=tool", {"moves nothing", "time_s alone to hold"});
+  refused(2, all + " --set step.a.time=5s", {"holds, and no step moves anything"});
+  refused(2, all + " --set step.a.move=1 --set step.a.time=-1s", {"step.time_s"});
+  refused(2, all + " --set step.a.move=1 --set step.b.cut=plane:0,0,10,1,0,0,radius=5mm --set step.b.time=1s",
           {"cuts, and lasts"});
-  refused(all + " --set step.a.move=2 --depth 3mm", {"a depth of 3", "steps", "--depth"});
-  refused(all + " --set step.a.move=2 --time explicit", {"inertia", "solver.time"});
-  refused(all + " --set step.a.move=2 --rate 10m/s", {"too fast"});
-  refused(all + " --set step.a.move=2 --set step.b.time=20s --rate 10m/s", {"too fast"});
-  refused(all + " --set step.a.move=1,0,0 --contact frictionless",
+  refused(2, all + " --set step.a.move=2 --depth 3mm", {"a depth of 3", "steps", "--depth"});
+  refused(2, all + " --set step.a.move=2 --time explicit", {"inertia", "solver.time"});
+  refused(2, all + " --set step.a.move=2 --rate 10m/s", {"too fast"});
+  refused(2, all + " --set step.a.move=2 --set step.b.time=20s --rate 10m/s", {"too fast"});
+  refused(2, all + " --set step.a.move=1,0,0 --contact frictionless",
           {"moves the tool in space", "frictionless"});
-  refused(all + " --tool sphere:4mm --set step.a.move=1,0,0 --contact frictionless", {"leave --contact out"});
-  refused(all + " --set step.a.move=-1 --contact frictionless", {"frictionless", "pulls"});
-  refused(all + " --set step.a.move=2 --compare horton2007", {"--compare", "steps"});
-  refused(all + " --set step.a.move=2 --explain", {"--explain", "steps"});
+  refused(2, all + " --tool sphere:4mm --set step.a.move=1,0,0 --contact frictionless",
+          {"leave --contact out"});
+  refused(2, all + " --set step.a.move=-1 --contact frictionless", {"frictionless", "pulls"});
+  refused(2, all + " --set step.a.move=2 --compare horton2007", {"--compare", "steps"});
+  refused(2, all + " --set step.a.move=2 --explain", {"--explain", "steps"});
   refused(
+      2,
       "run block.nrrd -o out --set support.r.on=20,0,30,8 --set support.r.move=1,0,0 --set step.a.move=2 -q",
       {"support.r.move_mm", "one thing moves at a time"});
-  refused("export block.nrrd -o out.inp --set step.a.move=2 -q", {"dimple export takes no steps"});
-  refused(all + " --set step.a.mvoe=2", {"step.a.mvoe"});
+  refused(2, "export block.nrrd -o out.inp --set step.a.move=2 -q", {"dimple export takes no steps"});
+  refused(2, all + " --set step.a.mvoe=2", {"step.a.mvoe"});
   EXPECT_FALSE(fs::exists(folder / "out" / "force.csv"));
 }
 

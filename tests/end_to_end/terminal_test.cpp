@@ -195,7 +195,7 @@ TEST_F(Terminal, HelpShowsWhatIsCommonAndAllWhenAskedFor) {
     EXPECT_THAT(common, HasSubstr(flag));
     EXPECT_THAT(all, HasSubstr(flag));
   }
-  for (const char* flag : {"--safety", "--weight", "--seed", "--rim"}) {
+  for (const char* flag : {"--safety", "--support", "--seed", "--rim"}) {
     EXPECT_THAT(common, Not(HasSubstr(flag)));
     EXPECT_THAT(all, HasSubstr(flag));
   }

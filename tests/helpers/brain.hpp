@@ -8,6 +8,7 @@
 #include <random>
 
 #include "io/label_image.hpp"
+#include "tests/helpers/image.hpp"
 
 namespace dimple {
 

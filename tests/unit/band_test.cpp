@@ -8,8 +8,8 @@
 #include "apps/run/grading.hpp"
 #include "apps/run/simulate.hpp"
 #include "preprocess/image/phantom.hpp"
-#include "preprocess/surface/shapes.hpp"
 #include "tests/helpers/band_scenes.hpp"
+#include "tests/helpers/shapes.hpp"
 
 namespace dimple {
 namespace {

@@ -13,8 +13,8 @@
 #include "io/stop.hpp"
 #include "preprocess/surface/closed_mesh.hpp"
 #include "preprocess/surface/label_surface.hpp"
-#include "preprocess/surface/shapes.hpp"
 #include "tests/helpers/image.hpp"
+#include "tests/helpers/shapes.hpp"
 
 namespace dimple {
 namespace {

@@ -19,8 +19,8 @@
 #include "preprocess/scene/flat_face.hpp"
 #include "preprocess/scene/usable_places.hpp"
 #include "preprocess/surface/label_surface.hpp"
-#include "preprocess/surface/shapes.hpp"
 #include "tests/helpers/brain.hpp"
+#include "tests/helpers/shapes.hpp"
 
 namespace dimple {
 namespace {

@@ -8,6 +8,7 @@
 #include <functional>
 
 #include "preprocess/surface/label_surface.hpp"
+#include "tests/helpers/image.hpp"
 
 namespace dimple {
 namespace {

@@ -13,8 +13,8 @@
 
 #include "io/error.hpp"
 #include "io/stop.hpp"
-#include "preprocess/surface/shapes.hpp"
 #include "tests/helpers/image.hpp"
+#include "tests/helpers/shapes.hpp"
 
 namespace dimple {
 namespace {

@@ -11,8 +11,8 @@
 #include "preprocess/build_model.hpp"
 #include "preprocess/supports/support.hpp"
 #include "preprocess/surface/cut.hpp"
-#include "preprocess/surface/shapes.hpp"
 #include "tests/helpers/image.hpp"
+#include "tests/helpers/shapes.hpp"
 
 namespace dimple {
 namespace {

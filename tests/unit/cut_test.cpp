@@ -8,7 +8,7 @@
 #include <random>
 
 #include "io/error.hpp"
-#include "preprocess/surface/shapes.hpp"
+#include "tests/helpers/shapes.hpp"
 
 namespace dimple {
 namespace {

@@ -11,8 +11,8 @@
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "preprocess/output/tetrahedra.hpp"
-#include "preprocess/surface/shapes.hpp"
 #include "tests/helpers/folder.hpp"
+#include "tests/helpers/shapes.hpp"
 
 namespace dimple {
 namespace {

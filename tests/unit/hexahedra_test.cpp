@@ -8,8 +8,8 @@
 #include <cmath>
 
 #include "io/error.hpp"
-#include "preprocess/surface/shapes.hpp"
 #include "tests/bench/peer/hexahedral_model.hpp"
+#include "tests/helpers/shapes.hpp"
 
 namespace dimple {
 namespace {

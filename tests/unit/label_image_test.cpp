@@ -7,7 +7,6 @@
 #include <cmath>
 #include <csignal>
 #include <cstdlib>
-#include <cstring>
 #include <limits>
 #include <random>
 #include <sstream>
@@ -17,13 +16,14 @@
 #include "preprocess/image/phantom.hpp"
 #include "preprocess/surface/label_surface.hpp"
 #include "tests/helpers/folder.hpp"
+#include "tests/helpers/image.hpp"
+#include "tests/helpers/stored_image.hpp"
 
 namespace dimple {
 namespace {
 
 namespace fs = std::filesystem;
 
-/// An empty folder of the running test's own.
 /// An unsymmetric body of three labels with known names, far from a cube, so that no turn maps it to itself.
 LabelImage body() {
   LabelImage image;
@@ -53,128 +53,6 @@ void expect_same(const LabelImage& a, const LabelImage& b, double tolerance_mm) 
       << a.to_world.matrix() << "\n\n"
       << b.to_world.matrix();
 }
-
-/// An image as some other program might store it: canonical axis stored[c] lies along axis c, perhaps
-/// reversed.
-struct Raw {
-  std::array<Index, 3> size;
-  Eigen::Affine3d to_world;
-  std::vector<std::uint8_t> voxel;
-};
-
-Raw stored_as(const LabelImage& image, const std::array<int, 3>& axis, const std::array<bool, 3>& reversed) {
-  Raw raw{{}, Eigen::Affine3d::Identity(), {}};
-  Vec3 origin = image.to_world.translation();
-  for (std::size_t c = 0; c < 3; ++c) {
-    const auto a = static_cast<std::size_t>(axis[c]);
-    raw.size[c] = image.size[a];
-    Vec3 column = image.to_world.linear().col(axis[c]);
-    if (reversed[c]) {
-      origin += column * static_cast<double>(image.size[a] - 1);
-      column = -column;
-    }
-    raw.to_world.linear().col(static_cast<Index>(c)) = column;
-  }
-  raw.to_world.translation() = origin;
-  std::array<Index, 3> at{};
-  for (at[2] = 0; at[2] < raw.size[2]; ++at[2])
-    for (at[1] = 0; at[1] < raw.size[1]; ++at[1])
-      for (at[0] = 0; at[0] < raw.size[0]; ++at[0]) {
-        std::array<Index, 3> from{};
-        for (std::size_t c = 0; c < 3; ++c)
-          from[static_cast<std::size_t>(axis[c])] = reversed[c] ? raw.size[c] - 1 - at[c] : at[c];
-        raw.voxel.push_back(static_cast<std::uint8_t>(image.at(from[0], from[1], from[2])));
-      }
-  return raw;
-}
-
-Raw as_it_is(const LabelImage& image) {
-  return stored_as(image, {0, 1, 2}, {false, false, false});
-}
-
-std::string bytes_of(const std::vector<std::uint8_t>& voxel) {
-  return {voxel.begin(), voxel.end()};
-}
-
-std::string numbers(const auto& values) {
-  std::ostringstream text;
-  text.precision(17);
-  for (Index n = 0; n < values.size(); ++n) text << (n ? "," : "") << values[n];
-  return text.str();
-}
-
-/// Written by hand, so that the reader is not tested against a writer that shares its mistakes.
-std::string nrrd(const Raw& raw, bool ras = false, const std::string& more = "") {
-  Eigen::Affine3d world = raw.to_world;
-  if (ras) world = Eigen::Scaling(-1.0, -1.0, 1.0) * world;
-  std::ostringstream text;
-  text << "NRRD0004\ntype: uint8\ndimension: 3\nspace: "
-       << (ras ? "right-anterior-superior" : "left-posterior-superior") << "\nsizes: " << raw.size[0] << ' '
-       << raw.size[1] << ' ' << raw.size[2] << "\nspace directions:";
-  for (int c = 0; c < 3; ++c) text << " (" << numbers(Vec3(world.linear().col(c))) << ")";
-  text << "\nspace origin: (" << numbers(Vec3(world.translation())) << ")\nencoding: raw\n" << more << '\n';
-  return text.str() + bytes_of(raw.voxel);
-}
-
-std::string metaimage(const Raw& raw) {
-  std::ostringstream text;
-  text.precision(17);
-  text << "ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\n"
-          "CompressedData = False\nTransformMatrix =";
-  const Vec3 spacing = raw.to_world.linear().colwise().norm();
-  for (int c = 0; c < 3; ++c)
-    for (int r = 0; r < 3; ++r) text << ' ' << raw.to_world.linear()(r, c) / spacing[c];
-  text << "\nOffset =";
-  for (int r = 0; r < 3; ++r) text << ' ' << raw.to_world.translation()[r];
-  text << "\nElementSpacing = " << spacing[0] << ' ' << spacing[1] << ' ' << spacing[2]
-       << "\nDimSize = " << raw.size[0] << ' ' << raw.size[1] << ' ' << raw.size[2]
-       << "\nElementType = MET_UCHAR\nElementDataFile = LOCAL\n";
-  return text.str() + bytes_of(raw.voxel);
-}
-
-/// A NIfTI-1 header by the byte offsets of the standard (nifti1.h).
-struct Nifti {
-  std::string bytes = std::string(352, '\0');
-  std::string voxels;
-  template <class T>
-  void set(std::size_t offset, T value) {
-    std::memcpy(bytes.data() + offset, &value, sizeof value);
-  }
-  void dims(std::initializer_list<Index> sizes) {
-    set<std::int16_t>(40, static_cast<std::int16_t>(sizes.size()));
-    std::size_t offset = 42;
-    for (const Index size : sizes)
-      set<std::int16_t>(std::exchange(offset, offset + 2), static_cast<std::int16_t>(size));
-  }
-  void type(std::int16_t code, std::int16_t bits) { set(70, code), set(72, bits); }
-  void pixdim(int axis, float value) { set(76 + 4 * static_cast<std::size_t>(axis), value); }
-  void units(char code) { set(123, code); }
-  void sform(std::int16_t code, const Eigen::Affine3d& lps) {
-    set(254, code);
-    for (int r = 0; r < 3; ++r)
-      for (int c = 0; c < 4; ++c)
-        set(static_cast<std::size_t>(280 + 16 * r + 4 * c),
-            static_cast<float>((r < 2 ? -1.0 : 1.0) * lps.matrix()(r, c)));
-  }
-  /// Rotation-free qform in RAS with the spacing of pixdim.
-  void qform(std::int16_t code, const Vec3& ras_origin) {
-    set(252, code);
-    for (std::size_t r = 0; r < 3; ++r)
-      set(268 + 4 * r, static_cast<float>(ras_origin[static_cast<Index>(r)]));
-  }
-  explicit Nifti(const Raw& raw) : voxels(bytes_of(raw.voxel)) {
-    set<std::int32_t>(0, 348);
-    dims({raw.size[0], raw.size[1], raw.size[2]});
-    type(2, 8);
-    pixdim(0, 1.0f);
-    for (int c = 0; c < 3; ++c) pixdim(c + 1, static_cast<float>(raw.to_world.linear().col(c).norm()));
-    set(108, 352.0f);
-    units(2);
-    sform(1, raw.to_world);
-    std::memcpy(bytes.data() + 344, "n+1", 4);
-  }
-  std::string file() const { return bytes + voxels; }
-};
 
 LabelImage read(const std::string& name, const std::string& content) {
   const fs::path file = test_folder() / name;
@@ -217,19 +95,20 @@ TEST(LabelImage, GivesTheSameOrganForEveryStorageOrder) {
     do {
       for (int signs = 0; signs < 8; ++signs) {
         SCOPED_TRACE(testing::Message() << axis[0] << axis[1] << axis[2] << " signs " << signs);
-        const Raw raw = stored_as(organ, axis, {(signs & 1) != 0, (signs & 2) != 0, (signs & 4) != 0});
+        const StoredImage raw =
+            stored_as(organ, axis, {(signs & 1) != 0, (signs & 2) != 0, (signs & 4) != 0});
         std::string letters;
         for (std::size_t c = 0; c < 3; ++c) letters += (signs >> c & 1 ? "RAI" : "LPS")[axis[c]];
         for (const LabelImage& image :
-             {read("order.nrrd", nrrd(raw)), read("order_ras.nrrd", nrrd(raw, true)),
-              read("order.mha", metaimage(raw))}) {
+             {read("order.nrrd", nrrd_of(raw)), read("order_ras.nrrd", nrrd_of(raw, true)),
+              read("order.mha", metaimage_of(raw))}) {
           expect_same(image, organ, 1e-9);
           EXPECT_EQ(image.orientation, letters);
           EXPECT_EQ(image.stored_size, raw.size);
           EXPECT_NEAR(image.stored_spacing[0], organ.spacing()[axis[0]], 1e-9);
           EXPECT_GT(image.voxel_volume(), 0.0);
         }
-        expect_same(read("order.nii", Nifti(raw).file()), organ, 1e-5);  // NIfTI's single precision
+        expect_same(read("order.nii", NiftiFile(raw).file()), organ, 1e-5);  // NIfTI's single precision
         ++orders;
       }
     } while (std::next_permutation(axis.begin(), axis.end()));
@@ -241,12 +120,13 @@ TEST(LabelImage, GivesTheSameOrganForEveryStorageOrderWhenHalfWayBetweenAxes) {
   LabelImage organ = body();  // turned by 45 degrees, +L and +P are equally near
   organ.to_world = Eigen::AngleAxisd(std::acos(-1.0) / 4.0, Vec3::UnitZ()) * organ.to_world;
   std::array<int, 3> axis{0, 1, 2};
-  const LabelImage first = read("half_way.nrrd", nrrd(as_it_is(organ)));
+  const LabelImage first = read("half_way.nrrd", nrrd_of(as_it_is(organ)));
   do {
     for (int signs = 0; signs < 8; ++signs)
-      expect_same(read("half_way.nrrd",
-                       nrrd(stored_as(organ, axis, {(signs & 1) != 0, (signs & 2) != 0, (signs & 4) != 0}))),
-                  first, 1e-9);
+      expect_same(
+          read("half_way.nrrd",
+               nrrd_of(stored_as(organ, axis, {(signs & 1) != 0, (signs & 2) != 0, (signs & 4) != 0}))),
+          first, 1e-9);
   } while (std::next_permutation(axis.begin(), axis.end()));
 }
 
@@ -259,8 +139,8 @@ TEST(LabelImage, KeepsEveryVoxelInItsPlaceUnderAnyTurn) {
     organ.to_world =
         Eigen::AngleAxisd(angle(random), Vec3(angle(random), angle(random), angle(random)).normalized()) *
         organ.to_world;
-    const Raw raw = as_it_is(organ);
-    const LabelImage image = read("turned.nrrd", nrrd(raw));
+    const StoredImage raw = as_it_is(organ);
+    const LabelImage image = read("turned.nrrd", nrrd_of(raw));
     const Mat3 axes = image.to_world.linear().colwise().normalized();
     EXPECT_GT(axes.determinant(), 0.0);
     EXPECT_GT(axes.trace(), 1.9);  // no rotation is further than this from the nearest of the 24
@@ -281,7 +161,7 @@ TEST(LabelImage, ReadsANiftiWhoseAxesAreNotAtRightAngles) {
   Mat3 shear = Mat3::Identity();
   shear(0, 1) = 0.02;
   organ.to_world.linear() = shear * organ.to_world.linear();
-  const LabelImage image = read("sheared.nii", Nifti(as_it_is(organ)).file());
+  const LabelImage image = read("sheared.nii", NiftiFile(as_it_is(organ)).file());
   expect_same(image, organ, 1e-5);
   EXPECT_TRUE(warns_of(image, "not at right angles"));
   EXPECT_NEAR(image.voxel_volume(), 0.5 * 1.25 * 2.0, 1e-6);
@@ -294,7 +174,7 @@ TEST(LabelImage, ReadsANiftiWhoseAxesAreNotAtRightAngles) {
 // What is stored is (label - intercept) / slope: here 7 + 3 label.
 TEST(LabelImage, OfNiftiAreScaledAsItsHeaderSays) {
   const LabelImage organ = body();
-  Nifti nifti(as_it_is(organ));
+  NiftiFile nifti(as_it_is(organ));
   nifti.type(4, 16);  // short
   std::string scaled;
   for (const char label : nifti.voxels) {
@@ -319,8 +199,8 @@ Vec3 place_of(const LabelImage& image, int marked) {
 }
 
 // A block of label 1 with one voxel of label 2, stored at 3, 1, 2.
-Raw marked_block() {
-  Raw raw{{5, 4, 6}, Eigen::Affine3d::Identity(), std::vector<std::uint8_t>(5 * 4 * 6, 1)};
+StoredImage marked_block() {
+  StoredImage raw{{5, 4, 6}, Eigen::Affine3d::Identity(), std::vector<std::uint8_t>(5 * 4 * 6, 1)};
   raw.to_world.linear() = Vec3(1.0, 2.0, 3.0).asDiagonal();
   raw.voxel[3 + 5 * (1 + 4 * 2)] = 2;
   return raw;
@@ -328,7 +208,7 @@ Raw marked_block() {
 
 TEST(LabelImage, OfANiftiWhoseQuaternionMirrorsItsThirdAxisLiesMirrored) {
   for (const float handedness : {1.0f, -1.0f, 0.0f}) {  // 0 counts as 1
-    Nifti nifti(marked_block());
+    NiftiFile nifti(marked_block());
     nifti.sform(0, Eigen::Affine3d::Identity());
     nifti.qform(1, Vec3(10.0, 20.0, 30.0));
     nifti.pixdim(0, handedness);
@@ -341,7 +221,7 @@ TEST(LabelImage, OfANiftiWhoseQuaternionMirrorsItsThirdAxisLiesMirrored) {
 }
 
 TEST(LabelImage, OfAnNrrdLiesByTheSpaceThatItNames) {
-  const std::string lps = nrrd(marked_block());
+  const std::string lps = nrrd_of(marked_block());
   const std::string named = "left-posterior-superior";
   for (const auto& [space, to_lps] : {std::pair{"left-posterior-superior", Vec3(1, 1, 1)},
                                       {"LPS", Vec3(1, 1, 1)},
@@ -358,9 +238,9 @@ TEST(LabelImage, OfAnNrrdLiesByTheSpaceThatItNames) {
 
 TEST(LabelImage, KeepsATurnOfAThousandthAndDropsOneOfRounding) {
   for (const double turn : {1e-3, 1e-4, 1e-6}) {
-    Raw raw = marked_block();
+    StoredImage raw = marked_block();
     raw.to_world.linear() = Eigen::AngleAxisd(turn, Vec3::UnitZ()).toRotationMatrix() * raw.to_world.linear();
-    const Vec3 axis = read("turned_a_little.nrrd", nrrd(raw)).to_world.linear().col(0).normalized();
+    const Vec3 axis = read("turned_a_little.nrrd", nrrd_of(raw)).to_world.linear().col(0).normalized();
     EXPECT_NEAR(axis.y(), turn > 2e-5 ? turn : 0.0, 1e-9) << turn;
   }
 }
@@ -371,7 +251,7 @@ TEST(LabelImage, TakesTheSformIfItsCodeIsSetAsNibabelAndSlicerDo) {
   for (int q = 0; q <= 2; ++q)
     for (int s = 0; s <= 2; ++s) {
       SCOPED_TRACE(testing::Message() << "qform_code " << q << ", sform_code " << s);
-      Nifti nifti(as_it_is(organ));
+      NiftiFile nifti(as_it_is(organ));
       nifti.sform(static_cast<std::int16_t>(s), organ.to_world);
       nifti.qform(static_cast<std::int16_t>(q), Vec3(100, 0, 0));
       const LabelImage image = read("forms.nii", nifti.file());
@@ -393,7 +273,7 @@ TEST(LabelImage, ScalesANiftiInMetresOrMicronsAsAWhole) {
   for (const auto& [code, factor] : {std::pair<char, double>{1, 1000.0}, {3, 0.001}}) {
     LabelImage in_unit = organ;
     in_unit.to_world = Eigen::Scaling(1.0 / factor) * organ.to_world;
-    Nifti nifti(as_it_is(in_unit));
+    NiftiFile nifti(as_it_is(in_unit));
     nifti.units(code);
     const LabelImage image = read("unit.nii", nifti.file());
     expect_same(image, organ, 1e-4);
@@ -401,25 +281,12 @@ TEST(LabelImage, ScalesANiftiInMetresOrMicronsAsAWhole) {
   }
 }
 
-TEST(LabelImage, ScalesAnNrrdInMetresAsAWhole) {
-  const LabelImage organ = body();
-  LabelImage in_metres = organ;
-  in_metres.to_world = Eigen::Scaling(0.001) * organ.to_world;
-  const LabelImage image =
-      read("unit.nrrd", nrrd(as_it_is(in_metres), false, "space units: \"m\" \"m\" \"m\"\n"));
-  expect_same(image, organ, 1e-9);
-  EXPECT_TRUE(warns_of(image, "lengths in m;"));
-  EXPECT_TRUE(
-      warns_of(read("parsec.nrrd", nrrd(as_it_is(organ), false, "space units: \"pc\" \"pc\" \"pc\"\n")),
-               "'pc' is unknown"));
-}
-
 TEST(LabelImage, ScalesAMetaImageInCentimetresAsAWhole) {
   const LabelImage organ = body();
   LabelImage in_cm = organ;
   in_cm.to_world = Eigen::Scaling(0.1) * organ.to_world;
   const auto of_unit = [&](const LabelImage& image, const std::string& unit) {
-    std::string file = metaimage(as_it_is(image));
+    std::string file = metaimage_of(as_it_is(image));
     file.insert(file.find("ElementDataFile"), "DistanceUnits = " + unit + "\n");
     return read("unit.mha", file);
   };
@@ -436,17 +303,11 @@ TEST(LabelImage, OfNoKnownVoxelSizeIsRefused) {
   refusal("thick.nrrd", header + "thicknesses: 2 3 4\n\n" + voxels);
 }
 
-TEST(LabelImage, WarnsOfAnImageWithoutOrientationOrOfUnusualSize) {
-  const std::string voxels = bytes_of(as_it_is(body()).voxel);
-  const LabelImage image =
-      read("bare.nrrd",
-           "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 5 7 4\nspacings: 2 3 4\nencoding: raw\n\n" + voxels);
-  EXPECT_TRUE(warns_of(image, "no space directions"));
-  EXPECT_TRUE(image.spacing().isApprox(Vec3(2, 3, 4)));
+TEST(LabelImage, WarnsOfAnUnusualSize) {
   LabelImage tiny = body();
   tiny.to_world = Eigen::Scaling(0.001) * tiny.to_world;  // metres taken for millimetres
-  EXPECT_TRUE(warns_of(read("tiny.nrrd", nrrd(as_it_is(tiny))), "check the unit"));
-  EXPECT_TRUE(read("plain.nrrd", nrrd(as_it_is(body()))).warnings.empty());
+  EXPECT_TRUE(warns_of(read("tiny.nrrd", nrrd_of(as_it_is(tiny))), "check the unit"));
+  EXPECT_TRUE(read("plain.nrrd", nrrd_of(as_it_is(body()))).warnings.empty());
 }
 
 /// An ellipsoid with a bump, no two extents alike.
@@ -475,22 +336,22 @@ TEST(LabelImage, HasTheSameShapeHoweverItIsStoredAndItsHeaderRounded) {
     for (const bool oblique : {false, true}) {
       LabelImage organ = bumpy_body(spacing);
       if (oblique) organ.to_world = Eigen::AngleAxisd(0.3, Vec3(1, 2, -1).normalized()) * organ.to_world;
-      const LabelImage first = read("first.nrrd", nrrd(as_it_is(organ)));
+      const LabelImage first = read("first.nrrd", nrrd_of(as_it_is(organ)));
       const SegmentedBody body = make_body_surface(first, {});
       std::array<int, 3> axis{0, 1, 2};
       do {
         for (const int signs : {0, 3, 5, 7})
           for (int rounded = 0; rounded < 3; ++rounded) {
-            Raw raw = stored_as(organ, axis, {(signs & 1) != 0, (signs & 2) != 0, (signs & 4) != 0});
+            StoredImage raw = stored_as(organ, axis, {(signs & 1) != 0, (signs & 2) != 0, (signs & 4) != 0});
             for (double& x : raw.to_world.matrix().topRows<3>().reshaped()) {
               if (rounded == 1) x += rounding(random);
               // Not of oblique axes: three numbers of six digits say a length to five.
               if (rounded == 2 && !oblique) x = std::stod((std::ostringstream() << x).str());  // six digits
             }
-            for (const auto& [name, bytes] : {std::pair{"a.nrrd", nrrd(raw)},
-                                              {"ras.nrrd", nrrd(raw, true)},
-                                              {"a.mha", metaimage(raw)},
-                                              {"a.nii", Nifti(raw).file()}}) {
+            for (const auto& [name, bytes] : {std::pair{"a.nrrd", nrrd_of(raw)},
+                                              {"ras.nrrd", nrrd_of(raw, true)},
+                                              {"a.mha", metaimage_of(raw)},
+                                              {"a.nii", NiftiFile(raw).file()}}) {
               SCOPED_TRACE(testing::Message()
                            << name << ", axes " << axis[0] << axis[1] << axis[2] << ", signs " << signs
                            << ", rounded " << rounded << ", spacing " << spacing.transpose()
@@ -518,7 +379,7 @@ TEST(LabelImage, HasTheSameShapeHoweverItIsStoredAndItsHeaderRounded) {
 TEST(LabelImage, RoundsSpacingToABillionthOfAMillimetre) {
   LabelImage organ = body();
   organ.to_world.linear()(2, 2) = 1.9999999999999964;
-  EXPECT_EQ(read("rounded.nrrd", nrrd(as_it_is(organ))).spacing()[2], 2.0);
+  EXPECT_EQ(read("rounded.nrrd", nrrd_of(as_it_is(organ))).spacing()[2], 2.0);
 }
 
 // -------------------------------------------------------------------------------------------- round trips
@@ -629,9 +490,9 @@ TEST(LabelImage, KeepsTheOlderFileWhenTheDiskIsFull) {
 // -------------------------------------------------------------------------------------------- voxel types
 
 TEST(LabelImage, TakesWholeNumbersOfEveryType) {
-  const Raw raw = as_it_is(body());
+  const StoredImage raw = as_it_is(body());
   const auto as = [&]<class T>(std::int16_t code, T) {
-    Nifti nifti(raw);
+    NiftiFile nifti(raw);
     nifti.type(code, static_cast<std::int16_t>(8 * sizeof(T)));
     nifti.voxels.clear();
     for (const std::uint8_t v : raw.voxel) {
@@ -640,19 +501,19 @@ TEST(LabelImage, TakesWholeNumbersOfEveryType) {
     }
     return nifti;
   };
-  const std::vector<Nifti> files{
+  const std::vector<NiftiFile> files{
       as(256, std::int8_t{}),    as(4, std::int16_t{}),    as(512, std::uint16_t{}),
       as(8, std::int32_t{}),     as(768, std::uint32_t{}), as(1024, std::int64_t{}),
       as(1280, std::uint64_t{}), as(16, float{}),          as(64, double{})};
-  for (const Nifti& nifti : files) expect_same(read("type.nii", nifti.file()), body(), 1e-5);
+  for (const NiftiFile& nifti : files) expect_same(read("type.nii", nifti.file()), body(), 1e-5);
 
-  Nifti scaled = as(4, std::int16_t{});  // label = 2 number + 0
+  NiftiFile scaled = as(4, std::int16_t{});  // label = 2 number + 0
   scaled.set(112, 2.0f);
   LabelImage twice = body();
   for (auto& part : twice.run) part.label *= 2;
   expect_same(read("scaled.nii", scaled.file()), twice, 1e-5);
 
-  Nifti swapped = as(4, std::int16_t{});  // the other byte order
+  NiftiFile swapped = as(4, std::int16_t{});  // the other byte order
   const auto swap = [&](std::size_t offset, std::size_t width, std::size_t count) {
     for (std::size_t n = 0; n < count; ++n)
       std::reverse(swapped.bytes.begin() + static_cast<std::ptrdiff_t>(offset + n * width),
@@ -666,8 +527,8 @@ TEST(LabelImage, TakesWholeNumbersOfEveryType) {
 
 /// The body in single precision, with another value in voxel (3, 0, 1).
 std::string with_value(float value) {
-  const Raw raw = as_it_is(body());
-  Nifti nifti(raw);
+  const StoredImage raw = as_it_is(body());
+  NiftiFile nifti(raw);
   nifti.type(16, 32);
   nifti.voxels.clear();
   for (std::size_t v = 0; v < raw.voxel.size(); ++v) {
@@ -691,7 +552,7 @@ TEST(LabelImage, RoundsLabelsThatAreWholeNumbersButForRoundingAndWarns) {
   // Bytes scaled by 12/255: half a step is 0.0235, and label 6 is just as far from its number.
   LabelImage twice = body();
   for (auto& part : twice.run) part.label *= 2;
-  Nifti scaled(as_it_is(twice));
+  NiftiFile scaled(as_it_is(twice));
   for (char& v : scaled.voxels) v = static_cast<char>(std::nearbyint(v * 255 / 12.0));
   scaled.set(112, 12.0f / 255.0f);
   const LabelImage image = read("scaled.nii", scaled.file());
@@ -700,7 +561,7 @@ TEST(LabelImage, RoundsLabelsThatAreWholeNumbersButForRoundingAndWarns) {
 }
 
 TEST(LabelImage, RefusesVoxelsThatAreNoLabels) {
-  const Raw raw = as_it_is(body());
+  const StoredImage raw = as_it_is(body());
   const auto with = [](float value) { return refusal("bad.nii", with_value(value)); };
   EXPECT_SAYS(with(0.5f).fact,
               "1 of 140 voxels hold no label: the first is 0.5, which is not a whole number");
@@ -715,14 +576,14 @@ TEST(LabelImage, RefusesVoxelsThatAreNoLabels) {
 
   // Numbers that are no multiples of labels: an MRI with its scale.
   for (const float slope : {0.1f, 0.5f, 2.0f / 3.0f, 1.25f}) {
-    Nifti mri(raw);
+    NiftiFile mri(raw);
     for (char& v : mri.voxels) v = static_cast<char>(v + 1);
     mri.set(112, slope);
     EXPECT_SAYS(refusal("mri.nii", mri.file()).fact, "not a whole number");
   }
 
   // -1 in 16 bits must not become 65535.
-  std::string content = nrrd(raw);
+  std::string content = nrrd_of(raw);
   content.replace(content.find("uint8"), 5, "int16\nendian: little");
   content.resize(content.find("\n\n") + 2);
   for (const std::uint8_t v : raw.voxel)
@@ -731,29 +592,7 @@ TEST(LabelImage, RefusesVoxelsThatAreNoLabels) {
 }
 
 // -------------------------------------------------------------------------------------------- refusals
-
-TEST(LabelImage, RefusesAnImageThatIsNotThreeDimensional) {
-  const Raw raw = as_it_is(body());
-  EXPECT_SAYS(refusal("flat.nrrd", "NRRD0004\ntype: uint8\ndimension: 2\nsizes: 5 28\nencoding: raw\n\n" +
-                                       bytes_of(raw.voxel))
-                  .fact,
-              "flat: 5 x 28 voxels");
-  Nifti slice(raw);
-  slice.dims({10, 14, 1});
-  EXPECT_SAYS(refusal("slice.nii", slice.file()).remedy, "whole segmented volume");
-  Nifti series(raw);
-  series.dims({5, 7, 2, 2});
-  EXPECT_SAYS(refusal("series.nii", series.file()).fact, "4 axes (5 x 7 x 2 x 2 voxels)");
-  Nifti vectors(raw);
-  vectors.dims({5, 7, 2, 1, 2});
-  EXPECT_SAYS(refusal("vectors.nii", vectors.file()).fact, "every voxel holds 2 numbers");
-  Nifti trailing(raw);
-  trailing.dims({5, 7, 4, 1});
-  expect_same(read("trailing.nii", trailing.file()), body(), 1e-5);
-  Nifti negative(raw);
-  negative.dims({5, -7, 4});
-  EXPECT_SAYS(refusal("negative.nii", negative.file()).fact, "-7 voxels");
-}
+// Most of them stand in the table of tests/end_to_end/hostile_images_test.cpp.
 
 TEST(LabelImage, RefusesAnNrrdWithAnAxisOfTimeInItsOwnWords) {
   const std::string directions = "(1,0,0) (0,1,0) (0,0,1)", domains = "domain domain domain";
@@ -770,7 +609,7 @@ TEST(LabelImage, RefusesAnNrrdWithAnAxisOfTimeInItsOwnWords) {
   }
 }
 
-TEST(LabelImage, RefusesSegmentsInLayersAndColours) {
+TEST(LabelImage, RefusesSegmentsInLayers) {
   const std::string voxels = bytes_of(as_it_is(body()).voxel);
   const Report layers =
       refusal("layers.seg.nrrd",
@@ -784,42 +623,6 @@ TEST(LabelImage, RefusesSegmentsInLayersAndColours) {
   EXPECT_SAYS(layers.fact, "'liver' in layer 0, 'Segment1' in layer 1");
   EXPECT_SAYS(layers.why, "may overlap");
   EXPECT_SAYS(layers.remedy, "3D Slicer");
-  std::string colour = metaimage(as_it_is(body()));
-  colour.replace(colour.find("ElementType"), 0, "ElementNumberOfChannels = 3\n");
-  EXPECT_SAYS(refusal("colour.mha", colour + voxels + voxels).fact, "every voxel holds 3 numbers");
-  Nifti rgb(as_it_is(body()));
-  rgb.type(128, 24);
-  EXPECT_SAYS(refusal("rgb.nii", rgb.file()).fact, "RGB24");
-  Nifti complex(as_it_is(body()));
-  complex.type(32, 64);
-  EXPECT_SAYS(refusal("complex.nii", complex.file()).fact, "COMPLEX64");
-}
-
-TEST(LabelImage, RefusesAGeometryThatIsNoPlaceInSpace) {
-  LabelImage organ = body();
-  organ.to_world.linear().col(1).setZero();
-  EXPECT_SAYS(refusal("zero.nrrd", nrrd(as_it_is(organ))).why, "place in space");
-  organ = body();
-  organ.to_world.linear().col(1) = organ.to_world.linear().col(0);
-  EXPECT_SAYS(refusal("plane.nrrd", nrrd(as_it_is(organ))).fact, "one plane");
-  EXPECT_SAYS(refusal("plane.nii", Nifti(as_it_is(organ)).file()).fact, "one plane");
-  organ = body();
-  organ.to_world.translation()[1] = std::numeric_limits<double>::quiet_NaN();
-  EXPECT_SAYS(refusal("nan.nii", Nifti(as_it_is(organ)).file()).fact, "not finite");
-  EXPECT_SAYS(all(refusal("nan.nrrd", nrrd(as_it_is(organ)))), "nan");
-  refusal("nan.mha", metaimage(as_it_is(organ)));
-  Nifti pixdim(as_it_is(body()));
-  pixdim.sform(0, body().to_world);
-  pixdim.pixdim(2, std::numeric_limits<float>::quiet_NaN());
-  EXPECT_SAYS(refusal("pixdim.nii", pixdim.file()).fact, "not finite");
-  pixdim.pixdim(2, 0.0f);
-  EXPECT_SAYS(refusal("pixdim.nii", pixdim.file()).fact, "0 x 2 mm");
-}
-
-TEST(LabelImage, RefusesAnImageThatIsAllBackground) {
-  LabelImage empty = body();
-  set_voxels(empty, std::vector<std::int32_t>(5 * 7 * 4, 0));
-  EXPECT_SAYS(refusal("empty.nrrd", nrrd(as_it_is(empty))).fact, "all 140 voxels are background");
 }
 
 TEST(LabelImage, RefusesEveryTruncation) {
@@ -832,12 +635,6 @@ TEST(LabelImage, RefusesEveryTruncation) {
       SCOPED_TRACE(testing::Message() << name << " cut to " << part);
       refusal(name, whole.substr(0, static_cast<std::size_t>(part * static_cast<double>(whole.size()))));
     }
-  }
-  for (const auto& [name, whole] : {std::pair<std::string, std::string>{"raw.nrrd", nrrd(as_it_is(brain))},
-                                    {"raw.mha", metaimage(as_it_is(brain))},
-                                    {"raw.nii", Nifti(as_it_is(brain)).file()}}) {
-    EXPECT_EQ(read(name, whole).run, brain.run);
-    EXPECT_SAYS(refusal(name, whole.substr(0, whole.size() - 1)).why, "incomplete");
   }
 }
 
@@ -867,85 +664,12 @@ TEST(LabelImage, ReadsCompressedVoxelsThatFillEveryBuffer) {
 
 TEST(LabelImage, IsRefusedWhereItsNeighboursAreHardlyEverAlike) {
   // 260^3 grey values: 17.6 million runs of one voxel would be 12 times the file.
-  Raw mri{{260, 260, 260}, Eigen::Affine3d::Identity(), std::vector<std::uint8_t>(260 * 260 * 260)};
+  StoredImage mri{{260, 260, 260}, Eigen::Affine3d::Identity(), std::vector<std::uint8_t>(260 * 260 * 260)};
   std::mt19937 random(2);
   for (auto& v : mri.voxel) v = static_cast<std::uint8_t>(random() >> 24);
-  const Report report = refusal("mri.nrrd", nrrd(mri));
+  const Report report = refusal("mri.nrrd", nrrd_of(mri));
   EXPECT_SAYS(report.fact, "change more than 4194304 times along the rows of 260 x 260 x 260 voxels");
   EXPECT_SAYS(report.why, "an MRI or CT rather than its segmentation");
-}
-
-TEST(LabelImage, RefusesDamagedCompressedData) {
-  const fs::path folder = fresh_folder();
-  LabelImage noise = body();
-  noise.size = {32, 32, 32};
-  noise.names.clear();
-  std::mt19937 random(5);
-  std::vector<std::int32_t> voxel(32 * 32 * 32);
-  for (auto& v : voxel) v = static_cast<std::int32_t>(random() % 8);
-  set_voxels(noise, voxel);
-  for (const char* name : {"a.nrrd", "a.mha", "a.nii.gz"}) {
-    write_label_image(folder / name, noise);
-    std::string content = read_file(folder / name);
-    content[content.size() / 2] = static_cast<char>(content[content.size() / 2] ^ 0x55);
-    EXPECT_SAYS(refusal(name, content).why, "damaged");
-  }
-}
-
-TEST(LabelImage, RefusesAHeaderThatPromisesMoreThanTheFileCanHold) {
-  Nifti nifti(as_it_is(body()));
-  nifti.dims({1200, 1200, 1200});
-  EXPECT_SAYS(refusal("huge.nii", nifti.file()).fact, "cannot hold");
-  nifti.dims({32000, 32000, 32000});
-  EXPECT_SAYS(refusal("huge.nii", nifti.file()).fact, "3.28e+13 voxels");
-  std::string content = nrrd(as_it_is(body()));
-  content.replace(content.find("5 7 4"), 5, "1200 1200 1200");
-  refusal("huge.nrrd", content);
-  content = metaimage(as_it_is(body()));
-  content.replace(content.find("5 7 4"), 5, "1200 1200 1200");
-  EXPECT_SAYS(refusal("huge.mha", content).fact, "140 of 1728000000 bytes");
-}
-
-TEST(LabelImage, RefusesWhatIsNoLabelImage) {
-  EXPECT_SAYS(refusal("picture.png", "PNG").why, ".seg.nrrd");
-  EXPECT_SAYS(refusal("aseg.mgz", "\x1f\x8b").fact, "FreeSurfer's format");
-  EXPECT_SAYS(refusal("aseg.mgz", "\x1f\x8b").remedy, "mri_convert aseg.mgz aseg.nii.gz");
-  EXPECT_SAYS(refusal("text.nrrd", "not an image").fact, "cannot be read as NRRD");
-  EXPECT_SAYS(refusal("text.mha", "not an image").fact, "cannot be read as MetaImage");
-  EXPECT_SAYS(refusal("text.nii", std::string(1000, 'x')).fact, "not a NIfTI-1 image");
-  EXPECT_SAYS(refusal("empty.nii", "").why, "incomplete");
-  std::string nifti2(540, '\0');
-  nifti2.replace(0, 4, std::string("\x1c\x02\0\0", 4));
-  EXPECT_SAYS(refusal("two.nii", nifti2).fact, "NIfTI-2");
-  try {
-    read_label_image("no/such/brain.nrrd");
-    FAIL();
-  } catch (const InputError& error) {
-    EXPECT_SAYS(error.report.fact, "no/such/brain.nrrd': No such file or directory");
-  }
-  EXPECT_THROW(read_label_image(fresh_folder()), InputError);
-}
-
-TEST(LabelImage, ReadsAHeaderWithItsVoxelsInASecondFile) {
-  const fs::path folder = fresh_folder();
-  const Raw raw = as_it_is(body());
-  std::string header = metaimage(raw);
-  header = header.substr(0, header.find("LOCAL")) + "a.raw\n";
-  write_file(folder / "a.mhd", header);
-  try {
-    read_label_image(folder / "a.mhd");
-    FAIL();
-  } catch (const InputError& error) {
-    EXPECT_SAYS(error.report.why, "a.raw': No such file");
-  }
-  write_file(folder / "a.raw", bytes_of(raw.voxel));
-  expect_same(read_label_image(folder / "a.mhd"), body(), 1e-9);
-  std::string nhdr = nrrd(raw, false, "data file: a.raw\n");
-  write_file(folder / "a.nhdr", nhdr.substr(0, nhdr.find("\n\n") + 1));
-  expect_same(read_label_image(folder / "a.nhdr"), body(), 1e-9);
-  write_file(folder / "a.raw", bytes_of(raw.voxel).substr(0, 100));
-  EXPECT_THROW(read_label_image(folder / "a.mhd"), InputError);
-  EXPECT_THROW(read_label_image(folder / "a.nhdr"), InputError);
 }
 
 // -------------------------------------------------------------------------------------------- names
@@ -954,7 +678,7 @@ TEST(LabelImage, IsTheSameOfLabelsInMemoryInWhateverOrderTheyLie) {
   const LabelImage image = oblique_body();
   std::array<int, 3> axis{0, 1, 2};
   do {
-    const Raw raw = stored_as(image, axis, {axis[0] == 1, false, axis[2] != 2});
+    const StoredImage raw = stored_as(image, axis, {axis[0] == 1, false, axis[2] != 2});
     const auto [nx, ny, nz] = raw.size;
     const std::vector<double> number(raw.voxel.begin(), raw.voxel.end());
     LabelArray array{

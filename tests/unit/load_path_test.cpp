@@ -8,7 +8,7 @@
 #include <numbers>
 
 #include "preprocess/cloud/node_cloud.hpp"
-#include "preprocess/surface/shapes.hpp"
+#include "tests/helpers/shapes.hpp"
 
 namespace dimple {
 namespace {

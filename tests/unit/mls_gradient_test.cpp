@@ -27,28 +27,24 @@ struct Shape {
 
 // Radii differ from node to node, as in a graded cloud. All nodes are offered: those out of reach weigh
 // nothing.
-Shape shape_at(const Vec3& x, const Points& X, double unit, const SupportOptions& options) {
+Shape shape_at(const Vec3& x, const Points& X, double unit) {
+  const SupportOptions options;
   Shape s;
   s.nodes.resize(static_cast<std::size_t>(X.cols()));
   std::iota(s.nodes.begin(), s.nodes.end(), 0);
   Eigen::VectorXd radius(X.cols());
   for (Index a = 0; a < X.cols(); ++a)
-    radius[a] = unit * options.effective_radius_factor() * (1.2 + 0.2 * std::sin(static_cast<double>(a)));
+    radius[a] = unit * options.radius_factor * (1.2 + 0.2 * std::sin(static_cast<double>(a)));
   s.mls = mls_shape_functions(x, X, s.nodes, radius, 1.0, options, {}, s.phi, s.dphi);
   return s;
 }
 
 const Vec3 places[] = {{3.1, 2.9, 3.3}, {0.4, 0.3, 0.6}, {5.9, 3.0, 1.2}, {2.0, 5.5, 4.4}};
 
-class Mls : public testing::TestWithParam<std::tuple<Basis, Weight>> {
- protected:
-  SupportOptions options{.basis = std::get<0>(GetParam()), .weight = std::get<1>(GetParam())};
-};
-
-TEST_P(Mls, ShapeFunctionsAreAPartitionOfUnityAndReproduceLinearFields) {
+TEST(MlsGradient, ShapeFunctionsAreAPartitionOfUnityAndReproduceLinearFields) {
   const Points X = cloud(1.0);
   for (const Vec3& x : places) {
-    const Shape s = shape_at(x, X, 1.0, options);
+    const Shape s = shape_at(x, X, 1.0);
     ASSERT_TRUE(s.mls.ok());
     const Vec3 g(0.7, -1.3, 2.1);
     const Eigen::VectorXd field = (X.transpose() * g).array() + 0.4;
@@ -59,74 +55,46 @@ TEST_P(Mls, ShapeFunctionsAreAPartitionOfUnityAndReproduceLinearFields) {
   }
 }
 
-TEST_P(Mls, AQuadraticBasisReproducesQuadraticFields) {
-  if (options.basis != Basis::quadratic) GTEST_SKIP() << "a linear basis owes linear fields only";
-  const Points X = cloud(1.0);
-  const Mat3 Q = (Mat3() << 0.5, 0.2, -0.4, 0.2, -0.3, 0.1, -0.4, 0.1, 0.6).finished();
-  for (const Vec3& x : places) {
-    const Shape s = shape_at(x, X, 1.0, options);
-    ASSERT_TRUE(s.mls.ok());
-    Eigen::VectorXd field(X.cols());
-    for (Index a = 0; a < X.cols(); ++a) field[a] = X.col(a).dot(Q * X.col(a));
-    // The term 1e-7 that keeps the moment matrix regular is the error: over its smallest pivots some 1e-5.
-    const double tolerance = 1e-5 * field.cwiseAbs().maxCoeff();
-    EXPECT_NEAR(s.phi.dot(field), x.dot(Q * x), tolerance);
-    EXPECT_LT((s.dphi * field - 2.0 * Q * x).norm(), tolerance);
-  }
-}
-
-TEST_P(Mls, GradientsAreTheDifferencesOfTheShapeFunctions) {
+TEST(MlsGradient, GradientsAreTheDifferencesOfTheShapeFunctions) {
   const Points X = cloud(1.0);
   const double h = 1e-5;
   for (const Vec3& x : places) {
-    const Shape s = shape_at(x, X, 1.0, options);
+    const Shape s = shape_at(x, X, 1.0);
     for (int r = 0; r < 3; ++r) {
-      const Shape plus = shape_at(x + h * Vec3::Unit(r), X, 1.0, options);
-      const Shape minus = shape_at(x - h * Vec3::Unit(r), X, 1.0, options);
+      const Shape plus = shape_at(x + h * Vec3::Unit(r), X, 1.0);
+      const Shape minus = shape_at(x - h * Vec3::Unit(r), X, 1.0);
       const Eigen::VectorXd slope = (plus.phi - minus.phi) / (2.0 * h);
-      // h^2 times a third derivative of order 100; where a weight ends, its derivative has a kink or none.
+      // h^2 times a third derivative of order 100.
       EXPECT_LT((s.dphi.row(r).transpose() - slope).cwiseAbs().maxCoeff(),
                 1e-6 * s.dphi.cwiseAbs().maxCoeff());
     }
   }
 }
 
-TEST_P(Mls, TheUnitOfLengthDoesNotMatter) {
+TEST(MlsGradient, TheUnitOfLengthDoesNotMatter) {
   const Points X = cloud(1.0), X_mm = cloud(1000.0);
   for (const Vec3& x : places) {
-    const Shape m = shape_at(x, X, 1.0, options), mm = shape_at(1000.0 * x, X_mm, 1000.0, options);
+    const Shape m = shape_at(x, X, 1.0), mm = shape_at(1000.0 * x, X_mm, 1000.0);
     EXPECT_LT((m.phi - mm.phi).cwiseAbs().maxCoeff(), 1e-10);
     EXPECT_LT((m.dphi - 1000.0 * mm.dphi).cwiseAbs().maxCoeff(), 1e-9 * m.dphi.cwiseAbs().maxCoeff());
     EXPECT_NEAR(m.mls.pivot_ratio, mm.mls.pivot_ratio, 1e-9 * m.mls.pivot_ratio);
   }
 }
 
-TEST_P(Mls, ANodeAtThePlaceItselfGivesNumbers) {
+TEST(MlsGradient, ANodeAtThePlaceItselfGivesNumbers) {
   const Points X = cloud(1.0);
-  const Shape s = shape_at(X.col(171), X, 1.0, options);
+  const Shape s = shape_at(X.col(171), X, 1.0);
   EXPECT_TRUE(s.mls.ok());
   EXPECT_TRUE(s.dphi.allFinite());
   EXPECT_NEAR(s.phi.sum(), 1.0, 1e-10);
 }
 
-std::string name_of(const testing::TestParamInfo<std::tuple<Basis, Weight>>& which) {
-  const auto [basis, weight] = which.param;
-  return std::string(basis == Basis::linear ? "Linear" : "Quadratic") + (weight == Weight::quartic ? "Quartic"
-                                                                         : weight == Weight::cubic ? "Cubic"
-                                                                                                   : "Gauss");
-}
-
-INSTANTIATE_TEST_SUITE_P(AllBasesAndWeights, Mls,
-                         testing::Combine(testing::Values(Basis::linear, Basis::quadratic),
-                                          testing::Values(Weight::quartic, Weight::cubic, Weight::gauss)),
-                         name_of);
-
 TEST(MlsGradient, NodesInOnePlaneOrTooFewAreNotOk) {
   Points X(3, 25);
   for (int a = 0; a < 25; ++a) X.col(a) = Vec3(a % 5, a / 5, 0.0);
-  EXPECT_FALSE(shape_at(Vec3(2.2, 2.1, 0.0), X, 1.0, {}).mls.ok());
-  EXPECT_FALSE(shape_at(Vec3(2.2, 2.1, 0.3), X, 1.0, {}).mls.ok());
-  EXPECT_FALSE(shape_at(Vec3(0.2, 0.1, 0.0), X.leftCols(3), 1.0, {}).mls.ok());
+  EXPECT_FALSE(shape_at(Vec3(2.2, 2.1, 0.0), X, 1.0).mls.ok());
+  EXPECT_FALSE(shape_at(Vec3(2.2, 2.1, 0.3), X, 1.0).mls.ok());
+  EXPECT_FALSE(shape_at(Vec3(0.2, 0.1, 0.0), X.leftCols(3), 1.0).mls.ok());
 }
 
 }  // namespace

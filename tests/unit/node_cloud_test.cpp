@@ -12,7 +12,7 @@
 
 #include "io/error.hpp"
 #include "preprocess/side_by_side.hpp"
-#include "preprocess/surface/shapes.hpp"
+#include "tests/helpers/shapes.hpp"
 
 namespace dimple {
 namespace {

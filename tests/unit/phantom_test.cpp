@@ -7,6 +7,7 @@
 #include <set>
 
 #include "io/error.hpp"
+#include "tests/helpers/image.hpp"
 
 namespace dimple {
 namespace {

@@ -5,7 +5,6 @@
 
 #include <filesystem>
 #include <fstream>
-#include <numeric>
 #include <random>
 
 #include "apps/run/config.hpp"
@@ -14,6 +13,7 @@
 #include "preprocess/image/phantom.hpp"
 #include "preprocess/surface/label_surface.hpp"
 #include "tests/helpers/folder.hpp"
+#include "tests/helpers/image.hpp"
 #include "tests/helpers/steps.hpp"
 
 namespace dimple {
@@ -218,33 +218,6 @@ TEST(IntegrationGrid, HasTheBodysVolumeAndCentroidAndAboutTheAskedNumberOfPoints
   EXPECT_NEAR(grid.volume.sum(), body.surface.volume(), 0.005 * body.surface.volume());
   EXPECT_LT((grid.point * grid.volume / grid.volume.sum() - body.surface.centroid()).norm(), 0.1);
   EXPECT_NEAR(static_cast<double>(grid.volume.size()), 3000.0, 0.05 * 3000.0);
-}
-
-TEST(MovingLeastSquares, ReproducesWhatItsBasisHoldsAndDifferentiatesItself) {
-  std::mt19937 random(5);
-  std::uniform_real_distribution<double> place(-1.0, 1.0);
-  const Points X = Points::NullaryExpr(3, 60, [&] { return place(random); });
-  std::vector<int> nodes(60);
-  std::iota(nodes.begin(), nodes.end(), 0);
-  const Eigen::VectorXd radius = Eigen::VectorXd::Constant(60, 1.6);
-  const Vec3 x(0.1, -0.2, 0.05);
-  Eigen::VectorXd phi, plus, minus;
-  Points dphi, unused;
-  for (const Basis basis : {Basis::linear, Basis::quadratic})
-    for (const Weight weight : {Weight::quartic, Weight::cubic, Weight::gauss}) {
-      const SupportOptions options{.basis = basis, .weight = weight};
-      ASSERT_TRUE(mls_shape_functions(x, X, nodes, radius, 1.0, options, {}, phi, dphi).ok());
-      EXPECT_NEAR(phi.sum(), 1.0, 1e-10);
-      EXPECT_LT((X * phi - x).norm(), 1e-10);
-      EXPECT_LT((X * dphi.transpose() - Mat3::Identity()).norm(), 1e-10);
-      EXPECT_LT(dphi.rowwise().sum().norm(), 1e-10);
-      const double h = 1e-6;
-      for (int r = 0; r < 3; ++r) {
-        mls_shape_functions(x + h * Vec3::Unit(r), X, nodes, radius, 1.0, options, {}, plus, unused);
-        mls_shape_functions(x - h * Vec3::Unit(r), X, nodes, radius, 1.0, options, {}, minus, unused);
-        EXPECT_LT(((plus - minus) / (2 * h) - dphi.row(r).transpose()).norm(), 1e-6);
-      }
-    }
 }
 
 TEST(Support, GrowsWhereTooFewNodesAreNearAndSaysSo) {

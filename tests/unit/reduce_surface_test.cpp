@@ -7,8 +7,8 @@
 #include <limits>
 #include <set>
 
-#include "preprocess/surface/shapes.hpp"
 #include "preprocess/surface/surface_cells.hpp"
+#include "tests/helpers/shapes.hpp"
 
 namespace dimple {
 namespace {

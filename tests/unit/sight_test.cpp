@@ -7,7 +7,7 @@
 #include <random>
 
 #include "preprocess/build_model.hpp"
-#include "preprocess/surface/shapes.hpp"
+#include "tests/helpers/shapes.hpp"
 
 namespace dimple {
 namespace {

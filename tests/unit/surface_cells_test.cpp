@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <random>
 
-#include "preprocess/surface/shapes.hpp"
+#include "tests/helpers/shapes.hpp"
 
 namespace dimple {
 namespace {

@@ -15,8 +15,8 @@
 #include "io/file.hpp"
 #include "io/surface_mesh.hpp"
 #include "preprocess/surface/closed_mesh.hpp"
-#include "preprocess/surface/shapes.hpp"
 #include "tests/helpers/folder.hpp"
+#include "tests/helpers/shapes.hpp"
 
 namespace dimple {
 namespace {

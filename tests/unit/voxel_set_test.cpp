@@ -4,6 +4,8 @@
 
 #include <functional>
 
+#include "tests/helpers/image.hpp"
+
 namespace dimple {
 namespace {
 

@@ -28,6 +28,7 @@
 #include "io/file.hpp"
 #include "io/triangle_strips.hpp"
 #include "tests/helpers/folder.hpp"
+#include "tests/helpers/image.hpp"
 
 namespace dimple {
 namespace {

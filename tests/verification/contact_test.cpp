@@ -12,10 +12,10 @@
 
 #include "io/error.hpp"
 #include "preprocess/build_model.hpp"
-#include "preprocess/surface/shapes.hpp"
 #include "solver/equilibrium/contact_step.hpp"
 #include "solver/equilibrium/friction_step.hpp"
 #include "solver/solve.hpp"
+#include "tests/helpers/shapes.hpp"
 
 namespace dimple {
 namespace {

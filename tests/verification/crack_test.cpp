@@ -9,9 +9,9 @@
 #include <random>
 
 #include "preprocess/make_model.hpp"
-#include "preprocess/surface/shapes.hpp"
 #include "solver/equilibrium/relax.hpp"
 #include "solver/system.hpp"
+#include "tests/helpers/shapes.hpp"
 
 namespace dimple {
 namespace {

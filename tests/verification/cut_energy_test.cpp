@@ -7,9 +7,9 @@
 #include <array>
 
 #include "preprocess/make_model.hpp"
-#include "preprocess/surface/shapes.hpp"
 #include "solver/equilibrium/relax.hpp"
 #include "solver/system.hpp"
+#include "tests/helpers/shapes.hpp"
 
 namespace dimple {
 namespace {

@@ -12,10 +12,10 @@
 #include "io/vtk_files.hpp"
 #include "preprocess/build_model.hpp"
 #include "preprocess/image/phantom.hpp"
-#include "preprocess/surface/shapes.hpp"
 #include "solver/solve.hpp"
 #include "tests/helpers/block.hpp"
 #include "tests/helpers/folder.hpp"
+#include "tests/helpers/shapes.hpp"
 #include "tests/verification/verify_bodies.hpp"
 
 namespace dimple {

@@ -14,10 +14,10 @@
 #include "preprocess/build_model.hpp"
 #include "preprocess/supports/contact_surface.hpp"
 #include "preprocess/supports/fold_banks.hpp"
-#include "preprocess/surface/shapes.hpp"
 #include "solver/equilibrium/relax.hpp"
 #include "solver/solve.hpp"
 #include "tests/helpers/block.hpp"
+#include "tests/helpers/shapes.hpp"
 #include "tests/verification/hertz.hpp"
 
 namespace dimple {

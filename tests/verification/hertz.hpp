@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "preprocess/build_model.hpp"
-#include "preprocess/surface/shapes.hpp"
+#include "tests/helpers/shapes.hpp"
 
 namespace dimple::hertz {
 

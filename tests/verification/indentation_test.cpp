@@ -12,9 +12,9 @@
 #include "io/table.hpp"
 #include "preprocess/build_model.hpp"
 #include "preprocess/surface/cut.hpp"
-#include "preprocess/surface/shapes.hpp"
 #include "solver/solve.hpp"
 #include "tests/helpers/random_bodies.hpp"
+#include "tests/helpers/shapes.hpp"
 
 namespace dimple {
 namespace {

@@ -10,9 +10,9 @@
 #include "apps/run/tool.hpp"
 #include "io/error.hpp"
 #include "preprocess/build_model.hpp"
-#include "preprocess/surface/shapes.hpp"
 #include "solver/session.hpp"
 #include "solver/solve.hpp"
+#include "tests/helpers/shapes.hpp"
 
 namespace dimple {
 namespace {

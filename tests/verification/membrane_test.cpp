@@ -10,9 +10,9 @@
 #include <numeric>
 
 #include "preprocess/build_model.hpp"
-#include "preprocess/surface/shapes.hpp"
 #include "solver/equilibrium/relax.hpp"
 #include "solver/terms/loads.hpp"
+#include "tests/helpers/shapes.hpp"
 #include "tests/verification/verify_bodies.hpp"
 
 namespace dimple {

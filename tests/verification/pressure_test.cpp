@@ -9,7 +9,7 @@
 
 #include "preprocess/build_model.hpp"
 #include "preprocess/image/phantom.hpp"
-#include "preprocess/surface/shapes.hpp"
+#include "tests/helpers/shapes.hpp"
 
 namespace dimple {
 namespace {

@@ -2,7 +2,7 @@
 
 #include <fmt/format.h>
 
-#include "preprocess/surface/shapes.hpp"
+#include "tests/helpers/shapes.hpp"
 
 namespace dimple {
 

@@ -16,8 +16,8 @@
 #include "preprocess/build_model.hpp"
 #include "preprocess/scene/wall_field.hpp"
 #include "preprocess/supports/wall_surface.hpp"
-#include "preprocess/surface/shapes.hpp"
 #include "solver/system.hpp"
+#include "tests/helpers/shapes.hpp"
 
 namespace dimple {
 namespace {

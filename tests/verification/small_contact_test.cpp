@@ -13,8 +13,8 @@
 #include "apps/run/tool.hpp"
 #include "io/table.hpp"
 #include "preprocess/build_model.hpp"
-#include "preprocess/surface/shapes.hpp"
 #include "solver/solve.hpp"
+#include "tests/helpers/shapes.hpp"
 
 namespace dimple {
 namespace {

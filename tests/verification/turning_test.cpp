@@ -9,9 +9,9 @@
 
 #include "io/error.hpp"
 #include "preprocess/build_model.hpp"
-#include "preprocess/surface/shapes.hpp"
 #include "solver/march/steps.hpp"
 #include "solver/solve.hpp"
+#include "tests/helpers/shapes.hpp"
 
 namespace dimple {
 namespace {

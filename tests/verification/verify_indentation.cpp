@@ -11,8 +11,8 @@
 #include "apps/run/band.hpp"
 #include "apps/run/config.hpp"
 #include "io/stop.hpp"
-#include "preprocess/surface/shapes.hpp"
 #include "solver/solve.hpp"
+#include "tests/helpers/shapes.hpp"
 #include "tests/verification/scenes.hpp"
 #include "tests/verification/verify_bodies.hpp"
 

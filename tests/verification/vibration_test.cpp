@@ -6,8 +6,8 @@
 #include <numbers>
 
 #include "preprocess/build_model.hpp"
-#include "preprocess/surface/shapes.hpp"
 #include "solver/solve.hpp"
+#include "tests/helpers/shapes.hpp"
 #include "tests/helpers/system.hpp"
 
 namespace dimple {

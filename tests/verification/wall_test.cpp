@@ -12,10 +12,10 @@
 #include "preprocess/build_model.hpp"
 #include "preprocess/scene/wall_field.hpp"
 #include "preprocess/supports/wall_surface.hpp"
-#include "preprocess/surface/shapes.hpp"
 #include "solver/equilibrium/relax.hpp"
 #include "solver/solve.hpp"
 #include "tests/helpers/block.hpp"
+#include "tests/helpers/shapes.hpp"
 
 namespace dimple {
 namespace {

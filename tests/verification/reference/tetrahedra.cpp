@@ -44,7 +44,7 @@
 #include "preprocess/build_model.hpp"
 #include "preprocess/scene/boundary_conditions.hpp"
 #include "preprocess/surface/label_surface.hpp"
-#include "preprocess/surface/shapes.hpp"
+#include "tests/helpers/shapes.hpp"
 
 namespace {
 

@@ -1,16 +1,22 @@
-#include "preprocess/surface/shapes.hpp"
+#pragma once
 
 #include <array>
 #include <cassert>
 #include <cmath>
 #include <numbers>
+#include <vector>
+
+#include "preprocess/surface/body_surface.hpp"
 
 namespace dimple {
-namespace {
+
+// Bodies whose surface is known exactly, without the voxels of an image between them and their geometry: what
+// the scheme is compared with other solutions on. Lengths in mm, z upwards.
 
 // A surface of revolution in the widest sense: rings of `sides` vertices from below upwards, and a vertex in
 // the middle below the first and above the last.
-BodySurface of_rings(const std::vector<std::vector<Vec3>>& ring, const Vec3& below, const Vec3& above) {
+inline BodySurface of_rings(const std::vector<std::vector<Vec3>>& ring, const Vec3& below,
+                            const Vec3& above) {
   const auto sides = static_cast<Index>(ring.front().size()), rings = static_cast<Index>(ring.size());
   Points vertex(3, sides * rings + 2);
   for (Index r = 0; r < rings; ++r)
@@ -34,7 +40,7 @@ BodySurface of_rings(const std::vector<std::vector<Vec3>>& ring, const Vec3& bel
   return {std::move(vertex), std::move(triangles)};
 }
 
-std::vector<Vec3> ring_of(double rx, double ry, double z, int sides) {
+inline std::vector<Vec3> ring_of(double rx, double ry, double z, int sides) {
   std::vector<Vec3> result;
   for (int k = 0; k < sides; ++k) {
     const double angle = 2.0 * std::numbers::pi * k / sides;
@@ -43,9 +49,8 @@ std::vector<Vec3> ring_of(double rx, double ry, double z, int sides) {
   return result;
 }
 
-}  // namespace
-
-BodySurface block_surface(const Vec3& lower, const Vec3& upper) {
+/// A box between two corners; twelve triangles.
+inline BodySurface block_surface(const Vec3& lower, const Vec3& upper) {
   Points vertex(3, 8);
   for (int corner = 0; corner < 8; ++corner)
     vertex.col(corner) << (corner & 1 ? upper : lower).x(), (corner & 2 ? upper : lower).y(),
@@ -58,7 +63,9 @@ BodySurface block_surface(const Vec3& lower, const Vec3& upper) {
   return {std::move(vertex), std::move(triangles)};
 }
 
-BodySurface slit_block_surface(const Vec3& size, double wall, double width, double depth) {
+/// A block of the given size on z = 0, centred at x = y = 0, with a slit `width` wide and `depth` deep from
+/// the top all along y, whose nearer wall lies at x = `wall`.
+inline BodySurface slit_block_surface(const Vec3& size, double wall, double width, double depth) {
   // Boxes, three by one by two, of which the one in the middle above is left out.
   const std::array<double, 4> x = {-0.5 * size.x(), wall, wall + width, 0.5 * size.x()};
   const std::array<double, 3> z = {0.0, size.z() - depth, size.z()};
@@ -93,12 +100,16 @@ BodySurface slit_block_surface(const Vec3& size, double wall, double width, doub
   return {std::move(vertex), std::move(triangles)};
 }
 
-BodySurface cylinder_surface(double radius, double height, int sides) {
+/// A cylinder about the z axis, standing on z = 0: a prism of `sides` sides whose edges lie on the cylinder;
+/// its volume is too small by (2 pi / sides)^2 / 6.
+inline BodySurface cylinder_surface(double radius, double height, int sides = 360) {
   return of_rings({ring_of(radius, radius, 0.0, sides), ring_of(radius, radius, height, sides)}, Vec3::Zero(),
                   Vec3(0.0, 0.0, height));
 }
 
-BodySurface cut_ellipsoid_surface(const Vec3& half, double cut, int sides) {
+/// An ellipsoid about the origin with the given half axes, cut flat at z = `cut`, of which the upper part is
+/// kept. All vertices lie on the ellipsoid, `sides` around and sides / 2 upwards. Needs: |cut| < half.z().
+inline BodySurface cut_ellipsoid_surface(const Vec3& half, double cut, int sides = 240) {
   assert(std::abs(cut) < half.z());
   const double lowest = std::asin(cut / half.z());
   const int rings = sides / 2;
