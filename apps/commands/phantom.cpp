@@ -21,12 +21,8 @@ struct PhantomArguments {
 
 // "60,60,30", "6cm,6cm,30mm": three lengths in mm.
 Vec3 lengths(const std::string& text, const std::string& flag) {
-  std::vector<WordNumber> size;
-  for (const char* name : {"x", "y", "z"})
-    size.push_back({.name = name, .unit = "mm", .least = 0.0, .most = 1e9, .least_excluded = true});
-  return parse_word({.what = "the size",
-                     .forms = {{.example = "60,60,30, or 6cm,6cm,3cm", .numbers = size}},
-                     .unknown = "a size is three lengths"},
+  const auto length = [](const char* name) { return length_number(name, 1.0, 1e9); };
+  return parse_word({"the size", {{"", {length("x"), length("y"), length("z")}, "60,60,30, or 6cm,6cm,3cm"}}},
                     text, flag)
       .three();
 }

@@ -348,16 +348,7 @@ void check(const PokeArguments& options) {
 
 // "--tool scalpel:12mm" is what the hand holds; the tool that presses stays the circle.
 std::optional<double> take_scalpel(Flags& flags) {
-  const WordTable words{.what = "the tool",
-                        .forms = {{.kind = "scalpel",
-                                   .example = "scalpel:12mm",
-                                   .numbers = {{.name = "depth",
-                                                .unit = "mm",
-                                                .scale = 1e-3,
-                                                .least = 0.0,
-                                                .most = 1000.0,
-                                                .least_excluded = true}}}},
-                        .unknown = "what the hand holds is a scalpel"};
+  const WordTable words{"the tool", {{"scalpel", {length_number("depth", 1e-3, 1000.0)}, "scalpel:12mm"}}};
   for (auto& [key, text] : flags.given)
     if (key == "tool.shape" && text->starts_with("scalpel")) {
       const OptionWord scalpel = parse_word(words, *text, "--tool scalpel:12mm");

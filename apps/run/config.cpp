@@ -951,15 +951,12 @@ FloorOfBand band_floor(const Config& config) {
 }
 
 std::optional<Vec3> followed_place(const Config& config) {
-  std::vector<WordNumber> place = place_numbers();
-  for (WordNumber& one : place) one.scale = 1e-3;
-  const OptionWord word = parse_word({.what = "the quantity",
-                                      .forms = {{.kind = "force", .example = "force"},
-                                                {.kind = "displacement",
-                                                 .example = "displacement@12,-30,45",
-                                                 .after_kind = '@',
-                                                 .numbers = place}},
-                                      .unknown = "it is force, or the displacement of a place in LPS mm"},
+  const OptionWord word = parse_word({"the quantity",
+                                      {{"force"},
+                                       {.kind = "displacement",
+                                        .numbers = place_numbers(1e-3),
+                                        .example = "displacement@12,-30,45",
+                                        .after_kind = '@'}}},
                                      config.accuracy.quantity, "--quantity (accuracy.quantity)");
   return word.number.empty() ? std::nullopt : std::optional(word.three());
 }
@@ -1043,12 +1040,11 @@ std::vector<Material> materials_of(const Config& c) {
 
 Vec3 gravity_of(const Config& config) {
   if (config.load.gravity == "none") return Vec3::Zero();
-  const OptionWord word = parse_word(
-      {.what = "gravity",
-       .forms = {{.example = "inferior, or 0,0,-9.81", .numbers = direction_numbers(), .is_side = true}},
-       .unknown = "it is a side of the patient, towards which 9.81 m/s2 pull, or three numbers "
-                  "in m/s2"},
-      config.load.gravity, "--gravity (load.gravity)");
+  const OptionWord word =
+      parse_word({"gravity",
+                  {{.numbers = direction_numbers(), .example = "inferior, or 0,0,-9.81", .is_side = true}},
+                  "it is a side of the patient, towards which 9.81 m/s2 pull, or three numbers in m/s2"},
+                 config.load.gravity, "--gravity (load.gravity)");
   if (!(word.three().norm() < 1e5)) refuse_word(word, "is out of range", "its size is below 100000 m/s2");
   return word.is_side ? Vec3(9.81 * word.three()) : word.three();
 }

@@ -23,28 +23,22 @@ constexpr double most_rings = 60.0;
 // Places stay in mm, in which bodies are cut.
 const WordTable& cut_words() {
   static const WordTable table = [] {
-    const auto after_place = [](std::vector<WordNumber> further) {
-      std::vector<WordNumber> six = place_numbers();
-      six.insert(six.end(), further.begin(), further.end());
-      return six;
-    };
-    const WordNumber depth{.name = "depth", .unit = "mm", .least = 0.0, .most = 1e6, .least_excluded = true};
-    WordNumber radius = depth;
-    radius.name = "radius", radius.usual = 0.0;
-    return WordTable{
-        .what = "the cut",
-        .forms = {{.kind = "plane",
-                   .example = "plane:x,y,z,nx,ny,nz[,radius=20mm]",
-                   .numbers = after_place(direction_numbers()),
-                   .keys = {radius}},
-                  {.kind = "line",
-                   .example = "line:x,y,z,x,y,z,depth=15mm",
-                   .numbers = after_place(place_numbers()),
-                   .keys = {depth}},
-                  {.kind = "label", .example = "label:NAME", .between = '\0', .names = "label"}},
-        .unknown = fmt::format("it is a plane, a line, a label or a surface, which is read from {} files",
-                               surface_suffixes),
-        .is_file = true};
+    const double far_mm = 1e6;
+    WordNumber radius = length_number("radius", 1.0, far_mm);
+    radius.usual = 0.0;
+    return WordTable{"the cut",
+                     {{"plane",
+                       joined(place_numbers(), direction_numbers()),
+                       "plane:x,y,z,nx,ny,nz[,radius=20mm]",
+                       {radius}},
+                      {"line",
+                       joined(place_numbers(), place_numbers()),
+                       "line:x,y,z,x,y,z,depth=15mm",
+                       {length_number("depth", 1.0, far_mm)}},
+                      {.kind = "label", .between = '\0', .names = "NAME"}},
+                     fmt::format("it is a plane, a line, a label or a surface, which is read from {} files",
+                                 surface_suffixes),
+                     true};
   }();
   return table;
 }

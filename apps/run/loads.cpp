@@ -30,23 +30,16 @@ std::vector<Index> triangles_on(const std::string& name, const Config::Pressure&
 }  // namespace
 
 WordNumber share_of_lost_fluid() {
-  return {.name = "share",
-          .unit = "%",
-          .scale = 0.01,
-          .least = 0.0,
-          .most = 100.0,
-          .least_excluded = true,
-          .needs_unit = true};
+  return {"share", "%", 0.01, 0.0, 100.0, true, true};
 }
 
 std::optional<FluidWords> fluid_lost_of(const Config& config) {
   if (config.load.fluid_lost == "none") return std::nullopt;
-  std::vector<WordNumber> numbers = direction_numbers();
-  numbers.push_back(share_of_lost_fluid());
   const OptionWord word = parse_word(
-      {.what = "the lost fluid",
-       .forms = {{.example = "anterior,60%, or 0,-1,0,60%", .numbers = numbers, .is_side = true}},
-       .unknown = "it is the direction that is up and the share of the body's height without fluid"},
+      {"the lost fluid",
+       {{.numbers = joined(direction_numbers(), {share_of_lost_fluid()}),
+         .example = "the direction that is up and a share of the height: anterior,60%, or 0,-1,0,60%",
+         .is_side = true}}},
       config.load.fluid_lost, "load.fluid_lost");
   if (word.three().isZero(0.0)) refuse_word(word, "has no direction", "three zeros are no direction");
   if (config.load.gravity != "none")

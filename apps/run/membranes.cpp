@@ -25,15 +25,14 @@ Config::Film film_of_words(const std::string& text) {
   Config::Film film;
   const std::vector<Option> options = options_of(film);
   const auto number = [](const char* name, const Option& of) {
-    return WordNumber{.name = name, .unit = of.unit, .least = of.least, .most = of.most};
+    return WordNumber{name, of.unit, 1.0, of.least, of.most};
   };
-  const OptionWord word = parse_word(
-      {.what = "the membrane",
-       .forms = {{.example = "0.1mm:400kPa, or --set membrane.pia.tension=2N/m for a tension",
-                  .between = ':',
-                  .numbers = {number("thickness", options[0]), number("shear modulus", options[1])}}},
-       .unknown = "it is given as thickness:shear modulus"},
-      text, "--membrane (load.membrane)");
+  const OptionWord word =
+      parse_word({"the membrane",
+                  {{.numbers = {number("thickness", options[0]), number("shear modulus", options[1])},
+                    .example = "0.1mm:400kPa, or --set membrane.pia.tension=2N/m for a tension",
+                    .between = ':'}}},
+                 text, "--membrane (load.membrane)");
   film.thickness_mm = word.number[0], film.mu_Pa = word.number[1];
   return film;
 }

@@ -142,8 +142,13 @@ void refuse_word(const OptionWord& word, const std::string& fact, const std::str
 
 OptionWord parse_word(const WordTable& table, const std::string& text, const std::string& where,
                       const std::string& of) {
-  std::vector<std::string> examples;
-  for (const WordForm& form : table.forms) examples.push_back(form.example);
+  std::vector<std::string> examples, patterns;
+  for (const WordForm& form : table.forms) {
+    patterns.push_back(pattern_of(form));
+    examples.push_back(form.example.empty() ? patterns.back() : form.example);
+  }
+  const std::string why_unknown =
+      table.unknown.empty() ? fmt::format("it is given as {}", fmt::join(patterns, " or ")) : table.unknown;
   if (table.is_file) examples.emplace_back("a file such as drawn.stl");
   const std::string t(trimmed(text));
   OptionWord word{.text = t,
@@ -157,7 +162,7 @@ OptionWord parse_word(const WordTable& table, const std::string& text, const std
   }
   const auto form = std::find_if(table.forms.begin(), table.forms.end(),
                                  [&](const WordForm& one) { return fits(one, word); });
-  if (form == table.forms.end()) refuse_word(word, "is not known", table.unknown);
+  if (form == table.forms.end()) refuse_word(word, "is not known", why_unknown);
   word.kind = form->kind;
   const std::size_t end = form->kind.empty() ? std::string::npos : t.find(form->after_kind);
   const std::string rest = form->kind.empty() ? t : end == std::string::npos ? "" : t.substr(end + 1);
@@ -165,27 +170,34 @@ OptionWord parse_word(const WordTable& table, const std::string& text, const std
   if (form->names.empty()) {
     read_numbers(word, *form, std::move(parts));
   } else {
-    if (parts.empty()) refuse_word(word, fmt::format("names no {}", form->names), table.unknown);
+    if (parts.empty()) refuse_word(word, fmt::format("names no {}", form->kind), why_unknown);
     word.name = std::move(parts);
   }
   return word;
 }
 
-std::vector<WordNumber> place_numbers() {
-  std::vector<WordNumber> place;
-  for (const char* name : {"x", "y", "z"})
-    place.push_back({.name = name, .unit = "mm", .least = -1e6, .most = 1e6});
-  return place;
+WordNumber length_number(const std::string& name, double scale, double most_mm) {
+  return {name, "mm", scale, 0.0, most_mm, true};
+}
+
+std::vector<WordNumber> place_numbers(double scale) {
+  constexpr double far_mm = 1e6;
+  return {{"x", "mm", scale, -far_mm, far_mm},
+          {"y", "mm", scale, -far_mm, far_mm},
+          {"z", "mm", scale, -far_mm, far_mm}};
 }
 
 std::vector<WordNumber> ball_numbers() {
-  std::vector<WordNumber> ball = place_numbers();
-  ball.push_back({.name = "radius", .unit = "mm", .least = 0.0, .most = 1e6, .least_excluded = true});
-  return ball;
+  return joined(place_numbers(), {length_number("radius", 1.0, 1e6)});
 }
 
 std::vector<WordNumber> direction_numbers() {
-  return {{.name = "nx"}, {.name = "ny"}, {.name = "nz"}};
+  return {{"nx"}, {"ny"}, {"nz"}};
+}
+
+std::vector<WordNumber> joined(std::vector<WordNumber> first, const std::vector<WordNumber>& then) {
+  first.insert(first.end(), then.begin(), then.end());
+  return first;
 }
 
 }  // namespace dimple

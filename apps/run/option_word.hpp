@@ -25,20 +25,20 @@ struct WordNumber {
 
 /// Form kind:number,number,key=number of a word.
 struct WordForm {
-  std::string kind = {};     ///< empty: the word begins with a number, or a side of the patient
-  std::string example = {};  ///< as a user writes it
-  char after_kind = ':';
-  char between = ',';
-  std::vector<WordNumber> numbers = {}, keys = {};
+  std::string kind = {};  ///< empty: the word begins with a number, or a side of the patient
+  std::vector<WordNumber> numbers = {};
+  std::string example = {};  ///< as a user writes it; empty: the form with the names of its numbers
+  std::vector<WordNumber> keys = {};
+  char after_kind = ':', between = ',';
   bool is_side = false;    ///< a side of the patient is given in place of the first three numbers
-  std::string names = {};  ///< what is named in place of numbers: "label"; empty: nothing
+  std::string names = {};  ///< in place of numbers it names things: "NAME"
 };
 
 /// Words that an option takes.
 struct WordTable {
   std::string what;  ///< as a message names it: "the tool"
   std::vector<WordForm> forms;
-  std::string unknown = {};  ///< reason to refuse a word of no form
+  std::string unknown = {};  ///< reason to refuse a word of no form; empty: that it has none of the forms
   bool is_file = false;      ///< the name of a surface file is a word too
 };
 
@@ -64,10 +64,13 @@ OptionWord parse_word(const WordTable& table, const std::string& text, const std
 /// Parts between separators, trimmed, without empty ones.
 std::vector<std::string> parts_between(const std::string& text, char separator);
 
-/// x, y, z of a place in mm, and the radius of a ball around it.
-std::vector<WordNumber> place_numbers();
+/// Length above zero, in mm, of at most `most_mm`.
+WordNumber length_number(const std::string& name, double scale, double most_mm);
+/// x, y, z of a place in mm, and with them the radius of a ball.
+std::vector<WordNumber> place_numbers(double scale = 1.0);
 std::vector<WordNumber> ball_numbers();
 /// Three components of a direction.
 std::vector<WordNumber> direction_numbers();
+std::vector<WordNumber> joined(std::vector<WordNumber> first, const std::vector<WordNumber>& then);
 
 }  // namespace dimple

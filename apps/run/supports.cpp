@@ -30,10 +30,9 @@ Report report_on(const std::string& name, const char* key, const std::string& fa
 
 OptionWord word_of(const std::string& name, const Config::Held& held) {
   std::vector<WordForm> forms = forms_of_surface_part();
-  forms.push_back({.kind = "label", .example = "label:NAME", .between = '\0', .names = "label"});
-  return parse_word(
-      {.what = "the place", .forms = std::move(forms), .unknown = "this names no part of the body"}, held.on,
-      fmt::format("support.{}.on", name), fmt::format("the support '{}'", name));
+  forms.push_back({.kind = "label", .between = '\0', .names = "NAME"});
+  return parse_word({"the place", std::move(forms), "this names no part of the body"}, held.on,
+                    fmt::format("support.{}.on", name), fmt::format("the support '{}'", name));
 }
 bool is_label(const OptionWord& word) {
   return word.kind == "label";

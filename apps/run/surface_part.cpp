@@ -26,10 +26,9 @@ std::vector<Index> uncut_triangles_on(const SurfacePart& part, const Surface& su
 }
 
 std::vector<WordForm> forms_of_surface_part() {
-  return {
-      {.kind = "all", .example = "all"},
-      {.example = "a side such as superior", .is_side = true},
-      {.example = "a ball x,y,z,radius in mm that holds a part of the surface", .numbers = ball_numbers()}};
+  return {{"all"},
+          {.example = "a side such as superior", .is_side = true},
+          {"", ball_numbers(), "a ball x,y,z,radius in mm that holds a part of the surface"}};
 }
 
 SurfacePart surface_part_of(const OptionWord& word) {
@@ -39,9 +38,8 @@ SurfacePart surface_part_of(const OptionWord& word) {
 }
 
 SurfacePart surface_part_named(const std::string& on, const std::string& where, const std::string& of) {
-  return surface_part_of(parse_word(
-      {.what = "the place", .forms = forms_of_surface_part(), .unknown = "this names no part of the surface"},
-      on, where, of));
+  return surface_part_of(
+      parse_word({"the place", forms_of_surface_part(), "this names no part of the surface"}, on, where, of));
 }
 
 }  // namespace dimple

@@ -31,32 +31,30 @@ struct ToolKind {
   std::vector<double> doubt;  // relative uncertainty of each length; 0: certain
 };
 
-WordNumber length_number(const char* name) {
-  return {.name = name, .unit = "mm", .scale = 1e-3, .least = 0.0, .most = 1000.0, .least_excluded = true};
-}
-
 std::string length_words(double metres) {
   return length_in_words(1e3 * metres);
 }
 
 std::vector<ToolKind> make_tool_kinds() {
   constexpr double well_known = 0.02, hardly_known = 0.2;
-  const WordNumber radius = length_number("radius");
-  WordNumber edge = length_number("edge"), length = length_number("length");
+  constexpr double largest_mm = 1000.0;
+  const WordNumber radius = length_number("radius", 1e-3, largest_mm);
+  WordNumber edge = length_number("edge", 1e-3, largest_mm),
+             length = length_number("length", 1e-3, largest_mm);
   edge.least_of_first = sharpest_edge, edge.most_of_first = 1.0;
   length.least_of_first = 2.0;  // both its round ends
-  return {{{.kind = "sphere", .example = "sphere:5mm", .numbers = {radius}},
+  return {{{"sphere", {radius}, "sphere:5mm"},
            [](const std::vector<double>& l) { return sphere_shape(l[0]); },
            [](const ToolShape& s) { return fmt::format("a sphere of {} radius", length_words(s.radius)); },
            {well_known}},
-          {{.kind = "punch", .example = "punch:5mm,edge=1mm", .numbers = {radius}, .keys = {edge}},
+          {{"punch", {radius}, "punch:5mm,edge=1mm", {edge}},
            [](const std::vector<double>& l) { return punch_shape(l[0], l[1]); },
            [](const ToolShape& s) {
              return fmt::format("a flat punch of {} radius with an edge of {}", length_words(s.radius),
                                 length_words(s.edge));
            },
            {well_known, hardly_known}},
-          {{.kind = "capsule", .example = "capsule:2mm,length=20mm", .numbers = {radius}, .keys = {length}},
+          {{"capsule", {radius}, "capsule:2mm,length=20mm", {length}},
            [](const std::vector<double>& l) { return capsule_shape(l[0], l[1]); },
            [](const ToolShape& s) {
              return fmt::format("a round-ended rod of {} radius, {} long", length_words(s.radius),
@@ -80,11 +78,10 @@ const ToolKind* kind_of(const std::string& name) {
 
 WordTable make_tool_words() {
   WordTable table{
-      .what = "the tool",
-      .forms = {{.kind = "circle", .example = "circle"}},
-      .unknown = fmt::format("it is circle, or a shape that touches; a mesh is read from {} files",
-                             surface_suffixes),
-      .is_file = true};
+      "the tool",
+      {{"circle"}},
+      fmt::format("it is circle, or a shape that touches; a mesh is read from {} files", surface_suffixes),
+      true};
   for (const ToolKind& kind : tool_kinds()) table.forms.push_back(kind.form);
   return table;
 }

@@ -52,26 +52,21 @@ std::string of_wall(const std::string& name) {
   return fmt::format("the wall '{}'", name);
 }
 
-const WordNumber& gap_number() {
-  static const WordNumber gap{.name = "gap", .unit = "mm", .scale = 1e-3, .least = 0.0, .most = 100.0};
-  return gap;
+WordNumber gap_number() {
+  return {"gap", "mm", 1e-3, 0.0, 100.0};
 }
 
 OptionWord word_of_wall(const std::string& name, const Config::Wall& wall) {
   if (trimmed(wall.shape).empty())
     refuse_wall(name, "has no shape", "shape", "it is not known where it stands",
                 "give label:NAME, a closed mesh such as skull.stl, plane:x,y,z,nx,ny,nz, or around:2mm");
-  std::vector<WordNumber> plane = place_numbers();
-  for (WordNumber& one : plane) one.scale = 1e-3;
-  for (const WordNumber& one : direction_numbers()) plane.push_back(one);
-  return parse_word(
-      {.what = "the shape",
-       .forms = {{.kind = "label", .example = "label:NAME", .names = "label"},
-                 {.kind = "plane", .example = "plane:x,y,z,nx,ny,nz", .numbers = plane},
-                 {.kind = "around", .example = "around:2mm", .numbers = {gap_number()}}},
-       .unknown = fmt::format("this names no wall; a mesh is read from {} files", surface_suffixes),
-       .is_file = true},
-      wall.shape, wall_key(name, "shape"), of_wall(name));
+  return parse_word({"the shape",
+                     {{.kind = "label", .names = "NAME"},
+                      {"plane", joined(place_numbers(1e-3), direction_numbers())},
+                      {"around", {gap_number()}, "around:2mm"}},
+                     fmt::format("this names no wall; a mesh is read from {} files", surface_suffixes),
+                     true},
+                    wall.shape, wall_key(name, "shape"), of_wall(name));
 }
 
 ToolPose plane_of(const OptionWord& word) {
@@ -90,21 +85,15 @@ BodySurface surface_of_file(const std::string& name, const std::filesystem::path
 }
 
 std::optional<Eigen::Vector4d> opening_of(const std::string& name, const Config::Wall& wall) {
-  const OptionWord word = parse_word({.what = "the opening",
-                                      .forms = {{.kind = "none", .example = "none"},
-                                                {.example = "x,y,z,radius in mm", .numbers = ball_numbers()}},
-                                      .unknown = "it is a ball"},
-                                     wall.opening, wall_key(name, "opening"), of_wall(name));
+  const OptionWord word = parse_word({"the opening", {{"none"}, {"", ball_numbers()}}}, wall.opening,
+                                     wall_key(name, "opening"), of_wall(name));
   if (word.number.empty()) return std::nullopt;
   return Eigen::Vector4d(word.number.data());
 }
 
 std::optional<double> gap_of(const std::string& name, const Config::Wall& wall) {
-  const OptionWord word = parse_word(
-      {.what = "the gap",
-       .forms = {{.kind = "image", .example = "image"}, {.example = "0.5mm", .numbers = {gap_number()}}},
-       .unknown = "it is that of the image, or a length"},
-      wall.gap, wall_key(name, "gap"), of_wall(name));
+  const OptionWord word = parse_word({"the gap", {{"image"}, {"", {gap_number()}, "0.5mm"}}}, wall.gap,
+                                     wall_key(name, "gap"), of_wall(name));
   return word.number.empty() ? std::nullopt : std::optional(word.number.front());
 }
 

@@ -37,20 +37,15 @@ constexpr double profile_step_mm = 5.0;
 constexpr const char* by_shift = "dimple shift";
 
 Eigen::Vector4d opening_of(const ShiftOptions& options) {
-  const OptionWord word =
-      parse_word({.what = "the opening",
-                  .forms = {{.example = "x,y,z,radius in mm, LPS", .numbers = ball_numbers()}},
-                  .unknown = "it is a ball"},
-                 options.opening, "--opening");
+  const OptionWord word = parse_word({"the opening", {{"", ball_numbers()}}}, options.opening, "--opening");
   return Eigen::Vector4d(word.number.data());
 }
 
 Vec3 up_of(const ShiftOptions& options) {
-  const OptionWord word = parse_word({.what = "the direction",
-                                      .forms = {{.example = "a side, such as anterior, or x,y,z, LPS",
-                                                 .numbers = direction_numbers(),
-                                                 .is_side = true}},
-                                      .unknown = "it is a side of the patient, or three numbers"},
+  const OptionWord word = parse_word({"the direction",
+                                      {{.numbers = direction_numbers(),
+                                        .example = "a side, such as anterior, or x,y,z, LPS",
+                                        .is_side = true}}},
                                      options.up, "--up");
   const Vec3 up = word.three();
   if (up.isZero(0.0)) refuse_word(word, "is no direction", "gravity acts against it");
@@ -65,11 +60,7 @@ std::vector<Vec3> targets_of(const ShiftOptions& options) {
       targets.insert(targets.end(), read.begin(), read.end());
       continue;
     }
-    targets.push_back(parse_word({.what = "the target",
-                                  .forms = {{.example = "x,y,z in mm, LPS", .numbers = place_numbers()}},
-                                  .unknown = "it is a place"},
-                                 one, "--target")
-                          .three());
+    targets.push_back(parse_word({"the target", {{"", place_numbers()}}}, one, "--target").three());
   }
   return targets;
 }
@@ -268,10 +259,7 @@ std::vector<std::string> assumptions_of(const Config& config, const ShiftOptions
 namespace {
 
 void check_fluid_lost(const ShiftOptions& options) {
-  parse_word({.what = "the lost fluid",
-              .forms = {{.example = "60%", .numbers = {share_of_lost_fluid()}}},
-              .unknown = "it is a share of the brain's height, in percent"},
-             options.fluid_lost, "--fluid-lost");
+  parse_word({"the lost fluid", {{"", {share_of_lost_fluid()}, "60%"}}}, options.fluid_lost, "--fluid-lost");
 }
 
 }  // namespace
