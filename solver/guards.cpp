@@ -447,8 +447,7 @@ void Guards::check_contact(const TouchingTool::Audit& audit, double most, const 
   const auto before = std::find_if(findings_.begin(), findings_.end(),
                                    [](const Finding& f) { return f.report.code == "penetration"; });
   // What nodes are too far apart for grows with the depth; what folds comes at once, with more nodes too.
-  const bool has_edge =
-      touch.shape.kind == ToolShape::Kind::punch || touch.shape.kind == ToolShape::Kind::drawn;
+  const bool has_edge = touch.shape.edge > 0.0 || touch.shape.mesh;
   if (has_edge && touch.friction == 0.0 && before != findings_.end() &&
       audit.penetration > 2.0 * before->worst) {
     report.why = text("it was ", fixed(1e3 * before->worst, 4),

@@ -80,7 +80,7 @@ struct Session::Parts {
              .code = "no-live"});
       tool.centre = options.touch->pose.tip;
       tool.radius = options.touch->shape.radius;
-      longest_tool = length_of_tool(options.touch->shape);
+      longest_tool = options.touch->shape.length;
       require_curve_of_equilibria();
     }
     longest = longest_way * tool.radius / longest_share(options.further);

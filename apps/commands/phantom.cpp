@@ -2,12 +2,11 @@
 
 #include <fmt/format.h>
 
-#include <sstream>
-
 #include "apps/commands/command.hpp"
 #include "apps/commands/describe.hpp"
 #include "apps/commands/log.hpp"
 #include "apps/commands/terminal.hpp"
+#include "apps/run/option_word.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/text.hpp"
@@ -21,18 +20,11 @@ struct PhantomArguments {
 };
 
 // "60,60,30", "6cm,6cm,30mm": three lengths in mm.
-Vec3 lengths(const std::string& text, const std::string& flag, const std::string& help) {
-  std::vector<std::string> parts;
-  std::istringstream list(text);
-  for (std::string part; std::getline(list, part, ',');) parts.push_back(part);
-  if (parts.size() != 3)
-    throw UsageError({.fact = fmt::format("'{}' is not a size", text),
-                      .where = flag,
-                      .why = "a size is three lengths X,Y,Z",
-                      .remedy = "for instance --size 60,60,30, or --size 6cm,6cm,3cm"});
-  Vec3 result;
-  for (Index d = 0; d < 3; ++d) result[d] = quantity(parts[static_cast<std::size_t>(d)], flag, "mm", help);
-  return result;
+Vec3 lengths(const std::string& text, const std::string& flag) {
+  const auto length = [](const char* name) { return length_number(name, 1.0, 1e9); };
+  return parse_word({"the size", {{"", {length("x"), length("y"), length("z")}, "60,60,30, or 6cm,6cm,3cm"}}},
+                    text, flag)
+      .three();
 }
 
 }  // namespace
@@ -54,7 +46,7 @@ Command add_phantom(CLI::App& app, Invocation& shared) {
   return {
       command, [&shared, options] {
         PhantomOptions& body = options->body;
-        if (!options->size.empty()) body.size_mm = lengths(options->size, "--size", "extent of the body");
+        if (!options->size.empty()) body.size_mm = lengths(options->size, "--size");
         if (!options->size.empty() && body.shape == "brain")  // whose first length is that from front to back
           std::swap(body.size_mm.x(), body.size_mm.y());
         if (!options->size.empty() && body.shape == "cylinder" && body.size_mm.x() != body.size_mm.y())

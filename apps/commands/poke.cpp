@@ -10,6 +10,7 @@
 #include "apps/commands/terminal.hpp"
 #include "apps/run/live.hpp"
 #include "apps/run/live_socket.hpp"
+#include "apps/run/option_word.hpp"
 #include "apps/run/results.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/view.hpp"
@@ -347,20 +348,12 @@ void check(const PokeArguments& options) {
 
 // "--tool scalpel:12mm" is what the hand holds; the tool that presses stays the circle.
 std::optional<double> take_scalpel(Flags& flags) {
-  constexpr std::string_view name = "scalpel";
-  constexpr double deepest_mm = 1000.0;
+  const WordTable words{"the tool", {{"scalpel", {length_number("depth", 1e-3, 1000.0)}, "scalpel:12mm"}}};
   for (auto& [key, text] : flags.given)
-    if (key == "tool.shape" && text->starts_with(name)) {
-      const bool has_depth = text->size() > name.size() && (*text)[name.size()] == ':';
-      const std::string depth = has_depth ? text->substr(name.size() + 1) : "";
+    if (key == "tool.shape" && text->starts_with("scalpel")) {
+      const OptionWord scalpel = parse_word(words, *text, "--tool scalpel:12mm");
       *text = Config().tool.shape;
-      const double mm = quantity(depth, "--tool scalpel:12mm", "mm", "how deep a scalpel cuts");
-      if (mm > deepest_mm)
-        throw UsageError({.fact = fmt::format("the scalpel cuts {:g} mm deep", mm),
-                          .where = "--tool",
-                          .why = fmt::format("a blade is {:g} mm long at most", deepest_mm),
-                          .remedy = "give millimetres, as scalpel:12mm"});
-      return 1e-3 * mm;
+      return scalpel.number.front();
     }
   return {};
 }

@@ -12,6 +12,7 @@
 #include <sstream>
 
 #include "apps/run/given_once.hpp"
+#include "apps/run/option_word.hpp"
 #include "apps/run/other_tools.hpp"
 #include "apps/run/steps.hpp"
 #include "apps/run/tool.hpp"
@@ -19,7 +20,6 @@
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/text.hpp"
-#include "preprocess/scene/sides.hpp"
 
 namespace dimple {
 
@@ -73,11 +73,14 @@ bool is_of_caller(const std::string& source) {
   } else if (std::holds_alternative<std::vector<std::string>*>(option.value)) {
     range = "words, separated by commas";
   } else if (!std::holds_alternative<std::string*>(option.value)) {
-    range = fmt::format("a number {} {}{}{}", option.least_excluded ? "above" : "from", plain(option.least),
-                        !std::isfinite(option.most) ? ""
-                        : option.least_excluded     ? ", at most " + plain(option.most)
-                                                    : " to " + plain(option.most),
-                        option.unit.empty() ? "" : " " + option.unit);
+    range =
+        !std::isfinite(option.least)
+            ? std::string("a number")
+            : fmt::format("a number {} {}{}{}", option.least_excluded ? "above" : "from", plain(option.least),
+                          !std::isfinite(option.most) ? ""
+                          : option.least_excluded     ? ", at most " + plain(option.most)
+                                                      : " to " + plain(option.most),
+                          option.unit.empty() ? "" : " " + option.unit);
   }
   throw UsageError({.fact = fmt::format("{} = {} is not allowed", option.key, text),
                     .where = source,
@@ -118,19 +121,10 @@ double parse_quantity(const Option& option, const std::string& text, const std::
   return value * factor->second;
 }
 
-// "a, b" -> a and b
-std::vector<std::string> parts_of(const std::string& text) {
-  std::vector<std::string> result;
-  std::stringstream parts(text);
-  for (std::string part; std::getline(parts, part, ',');)
-    if (!trimmed(part).empty()) result.emplace_back(trimmed(part));
-  return result;
-}
-
 // "1cm,2cm,30mm" -> "10,20,30": a place is kept in mm. Parts that are no lengths stay as they are.
 std::string place_in_mm(const std::string& text) {
   std::string result;
-  for (const std::string& part : parts_of(text)) {
+  for (const std::string& part : parts_between(text, ',')) {
     double value = 0.0;
     const auto [end, error] = std::from_chars(part.data(), part.data() + part.size(), value);
     const auto unit =
@@ -153,7 +147,7 @@ void assign_text(const Option& option, const std::string& text, const std::strin
       refuse(option, text, source, "it is not one of the words allowed" + did_you_mean(text, option.choices));
     **word = text;
   } else if (auto* list = std::get_if<std::vector<std::string>*>(&option.value)) {
-    **list = parts_of(text);
+    **list = parts_between(text, ',');
     if (option.choices.empty()) return;
     if ((*list)->empty()) refuse(option, text.empty() ? "nothing" : text, source, "the list is empty");
     for (const std::string& part : **list)
@@ -163,7 +157,7 @@ void assign_text(const Option& option, const std::string& text, const std::strin
             fmt::format("'{}' is not one of the words allowed{}", part, did_you_mean(part, option.choices)));
   } else if (auto* numbers = std::get_if<std::vector<double>*>(&option.value)) {
     std::vector<double> read;
-    for (const std::string& part : parts_of(text)) {
+    for (const std::string& part : parts_between(text, ',')) {
       read.push_back(parse_quantity(option, part, source) +
                      0.0);  // no -0, which is written as a whole number
       if (!std::isfinite(read.back())) refuse(option, part, source, "it is not a finite number");
@@ -948,15 +942,14 @@ FloorOfBand band_floor(const Config& config) {
 }
 
 std::optional<Vec3> followed_place(const Config& config) {
-  const std::string& text = config.accuracy.quantity;
-  const std::string displacement = "displacement@";
-  if (text == "force") return std::nullopt;
-  if (text.starts_with(displacement))
-    if (const auto place = parse_vector(text.substr(displacement.size()))) return *place * 1e-3;
-  throw UsageError({.fact = fmt::format("'{}' is not a quantity", text),
-                    .where = "--quantity (accuracy.quantity)",
-                    .why = "it is force, or the displacement of a place in LPS mm",
-                    .remedy = "give it as displacement@12,-30,45"});
+  const OptionWord word = parse_word({"the quantity",
+                                      {{"force"},
+                                       {.kind = "displacement",
+                                        .numbers = place_numbers(1e-3),
+                                        .example = "displacement@12,-30,45",
+                                        .after_kind = '@'}}},
+                                     config.accuracy.quantity, "--quantity (accuracy.quantity)");
+  return word.number.empty() ? std::nullopt : std::optional(word.three());
 }
 
 void require_no_goal(const Config& config, const std::string& command) {
@@ -994,7 +987,7 @@ ModelOptions model_options(const Config& c) {
         return way;
       };
     GradingOptions& grading = options.cloud.grading;
-    grading.whole_circle = tool->kind != ToolShape::Kind::punch;
+    grading.whole_circle = !(tool->edge > 0.0);
     // A bonded rim tears finer nodes apart; a round tool's first touch is small beside its last.
     if (grading.whole_circle) {
       grading.least = std::min(grading.least, 0.08);
@@ -1002,7 +995,7 @@ ModelOptions model_options(const Config& c) {
         return 1e3 * height_of_tool(shape, 1e-3 * r);
       };
     }
-    if (tool->kind == ToolShape::Kind::punch)
+    if (tool->edge > 0.0)
       grading.least = std::min(grading.least, 0.25 * 1e3 * tool->edge / options.boundary.contact_radius_mm);
   }
   return options;
@@ -1037,25 +1030,14 @@ std::vector<Material> materials_of(const Config& c) {
 }
 
 Vec3 gravity_of(const Config& config) {
-  const std::string& asked = config.load.gravity;
-  if (asked == "none") return Vec3::Zero();
-  if (const auto side = side_named(asked, "--gravity (load.gravity)")) return 9.81 * *side;
-  Vec3 result = Vec3::Zero();
-  const std::vector<std::string> parts = parts_of(asked);
-  bool numbers = parts.size() == 3;
-  for (std::size_t d = 0; numbers && d < 3; ++d) {
-    const auto [end, error] =
-        std::from_chars(parts[d].data(), parts[d].data() + parts[d].size(), result[static_cast<Index>(d)]);
-    numbers = error == std::errc{} && end == parts[d].data() + parts[d].size() &&
-              std::isfinite(result[static_cast<Index>(d)]);
-  }
-  if (numbers && result.norm() < 1e5) return result;
-  throw UsageError(
-      {.fact = fmt::format("gravity '{}' is {}", asked, numbers ? "out of range" : "no direction"),
-       .where = "--gravity (load.gravity)",
-       .why = numbers ? "its size is below 100000 m/s2"
-                      : "it is a side of the patient, towards which 9.81 m/s2 pull, or three numbers in m/s2",
-       .remedy = "for instance --gravity inferior, or --gravity 0,0,-9.81"});
+  if (config.load.gravity == "none") return Vec3::Zero();
+  const OptionWord word =
+      parse_word({"gravity",
+                  {{.numbers = direction_numbers(), .example = "inferior, or 0,0,-9.81", .is_side = true}},
+                  "it is a side of the patient, towards which 9.81 m/s2 pull, or three numbers in m/s2"},
+                 config.load.gravity, "--gravity (load.gravity)");
+  if (!(word.three().norm() < 1e5)) refuse_word(word, "is out of range", "its size is below 100000 m/s2");
+  return word.is_side ? Vec3(9.81 * word.three()) : word.three();
 }
 
 Loading loading_of(const Config& c) {

@@ -405,7 +405,7 @@ bool reaches_in(const LiveOrgan& organ, const Vec3& push, const Vec3& tip) {
   if (surface.contains(to_body * (1e3 * tip))) return true;
   if (!organ.shape) return false;
   const ToolShape& shape = *organ.shape;
-  if (shape.kind == ToolShape::Kind::sphere)
+  if (shape.kind == "sphere")
     return !surface.farther(to_body * (1e3 * (tip - shape.radius * push)), 1e3 * shape.radius);
   const ToolPose pose{.tip = tip, .points_at = push};
   constexpr double noticed = 0.02;  // of the radius

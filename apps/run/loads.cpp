@@ -10,69 +10,43 @@
 namespace dimple {
 namespace {
 
-[[noreturn]] void refuse_pressure(const std::string& name, const std::string& fact, const std::string& why) {
-  throw UsageError({.fact = fmt::format("the pressure '{}' {}", name, fact),
-                    .where = fmt::format("load.pressure.{}.on", name),
-                    .why = why,
-                    .remedy = "give all, a side such as superior, or a ball x,y,z,radius in mm that holds a "
-                              "part of the surface"});
-}
-
 SurfacePart part_of(const std::string& name, const Config::Pressure& pressure) {
-  const auto part = surface_part_named(pressure.on);
-  if (!part)
-    refuse_pressure(name, fmt::format("is on '{}'", pressure.on), "this names no part of the surface");
-  return *part;
+  return surface_part_named(pressure.on, fmt::format("load.pressure.{}.on", name),
+                            fmt::format("the pressure '{}'", name));
 }
 
 std::vector<Index> triangles_on(const std::string& name, const Config::Pressure& pressure,
                                 const Surface& surface) {
   std::vector<Index> chosen = triangles_on(part_of(name, pressure), surface);
   if (chosen.empty())
-    refuse_pressure(name, fmt::format("on '{}' meets no part of the surface", pressure.on),
-                    "it would act on nothing");
+    throw UsageError(
+        {.fact = fmt::format("the pressure '{}' on '{}' meets no part of the surface", name, pressure.on),
+         .where = fmt::format("load.pressure.{}.on", name),
+         .why = "it would act on nothing",
+         .remedy = "give all, a side, or a larger ball on the surface"});
   return chosen;
 }
 
 }  // namespace
 
+WordNumber share_of_lost_fluid() {
+  return {"share", "%", 0.01, 0.0, 100.0, true, true};
+}
+
 std::optional<FluidWords> fluid_lost_of(const Config& config) {
-  const std::string& text = config.load.fluid_lost;
-  if (text == "none") return std::nullopt;
-  const auto refuse = [&](const std::string& fact, const std::string& why) {
-    throw UsageError({.fact = fmt::format("the fluid that is lost {}", fact),
-                      .where = "load.fluid_lost",
-                      .why = why,
-                      .remedy = "give which way is up and the share of the body's height that has no fluid "
-                                "any more: anterior,60%, or 0,-1,0,60%"});
-  };
-  const auto comma = text.rfind(',');
-  const std::string last = comma == std::string::npos ? "" : text.substr(comma + 1);
-  if (last.size() < 2 || last.back() != '%')
-    refuse(fmt::format("is '{}'", text), "it ends with a share in percent");
-  double percent = 0.0;
-  set_value({.key = "load.fluid_lost",
-             .value = &percent,
-             .most = 100.0,
-             .least_excluded = true,
-             .help = "a share in percent"},
-            last.substr(0, last.size() - 1), "load.fluid_lost");
-  const std::string up = text.substr(0, comma);
-  std::optional<Vec3> direction = side_named(up, "load.fluid_lost");
-  if (!direction) {
-    std::vector<double> n;
-    set_value({.key = "load.fluid_lost", .value = &n, .least = -1e6, .most = 1e6, .help = "which way is up"},
-              up, "load.fluid_lost");
-    if (n.size() != 3 || Vec3(n[0], n[1], n[2]).isZero(0.0))
-      refuse(fmt::format("has '{}' for the way up", up),
-             "it is a side, or three numbers that are a direction");
-    direction = Vec3(n[0], n[1], n[2]).stableNormalized();
-  }
+  if (config.load.fluid_lost == "none") return std::nullopt;
+  const OptionWord word = parse_word(
+      {"the lost fluid",
+       {{.numbers = joined(direction_numbers(), {share_of_lost_fluid()}),
+         .example = "the direction that is up and a share of the height: anterior,60%, or 0,-1,0,60%",
+         .is_side = true}}},
+      config.load.fluid_lost, "load.fluid_lost");
+  if (word.three().isZero(0.0)) refuse_word(word, "has no direction", "three zeros are no direction");
   if (config.load.gravity != "none")
-    refuse("is asked for beside gravity",
-           "gravity lays the whole weight on a body that was imaged without it; a lost fluid changes the "
-           "equilibrium in which it was imaged");
-  return FluidWords{*direction, 0.01 * percent};
+    refuse_word(word, "is asked for beside gravity",
+                "gravity lays the whole weight on a body that was imaged without it; a lost fluid changes "
+                "the equilibrium in which it was imaged");
+  return FluidWords{word.is_side ? word.three() : Vec3(word.three().stableNormalized()), word.number.back()};
 }
 
 std::string in_words(const Loads& loads) {

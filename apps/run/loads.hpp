@@ -3,6 +3,7 @@
 #include <optional>
 
 #include "apps/run/config.hpp"
+#include "apps/run/option_word.hpp"
 #include "solver/terms/loads.hpp"
 
 namespace dimple {
@@ -26,6 +27,8 @@ struct FluidWords {
   Vec3 up;
   double share;
 };
+/// Share of the body's height as an option gives it, in percent.
+WordNumber share_of_lost_fluid();
 std::optional<FluidWords> fluid_lost_of(const Config& config);
 
 }  // namespace dimple

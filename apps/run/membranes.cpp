@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include "apps/run/option_word.hpp"
 #include "apps/run/surface_part.hpp"
 #include "io/digits.hpp"
 #include "io/error.hpp"
@@ -21,15 +22,18 @@ constexpr const char* of_all = "surface";
 
 // "0.1mm:400kPa"
 Config::Film film_of_words(const std::string& text) {
-  const std::string where = "--membrane (load.membrane)";
-  const auto colon = text.find(':');
-  if (colon == std::string::npos)
-    refuse(of_all, fmt::format("is '{}'", text), where, "it is given as thickness:shear modulus",
-           "for instance --membrane 0.1mm:400kPa, or --set membrane.pia.tension=2N/m for a tension");
   Config::Film film;
-  std::vector<Option> options = options_of(film);
-  set_value(options[0], text.substr(0, colon), where);
-  set_value(options[1], text.substr(colon + 1), where);
+  const std::vector<Option> options = options_of(film);
+  const auto number = [](const char* name, const Option& of) {
+    return WordNumber{name, of.unit, 1.0, of.least, of.most};
+  };
+  const OptionWord word =
+      parse_word({"the membrane",
+                  {{.numbers = {number("thickness", options[0]), number("shear modulus", options[1])},
+                    .example = "0.1mm:400kPa, or --set membrane.pia.tension=2N/m for a tension",
+                    .between = ':'}}},
+                 text, "--membrane (load.membrane)");
+  film.thickness_mm = word.number[0], film.mu_Pa = word.number[1];
   return film;
 }
 
@@ -45,15 +49,11 @@ std::map<std::string, Config::Film> films_of(const Config& config) {
 
 std::vector<Index> triangles_of(const std::string& name, const Config::Film& film, const Surface& surface) {
   const std::string where = fmt::format("membrane.{}.on", name);
-  const std::string remedy =
-      "give all, a side such as superior, or a ball x,y,z,radius in mm that holds a part of the surface";
-  const auto part = surface_part_named(film.on);
-  if (!part)
-    refuse(name, fmt::format("is on '{}'", film.on), where, "this names no part of the surface", remedy);
-  std::vector<Index> chosen = uncut_triangles_on(*part, surface);
+  std::vector<Index> chosen =
+      uncut_triangles_on(surface_part_named(film.on, where, fmt::format("the membrane '{}'", name)), surface);
   if (chosen.empty() && !surface.empty())
     refuse(name, fmt::format("on '{}' meets no part of the surface", film.on), where,
-           "it would cover nothing", remedy);
+           "it would cover nothing", "give all, a side, or a larger ball on the surface");
   return chosen;
 }
 

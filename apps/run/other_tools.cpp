@@ -191,11 +191,11 @@ OtherTools other_tools_of(const Config& config, const Model& model, const std::v
     const ToolPlace at = stand_of(name, tool, surface, touch.shape.radius);
     const std::vector<Vec3> way = ways_of(config, name, tool, at.push);
     const double depth = deepest_of(way, at.push);
-    if (depth > length_of_tool(touch.shape))
+    if (depth > touch.shape.length)
       throw UsageError(
           report_on(name, "move_mm",
                     fmt::format("is to be pushed in by {}, and is {} long", length_in_words(1e3 * depth),
-                                length_in_words(1e3 * length_of_tool(touch.shape))),
+                                length_in_words(1e3 * touch.shape.length)),
                     "what holds it at its upper end is not modelled", "move it less, or give a longer tool"));
     // A tool that stands is pressed by what comes towards it.
     touch.surface =

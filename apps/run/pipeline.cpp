@@ -120,7 +120,7 @@ void require_room_beneath(const Config& config, const Discretisation& places) {
 void tell_of_first_touch(const RunLog& log, const Config& config, const Model& model, const Touch& touch) {
   constexpr double enough = 4.0;
   const double radius = enough * model.spacing.minCoeff(), depth = 1e-3 * config.load.depth_mm;
-  if (touch.shape.kind == ToolShape::Kind::punch) return;
+  if (touch.shape.edge > 0.0) return;
   double until = depth;
   if (contact_radius(touch.shape, depth) > radius) {
     double low = 0.0;

@@ -445,7 +445,7 @@ std::vector<Vec3> swept(const Config& config, const ToolPlace& tool) {
   look_along(config, tool, [&](const Vec3& come, const Mat3& turned, bool has_turned) {
     way.push_back(come);
     if (!has_turned) return;
-    const double up = std::min(axis_below(come, turned, tool.push, shape.radius), length_of_tool(shape));
+    const double up = std::min(axis_below(come, turned, tool.push, shape.radius), shape.length);
     way.push_back(come - up * (turned * tool.push));
   });
   return way;

@@ -97,8 +97,7 @@ void add_touch(Json& summary, const Touch& touch, const History& history) {
     summary["counts"].erase(key);
   const ToolShape& shape = touch.shape;
   Json tool = {{"words", in_words(shape)}, {"radius_mm", 1e3 * shape.radius}};
-  if (shape.kind == ToolShape::Kind::punch) tool["edge_mm"] = 1e3 * shape.edge;
-  if (shape.kind == ToolShape::Kind::capsule) tool["length_mm"] = 1e3 * shape.length;
+  for (const ToolLength& length : lengths_of(shape)) tool[length.name + "_mm"] = 1e3 * length.value;
   if (shape.mesh) {
     tool["file"] = shape.mesh->name;
     tool["triangles"] = shape.mesh->triangles.cols();

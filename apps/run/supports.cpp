@@ -17,12 +17,8 @@
 namespace dimple {
 namespace {
 
-constexpr const char* label_prefix = "label:";
 constexpr std::size_t most_supports = 28;  // each has a bit of node_set
 constexpr double on_surface = 0.1;         // spacings
-
-constexpr const char* known_places =
-    "give a side such as left, a ball x,y,z,radius in mm that holds a part of the surface, or label:NAME";
 
 Report report_on(const std::string& name, const char* key, const std::string& fact, const std::string& why,
                  const std::string& remedy) {
@@ -32,11 +28,14 @@ Report report_on(const std::string& name, const char* key, const std::string& fa
           .remedy = remedy};
 }
 
-bool is_label(const Config::Held& held) {
-  return held.on.starts_with(label_prefix);
+OptionWord word_of(const std::string& name, const Config::Held& held) {
+  std::vector<WordForm> forms = forms_of_surface_part();
+  forms.push_back({.kind = "label", .between = '\0', .names = "NAME"});
+  return parse_word({"the place", std::move(forms), "this names no part of the body"}, held.on,
+                    fmt::format("support.{}.on", name), fmt::format("the support '{}'", name));
 }
-std::string label_of(const Config::Held& held) {
-  return held.on.substr(std::string(label_prefix).size());
+bool is_label(const OptionWord& word) {
+  return word.kind == "label";
 }
 bool slides(const Config::Held& held) {
   return held.hold == "sliding";
@@ -48,12 +47,10 @@ void check(const std::string& name, const Config::Held& held) {
                       .where = fmt::format("support.{}", name),
                       .why = "what is held is told of and moved by its name, and the body has that already",
                       .remedy = "name it differently"});
-  const bool label = is_label(held) && !label_of(held).empty();
-  if (!label && !surface_part_named(held.on))
-    throw UsageError(report_on(name, "on",
-                               held.on.empty() ? "is nowhere" : fmt::format("is on '{}'", held.on),
-                               "this names no part of the body", known_places));
-  if (label && slides(held))
+  if (held.on.empty())
+    throw UsageError(report_on(name, "on", "is nowhere", "a support is a part of the body",
+                               "give a side such as left, a ball x,y,z,radius in mm, or label:NAME"));
+  if (is_label(word_of(name, held)) && slides(held))
     throw UsageError(report_on(name, "hold", "slides, and is the tissue of a label",
                                "tissue slides along a surface, and inner tissue has none",
                                "give hold = \"fixed\", or a side or a ball in place of the label"));
@@ -121,17 +118,18 @@ bool has(const std::vector<Index>& ascending, Index a) {
 void check_nodes(const std::string& name, const Config::Held& held, const Chosen& chosen,
                  const Discretisation& places, const std::vector<Index>& base) {
   const std::vector<Index>& nodes = chosen.node;
+  const bool of_label = is_label(word_of(name, held));
   if (nodes.empty())
     throw ModelError(
         report_on(name, "on", fmt::format("on '{}' meets no node", held.on),
-                  is_label(held) ? "no integration point has that label, or none that is nearest to a node"
+                  of_label ? "no integration point has that label, or none that is nearest to a node"
                   : std::isfinite(chosen.nearest_mm)
                       ? fmt::format("the nearest node of the surface is {} from the ball's middle",
                                     length_in_words(chosen.nearest_mm))
                       : "no node of the surface lies there",
-                  is_label(held) ? "`dimple info IMAGE` shows the labels; a model made without this support "
-                                   "knows no labels, unless tissues differ"
-                                 : "give another side, a larger ball on the surface, or more --nodes"));
+                  of_label ? "`dimple info IMAGE` shows the labels; a model made without this support "
+                             "knows no labels, unless tissues differ"
+                           : "give another side, a larger ball on the surface, or more --nodes"));
   const auto of_tool =
       std::count_if(nodes.begin(), nodes.end(), [&](Index a) { return has(places.circle, a); });
   if (of_tool > 0)
@@ -204,7 +202,7 @@ int number_of_label(const std::string& label, const std::map<std::string, int>& 
 std::map<std::string, std::string> labels_of_supports(const Config& config) {
   std::map<std::string, std::string> labels;
   for (const auto& [name, held] : config.held)
-    if (is_label(held)) labels[name] = label_of(held);
+    if (const OptionWord word = word_of(name, held); is_label(word)) labels[name] = word.name.front();
   return labels;
 }
 
@@ -238,8 +236,10 @@ Supports supports_of(const Config& config, const Discretisation& places,
   std::vector<Chosen> chosen;
   std::vector<int> owner(static_cast<std::size_t>(places.node_count()), -1);  // the last that takes a node
   for (const auto& [name, held] : config.held) {
-    chosen.push_back(is_label(held) ? nodes_with_label(number_of_label(label_of(held), label_names), places)
-                                    : nodes_on_surface(*surface_part_named(held.on), places, *surface));
+    const OptionWord word = word_of(name, held);
+    chosen.push_back(is_label(word)
+                         ? nodes_with_label(number_of_label(word.name.front(), label_names), places)
+                         : nodes_on_surface(surface_part_of(word), places, *surface));
     check_nodes(name, held, chosen.back(), places, base);
     const auto number = static_cast<int>(result.sets.size());
     for (const Index a : chosen.back().node) owner[static_cast<std::size_t>(a)] = number;

@@ -1,29 +1,8 @@
 #include "apps/run/surface_part.hpp"
 
 #include <Eigen/Geometry>
-#include <charconv>
-#include <cmath>
-
-#include "preprocess/scene/sides.hpp"
 
 namespace dimple {
-namespace {
-
-// x, y, z and radius, if the text is that.
-std::optional<Eigen::Vector4d> ball_in_mm(const std::string& text) {
-  Eigen::Vector4d ball;
-  const char *at = text.data(), *end = at + text.size();
-  for (int d = 0; d < 4; ++d) {
-    while (at != end && (*at == ' ' || (d > 0 && *at == ','))) ++at;
-    const auto [next, error] = std::from_chars(at, end, ball[d]);
-    if (error != std::errc{} || !std::isfinite(ball[d])) return std::nullopt;
-    at = next;
-  }
-  return at == end && ball[3] > 0.0 ? std::optional(ball) : std::nullopt;
-}
-
-}  // namespace
-
 bool SurfacePart::has(const Vec3& place_mm, const Vec3& normal) const {
   if (side && normal.dot(*side) < facing * normal.norm()) return false;
   return !ball || (place_mm - ball->head<3>()).norm() <= (*ball)[3];
@@ -46,10 +25,21 @@ std::vector<Index> uncut_triangles_on(const SurfacePart& part, const Surface& su
   return chosen;
 }
 
-std::optional<SurfacePart> surface_part_named(const std::string& on) {
-  if (on == "all") return SurfacePart{};
-  const SurfacePart part{.side = side_named(on, "on = SIDE, a part of the surface"), .ball = ball_in_mm(on)};
-  return part.side || part.ball ? std::optional(part) : std::nullopt;
+std::vector<WordForm> forms_of_surface_part() {
+  return {{"all"},
+          {.example = "a side such as superior", .is_side = true},
+          {"", ball_numbers(), "a ball x,y,z,radius in mm that holds a part of the surface"}};
+}
+
+SurfacePart surface_part_of(const OptionWord& word) {
+  if (word.number.empty()) return {};
+  if (word.is_side) return {.side = word.three(), .ball = {}};
+  return {.side = {}, .ball = Eigen::Vector4d(word.number.data())};
+}
+
+SurfacePart surface_part_named(const std::string& on, const std::string& where, const std::string& of) {
+  return surface_part_of(
+      parse_word({"the place", forms_of_surface_part(), "this names no part of the surface"}, on, where, of));
 }
 
 }  // namespace dimple

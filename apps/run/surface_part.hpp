@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "apps/run/option_word.hpp"
 #include "preprocess/model.hpp"
 
 namespace dimple {
@@ -18,8 +19,11 @@ struct SurfacePart {
   bool has(const Vec3& place_mm, const Vec3& normal) const;
 };
 
-/// Of "all", a side such as superior (sides.hpp), or x,y,z,radius; nothing of any other text.
-std::optional<SurfacePart> surface_part_named(const std::string& on);
+/// Words of a part of the surface: all, a side such as superior (sides.hpp), or x,y,z,radius.
+std::vector<WordForm> forms_of_surface_part();
+SurfacePart surface_part_of(const OptionWord& word);
+/// Part that the option `where` of `of`, "the pressure 'csf'", names. Throws UsageError.
+SurfacePart surface_part_named(const std::string& on, const std::string& where, const std::string& of);
 
 /// The triangles of a surface that it holds, by their middles.
 std::vector<Index> triangles_on(const SurfacePart& part, const Surface& surface);

@@ -9,116 +9,81 @@
 #include <mutex>
 #include <vector>
 
+#include "apps/run/option_word.hpp"
 #include "apps/run/steps.hpp"
 #include "apps/run/words.hpp"
 #include "io/digits.hpp"
 #include "io/error.hpp"
 #include "io/surface_mesh.hpp"
-#include "io/text.hpp"
 
 namespace dimple {
 namespace {
 
-constexpr const char* forms = "sphere:5mm, punch:5mm,edge=1mm, capsule:2mm,length=20mm or probe.stl";
 constexpr double usual_depth = 0.8;           // of the radius
 constexpr double power_of_a_round_tip = 1.5;  // Hertz
 const std::string by_tool = "the tool";
 
-// A shape as it was written, and the option that it stands in.
-struct Asked {
-  const std::string& shape;
-  std::string option;
+// A tool with lengths: how it is written, made and described. A new shape is one more row.
+struct ToolKind {
+  WordForm form;
+  ToolShape (*make)(const std::vector<double>& lengths);
+  std::string (*words)(const ToolShape& shape);
+  std::vector<double> doubt;  // relative uncertainty of each length; 0: certain
 };
 
-[[noreturn]] void refuse(const Asked& tool, const std::string& fact, const std::string& why,
-                         const std::string& remedy) {
-  throw UsageError({.fact = fmt::format("the tool '{}' {}", tool.shape, fact),
-                    .where = tool.option,
-                    .why = why,
-                    .remedy = remedy});
+std::string length_words(double metres) {
+  return length_in_words(1e3 * metres);
 }
 
-// [m], in the units that every option of a length takes.
-double length_of(const Asked& tool, const std::string& text) {
-  if (text.empty())
-    refuse(tool, "lacks a length", "its lengths say how large it is",
-           fmt::format("give for instance {}", forms));
-  double mm = 0.0;
-  set_value({.key = "tool.shape",
-             .flag = "--tool",
-             .unit = "mm",
-             .value = &mm,
-             .most = 1000.0,
-             .least_excluded = true,
-             .help = "a length of the tool"},
-            text, tool.option);
-  return 1e-3 * mm;
+std::vector<ToolKind> make_tool_kinds() {
+  constexpr double well_known = 0.02, hardly_known = 0.2;
+  constexpr double largest_mm = 1000.0;
+  const WordNumber radius = length_number("radius", 1e-3, largest_mm);
+  WordNumber edge = length_number("edge", 1e-3, largest_mm),
+             length = length_number("length", 1e-3, largest_mm);
+  edge.least_of_first = sharpest_edge, edge.most_of_first = 1.0;
+  length.least_of_first = 2.0;  // both its round ends
+  return {{{"sphere", {radius}, "sphere:5mm"},
+           [](const std::vector<double>& l) { return sphere_shape(l[0]); },
+           [](const ToolShape& s) { return fmt::format("a sphere of {} radius", length_words(s.radius)); },
+           {well_known}},
+          {{"punch", {radius}, "punch:5mm,edge=1mm", {edge}},
+           [](const std::vector<double>& l) { return punch_shape(l[0], l[1]); },
+           [](const ToolShape& s) {
+             return fmt::format("a flat punch of {} radius with an edge of {}", length_words(s.radius),
+                                length_words(s.edge));
+           },
+           {well_known, hardly_known}},
+          {{"capsule", {radius}, "capsule:2mm,length=20mm", {length}},
+           [](const std::vector<double>& l) { return capsule_shape(l[0], l[1]); },
+           [](const ToolShape& s) {
+             return fmt::format("a round-ended rod of {} radius, {} long", length_words(s.radius),
+                                length_words(s.length));
+           },
+           {well_known, 0.0}}};
 }
 
-struct Words {
-  std::string kind, radius;
-  std::vector<std::pair<std::string, std::string>> more;
-};
-
-Words words_of(const std::string& text) {
-  const std::size_t colon = text.find(':');
-  Words words{.kind = std::string(trimmed(text.substr(0, colon))), .radius = {}, .more = {}};
-  if (colon == std::string::npos) return words;
-  std::string rest = text.substr(colon + 1);
-  for (bool first = true; !rest.empty(); first = false) {
-    const std::size_t comma = rest.find(',');
-    const std::string part(trimmed(rest.substr(0, comma)));
-    rest = comma == std::string::npos ? "" : rest.substr(comma + 1);
-    const std::size_t equals = part.find('=');
-    if (first)
-      words.radius = part;
-    else
-      words.more.emplace_back(
-          std::string(trimmed(part.substr(0, equals))),
-          equals == std::string::npos ? "" : std::string(trimmed(part.substr(equals + 1))));
-  }
-  return words;
+const std::vector<ToolKind>& tool_kinds() {
+  static const std::vector<ToolKind> kinds = make_tool_kinds();
+  return kinds;
 }
 
-// The one further length that a shape takes.
-double further(const Asked& tool, const Words& words, const std::string& name) {
-  if (words.more.size() != 1 || words.more.front().first != name)
-    refuse(tool, fmt::format("is not written as {}:RADIUS,{}=LENGTH", words.kind, name),
-           fmt::format("a {} has a radius and one more length, {}", words.kind, name),
-           fmt::format("give for instance {}", forms));
-  return length_of(tool, words.more.front().second);
+// Null: a shape that has no lengths.
+const ToolKind* kind_of(const std::string& name) {
+  const std::vector<ToolKind>& kinds = tool_kinds();
+  const auto found =
+      std::find_if(kinds.begin(), kinds.end(), [&](const ToolKind& kind) { return kind.form.kind == name; });
+  return found == kinds.end() ? nullptr : &*found;
 }
 
-ToolShape shape_of(const Asked& tool, const Words& words) {
-  ToolShape shape{.kind = ToolShape::Kind::sphere, .radius = length_of(tool, words.radius)};
-  if (words.kind == "sphere") {
-    if (!words.more.empty())
-      refuse(tool, "is not written as sphere:RADIUS", "a sphere has one length, its radius",
-             "give for instance sphere:5mm");
-    return shape;
-  }
-  if (words.kind == "punch") {
-    shape.kind = ToolShape::Kind::punch;
-    shape.edge = further(tool, words, "edge");
-    constexpr double rounding = 1e-9;
-    if (shape.edge > shape.radius * (1.0 + rounding) ||
-        shape.edge < sharpest_edge * shape.radius * (1.0 - rounding))
-      refuse(
-          tool, fmt::format("has an edge of {}", length_in_words(1e3 * shape.edge)),
-          fmt::format("it is rounded by {:g} radii at least, for the pressure at a sharp edge is unbounded, "
-                      "and by a radius at most",
-                      sharpest_edge),
-          fmt::format("give edge={}mm to {}mm", plain(1e3 * sharpest_edge * shape.radius),
-                      plain(1e3 * shape.radius)));
-    return shape;
-  }
-  shape.kind = ToolShape::Kind::capsule;
-  shape.length = further(tool, words, "length");
-  if (shape.length < 2.0 * shape.radius)
-    refuse(tool, fmt::format("is {} long", length_in_words(1e3 * shape.length)),
-           "with both its round ends it is two radii long at least",
-           fmt::format("give length={}mm or more", plain(2e3 * shape.radius)));
-  return shape;
+WordTable make_tool_words() {
+  WordTable table{
+      "the tool",
+      {{"circle"}},
+      fmt::format("it is circle, or a shape that touches; a mesh is read from {} files", surface_suffixes),
+      true};
+  for (const ToolKind& kind : tool_kinds()) table.forms.push_back(kind.form);
+  return table;
 }
 
 // A file is read and checked once: that may take a second, and many ask.
@@ -169,20 +134,37 @@ double longest_step_radii(const Config& config) {
 }
 
 std::optional<ToolShape> tool_of(const std::string& shape, const std::string& option) {
-  if (is_surface_file(shape)) {
-    auto mesh = drawn_in(shape);
-    const double radius = 0.5 * mesh->width;
-    return ToolShape{.kind = ToolShape::Kind::drawn, .radius = radius, .mesh = std::move(mesh)};
+  static const WordTable words = make_tool_words();
+  const OptionWord word = parse_word(words, shape, option);
+  if (word.kind == "file") return drawn_shape(drawn_in(word.name.front()));
+  const ToolKind* kind = kind_of(word.kind);
+  return kind ? std::optional(kind->make(word.number)) : std::nullopt;
+}
+
+std::vector<ToolLength> lengths_of(const ToolShape& shape) {
+  const ToolKind* kind = kind_of(shape.kind);
+  if (!kind) return {};
+  std::vector<WordNumber> of = kind->form.numbers;
+  of.insert(of.end(), kind->form.keys.begin(), kind->form.keys.end());
+  std::vector<ToolLength> lengths;
+  const double first = shape.numbers.front(), any = std::numeric_limits<double>::infinity();
+  for (std::size_t k = 0; k < of.size(); ++k)
+    lengths.push_back({.name = of[k].name,
+                       .value = shape.numbers[k],
+                       .doubt = kind->doubt[k],
+                       .least = k == 0 ? 0.0 : of[k].least_of_first * first,
+                       .most = k == 0 ? any : of[k].most_of_first * first});
+  for (std::size_t k = 1; k < of.size(); ++k) {
+    lengths[0].least = std::max(lengths[0].least, shape.numbers[k] / of[k].most_of_first);
+    lengths[0].most = std::min(lengths[0].most, shape.numbers[k] / of[k].least_of_first);
   }
-  const Words words = words_of(shape);
-  const Asked tool{shape, option};
-  if (words.kind == "circle" && words.radius.empty()) return std::nullopt;
-  if (words.kind != "sphere" && words.kind != "punch" && words.kind != "capsule")
-    refuse(
-        tool, "is not known",
-        fmt::format("it is circle, or a shape that touches; a mesh is read from {} files", surface_suffixes),
-        fmt::format("give circle, {}", forms));
-  return shape_of(tool, words);
+  return lengths;
+}
+
+ToolShape with_length(const ToolShape& shape, std::size_t which, double length) {
+  std::vector<double> lengths = shape.numbers;
+  lengths[which] = length;
+  return kind_of(shape.kind)->make(lengths);
 }
 
 double friction_of(const Config& config) {
@@ -207,25 +189,10 @@ std::string friction_in_words(double friction) {
 }
 
 std::string in_words(const ToolShape& shape) {
-  const std::string radius = length_in_words(1e3 * shape.radius);
-  switch (shape.kind) {
-    case ToolShape::Kind::punch:
-      return fmt::format("a flat punch of {} radius with an edge of {}", radius,
-                         length_in_words(1e3 * shape.edge));
-    case ToolShape::Kind::capsule:
-      return fmt::format("a round-ended rod of {} radius, {} long", radius,
-                         length_in_words(1e3 * shape.length));
-    case ToolShape::Kind::drawn:
-      return fmt::format("the tool of {}, {} wide and {} long", shape.mesh->name,
-                         length_in_words(1e3 * shape.mesh->width), length_in_words(1e3 * shape.mesh->length));
-    case ToolShape::Kind::plane:
-      return "a plane";
-    case ToolShape::Kind::field:
-      return "a wall";
-    case ToolShape::Kind::sphere:
-      break;
-  }
-  return fmt::format("a sphere of {} radius", radius);
+  if (const ToolKind* kind = kind_of(shape.kind)) return kind->words(shape);
+  if (!shape.mesh) return shape.field ? "a wall" : "a plane";
+  return fmt::format("the tool of {}, {} wide and {} long", shape.mesh->name, length_words(shape.mesh->width),
+                     length_words(shape.mesh->length));
 }
 
 namespace {
@@ -254,12 +221,12 @@ std::string depth_of_tool_in_words(const Config& config) {
 
 void require_tool_as_long(const Config& config, double depth_mm) {
   const std::optional<ToolShape> tool = tool_of(config);
-  if (!tool || 1e-3 * depth_mm <= length_of_tool(*tool)) return;
+  if (!tool || 1e-3 * depth_mm <= tool->length) return;
   constexpr double smallest_mm = 0.05;  // radius of what indents soft tissue
   const bool looks_like_metres = 1e3 * tool->radius < smallest_mm;
   throw UsageError(
       {.fact = fmt::format("the tool is to be pushed in by {}, and is {} long", length_in_words(depth_mm),
-                           length_in_words(1e3 * length_of_tool(*tool))),
+                           length_in_words(1e3 * tool->length)),
        .where = config.step.empty() ? "--depth (load.depth_mm)" : "step",
        .why = looks_like_metres ? fmt::format("its radius is {}: are the units of --tool those of its "
                                               "numbers? A bare number is in mm",
@@ -271,7 +238,7 @@ void require_tool_as_long(const Config& config, double depth_mm) {
 
 void require_tool_as_long_turned(const Config& config, double below) {
   const ToolShape tool = tool_of(config).value();
-  const double known = tool.mesh ? std::min(2.0 * tool.mesh->width, tool.mesh->length) : length_of_tool(tool);
+  const double known = tool.mesh ? std::min(2.0 * tool.mesh->width, tool.mesh->length) : tool.length;
   if (below <= known) return;
   throw UsageError({.fact = fmt::format(
                         "the tool turns until {} of it, along its axis, lie below its first touch, and its "
@@ -320,7 +287,7 @@ void check_tool(const Config& config) {
 
 Index fewest_nodes_under_tool(const Config& config) {
   const std::optional<ToolShape> tool = tool_of(config);
-  return tool && (tool->kind == ToolShape::Kind::punch || tool->mesh) ? 4000 : 0;
+  return tool && (tool->edge > 0.0 || tool->mesh) ? 4000 : 0;
 }
 
 void require_circle(const Config& config, const std::string& what) {

@@ -23,6 +23,18 @@ double longest_step_radii(const Config& config);
 /// "a sphere of 5 mm radius".
 std::string in_words(const ToolShape& shape);
 
+/// Length from which a tool is made, by its name in --tool.
+struct ToolLength {
+  std::string name;
+  double value;        ///< [m]
+  double doubt;        ///< relative uncertainty; 0: certain
+  double least, most;  ///< [m] beside the other lengths
+};
+/// Of a mesh or a wall none.
+std::vector<ToolLength> lengths_of(const ToolShape& shape);
+/// The same tool, made with another of its lengths [m].
+ToolShape with_length(const ToolShape& shape, std::size_t which, double length);
+
 /// Of a punch's radius its edge is rounded by so much at least: the pressure at an edge that is nearly sharp
 /// is nearly unbounded.
 inline constexpr double sharpest_edge = 0.1;

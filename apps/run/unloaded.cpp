@@ -41,8 +41,7 @@ bool was_loaded(const Config& config) {
 bool names_parts(const Config& config) {
   const auto named = [](const auto& all) {
     return std::any_of(all.begin(), all.end(), [](const auto& one) {
-      const auto part = surface_part_named(one.second.on);
-      return part && (part->side || part->ball);
+      return one.second.on != "all" && !one.second.on.starts_with("label:");
     });
   };
   return named(config.pressure) || named(config.membrane) || named(config.held);

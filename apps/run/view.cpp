@@ -105,19 +105,7 @@ SurfaceFile tool_body(const Touch& touch) {
   constexpr Index around = 96, round = 24;  // corners of a ring; rings of a quarter of a circle
   const ToolShape& shape = touch.shape;
   if (shape.mesh) return drawn_body(*shape.mesh, touch.pose);
-  // Rings from the tip to the upper end: radius and height above the tip.
-  std::vector<std::pair<double, double>> ring;
-  const bool is_punch = shape.kind == ToolShape::Kind::punch;
-  const double rounded = is_punch ? shape.edge : shape.radius, flat = shape.radius - rounded;
-  const double top = is_punch ? 3.0 * shape.radius : length_of_tool(shape);
-  for (Index k = flat > 0.0 ? 0 : 1; k <= round; ++k) {
-    const double angle = 0.5 * std::numbers::pi * static_cast<double>(k) / round;
-    ring.emplace_back(flat + rounded * std::sin(angle), rounded * (1.0 - std::cos(angle)));
-  }
-  if (is_punch)
-    ring.emplace_back(shape.radius, top);
-  else
-    for (std::size_t k = ring.size(); k-- > 0;) ring.emplace_back(ring[k].first, top - ring[k].second);
+  const auto [ring, top] = shape.outline(round);
   const Vec3 up = -touch.pose.points_at, right = up.unitOrthogonal(), ahead = up.cross(right);
   const auto rings = static_cast<Index>(ring.size());
   SurfaceFile body;

@@ -1,13 +1,14 @@
 #include "apps/run/walls.hpp"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <numbers>
-#include <sstream>
 
+#include "apps/run/option_word.hpp"
 #include "apps/run/steps.hpp"
 #include "apps/run/supports.hpp"
 #include "apps/run/tool.hpp"
@@ -27,8 +28,6 @@ namespace dimple {
 namespace {
 
 constexpr const char* wall_of_option = "wall";
-constexpr const char* wall_forms =
-    "give label:NAME, a closed mesh such as skull.stl, plane:x,y,z,nx,ny,nz, or around:2mm";
 constexpr double hull_closes_mm = 12.0;  // gaps in the body narrower than this: its fissures
 constexpr double faces_wall = -0.3;      // outward normal of the body . that of the wall, at most
 // How far from the body a wall is looked for: of the body's size, and at least and at most [m].
@@ -49,88 +48,53 @@ std::string wall_key(const std::string& name, const char* option) {
                     .remedy = remedy});
 }
 
-std::vector<double> numbers_of(const std::string& name, const std::string& text, const char* option,
-                               std::size_t count, const char* what) {
-  std::vector<double> numbers;
-  set_value(
-      {.key = fmt::format("wall.{}", option), .value = &numbers, .least = -1e6, .most = 1e6, .help = what},
-      text, wall_key(name, option));
-  if (numbers.size() != count)
-    refuse_wall(name, fmt::format("has {} numbers", numbers.size()), option,
-                fmt::format("{} is {}", text, what),
-                option == std::string("shape") ? wall_forms : "give four numbers in mm, or none");
-  return numbers;
+std::string of_wall(const std::string& name) {
+  return fmt::format("the wall '{}'", name);
 }
 
-double gap_length(const std::string& name, const std::string& text, const char* option) {
-  double mm = 0.0;
-  set_value(
-      {.key = fmt::format("wall.{}", option), .unit = "mm", .value = &mm, .most = 100.0, .help = "a gap"},
-      text, wall_key(name, option));
-  return mm;
+WordNumber gap_number() {
+  return {"gap", "mm", 1e-3, 0.0, 100.0};
 }
 
-// What a wall is made of, by its words.
-struct WallWords {
-  enum class Kind { label, file, plane, around } kind;
-  std::string rest;
-};
-
-// Of label:A,B.
-std::vector<std::string> labels_in(const std::string& list) {
-  std::vector<std::string> labels;
-  std::istringstream text(list);
-  for (std::string label; std::getline(text, label, ',');)
-    if (const auto name = trimmed(label); !name.empty()) labels.emplace_back(name);
-  return labels;
+OptionWord word_of_wall(const std::string& name, const Config::Wall& wall) {
+  if (trimmed(wall.shape).empty())
+    refuse_wall(name, "has no shape", "shape", "it is not known where it stands",
+                "give label:NAME, a closed mesh such as skull.stl, plane:x,y,z,nx,ny,nz, or around:2mm");
+  return parse_word({"the shape",
+                     {{.kind = "label", .names = "NAME"},
+                      {"plane", joined(place_numbers(1e-3), direction_numbers())},
+                      {"around", {gap_number()}, "around:2mm"}},
+                     fmt::format("this names no wall; a mesh is read from {} files", surface_suffixes),
+                     true},
+                    wall.shape, wall_key(name, "shape"), of_wall(name));
 }
 
-WallWords words_of_wall(const std::string& name, const Config::Wall& wall) {
-  const std::string text(trimmed(wall.shape));
-  if (text.empty()) refuse_wall(name, "has no shape", "shape", "it is not known where it stands", wall_forms);
-  if (is_surface_file(text)) return {WallWords::Kind::file, text};
-  const auto colon = text.find(':');
-  const std::string kind = text.substr(0, colon),
-                    rest = colon == std::string::npos ? "" : std::string(trimmed(text.substr(colon + 1)));
-  if (!labels_in(rest).empty() && kind == "label") return {WallWords::Kind::label, rest};
-  if (!rest.empty() && kind == "plane") return {WallWords::Kind::plane, rest};
-  if (!rest.empty() && kind == "around") return {WallWords::Kind::around, rest};
-  refuse_wall(name, fmt::format("is '{}'", text), "shape",
-              fmt::format("this names no wall; a mesh is read from {} files", surface_suffixes), wall_forms);
+ToolPose plane_of(const OptionWord& word) {
+  const Vec3 normal = word.three(3);
+  if (!(normal.norm() > 0.0)) refuse_word(word, "has no normal", "three zeros are no direction");
+  return {word.three(), normal.normalized()};
 }
 
-ToolPose plane_of(const std::string& name, const std::string& text) {
-  const std::vector<double> n =
-      numbers_of(name, text, "shape", 6, "a place in mm and a normal: x,y,z,nx,ny,nz");
-  const Vec3 normal(n[3], n[4], n[5]);
-  if (!(normal.norm() > 0.0))
-    refuse_wall(name, "has no normal", "shape", "three zeros are no direction",
-                "give one that points to the body");
-  return {1e-3 * Vec3(n[0], n[1], n[2]), normal.normalized()};
-}
-
-BodySurface surface_of_file(const std::string& name, const std::string& file) {
+BodySurface surface_of_file(const std::string& name, const std::filesystem::path& file) {
   const SurfaceFile drawn = read_surface_mesh(file);
   bool turned = false;
-  TriangleMesh mesh = closed_drawing({.name = std::filesystem::path(file).filename().string(),
-                                      .what = "wall",
-                                      .where = wall_key(name, "shape")},
-                                     drawn.position_mm, drawn.triangles, turned);
+  TriangleMesh mesh =
+      closed_drawing({.name = file.filename().string(), .what = "wall", .where = wall_key(name, "shape")},
+                     drawn.position_mm, drawn.triangles, turned);
   return {std::move(mesh.vertex), std::move(mesh.triangles)};
 }
 
 std::optional<Eigen::Vector4d> opening_of(const std::string& name, const Config::Wall& wall) {
-  if (trimmed(wall.opening) == "none") return std::nullopt;
-  const std::vector<double> n = numbers_of(name, wall.opening, "opening", 4, "a ball in mm: x,y,z,radius");
-  if (!(n[3] > 0.0))
-    refuse_wall(name, "has an opening without a radius", "opening", "nothing would be open",
-                "give x,y,z,radius in mm, or none");
-  return Eigen::Vector4d(n[0], n[1], n[2], n[3]);
+  const OptionWord word = parse_word({"the opening", {{"none"}, {"", ball_numbers()}}}, wall.opening,
+                                     wall_key(name, "opening"), of_wall(name));
+  if (word.number.empty()) return std::nullopt;
+  return Eigen::Vector4d(word.number.data());
 }
 
 std::optional<double> gap_of(const std::string& name, const Config::Wall& wall) {
-  if (trimmed(wall.gap) == "image") return std::nullopt;
-  return 1e-3 * gap_length(name, wall.gap, "gap");
+  const OptionWord word = parse_word({"the gap", {{"image"}, {"", {gap_number()}, "0.5mm"}}}, wall.gap,
+                                     wall_key(name, "gap"), of_wall(name));
+  return word.number.empty() ? std::nullopt : std::optional(word.number.front());
 }
 
 // The distance field of a wall around the model's box, with what was done.
@@ -150,21 +114,22 @@ struct WallShape {
 
 WallShape wall_shape_of(const std::string& name, const Config::Wall& wall, const Model& model,
                         const LabelImage* image, const Organ* organ, double reach) {
-  const WallWords words = words_of_wall(name, wall);
-  WallShape result{.shape = {.kind = ToolShape::Kind::field}, .pose = {}, .words = {}};
-  if (words.kind == WallWords::Kind::plane) {
-    result.shape.kind = ToolShape::Kind::plane;
-    result.pose = plane_of(name, words.rest);
+  const OptionWord word = word_of_wall(name, wall);
+  WallShape result;
+  if (word.kind == "plane") {
+    result.shape = plane_shape();
+    result.pose = plane_of(word);
     result.words = "a plane";
     return result;
   }
   const auto take = [&](const BodySurface& surface, bool hollow, double finest) {
-    result.shape.field =
-        std::make_shared<const DistanceGrid>(field_of(surface, hollow, model, finest, reach));
+    result.shape =
+        field_shape(std::make_shared<const DistanceGrid>(field_of(surface, hollow, model, finest, reach)));
   };
-  if (words.kind == WallWords::Kind::file) {
-    take(surface_of_file(name, words.rest), false, 0.0);
-    result.words = fmt::format("the mesh {}", std::filesystem::path(words.rest).filename().string());
+  if (word.kind == "file") {
+    const std::filesystem::path file = word.name.front();
+    take(surface_of_file(name, file), false, 0.0);
+    result.words = fmt::format("the mesh {}", file.filename().string());
     return result;
   }
   if (!image || !organ || image->run.empty())
@@ -172,19 +137,18 @@ WallShape wall_shape_of(const std::string& name, const Config::Wall& wall, const
                 "the model was made before, and its files do not hold the image",
                 "begin with the image: dimple run IMAGE --wall ...");
   const double voxel = image->spacing().minCoeff();
-  if (words.kind == WallWords::Kind::label) {
+  if (word.kind == "label") {
     std::vector<int> labels;
-    for (const std::string& label : labels_in(words.rest))
-      labels.push_back(number_of_label(label, organ->label_names));
+    for (const std::string& label : word.name) labels.push_back(number_of_label(label, organ->label_names));
     const SegmentedBody solid = make_body_surface(*image, labels);
     take(solid.surface, false, voxel);
-    result.words = fmt::format("{} {}", labels.size() == 1 ? "label" : "labels", words.rest);
+    result.words = fmt::format("{} {}", labels.size() == 1 ? "label" : "labels", fmt::join(word.name, ","));
     if (solid.report.dropped_volume_mm3 > 0.0)
       result.words += fmt::format(", the largest of its {} pieces (without {})", solid.report.pieces,
                                   volume_in_words(solid.report.dropped_volume_mm3));
     return result;
   }
-  result.gap = 1e-3 * gap_length(name, words.rest, "shape");
+  result.gap = word.number.front();
   const Vec3 size = organ->body->surface.upper() - organ->body->surface.lower();
   const double closes = std::min(hull_closes_mm, 0.5 * size.minCoeff());
   const ClosedImage closed = close_gaps(organ->closed ? organ->closed->image : *image, organ->labels, closes);
@@ -238,13 +202,12 @@ void check_bed(const Config& config) {
 
 void check_walls(const Config& config) {
   for (const auto& [name, wall] : walls_named(config)) {
-    const WallWords words = words_of_wall(name, wall);
-    if (words.kind == WallWords::Kind::plane) plane_of(name, words.rest);
-    if (words.kind == WallWords::Kind::around) gap_length(name, words.rest, "shape");
-    if (words.kind == WallWords::Kind::file) surface_of_file(name, words.rest);
+    const OptionWord word = word_of_wall(name, wall);
+    if (word.kind == "plane") plane_of(word);
+    if (word.kind == "file") surface_of_file(name, word.name.front());
     friction_of(wall.friction, wall_key(name, "friction"));
     opening_of(name, wall);
-    if (gap_of(name, wall) && words.kind == WallWords::Kind::around)
+    if (gap_of(name, wall) && word.kind == "around")
       refuse_wall(name, "has two gaps", "gap", "around:GAP is at that gap already", "leave one of them out");
   }
   check_bed(config);
@@ -256,9 +219,9 @@ void check_walls(const Config& config) {
 void check_walls(const Config& config, const LabelImage& image, const std::vector<int>& of_body,
                  const std::map<std::string, int>& names) {
   for (const auto& [name, wall] : walls_named(config)) {
-    const WallWords words = words_of_wall(name, wall);
-    if (words.kind != WallWords::Kind::label) continue;
-    for (const std::string& label : labels_in(words.rest)) {
+    const OptionWord word = word_of_wall(name, wall);
+    if (word.kind != "label") continue;
+    for (const std::string& label : word.name) {
       const int value = number_of_label(label, names);
       const bool there =
           std::any_of(image.run.begin(), image.run.end(), [&](const Run& run) { return run.label == value; });

@@ -153,7 +153,7 @@ struct Unchanged {
 
 // `all`: what the bar of several such changes says, where it is not the same.
 template <class Change>
-void add(std::vector<Trial>& trials, const Unchanged& u, const char* what, const std::string& all,
+void add(std::vector<Trial>& trials, const Unchanged& u, const std::string& what, const std::string& all,
          const std::string& instead, Kind kind, Change change) {
   Trial trial{what, instead, all.empty() ? instead : all, kind, {.config = u.held}};
   change(trial.given);
@@ -410,24 +410,18 @@ Index nodes_to_explain(const Config& config, double facing_share) {
 std::vector<ToolChoice> tool_choices(const ToolShape& shape, double friction) {
   std::vector<ToolChoice> choices;
   const std::string same = std::isinf(friction) ? "stick" : fmt::format("{}", friction);
-  const auto add_length = [&](const char* what, double ToolShape::*length, double share, double least,
-                              double most) {
+  constexpr double any = std::numeric_limits<double>::infinity(), rounding = 1e-9;
+  const std::vector<ToolLength> lengths = lengths_of(shape);
+  for (std::size_t k = 0; k < lengths.size(); ++k)
     for (const double sign : {1.0, -1.0}) {
-      ToolShape other = shape;
-      other.*length = std::clamp(shape.*length * (1.0 + sign * share), least, most);
-      if (other.*length == shape.*length) continue;
-      choices.push_back({what, fmt::format("{:g} % larger or smaller", 100.0 * share),
-                         fmt::format("{} instead of {}", length_in_words(1e3 * other.*length),
-                                     length_in_words(1e3 * shape.*length)),
-                         other, same});
+      const ToolLength& length = lengths[k];
+      const double other = std::clamp(length.value * (1.0 + sign * length.doubt), length.least, length.most);
+      if (std::abs(other - length.value) <= rounding * length.value) continue;
+      choices.push_back(
+          {"tool's " + length.name, fmt::format("{:g} % larger or smaller", 100.0 * length.doubt),
+           fmt::format("{} instead of {}", length_in_words(1e3 * other), length_in_words(1e3 * length.value)),
+           with_length(shape, k, other), same});
     }
-  };
-  constexpr double well_known = 0.02, hardly_known = 0.2, any = std::numeric_limits<double>::infinity();
-  if (!shape.mesh)
-    add_length("tool's radius", &ToolShape::radius, well_known, shape.edge,
-               shape.kind == ToolShape::Kind::capsule ? 0.5 * shape.length : any);
-  if (shape.kind == ToolShape::Kind::punch)
-    add_length("tool's edge", &ToolShape::edge, hardly_known, sharpest_edge * shape.radius, shape.radius);
 
   std::vector<std::string> others;
   for (const auto& [value, text, word] :

@@ -60,8 +60,7 @@ Index nodes_to_explain(const Config& config, double facing_share);
 /// A tool that touches, changed in one of its choices: a length, on the nodes of the unchanged one, or its
 /// friction. What is not known of it: a radius to 2 %, the radius of an edge to 20 %.
 struct ToolChoice {
-  const char* what;
-  std::string all, instead;
+  std::string what, all, instead;
   ToolShape shape;
   std::string friction;
 };

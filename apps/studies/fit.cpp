@@ -56,7 +56,7 @@ bool takes_one_run(const std::string& of) {
 
 void require_long_tool(const Config& config, const MeasuredCurve& curve) {
   const std::optional<ToolShape> tool = tool_of(config);
-  if (const double length = tool ? length_of_tool(*tool) : std::numeric_limits<double>::infinity();
+  if (const double length = tool ? tool->length : std::numeric_limits<double>::infinity();
       1e-3 * config.load.depth_mm > length)
     throw InputError(
         {.fact = fmt::format("the curve goes to {}, and the tool is {} long",

@@ -8,6 +8,7 @@
 #include "apps/run/folds.hpp"
 #include "apps/run/loads.hpp"
 #include "apps/run/membranes.hpp"
+#include "apps/run/option_word.hpp"
 #include "apps/run/other_tools.hpp"
 #include "apps/run/pipeline.hpp"
 #include "apps/run/steps.hpp"
@@ -35,36 +36,20 @@ constexpr double fold_reach_mm = 5.0;   // half of the widest gap that is watche
 constexpr double profile_step_mm = 5.0;
 constexpr const char* by_shift = "dimple shift";
 
-[[noreturn]] void refuse_shift(const std::string& flag, const std::string& fact, const std::string& why,
-                               const std::string& remedy) {
-  throw UsageError({.fact = fact, .where = flag, .why = why, .remedy = remedy});
-}
-
-std::vector<double> numbers_of_shift(const std::string& text, const std::string& flag, std::size_t count,
-                                     const std::string& what) {
-  std::vector<double> numbers;
-  set_value({.key = flag, .value = &numbers, .least = -1e6, .most = 1e6, .help = what}, text, flag);
-  if (numbers.size() != count)
-    refuse_shift(flag, fmt::format("'{}' has {} numbers", text, numbers.size()), "it is " + what,
-                 fmt::format("give {} numbers, separated by commas", count));
-  return numbers;
-}
-
 Eigen::Vector4d opening_of(const ShiftOptions& options) {
-  const auto n = numbers_of_shift(options.opening, "--opening", 4, "x,y,z,radius in mm, LPS");
-  if (!(n[3] > 0.0))
-    refuse_shift("--opening", "the opening has no radius", "nothing would be open",
-                 "give x,y,z,radius in mm");
-  return {n[0], n[1], n[2], n[3]};
+  const OptionWord word = parse_word({"the opening", {{"", ball_numbers()}}}, options.opening, "--opening");
+  return Eigen::Vector4d(word.number.data());
 }
 
 Vec3 up_of(const ShiftOptions& options) {
-  if (const auto side = side_named(options.up, "--up")) return *side;
-  const auto n = numbers_of_shift(options.up, "--up", 3, "a side, such as anterior, or x,y,z, LPS");
-  const Vec3 up(n[0], n[1], n[2]);
-  if (up.isZero(0.0))
-    refuse_shift("--up", "three zeros are no direction", "gravity acts against it", "give a side, or x,y,z");
-  return up.stableNormalized();
+  const OptionWord word = parse_word({"the direction",
+                                      {{.numbers = direction_numbers(),
+                                        .example = "a side, such as anterior, or x,y,z, LPS",
+                                        .is_side = true}}},
+                                     options.up, "--up");
+  const Vec3 up = word.three();
+  if (up.isZero(0.0)) refuse_word(word, "is no direction", "gravity acts against it");
+  return word.is_side ? up : Vec3(up.stableNormalized());
 }
 
 std::vector<Vec3> targets_of(const ShiftOptions& options) {
@@ -75,8 +60,7 @@ std::vector<Vec3> targets_of(const ShiftOptions& options) {
       targets.insert(targets.end(), read.begin(), read.end());
       continue;
     }
-    const auto n = numbers_of_shift(one, "--target", 3, "x,y,z in mm, LPS");
-    targets.emplace_back(n[0], n[1], n[2]);
+    targets.push_back(parse_word({"the target", {{"", place_numbers()}}}, one, "--target").three());
   }
   return targets;
 }
@@ -275,11 +259,7 @@ std::vector<std::string> assumptions_of(const Config& config, const ShiftOptions
 namespace {
 
 void check_fluid_lost(const ShiftOptions& options) {
-  if (options.fluid_lost.size() < 2 || options.fluid_lost.back() != '%')
-    throw UsageError({.fact = fmt::format("the fluid that is lost is '{}'", options.fluid_lost),
-                      .where = "--fluid-lost",
-                      .why = "it is a share of the brain's height, in percent",
-                      .remedy = "for instance --fluid-lost 60%"});
+  parse_word({"the lost fluid", {{"", {share_of_lost_fluid()}, "60%"}}}, options.fluid_lost, "--fluid-lost");
 }
 
 }  // namespace

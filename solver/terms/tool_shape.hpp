@@ -1,31 +1,17 @@
 #pragma once
 
+#include <functional>
+#include <limits>
 #include <memory>
 #include <optional>
+#include <string>
+#include <utility>
+#include <vector>
 
 #include "io/types.hpp"
 #include "preprocess/scene/tool_mesh.hpp"
 
 namespace dimple {
-
-/// A rigid tool with its tip at the bottom: a body of revolution about its own axis, or as it was drawn. SI
-/// units.
-struct ToolShape {
-  enum class Kind {
-    sphere,   ///< of `radius`
-    punch,    ///< a flat-ended cylinder of `radius` whose rim is rounded by `edge`; it has no upper end
-    capsule,  ///< a rod of `radius` and `length` with both ends round, which stands on one of them
-    drawn,    ///< `mesh`, `radius` half its width
-    plane,    ///< all that is behind the plane through the tip, across the axis
-    field     ///< `field`, whose origin is where the tip is
-  };
-  Kind kind = Kind::sphere;
-  double radius = 5e-3;                            ///< [m]
-  double edge = 0.0;                               ///< [m] of a punch: more than 0, at most the radius
-  double length = 0.0;                             ///< [m] of a capsule, with its ends: at least two radii
-  std::shared_ptr<const ToolMesh> mesh = nullptr;  ///< of a tool that was drawn
-  std::shared_ptr<const DistanceGrid> field = nullptr;  ///< of a wall, in the body's own frame
-};
 
 /// Where it stands: its tip, and the unit vector from its upper end to its tip, as they are now.
 struct ToolPose {
@@ -44,6 +30,63 @@ struct ToolDistance {
   double distance;
   Vec3 normal;
 };
+
+/// Distance [m] in the half-plane through the axis of a body of revolution, and its derivatives by the radius
+/// and by the height above the tip.
+struct ProfileDistance {
+  double distance, by_r, by_z;
+};
+
+/// Rings of a body of revolution from its tip to its upper end: radius and height above the tip [m].
+struct Outline {
+  std::vector<std::pair<double, double>> ring;
+  double top;  ///< height of the upper end [m]
+};
+
+/// Rigid tool with its tip at the bottom, or wall, as functions. SI units. It is made by one of the functions
+/// below, and made again from its kind and numbers.
+struct ToolShape {
+  std::string kind = {};             ///< name of the maker: "sphere"
+  std::vector<double> numbers = {};  ///< arguments of the maker [m]
+  double radius = 0.0;               ///< half of its width [m]; of a wall a length for its tolerances
+  double edge = 0.0;                 ///< radius to which the rim of a flat end is rounded [m]; 0: no flat end
+  double length = std::numeric_limits<double>::infinity();  ///< from the tip to the upper end [m]
+
+  std::function<ProfileDistance(double r, double z)> profile = {};  ///< of a body of revolution
+  /// Signed distance at a place relative to the tip, where there is no profile.
+  std::function<ToolDistance(const ToolPose&, const Vec3&)> distance = {};
+  std::function<double(double r)> height = {};  ///< see height_of_tool(); empty for a wall
+  /// Height straight above a place relative to the tip, where there is no profile.
+  std::function<double(const ToolPose&, const Vec3&)> height_over = {};
+
+  /// Depth [m] and force over E / (1 - nu^2) [m^2] of contact within a radius on a half-space; empty:
+  /// unknown.
+  std::function<double(double a)> contact_depth = {}, contact_force = {};
+  std::function<double(double depth)> contact_radius = {};  ///< [m], where contact_depth is unknown
+  /// Surface for a picture, with so many rings for a quarter of a circle; empty for a wall and a mesh.
+  std::function<Outline(Index rings)> outline = {};
+
+  std::shared_ptr<const ToolMesh> mesh = {};       ///< of a tool that was drawn
+  std::shared_ptr<const DistanceGrid> field = {};  ///< of a wall, in the frame of the body
+};
+
+/// Sphere of a radius [m].
+ToolShape sphere_shape(double radius);
+/// Rod of a radius and a length [m] of at least two radii, with both ends round.
+ToolShape capsule_shape(double radius, double length);
+/// Flat-ended cylinder without an upper end, whose rim is rounded by `edge` [m], above 0 and at most
+/// `radius`.
+ToolShape punch_shape(double radius, double edge);
+/// Tool of a mesh, half of whose width is the radius.
+ToolShape drawn_shape(std::shared_ptr<const ToolMesh> mesh);
+
+/// Length [m] for the tolerances of a wall, which has no size.
+inline constexpr double size_of_wall = 5e-3;
+/// Wall of all that is behind the plane through the tip, across the axis.
+ToolShape plane_shape(double size = size_of_wall);
+/// Wall of a distance field, whose origin is where the tip is.
+ToolShape field_shape(std::shared_ptr<const DistanceGrid> field, double size = size_of_wall);
+
 ToolDistance distance_to_tool(const ToolShape& shape, const ToolPose& pose, const Vec3& x);
 
 /// How far above its tip the tool's lower surface is, `r` [m] from its axis [m], of a tool that was drawn at
@@ -51,9 +94,6 @@ ToolDistance distance_to_tool(const ToolShape& shape, const ToolPose& pose, cons
 double height_of_tool(const ToolShape& shape, double r);
 /// The same straight above a place.
 double height_of_tool(const ToolShape& shape, const ToolPose& pose, const Vec3& x);
-
-/// From the tip to the upper end [m]; infinite where there is none.
-double length_of_tool(const ToolShape& shape);
 
 /// A place at least `deep` [m] inside of both tools, by projections onto the one and the other in turn;
 /// nothing where there is none. In tools that were drawn and have hollows it may be missed; of a

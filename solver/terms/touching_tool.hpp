@@ -14,7 +14,7 @@ namespace dimple {
 
 /// A rigid tool that touches a body, without friction or with Coulomb's; or a wall, which does not turn.
 struct Touch {
-  ToolShape shape;
+  ToolShape shape = sphere_shape(5e-3);
   ToolPose pose;  ///< where it first touches: at depth 0
   ContactSurface surface;
   double friction = 0.0;  ///< Coulomb's coefficient; infinite: what has touched sticks, as with 100

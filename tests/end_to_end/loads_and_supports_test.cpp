@@ -386,7 +386,7 @@ TEST_F(Block, RefusesLoadsAndSupportsThatItDoesNotUnderstand) {
   const std::string start =
       "run block.nrrd -o no -q --base inferior --indent-at 0,0,top --nodes 600 --depth 1mm ";
   const std::string support = start + "--set support.r.on=";
-  refused(2, start + "--gravity sideways", {"gravity 'sideways'", "--gravity inferior"});
+  refused(2, start + "--gravity sideways", {"gravity 'sideways'", "give inferior"});
   refused(2, start + "--gravity 0,1", {"gravity '0,1'"});
   refused(2, start + "--set load.pressure.csf.on=lleft", {"'csf'", "'lleft'", "a side such as superior"});
   refused(2, start + "--set load.pressure.csf.pressure=1Pa --set load.pressure.csf.on=500,0,0,1",

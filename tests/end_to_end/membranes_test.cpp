@@ -123,7 +123,7 @@ TEST_F(AMembrane, IsResumedToTheSameBits) {
 TEST_F(AMembrane, ThatIsNotUnderstoodIsRefusedInWords) {
   const std::string start = "run block.nrrd -o no -q ";
   const std::string pia = start + "--set membrane.pia.";
-  refused(2, start + "--membrane 0.1mm", {"'0.1mm'", "thickness:shear modulus", "--membrane 0.1mm:400kPa"});
+  refused(2, start + "--membrane 0.1mm", {"'0.1mm'", "thickness:shear modulus", "0.1mm:400kPa"});
   refused(2, start + "--membrane 400kPa:0.1mm", {"400kPa is not allowed", "--membrane"});
   refused(2, start + "--membrane 0:400kPa", {"'surface'", "has no thickness"});
   refused(2, pia + "thickness=0.1mm", {"'pia'", "has no modulus"});

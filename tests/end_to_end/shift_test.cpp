@@ -309,11 +309,11 @@ TEST(Shift, IsRefusedBeforeAnythingIsBuiltWhereItIsNotUnderstood) {
   refused("--up superior", "--opening");
   refused("--opening 0,0,90,15 --up 0,0,1e300", "from the brain's surface");  // a direction is of any length
   refused("--opening 0,0,30 --up superior", "has 3 numbers");
-  refused("--opening 0,0,30,0 --up superior", "no radius");
+  refused("--opening 0,0,30,0 --up superior", "radius = 0 is not allowed");
   refused("--opening 0,0,90,15 --up superior", "from the brain's surface");
   refused("--opening 0,0,30,15 --up 0,0,0", "no direction");
   refused("--opening 0,0,30,15 --up up", "'up' is no side of the patient");
-  refused(well + "--fluid-lost 60", "for instance --fluid-lost 60%");
+  refused(well + "--fluid-lost 60", "give 60%");
   refused(well + "--fluid-lost 0%", "0");
   refused(well + "--target 0,0", "has 2 numbers");
   refused(well + "--target 0,0,60", "outside of the brain");

@@ -146,7 +146,7 @@ TEST(Wall, IsRefusedWhereItCannotStandOrNothingLooksForIt) {
   refused("--wall label:9", "no label '9'");
   refused("--wall label:1", "both the wall");
   refused("--wall label:2,9", "no label '");
-  refused("--wall label:,", "this names no wall");
+  refused("--wall label:,", "names no label");
   refused("--wall no.stl", "no.stl");
   refused("--wall plane:20,0,0,-1,0,0", "in the body at");
   refused("--wall plane:90,0,0,-1,0,0", "nothing of the body can come to the wall");

@@ -26,44 +26,43 @@ constexpr double stuck = std::numeric_limits<double>::infinity();
 std::vector<std::string> lines(const ToolShape& shape, double friction) {
   std::vector<std::string> result;
   for (const ToolChoice& choice : tool_choices(shape, friction))
-    result.push_back(std::string(choice.what) + ": " + choice.instead);
+    result.push_back(choice.what + ": " + choice.instead);
   return result;
 }
 
 TEST(ToolChoices, AreOfWhatTheToolHas) {
   EXPECT_THAT(
-      lines({.radius = 5e-3}, 0.0),
+      lines(sphere_shape(5e-3), 0.0),
       ElementsAre("tool's radius: 5.10 mm instead of 5.00 mm", "tool's radius: 4.90 mm instead of 5.00 mm",
                   "friction: with friction 0.3 instead of without friction",
                   "friction: stuck where it has touched instead of without friction"));
-  const ToolShape punch{.kind = ToolShape::Kind::punch, .radius = 5e-3, .edge = 1e-3};
+  const ToolShape punch = punch_shape(5e-3, 1e-3);
   EXPECT_THAT(
       lines(punch, 0.3),
       ElementsAre("tool's radius: 5.10 mm instead of 5.00 mm", "tool's radius: 4.90 mm instead of 5.00 mm",
                   "tool's edge: 1.20 mm instead of 1.00 mm", "tool's edge: 0.80 mm instead of 1.00 mm",
                   "friction: without friction instead of with friction 0.3",
                   "friction: stuck where it has touched instead of with friction 0.3"));
-  const ToolShape drawn{.kind = ToolShape::Kind::drawn, .mesh = std::make_shared<ToolMesh>()};
+  const ToolShape drawn = drawn_shape(std::make_shared<const ToolMesh>());
   EXPECT_THAT(lines(drawn, stuck),
               ElementsAre("friction: without friction instead of stuck where it has touched",
                           "friction: with friction 0.3 instead of stuck where it has touched"));
 }
 
 TEST(ToolChoices, ChangeOneThingAlone) {
-  const ToolShape punch{.kind = ToolShape::Kind::punch, .radius = 5e-3, .edge = 1e-3};
+  const ToolShape punch = punch_shape(5e-3, 1e-3);
   for (const ToolChoice& choice : tool_choices(punch, 0.2)) {
     const int changes = (choice.shape.radius != punch.radius) + (choice.shape.edge != punch.edge) +
                         (choice.friction != "0.2");
     EXPECT_EQ(changes, 1) << choice.what << choice.instead;
-    if (choice.what == std::string("friction")) EXPECT_EQ(choice.all, "none, 0.3 or stuck");
+    if (choice.what == "friction") EXPECT_EQ(choice.all, "none, 0.3 or stuck");
   }
   EXPECT_EQ(tool_choices(punch, 0.0).back().all, "0.3 or stuck");
 }
 
 TEST(ToolChoices, AreNeverALengthThatAToolCannotHave) {
-  const ToolShape ball_end{.kind = ToolShape::Kind::punch, .radius = 5e-3, .edge = 5e-3},
-      sharp{.kind = ToolShape::Kind::punch, .radius = 5e-3, .edge = 0.5e-3},
-      ball{.kind = ToolShape::Kind::capsule, .radius = 5e-3, .length = 10e-3};
+  const ToolShape ball_end = punch_shape(5e-3, 5e-3), sharp = punch_shape(5e-3, 0.5e-3),
+                  ball = capsule_shape(5e-3, 10e-3);
   for (const ToolShape& shape : {ball_end, sharp, ball})
     for (const ToolChoice& choice : tool_choices(shape, 0.0)) {
       EXPECT_LE(choice.shape.edge, choice.shape.radius) << choice.instead;
@@ -92,7 +91,7 @@ TEST(Explain, OfASphereTellsWhatItsRadiusDoesOnTheSameNodesAndWhatFrictionDoes) 
   }
   EXPECT_EQ(effect.count("contact: frictionless instead of bonded"), 0u) << "that is the circle's";
   // The square root of the radius, nearly; the block is 18 radii of the contact thick.
-  const ToolShape sphere{.radius = 5e-3}, larger{.radius = 5.1e-3};
+  const ToolShape sphere = sphere_shape(5e-3), larger = sphere_shape(5.1e-3);
   const double up = *half_space_force(larger, 1e-3) / *half_space_force(sphere, 1e-3) - 1.0;
   EXPECT_NEAR(up, 0.01, 1e-3);
   EXPECT_NEAR(effect.at("tool's radius: 5.10 mm instead of 5.00 mm"), up, 0.5 * up);

@@ -185,7 +185,7 @@ TEST_F(StateGuard, OfAToolThatTouchesWarnsOfWhatComesIntoItAndEndsWhereItIsTooMu
 
 TEST_F(StateGuard, TellsTooFewNodesFromASurfaceThatFoldsAtAToolsEdge) {
   Touch touch;
-  touch.shape.kind = ToolShape::Kind::punch;
+  touch.shape = punch_shape(5e-3, 1e-3);
   const double most = 5e-6;
   const auto why = [&](double penetration) -> std::string {
     try {
@@ -203,7 +203,7 @@ TEST_F(StateGuard, TellsTooFewNodesFromASurfaceThatFoldsAtAToolsEdge) {
   touch.friction = 0.3;
   EXPECT_THAT(why(90.0 * most), HasSubstr("too far apart"));
   touch.friction = 0.0;
-  touch.shape.kind = ToolShape::Kind::sphere;
+  touch.shape = sphere_shape(5e-3);
   EXPECT_THAT(why(90.0 * most), HasSubstr("too far apart")) << "it has no edge";
 }
 

@@ -108,10 +108,9 @@ Surface surface_of(const std::function<double(double, double)>& height_mm) {
 
 TEST(ImageError, TakesTheCurvatureUnderTheToolFromTheAreaThatItWouldOverlap) {
   Touch sphere;
-  sphere.shape.radius = 10e-3;
+  sphere.shape = sphere_shape(10e-3);
   Touch punch = sphere;
-  punch.shape.kind = ToolShape::Kind::punch;
-  punch.shape.radius = 8e-3, punch.shape.edge = 2e-3;
+  punch.shape = punch_shape(8e-3, 2e-3);
   const Vec3 down = -Vec3::UnitZ();
   const Surface flat = surface_of([](double, double) { return 0.0; });
   const Surface hollow = surface_of([](double x, double y) { return (x * x + y * y) / 60.0; });

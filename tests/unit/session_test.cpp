@@ -174,7 +174,7 @@ TEST(Session, OfATouchingToolOnAModelWithNodesOfACircleIsRefused) {
   const Model model = testing_bodies::averaged_block();
   ASSERT_FALSE(model.circle.empty());
   const auto touch = std::make_shared<Touch>();
-  touch->shape.radius = 3e-3;
+  touch->shape = sphere_shape(3e-3);
   touch->surface = contact_surface(model, 9e-3);
   touch->pose = first_touch(touch->shape, model.tool, touch->surface);
   try {

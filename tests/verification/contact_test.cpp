@@ -159,14 +159,15 @@ TEST(TouchingTruth, TheRadiusOfContactOfARingIsTheRings) {
   auto mesh = std::make_shared<ToolMesh>();
   const double none = std::numeric_limits<double>::infinity();
   mesh->lower = {none, none, 1e-3, 0.0, 1e-3, none};  // every millimetre, a ring of 3 mm radius
-  const ToolShape ring{.kind = ToolShape::Kind::drawn, .radius = 5e-3, .mesh = mesh};
+  mesh->width = 10e-3;
+  const ToolShape ring = drawn_shape(mesh);
   EXPECT_NEAR(contact_radius(ring, 1e-3), 3.5e-3, 1e-9);
   EXPECT_NEAR(contact_radius(ring, 3e-3), 4e-3, 1e-9);
 }
 
 TEST(TouchingTruth, TheRadiusOfContactIsThatOfSneddon) {
   // F / F_Hertz of the true sphere, by its series.
-  const ToolShape sphere{.kind = ToolShape::Kind::sphere, .radius = 1.0};
+  const ToolShape sphere = sphere_shape(1.0);
   for (const double depth : {0.01, 0.1, 0.3}) {
     const double a = contact_radius(sphere, depth);
     const double force = 0.5 * (a * a + 1.0) * std::log((1.0 + a) / (1.0 - a)) - a;
@@ -174,16 +175,15 @@ TEST(TouchingTruth, TheRadiusOfContactIsThatOfSneddon) {
     EXPECT_NEAR(force / hertz(1.0, depth), series, 1e-3);
     EXPECT_NEAR(half_space_force(sphere, depth).value() / hertz(1.0, depth), series, 1e-3);
   }
-  const ToolShape punch{.kind = ToolShape::Kind::punch, .radius = 5.0, .edge = 1.0};
+  const ToolShape punch = punch_shape(5.0, 1.0);
   EXPECT_NEAR(contact_radius(punch, 0.71111), 4.5, 1e-4);
 }
 
 TEST(TouchingTruth, TheForceOnAHalfSpaceGrowsByTheDiameterOfItsContactForEachLengthOfDepth) {
-  const ToolShape punch{.kind = ToolShape::Kind::punch, .radius = 5.0, .edge = 1.0};
+  const ToolShape punch = punch_shape(5.0, 1.0);
   EXPECT_NEAR(half_space_force(punch, 0.71111).value(), 6.12052, 1e-3);
   // dF / d depth = 2 a E*, of any body of revolution (Sneddon 1965); the punch's contact ends at its side.
-  for (const ToolShape& shape : {punch, ToolShape{.kind = ToolShape::Kind::sphere, .radius = 5.0},
-                                 ToolShape{.kind = ToolShape::Kind::capsule, .radius = 5.0, .length = 20.0}})
+  for (const ToolShape& shape : {punch, sphere_shape(5.0), capsule_shape(5.0, 20.0)})
     for (const double depth : {0.01, 0.3, 1.0, 4.0, 9.0}) {
       constexpr double h = 1e-4;
       const double slope =
@@ -192,16 +192,13 @@ TEST(TouchingTruth, TheForceOnAHalfSpaceGrowsByTheDiameterOfItsContactForEachLen
     }
   EXPECT_NEAR(contact_radius(punch, 9.0), 5.0, 1e-9);
   EXPECT_EQ(half_space_force(punch, -0.1), 0.0);
-  const ToolShape drawn{.kind = ToolShape::Kind::drawn};
+  const ToolShape drawn = drawn_shape(std::make_shared<const ToolMesh>());
   EXPECT_FALSE(half_space_force(drawn, 1.0)) << "a drawn tool has no closed form";
 }
 
 TEST(ToolShape, TheNormalIsTheGradientOfTheDistanceAndOfUnitLength) {
   const ToolPose pose{.tip = {1e-3, -2e-3, 3e-3}, .points_at = Vec3(0.2, -0.3, -0.9).normalized()};
-  for (const ToolShape& shape :
-       {ToolShape{.kind = ToolShape::Kind::sphere, .radius = 5e-3},
-        ToolShape{.kind = ToolShape::Kind::punch, .radius = 5e-3, .edge = 1e-3},
-        ToolShape{.kind = ToolShape::Kind::capsule, .radius = 2e-3, .length = 20e-3}})
+  for (const ToolShape& shape : {sphere_shape(5e-3), punch_shape(5e-3, 1e-3), capsule_shape(2e-3, 20e-3)})
     for (int k = 0; k < 200; ++k) {
       const Vec3 x = pose.tip + 8e-3 * Vec3(std::sin(1.7 * k), std::cos(2.3 * k), std::sin(3.1 * k + 1.0));
       const ToolDistance here = distance_to_tool(shape, pose, x);
@@ -220,10 +217,7 @@ TEST(ToolShape, TheNormalIsTheGradientOfTheDistanceAndOfUnitLength) {
 
 TEST(ToolShape, TheTipTouchesAndTheLowerSurfaceIsAtItsHeight) {
   const ToolPose pose{};
-  for (const ToolShape& shape :
-       {ToolShape{.kind = ToolShape::Kind::sphere, .radius = 5e-3},
-        ToolShape{.kind = ToolShape::Kind::punch, .radius = 5e-3, .edge = 1e-3},
-        ToolShape{.kind = ToolShape::Kind::capsule, .radius = 2e-3, .length = 20e-3}}) {
+  for (const ToolShape& shape : {sphere_shape(5e-3), punch_shape(5e-3, 1e-3), capsule_shape(2e-3, 20e-3)}) {
     EXPECT_NEAR(distance_to_tool(shape, pose, Vec3::Zero()).distance, 0.0, 1e-15);
     for (double r = 0.0; r < shape.radius; r += 0.1e-3)
       EXPECT_NEAR(distance_to_tool(shape, pose, {0.0, r, height_of_tool(shape, r)}).distance, 0.0, 1e-12);
@@ -362,7 +356,7 @@ Touched touched(const BodySurface& body, const ToolShape& shape, double depth_mm
                 bool loose = false) {
   ModelOptions options;
   options.cloud.count = nodes;
-  options.cloud.grading.whole_circle = shape.kind != ToolShape::Kind::punch;
+  options.cloud.grading.whole_circle = !(shape.edge > 0.0);
   options.boundary = {.base = "inferior",
                       .indent_at = "0,0,top",
                       .indenter_diameter_mm = 2e3 * shape.radius,
@@ -478,7 +472,7 @@ class PressureUnderATool : public testing::TestWithParam<Index> {};
 INSTANTIATE_TEST_SUITE_P(Touching, PressureUnderATool, testing::Values(1000, 4000, 8000));
 
 TEST_P(PressureUnderATool, OfASphereIsThatOfTheIntegralEquation) {
-  const ToolShape sphere{.kind = ToolShape::Kind::sphere, .radius = 40e-3};
+  const ToolShape sphere = sphere_shape(40e-3);
   for (const auto& [thickness, depth] : {std::pair{10.0, 0.225}, {5.0, 0.15}}) {
     SCOPED_TRACE(testing::Message() << thickness << " mm thick");
     const Touched found =
@@ -506,7 +500,7 @@ TEST_P(PressureUnderATool, OfASphereIsThatOfTheIntegralEquation) {
 // With as many nodes as are taken by itself, and more.
 TEST_P(PressureUnderATool, OfAPunchIsThatOfTheIntegralEquation) {
   if (GetParam() < 4000) GTEST_SKIP() << "skipped: a punch takes 4000 nodes";
-  const ToolShape punch{.kind = ToolShape::Kind::punch, .radius = 5e-3, .edge = 1e-3};
+  const ToolShape punch = punch_shape(5e-3, 1e-3);
   const Touched found = touched(block_surface({-30, -30, 0}, {30, 30, 10}), punch, 0.1059, GetParam());
   const OnLayer truth = at_depth(0.01059, 0.4, {nu}, rounded_punch(0.4, 0.1));
   const PressureError error = pressure_error(found, truth, 10.0, 0.5);
@@ -519,7 +513,7 @@ class SphereOnLayer : public testing::TestWithParam<std::pair<Index, double>> {}
 
 TEST_P(SphereOnLayer, HasTheForceOfTheIntegralEquation) {
   const auto [nodes, share] = GetParam();
-  const ToolShape sphere{.kind = ToolShape::Kind::sphere, .radius = 40e-3};
+  const ToolShape sphere = sphere_shape(40e-3);
   for (const auto& [thickness, depth] : {std::pair{10.0, 0.225}, {5.0, 0.15}}) {
     SCOPED_TRACE(testing::Message() << thickness << " mm thick");
     const BodySurface layer = block_surface({-30, -30, 0}, {30, 30, thickness});
@@ -535,7 +529,7 @@ class SphereOnLooseLayer : public testing::TestWithParam<std::pair<Index, double
 // By chi = sqrt(radius x depth) / thickness.
 TEST_P(SphereOnLooseLayer, HasTheForceOfTheIntegralEquation) {
   const auto [nodes, share] = GetParam();
-  const ToolShape sphere{.kind = ToolShape::Kind::sphere, .radius = 40e-3};
+  const ToolShape sphere = sphere_shape(40e-3);
   constexpr double thickness = 5.0;
   for (const double chi : {0.2, 0.3, 0.5, 0.75, 1.0}) {
     SCOPED_TRACE(chi);
@@ -551,7 +545,7 @@ INSTANTIATE_TEST_SUITE_P(Touching, SphereOnLooseLayer,
                                          std::pair<Index, double>{4000, 0.02}));
 
 TEST(TouchingTool, NeverPullsAndItsForceGrowsFromNothingWithTheDepth) {
-  const ToolShape sphere{.kind = ToolShape::Kind::sphere, .radius = 5e-3};
+  const ToolShape sphere = sphere_shape(5e-3);
   const Touched found = touched(block_surface({-20, -20, 0}, {20, 20, 20}), sphere, 1.5, 1000, 6);
   double before = 0.0;
   ASSERT_GT(found.history.force.size(), 4u);
@@ -570,7 +564,7 @@ class ToolBesideAnEdge : public testing::TestWithParam<double> {};
 INSTANTIATE_TEST_SUITE_P(Touching, ToolBesideAnEdge, testing::Values(0.0, 0.2, 1e9));
 
 TEST_P(ToolBesideAnEdge, HasTheForceAndTheMomentOfTheBase) {
-  const ToolShape sphere{.kind = ToolShape::Kind::sphere, .radius = 5e-3};
+  const ToolShape sphere = sphere_shape(5e-3);
   ModelOptions options;
   options.cloud.count = 1000;
   options.cloud.grading.whole_circle = true;
@@ -623,7 +617,7 @@ void stiffen_one_node(Model& model, Index node, double share) {
 }
 
 TEST(TouchingTool, FindsItsFirstTouchOfANodeThatIsManyTimesAsStiffAsItsNeighbours) {
-  const ToolShape sphere{.kind = ToolShape::Kind::sphere, .radius = 5e-3};
+  const ToolShape sphere = sphere_shape(5e-3);
   ModelOptions options;
   options.cloud.count = 600;
   options.cloud.grading.whole_circle = true;
@@ -658,8 +652,7 @@ std::vector<Vec3> forces_after(const std::vector<Vec3>& ways, double friction, c
   for (const Vec3& way : ways) along.push_back(come += way);
   for (const Vec3& to : along) options.boundary.way_of_tool.push_back(1e3 * to);
   const Model model = build_model(block_surface({-20, -20, 0}, {20, 20, 20}), options).model;
-  const auto touch = touching(ToolShape{.kind = ToolShape::Kind::sphere, .radius = 5e-3}, model,
-                              contact_surface(model, 7e-3, along), friction);
+  const auto touch = touching(sphere_shape(5e-3), model, contact_surface(model, 7e-3, along), friction);
   Loading loading;
   loading.touch = touch;
   for (const Vec3& way : ways) loading.steps.push_back({.name = "", .moves = "", .way = way});
@@ -764,7 +757,7 @@ TEST(ToolInSteps, SlidesAlongTheTissueByItsWayButForWhatThatGoesAlong) {
 
 // What sticks has not slid, and before its first accepted state a tool that rubs holds nothing.
 TEST(ToolInSteps, HoldsNothingBeforeItsFirstIncrementEndsAndWhatItHoldsDoesNotSlide) {
-  const ToolShape sphere{.kind = ToolShape::Kind::sphere, .radius = 5e-3};
+  const ToolShape sphere = sphere_shape(5e-3);
   ModelOptions options;
   options.cloud.count = 800;
   options.boundary = {.base = "inferior", .indent_at = "0,0,top", .contact_radius_mm = 3.0};
@@ -858,7 +851,7 @@ TEST(TouchingTool, FrictionLiesInTheTangentPlaneAndIsNeverMoreThanItsShareOfTheN
   options.cloud.count = 600;
   options.boundary = {.base = "inferior", .indent_at = "0,0,top", .contact_radius_mm = 3.0};
   const Model model = build_model(block_surface({-15, -15, 0}, {15, 15, 20}), options).model;
-  Touch touch{.shape = {.kind = ToolShape::Kind::sphere, .radius = 5e-3}, .friction = 0.3};
+  Touch touch{.shape = sphere_shape(5e-3), .friction = 0.3};
   touch.surface = contact_surface(model, 7e-3);
   touch.pose = first_touch(touch.shape, model.tool, touch.surface);
   TouchingTool tool(touch);
@@ -896,8 +889,7 @@ TEST(TouchingTool, IsFoundByTheSearchUnderStrictTolerancesToo) {
   options.cloud.grading.whole_circle = true;
   options.boundary = {.base = "inferior", .indent_at = "0,0,top", .contact_radius_mm = 2.2};
   const Model model = build_model(block_surface({-20, -20, 0}, {20, 20, 20}), options).model;
-  const auto touch = touching(ToolShape{.kind = ToolShape::Kind::sphere, .radius = 5e-3}, model,
-                              contact_surface(model, 5e-3));
+  const auto touch = touching(sphere_shape(5e-3), model, contact_surface(model, 5e-3));
   const ForceSystem system(model, {{neo_hookean(mu, 0.49, 1000.0)}, model.tissue}, Precision::double_);
   Loading loading{.depth = 1e-3};
   loading.touch = touch;
@@ -914,13 +906,11 @@ TEST(TouchingTool, IsFoundByTheSearchUnderStrictTolerancesToo) {
 }
 
 TEST(ToolShape, TwoAreInOnePlaceWhereTheirSurfacesAreDeepInEachOther) {
-  const ToolShape small{.kind = ToolShape::Kind::sphere, .radius = 4e-3},
-      large{.kind = ToolShape::Kind::sphere, .radius = 5e-3},
-      rod{.kind = ToolShape::Kind::capsule, .radius = 2e-3, .length = 20e-3},
-      punch{.kind = ToolShape::Kind::punch, .radius = 5e-3, .edge = 1e-3};
+  const ToolShape small = sphere_shape(4e-3), large = sphere_shape(5e-3), rod = capsule_shape(2e-3, 20e-3),
+                  punch = punch_shape(5e-3, 1e-3);
   const double deep = 0.05e-3;
   const auto beside = [](const ToolShape& of, double x, double z) {  // its lowest ball's middle
-    return ToolPose{Vec3(x, 1e-3, z - (of.kind == ToolShape::Kind::punch ? 0.0 : of.radius)), -Vec3::UnitZ()};
+    return ToolPose{Vec3(x, 1e-3, z - (of.edge > 0.0 ? 0.0 : of.radius)), -Vec3::UnitZ()};
   };
   // Two balls: their middles are nearer than both radii, less what each is to be inside.
   for (const double apart : {0.0, 3e-3, 8.85e-3, 8.95e-3, 12e-3})
@@ -959,8 +949,7 @@ TEST(TouchingTool, FrictionTakesEnergyInEveryStepAndNeverGivesAny) {
   options.cloud.grading.whole_circle = true;
   options.boundary = {.base = "inferior", .indent_at = "0,0,top", .contact_radius_mm = 3.0};
   const Model model = build_model(layer, options).model;
-  const auto touch = touching(ToolShape{.kind = ToolShape::Kind::sphere, .radius = 5e-3}, model,
-                              contact_surface(model, 7e-3));
+  const auto touch = touching(sphere_shape(5e-3), model, contact_surface(model, 7e-3));
   std::vector<double> force;
   for (const double friction : {0.0, 0.05, 0.2}) {
     touch->friction = friction;
@@ -992,8 +981,7 @@ TEST(TouchingTool, WithFrictionGoesOnFromAStateThatWasKeptToTheSameBits) {
   options.cloud.grading.whole_circle = true;
   options.boundary = {.base = "inferior", .indent_at = "0,0,top", .contact_radius_mm = 3.0};
   const Model model = build_model(block_surface({-15, -15, 0}, {15, 15, 6}), options).model;
-  const auto touch = touching(ToolShape{.kind = ToolShape::Kind::sphere, .radius = 5e-3}, model,
-                              contact_surface(model, 7e-3), 0.1);
+  const auto touch = touching(sphere_shape(5e-3), model, contact_surface(model, 7e-3), 0.1);
   const ForceSystem system(model, {{neo_hookean(mu, 0.49, 1000.0)}, model.tissue}, Precision::double_);
   Loading loading{.depth = 2e-3};
   loading.touch = touch;
@@ -1019,7 +1007,7 @@ class PunchOnLayer : public testing::TestWithParam<std::pair<Index, double>> {};
 
 TEST_P(PunchOnLayer, HasTheForceOfTheIntegralEquation) {
   const auto [nodes, share] = GetParam();
-  const ToolShape punch{.kind = ToolShape::Kind::punch, .radius = 5e-3, .edge = 1e-3};
+  const ToolShape punch = punch_shape(5e-3, 1e-3);
   const BodySurface layer = block_surface({-30, -30, 0}, {30, 30, 10});
   const double truth = plane_modulus * 1e-4 * force_at(0.01059, 0.4, {nu}, rounded_punch(0.4, 0.1));
   is_true(touched(layer, punch, 0.1059, nodes), truth, share);

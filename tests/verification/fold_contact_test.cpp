@@ -155,7 +155,7 @@ TEST(FoldsThatClose, OfTwoEqualDomesPressEachOtherAsAPlatePressesOneByHalf) {
   const Material material = neo_hookean(1000.0, 0.49, 1000.0);
 
   auto plate = std::make_shared<Touch>();
-  plate->shape = {.kind = ToolShape::Kind::punch, .radius = 30e-3, .edge = 3e-3};
+  plate->shape = punch_shape(30e-3, 3e-3);
   plate->surface = contact_surface(one, 12e-3);
   plate->pose = first_touch(plate->shape, one.tool, plate->surface);
   Loading loading{.depth = 0.5 * (way - gap)};

@@ -40,7 +40,7 @@ TEST(Hertz, HasTheForceOfASphereThatIsPressedOnARigidPlane) {
   Loading loading{.depth = depth, .contact = Contact::frictionless};
   loading.further = {{.name = "centre", .node = {centre}, .direction = Vec3::UnitZ(), .share = 1.0}};
   loading.walls = {
-      {.shape = {.kind = ToolShape::Kind::plane, .radius = hertz::radius},
+      {.shape = plane_shape(hertz::radius),
        .pose = {Vec3(0.0, 0.0, top), -Vec3::UnitZ()},
        .surface = wall_surface(
            model, [&](const Vec3& x, const Vec3& outward) { return outward.z() > 0.9 && x.z() > 0.9 * top; },

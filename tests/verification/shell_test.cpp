@@ -107,9 +107,7 @@ TEST_P(SoftSphere, SettlesInARigidShellAsDeepAsFiniteElementsSay) {
   const Model model = loose_sphere(nodes);
   const ForceSystem tissue(model, {{neo_hookean(mu, nu, density)}, model.tissue});
   const double inner = radius + 1e-3 * gap_mm;
-  const Touch shell{.shape = {.kind = ToolShape::Kind::field,
-                              .radius = radius,
-                              .field = drawn ? drawn_shell_of(inner) : shell_of(inner)},
+  const Touch shell{.shape = field_shape(drawn ? drawn_shell_of(inner) : shell_of(inner), radius),
                     .pose = {Vec3::Zero(), -Vec3::UnitZ()},
                     .surface = wall_surface(
                         model, [](const Vec3&, const Vec3&) { return true; }, 1500),

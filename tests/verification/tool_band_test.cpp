@@ -113,7 +113,7 @@ TEST(ToolBandWidth, IsNeverLessThanWhatIsKnownToBeOff) {
                                           {.t = 1.0, .depth = 1e-3, .force = 1e-3},
                                           {.t = 2.0, .depth = 2e-3, .force = 3e-3},
                                           {.t = 4.0, .depth = 4e-3, .force = 9e-3}};
-  const ToolShape sphere{.kind = ToolShape::Kind::sphere, .radius = 5e-3};
+  const ToolShape sphere = sphere_shape(5e-3);
   const std::vector<double> usual = tool_half_widths(force, model, force, sphere),
                             wide = tool_half_widths(force, model, force, sphere, {0.5e-3, 2e-3});
   ASSERT_EQ(usual.size(), 4U);
@@ -130,7 +130,7 @@ TEST(ToolBandWidth, ShallowerThanItWasMeasuredReachesFromNothingToTheLineToThere
   Model model;
   model.X = Points::Zero(3, 2000);
   model.spacing = Eigen::VectorXd::Constant(2000, 0.3e-3);
-  const ToolShape sphere{.kind = ToolShape::Kind::sphere, .radius = 10e-3};
+  const ToolShape sphere = sphere_shape(10e-3);
   const std::vector<ForceSample> force = {{},
                                           {.t = 0.1, .depth = 0.1e-3, .force = 1e-5},
                                           {.t = 0.4, .depth = 0.4e-3, .force = 4e-4},

@@ -18,9 +18,8 @@ namespace {
 
 constexpr double mu = 2000.0, degree = std::numbers::pi / 180.0;
 
-const ToolShape capsule{.kind = ToolShape::Kind::capsule, .radius = 3e-3, .length = 20e-3},
-    punch{.kind = ToolShape::Kind::punch, .radius = 4e-3, .edge = 2e-3},
-    sphere{.kind = ToolShape::Kind::sphere, .radius = 5e-3};
+const ToolShape capsule = capsule_shape(3e-3, 20e-3), punch = punch_shape(4e-3, 2e-3),
+                sphere = sphere_shape(5e-3);
 
 // Of a block of 40 x 40 x 20 mm, fine at its top around a place on it [mm].
 struct Block {
@@ -136,8 +135,7 @@ ToolShape drawn_box() {
     triangles.col(2 * k) << face[k][0], face[k][1], face[k][2];
     triangles.col(2 * k + 1) << face[k][0], face[k][2], face[k][3];
   }
-  auto mesh = std::make_shared<const ToolMesh>(tool_mesh(vertex, triangles, "box.stl"));
-  return {.kind = ToolShape::Kind::drawn, .radius = 0.5 * mesh->width, .mesh = mesh};
+  return drawn_shape(std::make_shared<const ToolMesh>(tool_mesh(vertex, triangles, "box.stl")));
 }
 
 TEST(TurningTool, IsTheSameBodyWhereverItHasTurned) {

@@ -24,7 +24,7 @@ const Vec3 size(30e-3, 30e-3, 20e-3);  // of the block [m]
 
 // The half-space behind a plane through `at`, and what of the body faces it.
 Touch plane(const Model& model, const std::string& name, const Vec3& at, const Vec3& normal) {
-  return {.shape = {.kind = ToolShape::Kind::plane, .radius = 10e-3},
+  return {.shape = plane_shape(10e-3),
           .pose = {at, normal},
           .surface = wall_surface(
               model, [&](const Vec3&, const Vec3& outward) { return outward.dot(normal) < -0.9; }, 2000),
@@ -330,9 +330,7 @@ TEST(Walls, ThatAreMovedPressAsTheToolThatIsMeasuredDoes) {
   const Model model = build_model(block_surface({-20, -20, 0}, {20, 20, 20}), options).model;
   const ForceSystem tissue(model, {{neo_hookean(210.0, 0.49, 1000.0)}, model.tissue}, Precision::double_);
   const Vec3 top(0.0, 0.0, 20e-3);
-  Touch ball{.shape = {.kind = ToolShape::Kind::sphere, .radius = 5e-3},
-             .pose = {top, -Vec3::UnitZ()},
-             .surface = {}};
+  Touch ball{.shape = sphere_shape(5e-3), .pose = {top, -Vec3::UnitZ()}, .surface = {}};
   ball.surface = wall_surface(
       model, [&](const Vec3& x, const Vec3& n) { return n.z() > 0.5 && (x - top).norm() < 7e-3; }, 2000);
   const auto force = [&](const Touch& touch) {
@@ -357,7 +355,7 @@ TEST(Walls, ThatAreMovedPressAsTheToolThatIsMeasuredDoes) {
   const BodySurface drawn = cut_ellipsoid_surface(Vec3::Constant(5.0), -4.999);
   auto field = std::make_shared<DistanceGrid>(
       wall_field(drawn, false, Vec3::Constant(-9.0), Vec3::Constant(9.0), 0.2, 4.0));
-  moved.shape = {.kind = ToolShape::Kind::field, .field = field};
+  moved.shape = field_shape(field);
   moved.pose.tip = top + Vec3(0.0, 0.0, 5e-3);  // where its frame begins
   EXPECT_NEAR(force(moved), measured, 0.02 * measured);
 }
@@ -384,7 +382,7 @@ TEST_P(ABodyUnderLoads, IsPressedByTheSameBitsWhetherItComesToRestOnceOrTwice) {
     return chosen;
   };
   Touch ball{
-      .shape = {.kind = ToolShape::Kind::sphere, .radius = 5e-3},
+      .shape = sphere_shape(5e-3),
       .pose = {Vec3(0.0, 0.0, 20e-3), -Vec3::UnitZ()},
       .surface = wall_surface(
           model, [](const Vec3& x, const Vec3& n) { return n.z() > 0.5 && x.head<2>().norm() < 9e-3; }, 2000),

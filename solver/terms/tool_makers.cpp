@@ -1,0 +1,164 @@
+// One maker for each shape of a tool or a wall.
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "solver/terms/tool_shape.hpp"
+
+namespace dimple {
+namespace {
+
+// Rings of a quarter of a circle around a flat end; the first is the tip itself where there is none.
+Outline rounded_end(double radius, double rounded, Index rings) {
+  Outline end{.ring = {}, .top = 0.0};
+  const double flat = radius - rounded;
+  for (Index k = flat > 0.0 ? 0 : 1; k <= rings; ++k) {
+    const double angle = 0.5 * std::numbers::pi * static_cast<double>(k) / static_cast<double>(rings);
+    end.ring.emplace_back(flat + rounded * std::sin(angle), rounded * (1.0 - std::cos(angle)));
+  }
+  return end;
+}
+
+// Height of the lower surface of an end that is rounded beside its flat part.
+double height_of_end(double r, double radius, double rounded) {
+  const double beside = std::max(0.0, r - (radius - rounded));
+  return rounded - std::sqrt(std::max(0.0, rounded * rounded - beside * beside));
+}
+
+ProfileDistance to_ball(double r, double z, double radius, double centre) {
+  const double away = std::hypot(r, z - centre);
+  if (!(away > 0.0)) return {-radius, 0.0, -1.0};
+  return {away - radius, r / away, (z - centre) / away};
+}
+
+// Rod with round ends; a sphere is one of two radii.
+ToolShape round_ended(double radius, double length) {
+  return {.radius = radius,
+          .length = length,
+          .profile = [=](double r,
+                         double z) { return to_ball(r, z, radius, std::clamp(z, radius, length - radius)); },
+          .height = [=](double r) { return height_of_end(r, radius, radius); },
+          .contact_depth = [=](double a) { return 0.5 * a * std::log((radius + a) / (radius - a)); },
+          .contact_force =
+              [=](double a) {
+                return 0.5 * (a * a + radius * radius) * std::log((radius + a) / (radius - a)) - a * radius;
+              },
+          .outline =
+              [=](Index rings) {
+                Outline whole = rounded_end(radius, radius, rings);
+                whole.top = length;
+                for (std::size_t k = whole.ring.size(); k-- > 0;)
+                  whole.ring.emplace_back(whole.ring[k].first, length - whole.ring[k].second);
+                return whole;
+              }};
+}
+
+// A quarter plane, rounded: what lies within `radius` of the axis and above the tip.
+ProfileDistance to_punch(double r, double z, double radius, double edge) {
+  const double beside = r - (radius - edge), below = edge - z;
+  if (beside > 0.0 && below > 0.0) {
+    const double away = std::hypot(beside, below);
+    return {away - edge, beside / away, -below / away};
+  }
+  return beside > below ? ProfileDistance{beside - edge, 1.0, 0.0} : ProfileDistance{below - edge, 0.0, -1.0};
+}
+
+// The farthest from the axis that the profile of a mesh is lower than that: of prongs or of a ring there is
+// nothing on the axis itself.
+double radius_at_height(const std::vector<double>& lower, double radius, double height) {
+  constexpr double least = 0.02;  // of the radius
+  const double step = radius / static_cast<double>(lower.size() - 1);
+  std::size_t k = lower.size() - 1;
+  while (k > 0 && !(lower[k] < height)) --k;
+  double r = step * static_cast<double>(k);
+  if (k + 1 < lower.size() && std::isfinite(lower[k + 1]) && lower[k] < height)
+    r += step * (height - lower[k]) / (lower[k + 1] - lower[k]);
+  return std::clamp(r, least * radius, radius);
+}
+
+double height_of_mesh(const std::vector<double>& lower, double radius, double r) {
+  const double at = r / radius * static_cast<double>(lower.size() - 1);
+  const std::size_t k = std::min(static_cast<std::size_t>(at), lower.size() - 2);
+  return std::min(lower[k], lower[k + 1]);
+}
+
+}  // namespace
+
+ToolShape sphere_shape(double radius) {
+  ToolShape shape = round_ended(radius, 2.0 * radius);
+  shape.kind = "sphere", shape.numbers = {radius};
+  return shape;
+}
+
+ToolShape capsule_shape(double radius, double length) {
+  ToolShape shape = round_ended(radius, length);
+  shape.kind = "capsule", shape.numbers = {radius, length};
+  return shape;
+}
+
+ToolShape punch_shape(double radius, double edge) {
+  return {.kind = "punch",
+          .numbers = {radius, edge},
+          .radius = radius,
+          .edge = edge,
+          .profile = [=](double r, double z) { return to_punch(r, z, radius, edge); },
+          .height = [=](double r) { return height_of_end(r, radius, edge); },
+          .contact_depth =
+              [=](double a) {
+                const double b = radius - edge;
+                return a / edge * (std::sqrt(a * a - b * b) - b * std::acos(b / a));
+              },
+          .contact_force =
+              [=](double a) {
+                const double b = radius - edge, s = std::sqrt(a * a - b * b);
+                return (s * (4.0 * a * a - b * b) - 3.0 * b * a * a * std::acos(b / a)) / (3.0 * edge);
+              },
+          .outline =
+              [=](Index rings) {
+                Outline drawn = rounded_end(radius, edge, rings);
+                drawn.top = 3.0 * radius;
+                drawn.ring.emplace_back(radius, drawn.top);
+                return drawn;
+              }};
+}
+
+ToolShape drawn_shape(std::shared_ptr<const ToolMesh> mesh) {
+  const double radius = 0.5 * mesh->width;
+  return {.kind = "drawn",
+          .radius = radius,
+          .length = mesh->length,
+          .distance = [mesh](const ToolPose& pose, const Vec3& d) -> ToolDistance {
+            const Mat3 axes = pose.axes();
+            const Distance here = distance_in(mesh->distance, axes.transpose() * d);
+            return {here.distance, axes * here.gradient.normalized()};
+          },
+          .height = [mesh, radius](double r) { return height_of_mesh(mesh->lower, radius, r); },
+          .height_over =
+              [mesh](const ToolPose& pose, const Vec3& d) {
+                const Vec3 at = pose.axes().transpose() * d;
+                return height_over(mesh->distance, at.x(), at.y());
+              },
+          .contact_radius =
+              [mesh, radius](double depth) { return radius_at_height(mesh->lower, radius, 0.5 * depth); },
+          .mesh = mesh};
+}
+
+ToolShape plane_shape(double size) {
+  return {.kind = "plane", .radius = size, .profile = [](double, double z) {
+            return ProfileDistance{-z, 0.0, -1.0};
+          }};
+}
+
+ToolShape field_shape(std::shared_ptr<const DistanceGrid> field, double size) {
+  return {.kind = "field",
+          .radius = size,
+          .distance = [field](const ToolPose&, const Vec3& d) -> ToolDistance {
+            const Distance here = distance_in(*field, d);
+            const double steep = here.gradient.norm();  // nothing far from the surface, where nobody touches
+            return {here.distance, steep > 0.0 ? Vec3(here.gradient / steep) : Vec3::UnitZ()};
+          },
+          .field = field};
+}
+
+}  // namespace dimple
