@@ -68,10 +68,6 @@ std::optional<FluidWords> fluid_lost_of(const Config& config) {
              "it is a side, or three numbers that are a direction");
     direction = Vec3(n[0], n[1], n[2]).stableNormalized();
   }
-  if (config.load.gravity != "none")
-    refuse("is asked for beside gravity",
-           "gravity lays the whole weight on a body that was imaged without it; a lost fluid changes the "
-           "equilibrium in which it was imaged");
   return FluidWords{*direction, 0.01 * percent};
 }
 
