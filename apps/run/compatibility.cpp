@@ -224,9 +224,9 @@ std::string pairs_in_words() {
     std::string rows;
     for (const Clash& row : clashes())
       if (row.feature == feature)
-        rows += fmt::format("  not with  {}\n    {}\n", names_in_words(row.beside), row.why);
+        rows += fmt::format("  not with   {}\n             {}\n", names_in_words(row.beside), row.why);
     for (const Need& need : needs())
-      if (need.feature == feature) rows += fmt::format("  needs     {}\n", words_of(need.needs).name);
+      if (need.feature == feature) rows += fmt::format("  needs      {}\n", words_of(need.needs).name);
     if (!rows.empty()) text += fmt::format("{}\n{}\n", words_of(feature).name, rows);
   }
   return text;

@@ -46,7 +46,7 @@ Vec3 three(const std::vector<double>& numbers) {
   return {numbers[0], numbers[1], numbers[2]};
 }
 
-void check_turn(const Config& config, const std::string& name, const Config::Step& step) {
+void check_turn(const std::string& name, const Config::Step& step) {
   if (step.turn_deg.empty()) {
     if (!step.about_mm.empty())
       refuse(name, "about_mm", "has a place to turn about, and does not turn",
@@ -75,7 +75,7 @@ void check_turn(const Config& config, const std::string& name, const Config::Ste
 
 void check_way(const Config& config, const std::string& name, const Config::Step& step) {
   const std::size_t count = step.move_mm.size();
-  check_turn(config, name, step);
+  check_turn(name, step);
   if (count == 0 && !step.turn_deg.empty()) return;
   if (count == 0 && step.time_s > 0.0) return;  // a hold
   const bool is_a_tool = is_of_tool(step) || config.other_tool.contains(step.moves);
