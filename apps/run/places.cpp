@@ -6,7 +6,6 @@
 #include <nlohmann/json.hpp>
 
 #include "apps/run/compatibility.hpp"
-#include "apps/run/cuts.hpp"
 #include "apps/run/organ.hpp"
 #include "apps/run/summary.hpp"
 #include "apps/run/tool.hpp"

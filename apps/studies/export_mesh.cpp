@@ -7,13 +7,7 @@
 #include <utility>
 
 #include "apps/run/compatibility.hpp"
-#include "apps/run/cuts.hpp"
-#include "apps/run/folds.hpp"
-#include "apps/run/membranes.hpp"
 #include "apps/run/organ.hpp"
-#include "apps/run/steps.hpp"
-#include "apps/run/tool.hpp"
-#include "apps/run/walls.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/stop.hpp"

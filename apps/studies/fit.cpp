@@ -10,10 +10,8 @@
 
 #include "apps/run/compatibility.hpp"
 #include "apps/run/organ.hpp"
-#include "apps/run/other_tools.hpp"
 #include "apps/run/results.hpp"
 #include "apps/run/simulate.hpp"
-#include "apps/run/steps.hpp"
 #include "apps/run/summary.hpp"
 #include "apps/run/tool.hpp"
 #include "apps/run/unless_stopped.hpp"
