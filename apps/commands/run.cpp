@@ -6,6 +6,7 @@
 #include "apps/commands/command.hpp"
 #include "apps/commands/log.hpp"
 #include "apps/commands/slicer.hpp"
+#include "apps/run/compatibility.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/summary.hpp"
 #include "apps/run/words.hpp"
@@ -54,7 +55,7 @@ Command add_run(CLI::App& app, Invocation& shared) {
             options->flags.defaults_are_unsaid = shared.slicer;
             const Config config = options->flags.config(*command, shared.image);
             into_folder(shared, config.image.file);
-            if (options->explain) check_explainable(config);
+            if (options->explain) check_pairs(config, Feature::explain);
             Outcome outcome = record_run(config, shared.out, shared.existing(), to_log());
             if (options->explain && !outcome.interrupted)
               outcome = explained(config, shared, std::move(outcome));

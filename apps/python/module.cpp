@@ -21,6 +21,7 @@
 
 #include "apps/python/in_memory.hpp"
 #include "apps/run/compare.hpp"
+#include "apps/run/compatibility.hpp"
 #include "apps/run/folds.hpp"
 #include "apps/run/live.hpp"
 #include "apps/run/loads.hpp"
@@ -559,16 +560,10 @@ class LiveSession {
     session_ = computing([&] {
       const Config config = settings.config();
       config_ = config;
-      require_no_steps(config, "a Session");
-      require_no_membranes(config, "a Session");
-      require_no_walls(config, "a Session");
-      require_one_tool(config, "a Session");
-      require_circle(config, "a Session");
+      check_pairs(config, Feature::session);
       require_nodes_of_circle(built, "Session");
-      require_unloaded(config, "a Session");
-      require_open_folds(config, "a Session");
       const std::vector<Material> materials = materials_of(config);
-      check_materials(materials, built.model.scheme);
+      check_materials(config, built.model.scheme);
       const TissueOptions tissues = tissues_of(config, built.label_names, built.model);
       materials_ = materials, label_names_ = built.label_names;
       Model model = make_model(built.model, built.model.scheme, tissue_of_points(built.model, tissues),

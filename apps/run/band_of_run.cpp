@@ -12,6 +12,7 @@
 #include <new>
 #include <utility>
 
+#include "apps/run/compatibility.hpp"
 #include "apps/run/folds.hpp"
 #include "apps/run/pipeline.hpp"
 #include "apps/run/run_words.hpp"
@@ -25,8 +26,6 @@
 
 namespace dimple {
 namespace {
-
-constexpr const char* not_for_dynamics = "not calibrated for dynamics";
 
 // A finer cloud needs the memory and all processors for itself.
 constexpr Index most_nodes_beside = 20000;
@@ -116,14 +115,7 @@ namespace {
 
 std::string why_no_band(const Config& config, const std::vector<Material>& tissues) {
   const Config usual;
-  if (config.scheme.name != usual.scheme.name) return "calibrated for the converging scheme only";
-  if (config.solver.time == "explicit") return not_for_dynamics;
-  if (config.load.contact != usual.load.contact) return "not calibrated for a circle that is not bonded";
-  if (has_loads(config)) return "not calibrated for loads other than the tool";
-  if (has_membranes(config)) return "not calibrated for membranes";
-  if (has_walls(config)) return "not calibrated for walls";
-  if (!config.step.empty()) return "not calibrated for a tool that moves in steps";
-  if (!has_tool_alone(config)) return "not calibrated for further tools or supports";
+  if (const std::string none = why_without(config, Feature::error_bounds); !none.empty()) return none;
   if (const std::string none = why_no_band(tissues); !none.empty()) return none;
   if (config.solver.tolerance > usual.solver.tolerance)
     return fmt::format("not calibrated for a tolerance above {:g}", usual.solver.tolerance);

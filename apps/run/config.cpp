@@ -863,32 +863,8 @@ bool has_tool_alone(const Config& config) {
          config.held.empty() && config.other_tool.empty() && config.step.empty();
 }
 
-std::string why_not_proportional(const Config& config) {
-  if (config.scheme.name != converging.name || config.solver.time == "explicit")
-    return "the force holds inertia, which does not grow with mu";
-  if (config.material.mooney_c01_Pa > 0.0)
-    return "the second constant of a Mooney-Rivlin law does not grow with mu";
-  if (config.material.preset != "none") return "the material is a published one (--preset)";
-  if (!config.tissue.empty()) return "the force of several tissues is proportional to no single modulus";
-  if (has_loads(config)) return "gravity and pressures do not grow with mu";
-  if (has_membranes(config)) return "a membrane's stiffness does not grow with mu";
-  return {};
-}
-
 double force_spread(const Config& config) {
-  const double spread = 0.01 * config.material.mu_spread_percent;
-  if (!(spread > 0.0)) return 0.0;
-  std::string why = why_not_proportional(config);
-  if (why.empty() && !config.material.ogden_mu_Pa.empty())
-    why = "the modulus of this material is not given by --mu";
-  if (why.empty()) return spread;
-  throw UsageError(
-      {.fact = fmt::format("mu is given with an uncertainty of {:g} %, whose effect on the force would take "
-                           "several runs",
-                           100.0 * spread),
-       .where = "--mu (material.mu_spread_percent)",
-       .why = why,
-       .remedy = "run it once with the smallest and once with the largest modulus"});
+  return 0.01 * config.material.mu_spread_percent;
 }
 
 std::optional<Goal> goal_of(const Config& config) {
@@ -950,15 +926,6 @@ std::optional<Vec3> followed_place(const Config& config) {
                                         .after_kind = '@'}}},
                                      config.accuracy.quantity, "--quantity (accuracy.quantity)");
   return word.number.empty() ? std::nullopt : std::optional(word.three());
-}
-
-void require_no_goal(const Config& config, const std::string& command) {
-  if (config.accuracy.goal.empty() && !(config.accuracy.budget_s > 0.0)) return;
-  const std::string key = config.accuracy.goal.empty() ? "accuracy.budget_s" : "accuracy.goal";
-  throw UsageError({.fact = fmt::format("{} takes no accuracy", command),
-                    .where = key,
-                    .why = "it runs with the number of nodes that is given",
-                    .remedy = "leave it out here; dimple run finds the number of nodes for an accuracy"});
 }
 
 ModelOptions model_options(const Config& c) {

@@ -254,12 +254,9 @@ bool has_walls(const Config& config);
 bool has_base(const Config& config);  ///< that is held
 bool has_tool_alone(const Config& config);
 
-/// Why the force is not proportional to the constants of one law, all multiplied alike; empty: it is, in
-/// equilibrium under a tool and supports whose ways are given.
-std::string why_not_proportional(const Config& config);
-
 /// How well the force is known by its material, as a share of it: in equilibrium under a tool whose way is
-/// given it is proportional to the one modulus that the whole body has. Throws UsageError: it is not so here.
+/// given it is proportional to the one modulus that the whole body has. The table of compatibility.hpp says
+/// where it is not.
 double force_spread(const Config& config);
 
 /// Half the width that the band may have, of the force or of the displacement that is asked for, and the time
@@ -279,9 +276,6 @@ FloorOfBand band_floor(const Config& config);
 /// The place of the body [m, LPS, at rest] whose displacement is asked for, beside the force. Throws
 /// UsageError: neither "force" nor "displacement@x,y,z" in mm.
 std::optional<Vec3> followed_place(const Config& config);
-
-/// Throws UsageError: an accuracy was asked for, of a command that has no refinement.
-void require_no_goal(const Config& config, const std::string& command);
 
 ModelOptions model_options(const Config& config);
 /// The scheme of that name, with what was asked for in place of its own choices.

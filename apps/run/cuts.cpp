@@ -225,12 +225,4 @@ std::vector<TriangleMesh> blades_of(const Config& config, const SegmentedBody& b
   return sheets;
 }
 
-void require_no_cuts(const Config& config, const std::string& what) {
-  if (!has_cuts(config)) return;
-  throw UsageError({.fact = fmt::format("{} knows no cuts, and '{}' is asked for", what, config.image.cut),
-                    .where = option_of_cuts,
-                    .why = "a body is cut by `dimple run` and `dimple model` before the tool touches it",
-                    .remedy = "leave --cut out, or use dimple run IMAGE --cut"});
-}
-
 }  // namespace dimple

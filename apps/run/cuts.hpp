@@ -43,7 +43,4 @@ TriangleMesh line_blade(const Vec3& x, const Vec3& y, double depth, const BodySu
 /// Of all cuts at rest.
 std::vector<TriangleMesh> blades_of(const Config& config, const SegmentedBody& body);
 
-/// Throws UsageError: there is a cut, of which `what` knows nothing.
-void require_no_cuts(const Config& config, const std::string& what);
-
 }  // namespace dimple

@@ -30,28 +30,6 @@ bool folds_touch(const Config& config, double facing_share) {
          MixedIteration::serves(materials_of(config));
 }
 
-void check_folds(const Config& config) {
-  if (config.load.self_contact != "on") return;
-  const bool by_time = has_inertia(config);
-  if (!by_time && converges(config)) return;
-  throw UsageError(
-      {.fact = fmt::format("folds are to touch, and {} is '{}'", by_time ? "the time" : "the scheme",
-                           by_time ? config.solver.time : config.scheme.name),
-       .where = by_time ? "--self-contact (load.self_contact) and --time (solver.time)"
-                        : "--self-contact (load.self_contact) and --scheme (scheme.name)",
-       .why = "the contact is solved for in equilibrium, depth by depth",
-       .remedy = "leave one of the two out"});
-}
-
-void require_open_folds(const Config& config, const std::string& what) {
-  if (config.load.self_contact != "on") return;
-  throw UsageError(
-      {.fact = fmt::format("{} lets folds pass through each other", what),
-       .where = "--self-contact (load.self_contact)",
-       .why = "folds that touch are followed in equilibrium by `dimple run`, `solve` and `shift`",
-       .remedy = "leave --self-contact out, or use dimple run IMAGE --self-contact on"});
-}
-
 std::shared_ptr<const FoldBanks> folds_of(const Config& config, double facing_share, const Model& model,
                                           double deepest) {
   if (!folds_touch(config, facing_share)) return nullptr;

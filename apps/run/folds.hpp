@@ -13,13 +13,6 @@ namespace dimple {
 /// the scheme or the time that is asked for, or such a tissue, has no contact looked for.
 bool folds_touch(const Config& config, double facing_share);
 
-/// Before anything is built: throws UsageError where they are to touch in a way of marching that does not
-/// look for contact.
-void check_folds(const Config& config);
-
-/// Throws UsageError: they are to touch, in something that lets them pass.
-void require_open_folds(const Config& config, const std::string& what);
-
 /// Where the model's surface faces itself across gaps that the tool's way may close; null: nowhere, or they
 /// do not touch.
 std::shared_ptr<const FoldBanks> folds_of(const Config& config, double facing_share, const Model& model,

@@ -109,17 +109,11 @@ double share_outside(const VoxelGrid& grid, const Surface& surface) {
 
 }  // namespace
 
-ImageTask images_asked_for(const Config& config, bool of_model) {
+ImageTask images_asked_for(const Config& config) {
   const Config::Output& output = config.output;
   ImageTask task;
   task.each_frame = output.write_frames == "all";
   const bool images = wanted_of(config).images;
-  if (images && of_model)
-    throw UsageError(
-        {.fact = "images on the grid of the label image are asked for, and a model's files hold no image",
-         .where = "--write images (output.write)",
-         .why = "dimple solve begins with nodes and points",
-         .remedy = "begin with the image: dimple run; or name an image of the patient with --warp"});
   if (images && config.image.file.empty())
     throw UsageError(
         {.fact = "images on the grid of the label image are asked for, and the label image is in memory",

@@ -36,9 +36,9 @@ struct ImageTask {
   bool any() const { return !label_image.empty() || !warped.empty(); }
 };
 
-/// Reads every image to its end, so that nothing is computed for one that cannot be read. `of_model`: the
-/// case begins with a model's files, which hold no image. Throws UsageError, InputError.
-ImageTask images_asked_for(const Config& config, bool of_model);
+/// Reads every image to its end, so that nothing is computed for one that cannot be read. Throws
+/// UsageError, InputError.
+ImageTask images_asked_for(const Config& config);
 /// Throws InputError: more than half of the body lies outside of an image to be warped; or the model has no
 /// surface, and so no inside.
 void require_overlap(const ImageTask& task, const Discretisation& body);

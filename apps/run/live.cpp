@@ -10,19 +10,15 @@
 #include <cmath>
 #include <limits>
 
+#include "apps/run/compatibility.hpp"
 #include "apps/run/cuts.hpp"
-#include "apps/run/folds.hpp"
 #include "apps/run/loads.hpp"
-#include "apps/run/membranes.hpp"
-#include "apps/run/other_tools.hpp"
 #include "apps/run/results.hpp"
 #include "apps/run/steps.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/supports.hpp"
 #include "apps/run/tool.hpp"
 #include "apps/run/tool_band.hpp"
-#include "apps/run/unloaded.hpp"
-#include "apps/run/walls.hpp"
 #include "apps/run/words.hpp"
 #include "io/digits.hpp"
 #include "io/error.hpp"
@@ -38,46 +34,16 @@ namespace fs = std::filesystem;
 constexpr double aside = 0.25;      // radii from the axis within which the force is known roughly
 constexpr double same_axis = 0.02;  // and on it
 
-// What is known of the way in serves on the way out.
-void require_no_past(const Config& config) {
-  if (!tool_of(config)) return;
-  const auto refuse = [&](const char* fact, const char* where, const char* why, const char* remedy) {
-    throw UsageError({.fact = fact, .where = where, .why = why, .remedy = remedy});
-  };
-  if (has_loads(config))
-    refuse("a tool that touches is moved by hand on a body without loads", "load",
-           "where it first touches is looked for on the body as it was imaged",
-           "leave gravity and pressures out, take the circle, or use dimple run");
-  if (!config.held.empty())
-    refuse("a tool that touches is moved by hand on a body that its base alone holds", "support",
-           "a part that is held or moved besides has not been tried with it",
-           "leave the supports out, take the circle, or use dimple run");
-  if (friction_of(config) > 0.0)
-    refuse("a tool that is moved by hand has no friction", "tool.friction",
-           "with friction its force depends on the way that it took",
-           "leave the friction out, or use dimple run");
-  if (relaxes(materials_of(config)))
-    refuse("a tool that touches is moved by hand in elastic tissue alone", "material.prony_g",
-           "tissue that relaxes goes on moving where the tool has left it",
-           "leave the Prony terms out, or take the circle");
-}
-
 }  // namespace
 
 LiveOrgan read_live_organ(const Config& config, const RunObserver& observer) {
   LiveOrgan live{.config = config, .result = {}};
   const RunLog log{observer, live.result};
+  check_pairs(config, Feature::by_hand);
+  if (tool_of(config)) check_pairs(config, Feature::touching_by_hand);
   check_loads(config);
   check_supports(config);
-  require_no_steps(config, "a tool that is moved by hand");
-  require_one_tool(config, "a tool that is moved by hand");
-  require_no_membranes(config, "a tool that is moved by hand");
-  require_no_walls(config, "a tool that is moved by hand");
-  require_unloaded(config, "a tool that is moved by hand");
-  require_open_folds(config, "a tool that is moved by hand");
   check_tool(config);
-  require_no_past(config);
-  require_no_cuts(config, "a tool that is moved by hand");
   live.config.load.self_contact = "off";
   live.organ.emplace(read_organ({.config = live.config}, model_options(config), log, live.result));
   live.materials = materials_of(config);

@@ -42,10 +42,6 @@ std::optional<FluidWords> fluid_lost_of(const Config& config) {
          .is_side = true}}},
       config.load.fluid_lost, "load.fluid_lost");
   if (word.three().isZero(0.0)) refuse_word(word, "has no direction", "three zeros are no direction");
-  if (config.load.gravity != "none")
-    refuse_word(word, "is asked for beside gravity",
-                "gravity lays the whole weight on a body that was imaged without it; a lost fluid changes "
-                "the equilibrium in which it was imaged");
   return FluidWords{word.is_side ? word.three() : Vec3(word.three().stableNormalized()), word.number.back()};
 }
 

@@ -21,8 +21,7 @@ Loads loads_of(const Config& config, const Model& model, const Surface& chosen_o
 std::string in_words(const Loads& loads);
 
 /// Which way is up, and the share of the body's height that a fluid has left, in [0, 1]: of "anterior,60%"
-/// (load.fluid_lost). Nothing: no fluid is lost. Throws UsageError: it is not understood, or gravity acts
-/// too.
+/// (load.fluid_lost). Nothing: no fluid is lost. Throws UsageError: it is not understood.
 struct FluidWords {
   Vec3 up;
   double share;

@@ -72,8 +72,6 @@ void check_membranes(const Config& config) {
              fmt::format("membrane.{}", name), "its stiffness is its thickness times its shear modulus",
              "give both, as in --membrane 0.1mm:400kPa, or a tension alone");
   }
-  if (config.scheme.name != Config{}.scheme.name) require_no_membranes(config, "the scheme of 2007");
-  if (config.solver.time == "explicit") require_no_membranes(config, "a run with inertia");
 }
 
 void check_membranes(const Config& config, const Surface& surface) {
@@ -110,15 +108,6 @@ std::string in_words(const Membrane& film) {
                         stiffness > 0.0 ? "," : "", three_digits(film.tension));
   if (!film.wrinkles) text += ", bears compression";
   return text + fmt::format(", on {} mm2 of the surface", three_digits(1e6 * area_of(film.patch)));
-}
-
-void require_no_membranes(const Config& config, const std::string& command) {
-  if (!has_membranes(config)) return;
-  throw UsageError({.fact = fmt::format("{} takes no membrane", command),
-                    .where = config.load.membrane != "none" ? "--membrane (load.membrane)" : "membrane",
-                    .why = "membranes are modelled in equilibrium alone, in dimple run and solve: they have "
-                           "no mass, and nothing else has been measured with them",
-                    .remedy = "leave it out here, or take dimple run with --time quasi-static"});
 }
 
 }  // namespace dimple

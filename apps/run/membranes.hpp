@@ -6,7 +6,7 @@
 namespace dimple {
 
 /// Before anything is built: throws UsageError where a membrane is not understood, has neither stiffness nor
-/// tension, or the run has inertia; and where it names no part of the surface. ModelError: there is none.
+/// tension; and where it names no part of the surface. ModelError: there is none.
 void check_membranes(const Config& config);
 void check_membranes(const Config& config, const Surface& surface);
 
@@ -16,8 +16,5 @@ std::vector<Membrane> membranes_on(const Config& config, const Model& model, con
 
 /// "pia: 0.1 mm of 400 kPa (40 N/m) on 5600 mm2".
 std::string in_words(const Membrane& film);
-
-/// Throws UsageError, for a command that knows no membrane.
-void require_no_membranes(const Config& config, const std::string& command);
 
 }  // namespace dimple

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <limits>
 
+#include "apps/run/compatibility.hpp"
 #include "apps/run/cuts.hpp"
 #include "apps/run/folds.hpp"
 #include "apps/run/grading.hpp"
@@ -226,20 +227,6 @@ Work work_of(const Config& config, const Result& result) {
       .refinement = !config.accuracy.goal.empty() || config.accuracy.budget_s > 0.0};
 }
 
-void check_materials(const std::vector<Material>& materials, const Scheme& scheme) {
-  const Material& m = materials.front();
-  if (!scheme.pressure_patches && (materials.size() > 1 || !is_plain(m)))
-    throw UsageError({.fact = "the paper's scheme knows one neo-Hookean tissue only",
-                      .where = "--scheme horton2007",
-                      .why = "it is kept as it was printed, for comparison",
-                      .remedy = "leave --scheme out for other laws, viscoelastic and several tissues"});
-  if (scheme.pressure_patches && is_as_printed(m))
-    throw UsageError({.fact = "the printed stress goes with the paper's scheme only",
-                      .where = "--stress printed",
-                      .why = "the converging scheme is made of energies, and the printed stress has none",
-                      .remedy = "add --scheme horton2007"});
-}
-
 void say_default_stiffness(const RunLog& log, const Config& config) {
   if (default_stiffness(config))
     log.say(fmt::format(
@@ -293,7 +280,7 @@ Organ read_organ(const Case& given, const ModelOptions& options, const RunLog& l
                       .where = "command line",
                       .why = "there is nothing to work on",
                       .remedy = "give one: dimple run IMAGE -o OUT"});
-  check_materials(materials_of(config), options.scheme);
+  check_materials(config, options.scheme);
   check_words(options.boundary);
   check_cuts(config);
   const Stopwatch reading;

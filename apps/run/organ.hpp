@@ -40,8 +40,6 @@ std::string name_of_image(const Config& config);
 /// Of the file; of an image without one, of its labels and where they lie.
 std::string sha256_of_image(const Config& config, const LabelImage& image);
 
-/// Says what is wrong with the materials before anything is built. Throws UsageError.
-void check_materials(const std::vector<Material>& materials, const Scheme& scheme);
 void say_default_stiffness(const RunLog& log, const Config& config);
 
 /// The tissues of config.tissue by their labels. Throws InputError: one has no point, and is not among those

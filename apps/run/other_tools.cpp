@@ -68,14 +68,6 @@ bool stands(const Config::OtherTool& tool) {
   return std::all_of(tool.move_mm.begin(), tool.move_mm.end(), [](double d) { return d == 0.0; });
 }
 
-void refuse_beside(bool is_asked, const char* what, const char* option, const char* why) {
-  if (!is_asked) return;
-  throw UsageError({.fact = fmt::format("{} is asked for beside a further tool", what),
-                    .where = option,
-                    .why = why,
-                    .remedy = "leave one of them out"});
-}
-
 // The place of the surface next to what was asked for, and the mean of its normals around there [m].
 ToolPlace stand_of(const std::string& name, const Config::OtherTool& tool, const BodySurface& surface,
                    double radius) {
@@ -144,29 +136,7 @@ void check_other_tools(const Config& config) {
     if (config.held.contains(name) || walls_named(config).contains(name))
       throw UsageError(report_on(name, "shape", "has the name of a support or a wall",
                                  "things are told of and moved by their names", "name them differently"));
-    if (!config.step.empty() && !stands(tool))
-      throw UsageError(report_on(name, "move_mm", "moves with the tool, and there are steps",
-                                 "in a scene of steps one thing moves at a time",
-                                 fmt::format("give it a step: [step.NAME] with moves = \"{}\"", name)));
   }
-  const Config usual;
-  constexpr const char* in_equilibrium = "contact is solved for in equilibrium, depth by depth";
-  refuse_beside(config.solver.time == "explicit", "inertia", "--time (solver.time)", in_equilibrium);
-  refuse_beside(config.scheme.name != usual.scheme.name, "the paper's scheme", "--scheme (scheme.name)",
-                "its explicit march knows the circle alone");
-  refuse_beside(has_loads(config), "gravity or a pressure", "load",
-                "the first touch is found on the body at rest, without loads");
-  refuse_beside(has_membranes(config), "a membrane", "membrane",
-                "contact with a body under a membrane has not been compared with anything");
-}
-
-void require_one_tool(const Config& config, const std::string& command) {
-  if (config.other_tool.empty()) return;
-  throw UsageError({.fact = fmt::format("{} knows one tool, and there is a further one, '{}'", command,
-                                        config.other_tool.begin()->first),
-                    .where = fmt::format("tool.{}", config.other_tool.begin()->first),
-                    .why = "several tools at once are known to dimple run alone",
-                    .remedy = "leave it out here"});
 }
 
 std::vector<Vec3> places_of_other_tools(const Config& config) {

@@ -15,9 +15,6 @@ namespace dimple {
 /// for beside them is not modelled.
 void check_other_tools(const Config& config);
 
-/// Throws UsageError, for a command that knows one tool alone.
-void require_one_tool(const Config& config, const std::string& command);
-
 /// Where they are to touch [mm, LPS]: nodes are as fine there as under the tool.
 std::vector<Vec3> places_of_other_tools(const Config& config);
 

@@ -6,6 +6,7 @@
 
 #include "apps/run/bending.hpp"
 #include "apps/run/closing_cut.hpp"
+#include "apps/run/compatibility.hpp"
 #include "apps/run/cut_scene.hpp"
 #include "apps/run/cuts.hpp"
 #include "apps/run/folds.hpp"
@@ -84,7 +85,7 @@ Organ taken_again(const Case& given, Result& result) {
   organ.options.boundary.voxel_mm = voxel_mm;
   grade_to_size(organ.body->surface, organ.options);
   organ.site = {};  // the case may ask for another
-  check_materials(materials_of(given.config), organ.options.scheme);
+  check_materials(given.config, organ.options.scheme);
   check_words(organ.options.boundary);
   result = given.organ->read;
   result.stages = {};  // whose clock begins here
@@ -152,13 +153,18 @@ void tell_of_fast_steps(const RunLog& log, const Result& result) {
           step.name, step.lasts, crossing));
 }
 
+// Whatever decides that the march has inertia.
+void check_without_equilibrium(const Config& config) {
+  for (const Feature feature : {Feature::membrane, Feature::free_base, Feature::wall})
+    check_pair(config, feature, Feature::inertia);
+}
+
 // As config.solver.time asks: "auto" looks at how long the load lasts.
 TimeMode time_of(const Config& config, const RunLog& log, const Result& result) {
   const std::string& asked = config.solver.time;
   if (asked == "quasi-static") return TimeMode::quasi_static;
   if (asked == "explicit" || !result.model.scheme.pressure_patches) {
-    require_no_membranes(config, "a run with inertia");
-    require_no_walls(config, "a run with inertia");
+    check_without_equilibrium(config);
     return TimeMode::explicit_;
   }
   Loading at_the_rate = result.loading;  // without what says how long it lasts
@@ -184,8 +190,7 @@ TimeMode time_of(const Config& config, const RunLog& log, const Result& result) 
                       .where = "--rate (load.rate_mm_per_s)",
                       .why = "its force holds inertia, and each step goes from an equilibrium to the next",
                       .remedy = "give a lower --rate, or --time quasi-static"});
-  if (mode != TimeMode::quasi_static) require_no_membranes(config, "a run with inertia");
-  if (mode != TimeMode::quasi_static) require_no_walls(config, "a run with inertia");
+  if (mode != TimeMode::quasi_static) check_without_equilibrium(config);
   const double crossings = shear_crossings(result.model, result.tissues, result.loading);
   const bool shallow = mode == TimeMode::quasi_static && crossings < slow_load;
   log.line(mode == TimeMode::quasi_static && !shallow ? Line::detail : Line::said,
@@ -334,7 +339,7 @@ Organ organ_of(const Case& given, const RunLog& log, Result& result, std::option
 
 Placed place(const Case& given, const std::optional<Organ>& organ, const RunLog& log, Result& result) {
   if (!organ) {
-    check_materials(materials_of(given.config), given.model->scheme);
+    check_materials(given.config, given.model->scheme);
     for (const std::string& note : given.model->notes) log.warn(note);
     say_default_stiffness(log, given.config);
     result.provenance = given.model->provenance;

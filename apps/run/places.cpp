@@ -5,7 +5,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
-#include "apps/run/cuts.hpp"
+#include "apps/run/compatibility.hpp"
 #include "apps/run/organ.hpp"
 #include "apps/run/summary.hpp"
 #include "apps/run/tool.hpp"
@@ -43,7 +43,7 @@ PlacesOfImage places_of_image(const Config& config, const LabelImage* image, con
   PlacesOfImage found;
   Result result;
   const RunLog log{observer, result};
-  require_no_cuts(config, "the list of places");
+  check_pairs(config, Feature::places);
   check_tool(config);
   const Organ organ = read_organ({.config = config, .image = image}, model_options(config), log, result);
   found.places = usable_places(organ.body->surface, organ.options.boundary);

@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "apps/run/checkpoint.hpp"
+#include "apps/run/compatibility.hpp"
 #include "apps/run/images.hpp"
 #include "apps/run/organ.hpp"
 #include "apps/run/other_tools.hpp"
@@ -128,9 +129,7 @@ std::optional<Checkpoint> resumed_in(const ResultFolder& folder, const RunIdenti
 std::optional<MeasuredCurve> compared_curve(const Config& config) {
   const std::string& name = config.output.compare;
   if (name.empty()) return std::nullopt;
-  require_no_steps(config, "--compare");
   if (name != paper_word) return read_measured_curve(name);
-  require_circle(config, "--compare horton2007");
   return paper_curve();
 }
 
@@ -611,7 +610,7 @@ Outcome record_run(const Config& config, const fs::path& folder, Existing existi
   Recording how{.folder = folder,
                 .identity = identity,
                 .beside = compared_curve(config),
-                .images = images_asked_for(config, false),
+                .images = images_asked_for(config),
                 .whole = whole};
   if (existing == Existing::resume && !config.image.file.empty() &&
       (results.finished() || results.resumable())) {
@@ -672,13 +671,14 @@ Outcome record_solve(const Config& config, const fs::path& model, const fs::path
   fs::path model_folder = fs::is_directory(model) ? model : model.parent_path();
   if (model_folder.empty()) model_folder = ".";
   ResultFolder results(folder, existing, model_folder);
+  check_pairs(config, Feature::solve);
   Case given{.config = config, .model = read_model(model)};
   const ModelFiles& files = *given.model;
   Recording how{
       .folder = folder,
       .identity = {DIMPLE_VERSION, option_values(config), sha256_of_model(files.places, files.scheme)},
       .beside = compared_curve(config),
-      .images = images_asked_for(config, true),
+      .images = images_asked_for(config),
       .read_s = reading.seconds(),
       .whole = whole};
   if (existing == Existing::resume && results.finished())
@@ -712,7 +712,7 @@ Outcome record_solve(const Config& config, const fs::path& model, const fs::path
 Outcome record_model(const Config& config, const fs::path& folder, Existing existing,
                      const RecordObserver& observer) {
   const Stopwatch whole;
-  require_no_goal(config, "dimple model");
+  check_pairs(config, Feature::model);
   ResultFolder results(folder, existing);
   Result result;
   build_case({.config = config}, {.line = observer.line, .part = observer.part}, result);

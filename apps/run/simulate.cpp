@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "apps/run/band_of_run.hpp"
+#include "apps/run/compatibility.hpp"
 #include "apps/run/cut_scene.hpp"
 #include "apps/run/cuts.hpp"
 #include "apps/run/folds.hpp"
@@ -95,7 +96,7 @@ std::shared_ptr<Origin> origin_of_levels(const Case& given, const RunLog& log, R
   auto origin = std::make_shared<Origin>(*given.origin);
   origin->config = given.config;
   refuse_without_band(why_no_labels(given.config, *origin));
-  check_materials(materials_of(given.config), given.model->scheme);
+  check_materials(given.config, given.model->scheme);
   static_cast<ImageFacts&>(result) = origin->facts;
   result.provenance = given.model->provenance;
   result.warnings = origin->image_warnings;
@@ -130,11 +131,6 @@ void simulate_to(const Goal& goal, const Case& given, const RunObserver& observe
   const Stopwatch whole;
   const RunLog log{observer, result};
   const Config& config = given.config;
-  if (given.model && !given.origin)
-    throw UsageError({.fact = "a model's files hold one cloud, and an accuracy takes several",
-                      .where = "--accuracy (accuracy.goal)",
-                      .why = "the surface from which clouds are made is not in them",
-                      .remedy = "begin with the image: dimple run"});
   refuse_without_band(why_no_band(config));
   const std::shared_ptr<Origin> origin = origin_of_levels(given, log, result);
   result.followed = followed_in(config, origin->organ);  // a structure whose displacement is wanted too
@@ -180,8 +176,7 @@ void list_cuts_at_rest(const Config& config, Result& result) {
 void build_case(const Case& given, const RunObserver& observer, Result& result) {
   const RunLog log{observer, result};
   // A model's files hold the nodes under one bonded circle, and no tool that touches.
-  require_circle(given.config, "a model by itself");
-  require_one_tool(given.config, "a model by itself");
+  check_pairs(given.config, Feature::model_in_memory);
   auto [placed, of_image] = placed_by(given, observer, log, result);
   complete(given.config, std::move(placed), log, result);
   if (of_image) of_image->image = result.image;
@@ -189,19 +184,17 @@ void build_case(const Case& given, const RunObserver& observer, Result& result) 
 }
 
 void simulate(const Case& given, const RunObserver& observer, Result& result) {
-  // Refuses, before anything is built, a spread of the shear modulus where it is not known what it does.
-  (void)force_spread(given.config);
+  check_pairs(given.config, !given.model    ? Feature::run
+                            : !given.origin ? Feature::solve
+                                            : Feature::solve_in_memory);
   check_loads(given.config);
   check_supports(given.config);
   check_steps(given.config);
   check_tool(given.config);
   check_other_tools(given.config);
-  check_folds(given.config);
   check_walls(given.config);
   check_imaged(given.config, given.model ? &*given.model : nullptr);
   if (given.model) {
-    require_circle(given.config, "a model that was made before");
-    require_no_cut_steps(given.config, "a model that was made before");
     if (!given.origin && given.model->provenance.contains("cut") && has_membranes(given.config))
       throw UsageError({.fact = "a membrane is asked for on the model of a body that was cut",
                         .where = "membrane",

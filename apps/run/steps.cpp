@@ -46,7 +46,7 @@ Vec3 three(const std::vector<double>& numbers) {
   return {numbers[0], numbers[1], numbers[2]};
 }
 
-void check_turn(const Config& config, const std::string& name, const Config::Step& step) {
+void check_turn(const std::string& name, const Config::Step& step) {
   if (step.turn_deg.empty()) {
     if (!step.about_mm.empty())
       refuse(name, "about_mm", "has a place to turn about, and does not turn",
@@ -57,10 +57,6 @@ void check_turn(const Config& config, const std::string& name, const Config::Ste
     refuse(name, "turn_deg", fmt::format("turns '{}'", step.moves),
            "only the tool whose force is measured turns; supports and further tools go straight",
            "move it by move_mm, or let the tool turn (moves = \"tool\")");
-  if (config.tool.shape == "circle")
-    refuse(name, "turn_deg", "turns the tool, and it is the circle",
-           "the circle holds the tissue's nodes and goes straight",
-           "choose a tool that touches, as --tool capsule:2mm,length=20mm");
   if (step.turn_deg.size() != 3)
     refuse(name, "turn_deg", fmt::format("turns by {} numbers", step.turn_deg.size()),
            "a turn is a rotation vector x,y,z in LPS: its direction is the axis, its length the angle",
@@ -79,7 +75,7 @@ void check_turn(const Config& config, const std::string& name, const Config::Ste
 
 void check_way(const Config& config, const std::string& name, const Config::Step& step) {
   const std::size_t count = step.move_mm.size();
-  check_turn(config, name, step);
+  check_turn(name, step);
   if (count == 0 && !step.turn_deg.empty()) return;
   if (count == 0 && step.time_s > 0.0) return;  // a hold
   const bool is_a_tool = is_of_tool(step) || config.other_tool.contains(step.moves);
@@ -92,19 +88,6 @@ void check_way(const Config& config, const std::string& name, const Config::Step
   if (all_zero(step.move_mm))
     refuse(name, "move_mm", "moves by nothing", "a step ends where something has come",
            "leave move_mm out and give time_s, which holds so long; or leave the step out");
-  if (is_of_tool(step) && config.tool.shape == "circle" && !along_push &&
-      config.load.contact == "frictionless")
-    refuse(name, "move_mm", "moves the tool in space, and it is frictionless",
-           "tissue slides under it and is not taken along",
-           "give one number, along its push, or --contact bonded");
-}
-
-// Whether anything that touches does so with friction.
-bool rubs(const Config& config) {
-  const auto with = [](const auto& named) { return named.second.friction != "0"; };
-  return (config.tool.shape != "circle" && friction_of(config) > 0.0) ||
-         std::any_of(config.other_tool.begin(), config.other_tool.end(), with) ||
-         std::any_of(config.wall.begin(), config.wall.end(), with);
 }
 
 // [mm] the deepest that the tool is pushed. Of ways in x, y and z alone, the push not being known yet: along
@@ -152,31 +135,6 @@ void check_cut_steps(const Config& config) {
     refuse(config.step.begin()->first, "cut", "cuts, and no step moves anything",
            "where there are steps they say how the tool moves",
            "add one, as step.press.move = 4mm, or cut the body at rest by --cut");
-  if (cuts_after_moves(config).empty()) return;
-  const std::string first = cuts_after_moves(config).front().name;
-  const auto refuse_beside = [&](bool is_asked, const char* what, const char* why, const char* remedy) {
-    if (is_asked)
-      refuse(first, "cut", fmt::format("cuts a body in a deformed state, beside {}", what), why, remedy);
-  };
-  refuse_beside(has_loads(config), "gravity, a pressure or a loss of fluid",
-                "the circle holds what it took hold of as the loads had it, and the cut body has other nodes",
-                "cut it at rest (--cut), or leave the loads out");
-  refuse_beside(std::any_of(config.membrane.begin(), config.membrane.end(),
-                            [](const auto& film) { return film.second.tension_N_per_m != 0.0; }),
-                "a membrane with tension", "it moves the body before the tool touches, as loads do",
-                "cut it at rest (--cut), or leave the tension out");
-  refuse_beside(relaxes(materials_of(config)), "viscoelastic tissue",
-                "its past belongs to integration points, and the cut body has others",
-                "cut it at rest (--cut), or leave the relaxation out");
-  refuse_beside(turns(config), "a tool that turns",
-                "the place that it turns about would be looked for anew on the cut body",
-                "cut it at rest (--cut), or let the tool go straight");
-  refuse_beside(rubs(config), "friction", "what has slipped belongs to places of the surface as it was",
-                "cut it at rest (--cut), or leave the friction out");
-  refuse_beside(std::any_of(config.wall.begin(), config.wall.end(),
-                            [](const auto& wall) { return wall.second.gap != "image"; }),
-                "a wall at a stated gap", "the gap is that of the body as it was before",
-                "cut it at rest (--cut), or leave the wall where the image has it");
 }
 
 }  // namespace
@@ -214,18 +172,6 @@ void check_steps(const Config& config) {
     refuse(first_turn(config), "turn_deg", "turns the tool, and no step presses it in",
            "the nodes are laid for the depth that it is pressed to",
            "press it first, as step.press.move_mm = 2");
-  for (const auto& [name, held] : config.held)
-    if (std::any_of(held.move_mm.begin(), held.move_mm.end(), [](double d) { return d != 0.0; }))
-      throw UsageError(
-          {.fact = fmt::format("the support '{}' moves with the tool, and there are steps", name),
-           .where = fmt::format("support.{}.move_mm", name),
-           .why = "in a scene of steps one thing moves at a time",
-           .remedy = fmt::format("give it a step: [step.NAME] with moves = \"{}\"", name)});
-  if (config.solver.time == "explicit" || config.scheme.name != converging.name)
-    throw UsageError({.fact = "steps are asked for of a march with inertia",
-                      .where = config.scheme.name != converging.name ? "scheme.name" : "solver.time",
-                      .why = "each step goes from an equilibrium to the next",
-                      .remedy = "leave --time and --scheme out, or the steps"});
 }
 
 std::vector<CutStep> cuts_after_moves(const Config& config) {
@@ -238,13 +184,6 @@ std::vector<CutStep> cuts_after_moves(const Config& config) {
       cuts.push_back({name, step.cut, moved, step.toughness_J_m2});
   }
   return cuts;
-}
-
-void require_no_cut_steps(const Config& config, const std::string& what) {
-  for (const auto& [name, step] : config.step)
-    if (!step.cut.empty())
-      refuse(name, "cut", fmt::format("cuts, and {} cannot be cut", what),
-             "a cut body is made anew from its image", "begin with the image: dimple run IMAGE");
 }
 
 namespace {
@@ -510,14 +449,6 @@ LargestForce largest_force(const Loading& loading, const std::vector<ForceSample
 double lateral_force(const ForceSample& sample, const Vec3& push) {
   const Vec3 force(sample.on_tool[0], sample.on_tool[1], sample.on_tool[2]);
   return (force - force.dot(push) * push).norm();
-}
-
-void require_no_steps(const Config& config, const std::string& command) {
-  if (config.step.empty()) return;
-  throw UsageError({.fact = fmt::format("{} takes no steps", command),
-                    .where = "step",
-                    .why = "it knows one push, straight to a depth",
-                    .remedy = "leave them out here, and give --depth; dimple run does steps"});
 }
 
 }  // namespace dimple

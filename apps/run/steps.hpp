@@ -8,8 +8,8 @@
 
 namespace dimple {
 
-/// Before anything is built: throws UsageError where a step moves nothing, or what it names is not there,
-/// where the tool and the depth are given twice, or for a way of marching that takes no steps.
+/// Before anything is built: throws UsageError where a step moves nothing, what it names is not there, or
+/// the tool and the depth are given twice.
 void check_steps(const Config& config);
 
 /// A step that cuts the body once something has moved.
@@ -20,9 +20,6 @@ struct CutStep {
 };
 /// Steps that cut what has moved before; those before anything has moved cut at rest, see cuts.hpp.
 std::vector<CutStep> cuts_after_moves(const Config& config);
-
-/// Throws UsageError, for what has no image to cut: also of steps that cut at rest.
-void require_no_cut_steps(const Config& config, const std::string& what);
 
 /// load.depth_mm of a scene of steps follows from them: the deepest that the tool is pushed, or else the
 /// longest way that anything has gone. Throws UsageError: another depth was given.
@@ -67,8 +64,5 @@ LargestForce largest_force(const Loading& loading, const std::vector<ForceSample
 
 /// The force on the tool across its push [N].
 double lateral_force(const ForceSample& sample, const Vec3& push);
-
-/// Throws UsageError, for a command that knows a single push alone.
-void require_no_steps(const Config& config, const std::string& command);
 
 }  // namespace dimple

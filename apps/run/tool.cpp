@@ -106,15 +106,6 @@ std::shared_ptr<const ToolMesh> drawn_in(const std::filesystem::path& file) {
   return mesh;
 }
 
-void refuse_beside(const Config& config, bool is_asked, const char* what, const char* option, const char* why,
-                   const char* remedy) {
-  if (!is_asked) return;
-  throw UsageError({.fact = fmt::format("{} is asked for beside the tool '{}'", what, config.tool.shape),
-                    .where = option,
-                    .why = why,
-                    .remedy = remedy});
-}
-
 }  // namespace
 
 std::optional<ToolShape> tool_of(const Config& config) {
@@ -252,35 +243,6 @@ void require_tool_as_long_turned(const Config& config, double below) {
 
 void check_tool(const Config& config) {
   longest_step_radii(config);
-  const std::optional<ToolShape> tool = tool_of(config);
-  const double friction = friction_of(config);
-  if (!tool && friction > 0.0)
-    throw UsageError(
-        {.fact = fmt::format("friction '{}' is asked for, and the tool is the circle", config.tool.friction),
-         .where = "--friction (tool.friction)",
-         .why = "the circle is bonded to the tissue or slides along it (--contact); friction is known "
-                "of a tool that touches",
-         .remedy = "leave --friction out, or choose such a tool, as --tool sphere:5mm"});
-  if (!tool) return;
-  const Config usual;
-  constexpr const char* in_equilibrium = "the contact is solved for in equilibrium, depth by depth";
-  refuse_beside(config, config.solver.time == "explicit", "inertia", "--time (solver.time)", in_equilibrium,
-                "leave --time out, or --tool");
-  refuse_beside(config, config.scheme.name != usual.scheme.name, "the paper's scheme",
-                "--scheme (scheme.name)", "its explicit march knows the circle alone",
-                "leave --scheme out, or --tool");
-  refuse_beside(config, was_given(config, "load.contact"), "a way in which the circle holds the tissue",
-                "--contact (load.contact)", "a tool of this shape touches, with --friction or without",
-                "leave --contact out, or --tool");
-  refuse_beside(config, was_given(config, "boundary.indenter_diameter_mm"), "a diameter of the circle",
-                "--indenter-diameter (boundary.indenter_diameter_mm)", "the tool has lengths of its own",
-                "leave --indenter-diameter out, or --tool");
-  refuse_beside(
-      config, !config.accuracy.goal.empty() || config.accuracy.budget_s > 0.0, "an accuracy",
-      "--accuracy (accuracy.goal)",
-      "which clouds reach it is known of the circle alone; of a tool the band is told with the nodes "
-      "that are given",
-      "choose the number of nodes with --nodes, and read the band");
   // Steps may go aside or away: how deep they push is known where the push is (require_room_beneath()).
   if (config.step.empty()) require_tool_as_long(config, config.load.depth_mm);
 }
@@ -288,15 +250,6 @@ void check_tool(const Config& config) {
 Index fewest_nodes_under_tool(const Config& config) {
   const std::optional<ToolShape> tool = tool_of(config);
   return tool && (tool->edge > 0.0 || tool->mesh) ? 4000 : 0;
-}
-
-void require_circle(const Config& config, const std::string& what) {
-  if (!tool_of(config)) return;
-  throw UsageError(
-      {.fact = fmt::format("{} knows the circle alone, and the tool is '{}'", what, config.tool.shape),
-       .where = "tool.shape",
-       .why = "a tool that touches is known to `dimple run`, `fit`, `places` and `poke` alone",
-       .remedy = "leave the tool out here"});
 }
 
 std::vector<double> forces_of_touch(const std::vector<ForceSample>& curve, const std::vector<double>& depth) {

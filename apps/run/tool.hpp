@@ -52,17 +52,14 @@ void resolve_depth(Config& config);
 /// ", as deep as 0.8 of its radius, as no depth was given"; nothing where one was.
 std::string depth_of_tool_in_words(const Config& config);
 
-/// Before anything is built: throws UsageError where what is asked for beside a tool that touches is not
-/// modelled.
+/// Before anything is built: throws UsageError where a tool that touches is shorter than its way, or a step
+/// of the load too short.
 void check_tool(const Config& config);
 /// A tool that touches and goes deeper than it is long is refused: UsageError.
 void require_tool_as_long(const Config& config, double depth_mm);
 /// Likewise of a tool that turns, of which so much [m] is below its first touch along its own axis; of one
 /// that was drawn its distances must be known there.
 void require_tool_as_long_turned(const Config& config, double below);
-
-/// Throws UsageError: a tool that touches is asked for, of something that knows the circle alone.
-void require_circle(const Config& config, const std::string& what);
 
 /// The tool where it first touches the model, and the part of the surface that it may touch; null: the
 /// circle. Throws ModelError as contact_surface() does.

@@ -7,11 +7,9 @@
 #include <limits>
 
 #include "apps/run/config.hpp"
-#include "apps/run/cuts.hpp"
 #include "apps/run/folds.hpp"
 #include "apps/run/loads.hpp"
 #include "apps/run/surface_part.hpp"
-#include "apps/run/walls.hpp"
 #include "apps/run/words.hpp"
 #include "io/error.hpp"
 #include "io/stop.hpp"
@@ -45,17 +43,6 @@ bool names_parts(const Config& config) {
     });
   };
   return named(config.pressure) || named(config.membrane) || named(config.held);
-}
-
-bool cuts(const Config& config) {
-  return has_cuts(config) || std::any_of(config.step.begin(), config.step.end(),
-                                         [](const auto& step) { return !step.second.cut.empty(); });
-}
-
-bool warps(const Config& config) {
-  const auto& write = config.output.write;
-  return !config.output.warp.empty() || !config.output.warp_labels.empty() ||
-         std::find(write.begin(), write.end(), "images") != write.end();
 }
 
 [[noreturn]] void refuse(const std::string& fact, const std::string& why, const std::string& remedy) {
@@ -116,13 +103,6 @@ void unload_cells(const Discretisation& imaged, const std::vector<Mat3>& F, Disc
 
 }  // namespace
 
-void require_unloaded(const Config& config, const char* by) {
-  if (!was_loaded(config)) return;
-  refuse(fmt::format("{} takes the image's shape for that without loads", by),
-         "the shape without them is looked for by `dimple run` and `dimple solve` alone",
-         "leave load.imaged out");
-}
-
 void check_imaged(const Config& config, const ModelFiles* model) {
   if (model && model->provenance.contains(taken_off) && names_parts(config))
     refuse(
@@ -136,20 +116,6 @@ void check_imaged(const Config& config, const ModelFiles* model) {
   if (!has_loads(config) && !has_membranes(config))
     refuse("the body was imaged under its loads, and there are none", "nothing would be taken off",
            "give --gravity or a pressure");
-  const char* beside = fluid_lost_of(config) ? "lost fluid, which changes the equilibrium that was imaged,"
-                       : has_walls(config)   ? "a wall"
-                       : !has_base(config)   ? "a base that is not held"
-                       : cuts(config)        ? "a cut"
-                       : warps(config)       ? "an image that is deformed"
-                       : config.tool.shape != "circle"    ? "a tool that touches"
-                       : !config.step.empty()             ? "a scene of steps"
-                       : followed_place(config)           ? "a place whose displacement is asked for"
-                       : config.load.self_contact == "on" ? "contact between folds"
-                                                          : nullptr;
-  if (beside)
-    refuse(fmt::format("{} stands beside a body that was imaged under its loads", beside),
-           "it has its place in the image, and the shape without loads is another",
-           "leave one of the two out");
 }
 
 void take_loads_off(const Config& config, const std::vector<HeldSet>& further,

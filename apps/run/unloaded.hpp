@@ -6,14 +6,10 @@
 
 namespace dimple {
 
-/// Before anything is built: throws UsageError where a body that was imaged under its loads (load.imaged)
-/// goes with something that needs the image's shape to be that at rest, or where no load acts.
-/// `model`: one that was made before; from it they may have been taken off already.
+/// Before anything is built: throws UsageError where no load acts on a body that was imaged under its loads
+/// (load.imaged), or where they were taken off before. `model`: one that was made before; from it they may
+/// have been taken off already.
 void check_imaged(const Config& config, const ModelFiles* model);
-
-/// Throws UsageError: the body was imaged under its loads, in something that takes the image's shape for that
-/// at rest.
-void require_unloaded(const Config& config, const char* by);
 
 /// Of a body that was imaged under its loads: makes result.model that of the shape without them, from which
 /// they bring it back to the image's. Nodes, points with their cells, and the surface go back by as much as

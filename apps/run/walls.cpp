@@ -211,9 +211,6 @@ void check_walls(const Config& config) {
       refuse_wall(name, "has two gaps", "gap", "around:GAP is at that gap already", "leave one of them out");
   }
   check_bed(config);
-  if (!has_walls(config) && has_base(config)) return;
-  if (config.scheme.name != Config{}.scheme.name) require_no_walls(config, "the scheme of 2007");
-  if (config.solver.time == "explicit") require_no_walls(config, "a run with inertia");
 }
 
 void check_walls(const Config& config, const LabelImage& image, const std::vector<int>& of_body,
@@ -236,20 +233,6 @@ void check_walls(const Config& config, const LabelImage& image, const std::vecto
                            : "`dimple info IMAGE` shows the labels"});
     }
   }
-}
-
-void require_no_walls(const Config& config, const std::string& command) {
-  if (!has_base(config))
-    throw UsageError({.fact = fmt::format("{} takes no body whose base is not held", command),
-                      .where = "--base-hold (boundary.base_hold)",
-                      .why = "walls carry it, and contact with walls is solved for in equilibrium alone, in "
-                             "dimple run and solve",
-                      .remedy = "leave it out, or take dimple run with --time quasi-static"});
-  if (!has_walls(config)) return;
-  throw UsageError({.fact = fmt::format("{} takes no walls", command),
-                    .where = config.load.wall != "none" ? "--wall (load.wall)" : "wall",
-                    .why = "contact with walls is solved for in equilibrium alone, in dimple run and solve",
-                    .remedy = "leave the walls out, or take dimple run with --time quasi-static"});
 }
 
 namespace {

@@ -14,14 +14,12 @@ namespace dimple {
 /// All walls by name; that of --wall is called "wall".
 std::map<std::string, Config::Wall> walls_named(const Config& config);
 
-/// Before anything is built: throws UsageError where the words of a wall are not understood, or the run has
-/// inertia; InputError: the file of one is no closed mesh.
+/// Before anything is built: throws UsageError where the words of a wall are not understood, or nothing
+/// carries the body; InputError: the file of one is no closed mesh.
 void check_walls(const Config& config);
 /// Once the image is read: throws InputError where a wall is a label that is not there, or is of the body.
 void check_walls(const Config& config, const LabelImage& image, const std::vector<int>& of_body,
                  const std::map<std::string, int>& names);
-/// Throws UsageError, for a command that knows no walls.
-void require_no_walls(const Config& config, const std::string& command);
 
 /// The walls beside a model, and what was found of each, in a sentence.
 struct Walls {

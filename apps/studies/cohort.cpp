@@ -15,6 +15,7 @@
 
 #include "apps/run/checkpoint.hpp"
 #include "apps/run/compare.hpp"
+#include "apps/run/compatibility.hpp"
 #include "apps/run/organ.hpp"
 #include "apps/run/result_folder.hpp"
 #include "apps/run/stopwatch.hpp"
@@ -275,8 +276,7 @@ Config case_of(const Cohort& cohort, std::size_t row, Config config) {
                       .remedy = "write the path of its label image there"});
   require_regular_file(config.image.file);
   goal_of(config);
-  force_spread(config);
-  check_materials(materials_of(config), scheme_of(config));
+  check_pairs(config, Feature::run);
   check_words(model_options(config).boundary);
   if (!config.output.compare.empty() && config.output.compare != paper_word)
     read_measured_curve(config.output.compare);

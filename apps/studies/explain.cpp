@@ -11,6 +11,7 @@
 #include <tuple>
 
 #include "apps/run/band.hpp"
+#include "apps/run/compatibility.hpp"
 #include "apps/run/folds.hpp"
 #include "apps/run/membranes.hpp"
 #include "apps/run/organ.hpp"
@@ -442,17 +443,6 @@ std::vector<ToolChoice> tool_choices(const ToolShape& shape, double friction) {
   return choices;
 }
 
-void check_explainable(const Config& config) {
-  require_no_steps(config, "--explain");
-  require_one_tool(config, "--explain");
-  require_no_membranes(config, "--explain");
-  if (config.scheme.name != Config{}.scheme.name)
-    throw UsageError({.fact = "the comparisons of --explain need the converging scheme",
-                      .where = "--explain and --scheme",
-                      .why = "the error of the other scheme is larger than most effects that are compared",
-                      .remedy = "leave one of them out"});
-}
-
 namespace {
 
 // The case that is explained, with so many nodes.
@@ -636,7 +626,7 @@ std::optional<Explanation> explain_with(Index nodes, Index* more, const Config& 
 
 Explanation explain(const Config& config, Index nodes,
                     const std::function<void(const std::string&)>& progress) {
-  check_explainable(config);
+  check_pairs(config, Feature::explain);
   if (nodes > 0) return *explain_with(nodes, nullptr, config, progress);
   const Stopwatch whole;
   for (Index more = nodes_to_explain(config, 0.0);;) {

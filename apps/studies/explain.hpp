@@ -67,9 +67,6 @@ struct ToolChoice {
 /// None that the tool cannot have: see tool_of().
 std::vector<ToolChoice> tool_choices(const ToolShape& shape, double friction);
 
-/// Throws UsageError: the scheme is not the converging one.
-void check_explainable(const Config& config);
-
 /// Runs the scene of `config` and then with one choice at a time changed: other clouds, the contact (of a
 /// tool that touches its friction, its radius and the radius of its edge, on the same nodes), the base's
 /// height, the circle's place, the segmentation's border, the surface's smoothing, the voxels' size, folds
@@ -82,7 +79,7 @@ void check_explainable(const Config& config);
 ///
 /// `nodes`: 0: nodes_to_explain(), and more where another random cloud has more than `least_effect`. An
 /// accuracy that was asked for plays no part. `progress` hears a line about each run. Throws what simulate()
-/// throws where the scene as it is has no force, and what check_explainable() throws; a choice that has none
+/// throws where the scene as it is has no force, and what check_pairs() throws; a choice that has none
 /// is listed with why. Stopped: before the first comparison; after it, what there is is returned.
 Explanation explain(const Config& config, Index nodes,
                     const std::function<void(const std::string&)>& progress);

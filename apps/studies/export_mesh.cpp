@@ -6,13 +6,8 @@
 #include <nlohmann/json.hpp>
 #include <utility>
 
-#include "apps/run/cuts.hpp"
-#include "apps/run/folds.hpp"
-#include "apps/run/membranes.hpp"
+#include "apps/run/compatibility.hpp"
 #include "apps/run/organ.hpp"
-#include "apps/run/steps.hpp"
-#include "apps/run/tool.hpp"
-#include "apps/run/walls.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/stop.hpp"
@@ -64,52 +59,11 @@ ElementMesh tetrahedra(const Config& config, const BodySurface& surface, const B
   return mesh;
 }
 
-void require_circle_and_base_alone(const Config& config) {
-  if (has_tool_alone(config)) return;
-  const auto [what, where] = !config.held.empty()         ? std::pair("supports", "support")
-                             : !config.other_tool.empty() ? std::pair("further tools", "tool")
-                             : !config.pressure.empty()   ? std::pair("pressures", "load.pressure")
-                             : config.load.fluid_lost != Config{}.load.fluid_lost
-                                 ? std::pair("lost fluid", "load.fluid_lost")
-                                 : std::pair("gravity", "load.gravity");
-  throw UsageError({.fact = fmt::format("{} cannot be exported", what),
-                    .where = where,
-                    .why = "the file holds the tool and the base alone",
-                    .remedy = "leave it out here, and add it to the file in the other program's own words"});
-}
-
-// What the file would leave out in silence.
-void require_equilibrium_of_ours(const Config& config) {
-  const auto refuse = [](const char* what, const char* where, const char* why) {
-    throw UsageError({.fact = fmt::format("{} cannot be exported", what),
-                      .where = where,
-                      .why = why,
-                      .remedy = "leave it out here"});
-  };
-  if (config.scheme.name != Config{}.scheme.name)
-    refuse("a scheme", "--scheme", "the file is solved by the other program's elements");
-  if (config.solver.time == "explicit") refuse("inertia", "--time", "the file holds a static step");
-  if (config.load.imaged != Config{}.load.imaged)
-    refuse("a body that was imaged under its loads", "load.imaged", "the file holds no loads to take back");
-}
-
 }  // namespace
 
 ElementModel element_model(const Config& config, const RunObserver& observer, const FillBody& fill) {
+  check_pairs(config, Feature::export_mesh);
   const Material material = material_of(config);
-  if (!config.tissue.empty() || !is_plain(material) || is_as_printed(material))
-    throw UsageError({.fact = "only one neo-Hookean tissue can be exported",
-                      .where = "material",
-                      .why = "other laws are not written alike by these programs",
-                      .remedy = "leave out tissues, presets, --stress printed, Ogden and Prony numbers"});
-  require_no_steps(config, "dimple export");
-  require_no_cuts(config, "dimple export");
-  require_no_membranes(config, "dimple export");
-  require_circle(config, "dimple export");
-  require_open_folds(config, "dimple export");
-  require_no_walls(config, "dimple export");
-  require_circle_and_base_alone(config);
-  require_equilibrium_of_ours(config);
   Result unused;
   const RunLog log{observer, unused};
   Config passing = config;

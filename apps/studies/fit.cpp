@@ -8,11 +8,10 @@
 #include <limits>
 #include <optional>
 
+#include "apps/run/compatibility.hpp"
 #include "apps/run/organ.hpp"
-#include "apps/run/other_tools.hpp"
 #include "apps/run/results.hpp"
 #include "apps/run/simulate.hpp"
-#include "apps/run/steps.hpp"
 #include "apps/run/summary.hpp"
 #include "apps/run/tool.hpp"
 #include "apps/run/unless_stopped.hpp"
@@ -69,10 +68,7 @@ void require_long_tool(const Config& config, const MeasuredCurve& curve) {
 
 // The case that the curve belongs to, but for the numbers that are sought.
 Config case_of(const Config& config, const FitOptions& options, const MeasuredCurve& curve) {
-  require_proportional(why_not_proportional(config));
-  require_no_goal(config, "dimple fit");
-  require_no_steps(config, "dimple fit");
-  require_one_tool(config, "dimple fit");
+  check_pairs(config, Feature::fit);
   refuse_given(config, {"load.depth_mm"}, "the run is as deep as the curve");
   refuse_given(config, {"material.mu_Pa", "material.young_Pa", "material.mu_spread_percent"},
                "the modulus is what is looked for");

@@ -229,7 +229,7 @@ Outcome shift(const Config& config, const ShiftOptions& options, const fs::path&
   const Stopwatch whole;
   const ShiftScene scene = scene_of(options);
   ResultFolder results(folder, existing);
-  const ImageTask task = images_asked_for(config, false);
+  const ImageTask task = images_asked_for(config);
   Shifted now;
   const RunObserver hears{.line = observer.line, .part = observer.part};
   const RunLog log{hears, now.result};

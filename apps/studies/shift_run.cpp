@@ -5,17 +5,16 @@
 #include <algorithm>
 #include <cmath>
 
+#include "apps/run/compatibility.hpp"
 #include "apps/run/folds.hpp"
 #include "apps/run/loads.hpp"
 #include "apps/run/membranes.hpp"
 #include "apps/run/option_word.hpp"
-#include "apps/run/other_tools.hpp"
 #include "apps/run/pipeline.hpp"
 #include "apps/run/steps.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/supports.hpp"
 #include "apps/run/tool.hpp"
-#include "apps/run/unloaded.hpp"
 #include "apps/run/walls.hpp"
 #include "apps/run/words.hpp"
 #include "apps/studies/markups.hpp"
@@ -183,14 +182,9 @@ Points Shifted::at(const Points& places_mm) const {
 }
 
 void come_to_rest(const Config& config, const ShiftScene& scene, const ShiftHooks& hooks, Shifted& now) {
-  require_circle(config, by_shift);
-  require_one_tool(config, by_shift);
-  require_no_steps(config, by_shift);
-  require_no_goal(config, by_shift);
-  require_unloaded(config, by_shift);
+  check_pairs(config, Feature::shift);
   check_loads(config);
   check_supports(config);
-  check_folds(config);
   check_walls(config);
   Result& result = now.result;
   const RunLog log{hooks.observer, result};

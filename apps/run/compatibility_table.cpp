@@ -1,0 +1,324 @@
+#include <array>
+
+#include "apps/run/compatibility.hpp"
+
+// Short names, which are this table's alone.
+namespace dimple::compatibility {
+namespace {
+
+using F = Feature;
+
+template <class... Each>
+constexpr Features of(Each... each) {
+  Features all;
+  (all.set(each), ...);
+  return all;
+}
+
+constexpr std::array<FeatureWords, feature_count> all_words = {{
+    {F::circle, "the circle", "tool.shape"},
+    {F::touching_tool, "a tool that touches", "tool.shape"},
+    {F::friction, "friction of the tool", "tool.friction"},
+    {F::further_friction, "friction of a further tool or a wall", "tool.NAME.friction, wall.NAME.friction"},
+    {F::chosen_contact, "a way in which the circle holds the tissue", "load.contact"},
+    {F::chosen_diameter, "a diameter of the circle", "boundary.indenter_diameter_mm"},
+    {F::frictionless, "a frictionless circle", "load.contact"},
+    {F::sideways, "a circle that moves in space", "step.NAME.move_mm"},
+    {F::turning, "a tool that turns", "step.NAME.turn_deg"},
+    {F::further_tool, "further tools", "tool"},
+    {F::moving_further_tool, "a further tool that moves with the tool", "tool.NAME.move_mm"},
+    {F::fluid_lost, "lost fluid", "load.fluid_lost"},
+    {F::gravity, "gravity", "load.gravity"},
+    {F::pressure, "pressures", "load.pressure"},
+    {F::membrane, "a membrane", "load.membrane, membrane"},
+    {F::tension, "a membrane with tension", "membrane.NAME.tension_N_per_m"},
+    {F::free_base, "a base that is not held", "boundary.base_hold"},
+    {F::wall, "a wall", "load.wall, wall"},
+    {F::wall_at_gap, "a wall at a stated gap", "wall.NAME.gap"},
+    {F::support, "supports", "support"},
+    {F::moving_support, "a support that moves with the tool", "support.NAME.move_mm"},
+    {F::steps, "a scene of steps", "step"},
+    {F::cut, "a cut", "image.cut"},
+    {F::cut_step, "a step that cuts", "step.NAME.cut"},
+    {F::cut_after_step, "a cut of a body in a deformed state", "step.NAME.cut"},
+    {F::grid_images, "an image that is deformed", "output.write"},
+    {F::warped_images, "an image of the patient that is deformed", "output.warp, output.warp_labels"},
+    {F::followed_place, "a place whose displacement is asked for", "accuracy.quantity"},
+    {F::self_contact, "contact between folds", "load.self_contact"},
+    {F::imaged_loaded, "a body that was imaged under its loads", "load.imaged"},
+    {F::converging_scheme, "the converging scheme", "scheme.name"},
+    {F::paper_scheme, "the scheme of 2007", "scheme.name"},
+    {F::inertia, "a run with inertia", "solver.time"},
+    {F::viscous, "viscoelastic tissue", "material.prony_g"},
+    {F::tissues, "several tissues", "tissue"},
+    {F::other_law, "a law other than neo-Hooke's", "material"},
+    {F::printed_stress, "the printed stress", "material.stress"},
+    {F::ogden, "Ogden's moduli", "material.ogden_mu_Pa"},
+    {F::mooney, "a Mooney-Rivlin law", "material.mooney_c01_Pa"},
+    {F::preset, "a published material", "material.preset"},
+    {F::uncertain_mu, "a shear modulus with an uncertainty", "material.mu_spread_percent"},
+    {F::accuracy, "an accuracy", "accuracy.goal, accuracy.budget_s"},
+    {F::comparison, "--compare", "output.compare"},
+    {F::paper_comparison, "--compare horton2007", "output.compare"},
+    {F::run, "dimple run", ""},
+    {F::solve, "a model that was made before", ""},
+    {F::solve_in_memory, "a model in memory that was made before", ""},
+    {F::model, "dimple model", ""},
+    {F::model_in_memory, "a model by itself", ""},
+    {F::explain, "--explain", ""},
+    {F::fit, "dimple fit", ""},
+    {F::export_mesh, "dimple export", ""},
+    {F::by_hand, "a tool that is moved by hand", ""},
+    {F::touching_by_hand, "a tool that touches and is moved by hand", ""},
+    {F::session, "a Session", ""},
+    {F::shift, "dimple shift", ""},
+    {F::places, "the list of places", ""},
+    {F::error_bounds, "error bounds", "accuracy.band"},
+    {F::proportional_force, "a force that is proportional to one modulus", ""},
+}};
+
+constexpr bool is_in_order() {
+  for (std::size_t k = 0; k < feature_count; ++k)
+    if (static_cast<std::size_t>(all_words[k].feature) != k) return false;
+  return true;
+}
+static_assert(is_in_order());
+
+// What several lines of the table say.
+constexpr const char* equilibrium = "the contact is solved for in equilibrium, depth by depth";
+constexpr const char* circle_alone = "its explicit march knows the circle alone";
+constexpr const char* leave_one = "leave one of them out";
+constexpr const char* deformed = "step.{cut_step}.cut";
+constexpr const char* mu_in_words =
+    "mu is given with an uncertainty of {spread} %, whose effect on the force would take several runs";
+constexpr const char* two_runs = "run it once with the smallest and once with the largest modulus";
+
+constexpr auto all_clashes = std::to_array<Clash>({
+    // What a driver does not take.
+    {F::export_mesh, of(F::tissues, F::other_law, F::printed_stress),
+     "only one neo-Hookean tissue can be exported", "material",
+     "other laws are not written alike by these programs",
+     "leave out tissues, presets, --stress printed, Ogden and Prony numbers"},
+    {F::accuracy, of(F::model, F::fit, F::shift), "{beside} takes no accuracy", "{accuracy}",
+     "it runs with the number of nodes that is given",
+     "leave it out here; dimple run finds the number of nodes for an accuracy"},
+    {F::accuracy, of(F::solve), "a model's files hold one cloud, and an accuracy takes several",
+     "--accuracy (accuracy.goal)", "the surface from which clouds are made is not in them",
+     "begin with the image: dimple run"},
+    {F::steps, of(F::export_mesh, F::by_hand, F::session, F::shift, F::fit, F::explain, F::comparison),
+     "{beside} takes no steps", "step", "it knows one push, straight to a depth",
+     "leave them out here, and give --depth; dimple run does steps"},
+    {F::cut_step, of(F::solve, F::solve_in_memory),
+     "the step '{any_cut_step}' cuts, and {beside} cannot be cut", "step.{any_cut_step}.cut",
+     "a cut body is made anew from its image", "begin with the image: dimple run IMAGE"},
+    {F::cut, of(F::export_mesh, F::by_hand, F::places), "{beside} knows no cuts, and '{cut}' is asked for",
+     "--cut (image.cut)", "a body is cut by `dimple run` and `dimple model` before the tool touches it",
+     "leave --cut out, or use dimple run IMAGE --cut"},
+    {F::further_tool, of(F::model_in_memory, F::by_hand, F::session, F::shift, F::fit, F::explain),
+     "{beside} knows one tool, and there is a further one, '{further_tool}'", "tool.{further_tool}",
+     "several tools at once are known to dimple run alone", "leave it out here"},
+    {F::membrane, of(F::paper_scheme, F::inertia, F::export_mesh, F::by_hand, F::session, F::explain),
+     "{beside} takes no membrane", "{membrane}",
+     "membranes are modelled in equilibrium alone, in dimple run and solve: they have no mass, and nothing "
+     "else has been measured with them",
+     "leave it out here, or take dimple run with --time quasi-static"},
+    {F::touching_tool,
+     of(F::model_in_memory, F::solve, F::solve_in_memory, F::export_mesh, F::session, F::shift,
+        F::paper_comparison),
+     "{beside} knows the circle alone, and the tool is '{tool}'", "tool.shape",
+     "a tool that touches is known to `dimple run`, `fit`, `places` and `poke` alone",
+     "leave the tool out here"},
+    {F::self_contact, of(F::export_mesh, F::by_hand, F::session),
+     "{beside} lets folds pass through each other", "--self-contact (load.self_contact)",
+     "folds that touch are followed in equilibrium by `dimple run`, `solve` and `shift`",
+     "leave --self-contact out, or use dimple run IMAGE --self-contact on"},
+    {F::free_base, of(F::paper_scheme, F::inertia, F::export_mesh, F::by_hand, F::session),
+     "{beside} takes no body whose base is not held", "--base-hold (boundary.base_hold)",
+     "walls carry it, and contact with walls is solved for in equilibrium alone, in dimple run and solve",
+     "leave it out, or take dimple run with --time quasi-static"},
+    {F::wall, of(F::paper_scheme, F::inertia, F::export_mesh, F::by_hand, F::session),
+     "{beside} takes no walls", "{wall}",
+     "contact with walls is solved for in equilibrium alone, in dimple run and solve",
+     "leave the walls out, or take dimple run with --time quasi-static"},
+    {F::imaged_loaded, of(F::by_hand, F::session, F::shift),
+     "{beside} takes the image's shape for that without loads", "load.imaged",
+     "the shape without them is looked for by `dimple run` and `dimple solve` alone",
+     "leave load.imaged out"},
+    {F::export_mesh, of(F::support, F::further_tool, F::pressure, F::fluid_lost, F::gravity),
+     "{beside} cannot be exported", "{option}", "the file holds the tool and the base alone",
+     "leave it out here, and add it to the file in the other program's own words"},
+    {F::export_mesh, of(F::paper_scheme), "a scheme cannot be exported", "--scheme",
+     "the file is solved by the other program's elements", "leave it out here"},
+    {F::export_mesh, of(F::inertia), "inertia cannot be exported", "--time", "the file holds a static step",
+     "leave it out here"},
+    {F::export_mesh, of(F::imaged_loaded), "{beside} cannot be exported", "{option}",
+     "the file holds no loads to take back", "leave it out here"},
+    {F::grid_images, of(F::solve),
+     "images on the grid of the label image are asked for, and a model's files hold no image",
+     "--write images (output.write)", "dimple solve begins with nodes and points",
+     "begin with the image: dimple run; or name an image of the patient with --warp"},
+    {F::touching_by_hand, of(F::fluid_lost, F::gravity, F::pressure),
+     "a tool that touches is moved by hand on a body without loads", "load",
+     "where it first touches is looked for on the body as it was imaged",
+     "leave gravity and pressures out, take the circle, or use dimple run"},
+    {F::touching_by_hand, of(F::support),
+     "a tool that touches is moved by hand on a body that its base alone holds", "support",
+     "a part that is held or moved besides has not been tried with it",
+     "leave the supports out, take the circle, or use dimple run"},
+    {F::touching_by_hand, of(F::friction), "a tool that is moved by hand has no friction", "tool.friction",
+     "with friction its force depends on the way that it took", "leave the friction out, or use dimple run"},
+    {F::touching_by_hand, of(F::viscous), "a tool that touches is moved by hand in elastic tissue alone",
+     "material.prony_g", "tissue that relaxes goes on moving where the tool has left it",
+     "leave the Prony terms out, or take the circle"},
+    {F::explain, of(F::paper_scheme), "the comparisons of --explain need the converging scheme",
+     "--explain and --scheme", "the error of the other scheme is larger than most effects that are compared",
+     leave_one},
+    // Loads.
+    {F::fluid_lost, of(F::gravity), "the fluid that is lost is asked for beside gravity", "load.fluid_lost",
+     "gravity lays the whole weight on a body that was imaged without it; a lost fluid changes the "
+     "equilibrium in which it was imaged",
+     leave_one},
+    // Steps.
+    {F::turning, of(F::circle), "the step '{turning}' turns the tool, and it is the circle",
+     "step.{turning}.turn_deg", "the circle holds the tissue's nodes and goes straight",
+     "choose a tool that touches, as --tool capsule:2mm,length=20mm"},
+    {F::sideways, of(F::frictionless),
+     "the step '{sideways}' moves the tool in space, and it is frictionless", "step.{sideways}.move_mm",
+     "tissue slides under it and is not taken along", "give one number, along its push, or --contact bonded"},
+    {F::cut_after_step, of(F::fluid_lost, F::gravity, F::pressure),
+     "the step '{cut_step}' cuts a body in a deformed state, beside gravity, a pressure or a loss of fluid",
+     deformed, "the circle holds what it took hold of as the loads had it, and the cut body has other nodes",
+     "cut it at rest (--cut), or leave the loads out"},
+    {F::cut_after_step, of(F::tension),
+     "the step '{cut_step}' cuts a body in a deformed state, beside a membrane with tension", deformed,
+     "it moves the body before the tool touches, as loads do",
+     "cut it at rest (--cut), or leave the tension out"},
+    {F::cut_after_step, of(F::viscous),
+     "the step '{cut_step}' cuts a body in a deformed state, beside viscoelastic tissue", deformed,
+     "its past belongs to integration points, and the cut body has others",
+     "cut it at rest (--cut), or leave the relaxation out"},
+    {F::cut_after_step, of(F::turning),
+     "the step '{cut_step}' cuts a body in a deformed state, beside a tool that turns", deformed,
+     "the place that it turns about would be looked for anew on the cut body",
+     "cut it at rest (--cut), or let the tool go straight"},
+    {F::cut_after_step, of(F::friction, F::further_friction),
+     "the step '{cut_step}' cuts a body in a deformed state, beside friction", deformed,
+     "what has slipped belongs to places of the surface as it was",
+     "cut it at rest (--cut), or leave the friction out"},
+    {F::cut_after_step, of(F::wall_at_gap),
+     "the step '{cut_step}' cuts a body in a deformed state, beside a wall at a stated gap", deformed,
+     "the gap is that of the body as it was before",
+     "cut it at rest (--cut), or leave the wall where the image has it"},
+    {F::steps, of(F::moving_support),
+     "the support '{moving_support}' moves with the tool, and there are steps",
+     "support.{moving_support}.move_mm", "in a scene of steps one thing moves at a time",
+     "give it a step: [step.NAME] with moves = \"{moving_support}\""},
+    {F::steps, of(F::paper_scheme), "steps are asked for of a march with inertia", "scheme.name",
+     "each step goes from an equilibrium to the next", "leave --time and --scheme out, or the steps"},
+    {F::steps, of(F::inertia), "steps are asked for of a march with inertia", "solver.time",
+     "each step goes from an equilibrium to the next", "leave --time and --scheme out, or the steps"},
+    // The tool.
+    {F::friction, of(F::circle), "friction '{friction}' is asked for, and the tool is the circle",
+     "--friction (tool.friction)",
+     "the circle is bonded to the tissue or slides along it (--contact); friction is known of a tool that "
+     "touches",
+     "leave --friction out, or choose such a tool, as --tool sphere:5mm"},
+    {F::touching_tool, of(F::inertia), "inertia is asked for beside the tool '{tool}'",
+     "--time (solver.time)", equilibrium, "leave --time out, or --tool"},
+    {F::touching_tool, of(F::paper_scheme), "the paper's scheme is asked for beside the tool '{tool}'",
+     "--scheme (scheme.name)", circle_alone, "leave --scheme out, or --tool"},
+    {F::touching_tool, of(F::chosen_contact), "{beside} is asked for beside the tool '{tool}'",
+     "--contact (load.contact)", "a tool of this shape touches, with --friction or without",
+     "leave --contact out, or --tool"},
+    {F::touching_tool, of(F::chosen_diameter), "{beside} is asked for beside the tool '{tool}'",
+     "--indenter-diameter (boundary.indenter_diameter_mm)", "the tool has lengths of its own",
+     "leave --indenter-diameter out, or --tool"},
+    {F::touching_tool, of(F::accuracy), "{beside} is asked for beside the tool '{tool}'",
+     "--accuracy (accuracy.goal)",
+     "which clouds reach it is known of the circle alone; of a tool the band is told with the nodes that "
+     "are given",
+     "choose the number of nodes with --nodes, and read the band"},
+    // Further tools.
+    {F::steps, of(F::moving_further_tool),
+     "the tool '{moving_tool}' moves with the tool, and there are steps", "tool.{moving_tool}.move_mm",
+     "in a scene of steps one thing moves at a time",
+     "give it a step: [step.NAME] with moves = \"{moving_tool}\""},
+    {F::further_tool, of(F::inertia), "inertia is asked for beside a further tool", "--time (solver.time)",
+     equilibrium, leave_one},
+    {F::further_tool, of(F::paper_scheme), "the paper's scheme is asked for beside a further tool",
+     "--scheme (scheme.name)", circle_alone, leave_one},
+    {F::further_tool, of(F::fluid_lost, F::gravity, F::pressure),
+     "gravity or a pressure is asked for beside a further tool", "load",
+     "the first touch is found on the body at rest, without loads", leave_one},
+    {F::further_tool, of(F::membrane), "a membrane is asked for beside a further tool", "membrane",
+     "contact with a body under a membrane has not been compared with anything", leave_one},
+    // Folds, and the shape without loads.
+    {F::self_contact, of(F::inertia), "folds are to touch, and the time is '{time}'",
+     "--self-contact (load.self_contact) and --time (solver.time)", equilibrium, leave_one},
+    {F::self_contact, of(F::paper_scheme), "folds are to touch, and the scheme is '{scheme}'",
+     "--self-contact (load.self_contact) and --scheme (scheme.name)", equilibrium, leave_one},
+    {F::imaged_loaded,
+     of(F::fluid_lost, F::wall, F::free_base, F::cut, F::cut_step, F::grid_images, F::warped_images,
+        F::touching_tool, F::steps, F::followed_place, F::self_contact),
+     "{beside} stands beside a body that was imaged under its loads", "load.imaged",
+     "it has its place in the image, and the shape without loads is another", "leave one of the two out"},
+    // Materials.
+    {F::paper_scheme, of(F::tissues, F::other_law), "the paper's scheme knows one neo-Hookean tissue only",
+     "--scheme horton2007", "it is kept as it was printed, for comparison",
+     "leave --scheme out for other laws, viscoelastic and several tissues"},
+    {F::converging_scheme, of(F::printed_stress), "the printed stress goes with the paper's scheme only",
+     "--stress printed", "the converging scheme is made of energies, and the printed stress has none",
+     "add --scheme horton2007"},
+    {F::uncertain_mu, of(F::ogden), mu_in_words, "--mu (material.mu_spread_percent)",
+     "the modulus of this material is not given by --mu", two_runs},
+    // Why there are no error bounds, and why a force is not proportional to one modulus.
+    {F::error_bounds, of(F::paper_scheme), "", "", "calibrated for the converging scheme only", ""},
+    {F::error_bounds, of(F::inertia), "", "", not_for_dynamics, ""},
+    {F::error_bounds, of(F::frictionless), "", "", "not calibrated for a circle that is not bonded", ""},
+    {F::error_bounds, of(F::fluid_lost, F::gravity, F::pressure), "", "",
+     "not calibrated for loads other than the tool", ""},
+    {F::error_bounds, of(F::membrane), "", "", "not calibrated for membranes", ""},
+    {F::error_bounds, of(F::wall), "", "", "not calibrated for walls", ""},
+    {F::error_bounds, of(F::steps), "", "", "not calibrated for a tool that moves in steps", ""},
+    {F::error_bounds, of(F::free_base, F::support, F::further_tool), "", "",
+     "not calibrated for further tools or supports", ""},
+    {F::proportional_force, of(F::paper_scheme, F::inertia), "", "",
+     "the force holds inertia, which does not grow with mu", ""},
+    {F::proportional_force, of(F::mooney), "", "",
+     "the second constant of a Mooney-Rivlin law does not grow with mu", ""},
+    {F::proportional_force, of(F::preset), "", "", "the material is a published one (--preset)", ""},
+    {F::proportional_force, of(F::tissues), "", "",
+     "the force of several tissues is proportional to no single modulus", ""},
+    {F::proportional_force, of(F::fluid_lost, F::gravity, F::pressure), "", "",
+     "gravity and pressures do not grow with mu", ""},
+    {F::proportional_force, of(F::membrane), "", "", "a membrane's stiffness does not grow with mu", ""},
+});
+
+constexpr auto all_needs = std::to_array<Need>({
+    {F::fit, F::proportional_force, "the modulus of this case cannot be told from a force", "dimple fit",
+     "it is told by a force that is proportional to it, and ",
+     "fit one tissue of neo-Hookean or Ogden's law in equilibrium (--time quasi-static)"},
+    {F::uncertain_mu, F::proportional_force, mu_in_words, "--mu (material.mu_spread_percent)", "", two_runs},
+    {F::accuracy, F::error_bounds, "the accuracy of this run cannot be told",
+     "--accuracy (accuracy.goal) or --budget (accuracy.budget_s)", "it is told by a band of the force, and ",
+     "leave them out, and compare several --nodes"},
+});
+
+}  // namespace
+}  // namespace dimple::compatibility
+
+namespace dimple {
+
+const FeatureWords& words_of(Feature feature) {
+  return compatibility::all_words[static_cast<std::size_t>(feature)];
+}
+
+std::span<const Clash> clashes() {
+  return compatibility::all_clashes;
+}
+
+std::span<const Need> needs() {
+  return compatibility::all_needs;
+}
+
+}  // namespace dimple

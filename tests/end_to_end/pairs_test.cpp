@@ -1,0 +1,341 @@
+// The table of what does not go together (apps/run/compatibility.hpp): each pair of features, and of a
+// feature and a driver, is computed by the real program or refused in the table's words.
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cctype>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <utility>
+
+#include "apps/run/compatibility.hpp"
+#include "tests/end_to_end/program.hpp"
+
+namespace dimple {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::json;
+using testing::HasSubstr;
+using Options = std::vector<std::pair<std::string, std::string>>;
+
+// A block of 60 x 60 x 30 mm that stands on its inferior face, with the tool in the middle of the superior
+// one.
+const Options scene = {{"boundary.base", "inferior"}, {"boundary.indent_at", "0,0,top"},
+                       {"cloud.nodes", "400"},        {"solver.frames", "1"},
+                       {"load.depth_mm", "1"},        {"material.mu_Pa", "2000"},
+                       {"output.write", "force"},     {"accuracy.band", "off"}};
+const std::string slit = "plane:10,0,20,1,0,0,radius=5mm";
+const Options press = {{"step.press.move_mm", "1"}};
+const Options side_wall = {{"wall.side.shape", "plane:30,0,0,-1,0,0"}};
+const Options other_tool = {{"tool.other.shape", "sphere:4mm"}, {"tool.other.at_mm", "18,0,30"}};
+
+Options with(Options options, const Options& more) {
+  options.insert(options.end(), more.begin(), more.end());
+  return options;
+}
+
+// What asks for a feature. None: it is there where another is not, or it is a driver.
+Options asking_for(Feature feature) {
+  switch (feature) {
+    case Feature::circle:
+    case Feature::converging_scheme:
+      return {};
+    case Feature::touching_tool:
+      return {{"tool.shape", "sphere:5mm"}};
+    case Feature::friction:
+      return {{"tool.friction", "0.3"}};
+    case Feature::further_friction:
+      return with(side_wall, {{"wall.side.friction", "0.2"}});
+    case Feature::chosen_contact:
+      return {{"load.contact", "bonded"}};
+    case Feature::chosen_diameter:
+      return {{"boundary.indenter_diameter_mm", "12"}};
+    case Feature::frictionless:
+      return {{"load.contact", "frictionless"}};
+    case Feature::sideways:
+      return with(press, {{"step.aside.move_mm", "1,0,0"}});
+    case Feature::turning:
+      return with(press, {{"tool.shape", "sphere:5mm"}, {"step.turn.turn_deg", "0,10,0"}});
+    case Feature::further_tool:
+      return other_tool;
+    case Feature::moving_further_tool:
+      return with(other_tool, {{"tool.other.move_mm", "1"}});
+    case Feature::fluid_lost:
+      return {{"load.fluid_lost", "superior,50%"}};
+    case Feature::gravity:
+      return {{"load.gravity", "inferior"}};
+    case Feature::pressure:
+      return {{"load.pressure.csf.pressure_Pa", "50"}, {"load.pressure.csf.on", "anterior"}};
+    case Feature::membrane:
+      return {{"load.membrane", "0.1mm:50kPa"}};
+    case Feature::tension:
+      return {{"membrane.pia.tension_N_per_m", "1"}};
+    case Feature::free_base:
+      return {
+          {"boundary.base_hold", "none"}, {"wall.bed.shape", "plane:0,0,0,0,0,1"}, {"support.s.on", "left"}};
+    case Feature::wall:
+      return side_wall;
+    case Feature::wall_at_gap:
+      return with(side_wall, {{"wall.side.gap", "0.5"}});
+    case Feature::support:
+      return {{"support.s.on", "left"}};
+    case Feature::moving_support:
+      return {{"support.s.on", "left"}, {"support.s.move_mm", "0.5,0,0"}};
+    case Feature::steps:
+      return press;
+    case Feature::cut:
+      return {{"image.cut", slit}};
+    case Feature::cut_step:
+      return with({{"step.slit.cut", slit}}, press);
+    case Feature::cut_after_step:
+      return with(press, {{"step.slit.cut", slit}});
+    case Feature::grid_images:
+      return {{"output.write", "images"}};
+    case Feature::warped_images:
+      return {{"output.warp", "block.nrrd"}};
+    case Feature::followed_place:
+      return {{"accuracy.quantity", "displacement@0,0,15"}};
+    case Feature::self_contact:
+      return {{"load.self_contact", "on"}};
+    case Feature::imaged_loaded:
+      return {{"load.imaged", "loaded"}, {"load.gravity", "inferior"}};
+    case Feature::paper_scheme:
+      return {{"scheme.name", "horton2007"}, {"load.rate_mm_per_s", "20"}};
+    case Feature::inertia:
+      return {{"solver.time", "explicit"}, {"load.rate_mm_per_s", "20"}};
+    case Feature::viscous:
+      return {{"material.prony_g", "0.3"}, {"material.prony_tau_s", "1"}};
+    case Feature::tissues:
+      return {{"tissue.1.mu_Pa", "3000"}};
+    case Feature::other_law:
+    case Feature::ogden:
+      return {{"material.ogden_mu_Pa", "2000"}, {"material.ogden_alpha", "-4.7"}};
+    case Feature::mooney:
+      return {{"material.mooney_c01_Pa", "500"}};
+    case Feature::printed_stress:
+      return {{"material.stress", "printed"}, {"solver.damping_per_s", "20"}};
+    case Feature::preset:
+      return {{"material.preset", "horton_2007"}};
+    case Feature::uncertain_mu:
+      return {{"material.mu_spread_percent", "10"}};
+    case Feature::accuracy:
+      return {{"accuracy.budget_s", "0.001"}};
+    case Feature::comparison:
+      return {{"output.compare", "curve.csv"}};
+    case Feature::paper_comparison:
+      return {{"output.compare", "horton2007"}};
+    case Feature::run:
+    case Feature::solve:
+    case Feature::solve_in_memory:
+    case Feature::model:
+    case Feature::model_in_memory:
+    case Feature::explain:
+    case Feature::fit:
+    case Feature::export_mesh:
+    case Feature::by_hand:
+    case Feature::touching_by_hand:
+    case Feature::session:
+    case Feature::shift:
+    case Feature::places:
+    case Feature::error_bounds:
+    case Feature::proportional_force:
+      return {};
+  }
+  return {};
+}
+
+// Pairs that are refused because of a value, not by the table.
+struct OfValues {
+  Feature one, other;
+  const char* words;
+};
+const OfValues of_values[] = {
+    {Feature::viscous, Feature::accuracy, "not calibrated for viscoelastic tissue"},
+    {Feature::uncertain_mu, Feature::fit, "follows from the curve"},
+};
+
+// How a command begins, and what becomes of it.
+struct Driver {
+  Feature feature;
+  const char* command;
+  bool has_force;
+  bool is_quick;  // else only what the table refuses is asked for
+};
+const Driver drivers[] = {
+    {Feature::run, "run block.nrrd -o out --force -q", true, true},
+    {Feature::solve, "solve model -o out --force -q", true, true},
+    {Feature::model, "model block.nrrd -o made --force -q", false, true},
+    {Feature::fit, "fit block.nrrd -o fitted --curve curve.csv --force -q", false, true},
+    {Feature::export_mesh, "export block.nrrd -o block.inp --force -q", false, true},
+    {Feature::by_hand, "poke block.nrrd --script path.csv -q", false, true},
+    {Feature::places, "places block.nrrd -q", false, true},
+    {Feature::explain, "run block.nrrd -o out --force -q --explain", true, false},
+    {Feature::shift, "shift block.nrrd -o out --force -q --opening 0,0,30,15 --up superior", false, false},
+};
+
+// Sets each option once; nothing: two of them differ, and one feature leaves no room for the other.
+std::optional<Options> together(const Options& one, const Options& other) {
+  Options all = one;
+  for (const auto& [key, text] : other) {
+    const auto there =
+        std::find_if(all.begin(), all.end(), [&](const auto& option) { return option.first == key; });
+    if (there == all.end())
+      all.emplace_back(key, text);
+    else if (there->second != text)
+      return std::nullopt;
+  }
+  return all;
+}
+
+// The scene's own options, but for those that these say otherwise or that follow from them.
+Options on_the_block(const Options& asked, Feature driver) {
+  const auto asks = [&](const std::string& beginning) {
+    return std::any_of(asked.begin(), asked.end(),
+                       [&](const auto& option) { return option.first.starts_with(beginning); });
+  };
+  const bool fits = driver == Feature::fit, shifts = driver == Feature::shift;
+  Options all;
+  for (const auto& option : scene) {
+    const std::string& key = option.first;
+    const bool follows =
+        (key == "load.depth_mm" && (asks("step.") || fits || shifts)) ||
+        (key == "material.mu_Pa" && (asks("material.ogden") || asks("material.preset") || fits)) ||
+        (key == "cloud.nodes" && asks("accuracy.budget")) || (key == "output.write" && shifts);
+    if (!asks(key) && !follows) all.push_back(option);
+  }
+  return with(all, asked);
+}
+
+Config configuration(const Options& options) {
+  Config config;
+  for (const auto& [key, text] : options) set_option(config, key, text, "--set");
+  resolve_material(config);
+  return config;
+}
+
+// That the values of two features contradict each other, such as the numbers of two laws.
+std::optional<Report> values_say(const Options& options) {
+  try {
+    (void)features_of(configuration(options));
+  } catch (const UsageError& error) {
+    return error.report;
+  }
+  return std::nullopt;
+}
+
+// The first words of the table that refuse this, if any. Some drivers are asked as two.
+std::optional<Report> table_says(const Config& config, Feature driver) {
+  if (std::optional<Report> clash = clash_of(config, driver)) return clash;
+  if (driver == Feature::model) return clash_of(config, Feature::model_in_memory);
+  if (driver == Feature::by_hand && features_of(config).has(Feature::touching_tool))
+    return clash_of(config, Feature::touching_by_hand);
+  if (driver == Feature::explain) return clash_of(config, Feature::run);
+  // A model has a scheme of its own, here the converging one, like the configuration.
+  if (driver == Feature::solve && features_of(config).has(Feature::printed_stress))
+    return clash_of(config, Feature::run);
+  return std::nullopt;
+}
+
+class Pairs : public testing::TestWithParam<Feature> {
+ protected:
+  const fs::path folder = fresh_folder();
+
+  void SetUp() override {
+    ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3 -q").code, 0);
+    ASSERT_EQ(
+        dimple(folder, "model block.nrrd -o model --base inferior --indent-at 0,0,top --nodes 400 -q").code,
+        0);
+    std::ofstream(folder / "curve.csv") << "indentation_mm,force_N\n0,0\n0.5,0.05\n1,0.1\n";
+    std::ofstream(folder / "path.csv") << "time_s,depth_mm\n0,0\n0.2,0.5\n";
+  }
+
+  Ran ran(const std::vector<std::string>& line) const {
+    Ran ran = dimple::dimple(folder, line);
+    EXPECT_LT(ran.cpu_s, cpu_of(10.0));
+    return ran;
+  }
+
+  void expect_in_words(const Ran& ran, const std::string& words) const {
+    EXPECT_EQ(ran.code, static_cast<int>(ExitCode::usage)) << ran.err;
+    EXPECT_THAT(ran.err, HasSubstr(words));
+  }
+
+  void expect_refused(const Ran& ran, const Report& report) const {
+    expect_in_words(ran, "dimple: " + report.fact);
+    for (const std::string& words :
+         {"\n  where: " + report.where, "\n  why:   " + report.why, "\n  try:   " + report.remedy})
+      EXPECT_THAT(ran.err, HasSubstr(words));
+  }
+
+  void expect_computed(const Ran& ran, const Driver& driver) const {
+    EXPECT_EQ(ran.code, 0) << ran.err;
+    if (ran.code != 0 || !driver.has_force) return;
+    const Json summary = Json::parse(text_of(folder / "out" / "summary.json"));
+    EXPECT_TRUE(summary.at("force_N").is_number()) << "a force that is not finite is null";
+  }
+
+  // One feature, or two of them, with a driver; the second feature is the driver where there is one.
+  void expect_together(Feature one, Feature other, const Driver& driver) const {
+    const auto asked = together(asking_for(one), is_driver(other) ? Options{} : asking_for(other));
+    if (!asked) return;
+    const Options options = on_the_block(*asked, driver.feature);
+    std::vector<std::string> line = dimple::words_of(std::string(driver.command));
+    for (const auto& [key, text] : options) line.insert(line.end(), {"--set", key + "=" + text});
+    SCOPED_TRACE(testing::Message() << dimple::words_of(one).name << " with " << dimple::words_of(other).name
+                                    << ": " << testing::PrintToString(line));
+    const std::optional<Report> contradiction = values_say(options);
+    if (contradiction) return expect_in_words(ran(line), contradiction->fact);
+    const Config config = configuration(options);
+    const Features there = features_of(config);
+    if (!there.has(one) || (!is_driver(other) && !there.has(other))) return;
+    for (const OfValues& known : of_values)
+      if ((known.one == one && known.other == other) || (known.one == other && known.other == one))
+        return expect_in_words(ran(line), known.words);
+    const std::optional<Report> refused = table_says(config, driver.feature);
+    if (refused)
+      expect_refused(ran(line), *refused);
+    else if (driver.is_quick)
+      expect_computed(ran(line), driver);
+  }
+};
+
+TEST_P(Pairs, OfAFeatureAreComputedOrRefusedByTheTable) {
+  const Feature one = GetParam();
+  const Driver& run = drivers[0];
+  for (std::size_t k = static_cast<std::size_t>(one) + 1; k < feature_count; ++k)
+    if (const Feature other = static_cast<Feature>(k); !is_driver(other) && !asking_for(other).empty())
+      expect_together(one, other, run);
+  for (const Driver& driver : drivers) expect_together(one, driver.feature, driver);
+}
+
+std::vector<Feature> all_that_can_be_asked_for() {
+  std::vector<Feature> all;
+  for (std::size_t k = 0; k < feature_count; ++k)
+    if (const Feature feature = static_cast<Feature>(k); !asking_for(feature).empty()) all.push_back(feature);
+  return all;
+}
+
+std::string as_identifier(const testing::TestParamInfo<Feature>& info) {
+  std::string name = dimple::words_of(info.param).name;
+  std::replace_if(
+      name.begin(), name.end(), [](unsigned char c) { return std::isalnum(c) == 0; }, '_');
+  return name;
+}
+
+INSTANTIATE_TEST_SUITE_P(Each, Pairs, testing::ValuesIn(all_that_can_be_asked_for()), as_identifier);
+
+TEST(TableOfPairs, IsListedByTheProgramWithItsReasons) {
+  const Ran ran = dimple(fresh_folder(), "options --pairs");
+  EXPECT_EQ(ran.code, 0) << ran.err;
+  std::string words;  // as they stand in lines of whatever width
+  for (const char c : ran.out)
+    if (const bool blank = c == ' ' || c == '\n'; !blank || !words.ends_with(' ')) words += blank ? ' ' : c;
+  for (const Clash& row : clashes()) EXPECT_THAT(words, HasSubstr(row.why));
+}
+
+}  // namespace
+}  // namespace dimple
