@@ -48,7 +48,7 @@ double number_of(const OptionWord& word, const WordForm& form, const WordNumber&
   if (number.needs_unit && !text.ends_with(number.unit))
     refuse_word(word, fmt::format("has '{}' for its {}", text, number.name),
                 fmt::format("it is given in {}", number.unit));
-  set_value({.key = fmt::format("{} '{}': {}", word.subject, word.text, number.name),
+  set_value({.key = fmt::format("{}: {}", word.subject, number.name),
              .unit = number.unit,
              .value = &value,
              .least = number.least,
@@ -86,7 +86,7 @@ void read_keys(OptionWord& word, const WordForm& form, const std::vector<std::st
     auto& its = value[static_cast<std::size_t>(key - form.keys.begin())];
     if (its) refuse_word(word, fmt::format("has two values of {}", name), "it has one");
     its = number_of(word, form, *key, std::string(trimmed(part.substr(equals + 1))));
-    if (!word.number.empty()) check_beside_first(word, form, *key, *its);
+    if (key->least_of_first > 0.0) check_beside_first(word, form, *key, *its);
   }
   for (std::size_t k = 0; k < value.size(); ++k) {
     if (!value[k] && !form.keys[k].usual)

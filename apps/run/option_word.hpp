@@ -19,7 +19,7 @@ struct WordNumber {
   bool least_excluded = false;
   bool needs_unit = false;
   std::optional<double> usual = {};  ///< result of a key=value that is left out; empty: it is required
-  /// Bounds as multiples of the first number of the word.
+  /// Bounds as multiples of the first number of the word, which is above zero; none where the least is 0.
   double least_of_first = 0.0, most_of_first = std::numeric_limits<double>::infinity();
 };
 

@@ -135,8 +135,7 @@ std::optional<ToolShape> tool_of(const std::string& shape, const std::string& op
 std::vector<ToolLength> lengths_of(const ToolShape& shape) {
   const ToolKind* kind = kind_of(shape.kind);
   if (!kind) return {};
-  std::vector<WordNumber> of = kind->form.numbers;
-  of.insert(of.end(), kind->form.keys.begin(), kind->form.keys.end());
+  const std::vector<WordNumber> of = joined(kind->form.numbers, kind->form.keys);
   std::vector<ToolLength> lengths;
   const double first = shape.numbers.front(), any = std::numeric_limits<double>::infinity();
   for (std::size_t k = 0; k < of.size(); ++k)

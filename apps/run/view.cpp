@@ -105,9 +105,9 @@ SurfaceFile tool_body(const Touch& touch) {
   constexpr Index around = 96, round = 24;  // corners of a ring; rings of a quarter of a circle
   const ToolShape& shape = touch.shape;
   if (shape.mesh) return drawn_body(*shape.mesh, touch.pose);
-  const auto [ring, top] = shape.outline(round);
+  const std::vector<std::pair<double, double>> ring = shape.outline(round);
   const Vec3 up = -touch.pose.points_at, right = up.unitOrthogonal(), ahead = up.cross(right);
-  const auto rings = static_cast<Index>(ring.size());
+  const Index rings = static_cast<Index>(ring.size()) - 1;  // beside the middle of the upper end
   SurfaceFile body;
   body.position_mm.resize(3, 2 + rings * around);
   body.position_mm.col(0) = 1e3 * touch.pose.tip;
@@ -119,7 +119,7 @@ SurfaceFile tool_body(const Touch& touch) {
       body.position_mm.col(1 + n * around + k) = 1e3 * (touch.pose.tip + z * up + across);
     }
   const Index last = 1 + rings * around;
-  body.position_mm.col(last) = 1e3 * (touch.pose.tip + top * up);
+  body.position_mm.col(last) = 1e3 * (touch.pose.tip + ring.back().second * up);
   body.triangles.resize(3, 2 * around * rings);
   Index t = 0;
   const auto add = [&](Index a, Index b, Index c) { body.triangles.col(t++) << a, b, c; };

@@ -9,15 +9,17 @@
 namespace dimple {
 namespace {
 
+using Outline = std::vector<std::pair<double, double>>;  // radius and height above the tip
+
 // Rings of a quarter of a circle around a flat end; the first is the tip itself where there is none.
 Outline rounded_end(double radius, double rounded, Index rings) {
-  Outline end{.ring = {}, .top = 0.0};
+  Outline ring;
   const double flat = radius - rounded;
   for (Index k = flat > 0.0 ? 0 : 1; k <= rings; ++k) {
     const double angle = 0.5 * std::numbers::pi * static_cast<double>(k) / static_cast<double>(rings);
-    end.ring.emplace_back(flat + rounded * std::sin(angle), rounded * (1.0 - std::cos(angle)));
+    ring.emplace_back(flat + rounded * std::sin(angle), rounded * (1.0 - std::cos(angle)));
   }
-  return end;
+  return ring;
 }
 
 // Height of the lower surface of an end that is rounded beside its flat part.
@@ -33,25 +35,21 @@ ProfileDistance to_ball(double r, double z, double radius, double centre) {
 }
 
 // Rod with round ends; a sphere is one of two radii.
-ToolShape round_ended(double radius, double length) {
-  return {.radius = radius,
-          .length = length,
-          .profile = [=](double r,
-                         double z) { return to_ball(r, z, radius, std::clamp(z, radius, length - radius)); },
-          .height = [=](double r) { return height_of_end(r, radius, radius); },
-          .contact_depth = [=](double a) { return 0.5 * a * std::log((radius + a) / (radius - a)); },
-          .contact_force =
-              [=](double a) {
-                return 0.5 * (a * a + radius * radius) * std::log((radius + a) / (radius - a)) - a * radius;
-              },
-          .outline =
-              [=](Index rings) {
-                Outline whole = rounded_end(radius, radius, rings);
-                whole.top = length;
-                for (std::size_t k = whole.ring.size(); k-- > 0;)
-                  whole.ring.emplace_back(whole.ring[k].first, length - whole.ring[k].second);
-                return whole;
-              }};
+ToolShape round_ended(double R, double length) {
+  ToolShape shape{.radius = R, .length = length};
+  shape.profile = [=](double r, double z) {
+    return to_ball(r, z, R, std::clamp(z, R, std::max(R, length - R)));
+  };
+  shape.height = [=](double r) { return height_of_end(r, R, R); };
+  shape.contact_depth = [=](double a) { return 0.5 * a * std::log((R + a) / (R - a)); };
+  shape.contact_force = [=](double a) { return 0.5 * (a * a + R * R) * std::log((R + a) / (R - a)) - a * R; };
+  shape.outline = [=](Index rings) {
+    Outline whole = rounded_end(R, R, rings);
+    for (std::size_t k = whole.size(); k-- > 0;) whole.emplace_back(whole[k].first, length - whole[k].second);
+    whole.emplace_back(0.0, length);
+    return whole;
+  };
+  return shape;
 }
 
 // A quarter plane, rounded: what lies within `radius` of the axis and above the tip.
@@ -98,67 +96,59 @@ ToolShape capsule_shape(double radius, double length) {
 }
 
 ToolShape punch_shape(double radius, double edge) {
-  return {.kind = "punch",
-          .numbers = {radius, edge},
-          .radius = radius,
-          .edge = edge,
-          .profile = [=](double r, double z) { return to_punch(r, z, radius, edge); },
-          .height = [=](double r) { return height_of_end(r, radius, edge); },
-          .contact_depth =
-              [=](double a) {
-                const double b = radius - edge;
-                return a / edge * (std::sqrt(a * a - b * b) - b * std::acos(b / a));
-              },
-          .contact_force =
-              [=](double a) {
-                const double b = radius - edge, s = std::sqrt(a * a - b * b);
-                return (s * (4.0 * a * a - b * b) - 3.0 * b * a * a * std::acos(b / a)) / (3.0 * edge);
-              },
-          .outline =
-              [=](Index rings) {
-                Outline drawn = rounded_end(radius, edge, rings);
-                drawn.top = 3.0 * radius;
-                drawn.ring.emplace_back(radius, drawn.top);
-                return drawn;
-              }};
+  const double b = radius - edge;  // of the flat part
+  ToolShape shape{.kind = "punch", .numbers = {radius, edge}, .radius = radius, .edge = edge};
+  shape.profile = [=](double r, double z) { return to_punch(r, z, radius, edge); };
+  shape.height = [=](double r) { return height_of_end(r, radius, edge); };
+  shape.contact_depth = [=](double a) {
+    return a / edge * (std::sqrt(a * a - b * b) - b * std::acos(b / a));
+  };
+  shape.contact_force = [=](double a) {
+    const double s = std::sqrt(a * a - b * b);
+    return (s * (4.0 * a * a - b * b) - 3.0 * b * a * a * std::acos(b / a)) / (3.0 * edge);
+  };
+  shape.outline = [=](Index rings) {
+    Outline drawn = rounded_end(radius, edge, rings);
+    drawn.emplace_back(radius, 3.0 * radius);
+    drawn.emplace_back(0.0, 3.0 * radius);
+    return drawn;
+  };
+  return shape;
 }
 
 ToolShape drawn_shape(std::shared_ptr<const ToolMesh> mesh) {
   const double radius = 0.5 * mesh->width;
-  return {.kind = "drawn",
-          .radius = radius,
-          .length = mesh->length,
-          .distance = [mesh](const ToolPose& pose, const Vec3& d) -> ToolDistance {
-            const Mat3 axes = pose.axes();
-            const Distance here = distance_in(mesh->distance, axes.transpose() * d);
-            return {here.distance, axes * here.gradient.normalized()};
-          },
-          .height = [mesh, radius](double r) { return height_of_mesh(mesh->lower, radius, r); },
-          .height_over =
-              [mesh](const ToolPose& pose, const Vec3& d) {
-                const Vec3 at = pose.axes().transpose() * d;
-                return height_over(mesh->distance, at.x(), at.y());
-              },
-          .contact_radius =
-              [mesh, radius](double depth) { return radius_at_height(mesh->lower, radius, 0.5 * depth); },
-          .mesh = mesh};
+  ToolShape shape{.kind = "drawn", .radius = radius, .length = mesh->length, .mesh = mesh};
+  shape.distance = [mesh](const ToolPose& pose, const Vec3& d) -> ToolDistance {
+    const Mat3 axes = pose.axes();
+    const Distance here = distance_in(mesh->distance, axes.transpose() * d);
+    return {here.distance, axes * here.gradient.normalized()};
+  };
+  shape.height = [mesh, radius](double r) { return height_of_mesh(mesh->lower, radius, r); };
+  shape.height_over = [mesh](const ToolPose& pose, const Vec3& d) {
+    const Vec3 at = pose.axes().transpose() * d;
+    return height_over(mesh->distance, at.x(), at.y());
+  };
+  shape.contact_radius = [mesh, radius](double depth) {
+    return radius_at_height(mesh->lower, radius, 0.5 * depth);
+  };
+  return shape;
 }
 
 ToolShape plane_shape(double size) {
-  return {.kind = "plane", .radius = size, .profile = [](double, double z) {
-            return ProfileDistance{-z, 0.0, -1.0};
-          }};
+  ToolShape shape{.kind = "plane", .radius = size};
+  shape.profile = [](double, double z) { return ProfileDistance{-z, 0.0, -1.0}; };
+  return shape;
 }
 
 ToolShape field_shape(std::shared_ptr<const DistanceGrid> field, double size) {
-  return {.kind = "field",
-          .radius = size,
-          .distance = [field](const ToolPose&, const Vec3& d) -> ToolDistance {
-            const Distance here = distance_in(*field, d);
-            const double steep = here.gradient.norm();  // nothing far from the surface, where nobody touches
-            return {here.distance, steep > 0.0 ? Vec3(here.gradient / steep) : Vec3::UnitZ()};
-          },
-          .field = field};
+  ToolShape shape{.kind = "field", .radius = size, .field = field};
+  shape.distance = [field](const ToolPose&, const Vec3& d) -> ToolDistance {
+    const Distance here = distance_in(*field, d);
+    const double steep = here.gradient.norm();  // nothing far from the surface, where nobody touches
+    return {here.distance, steep > 0.0 ? Vec3(here.gradient / steep) : Vec3::UnitZ()};
+  };
+  return shape;
 }
 
 }  // namespace dimple

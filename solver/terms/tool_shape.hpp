@@ -37,12 +37,6 @@ struct ProfileDistance {
   double distance, by_r, by_z;
 };
 
-/// Rings of a body of revolution from its tip to its upper end: radius and height above the tip [m].
-struct Outline {
-  std::vector<std::pair<double, double>> ring;
-  double top;  ///< height of the upper end [m]
-};
-
 /// Rigid tool with its tip at the bottom, or wall, as functions. SI units. It is made by one of the functions
 /// below, and made again from its kind and numbers.
 struct ToolShape {
@@ -63,8 +57,9 @@ struct ToolShape {
   /// unknown.
   std::function<double(double a)> contact_depth = {}, contact_force = {};
   std::function<double(double depth)> contact_radius = {};  ///< [m], where contact_depth is unknown
-  /// Surface for a picture, with so many rings for a quarter of a circle; empty for a wall and a mesh.
-  std::function<Outline(Index rings)> outline = {};
+  /// Outline for a picture, with so many rings for a quarter of a circle: their radii and heights above the
+  /// tip [m], the last the middle of the upper end. Empty for a wall and a mesh.
+  std::function<std::vector<std::pair<double, double>>(Index rings)> outline = {};
 
   std::shared_ptr<const ToolMesh> mesh = {};       ///< of a tool that was drawn
   std::shared_ptr<const DistanceGrid> field = {};  ///< of a wall, in the frame of the body

@@ -1,0 +1,79 @@
+// Words of options: what is read of them, and what a refusal names.
+
+#include "apps/run/option_word.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "apps/run/tool.hpp"
+#include "io/error.hpp"
+
+namespace dimple {
+namespace {
+
+using testing::HasSubstr;
+
+const WordTable table{"the thing",
+                      {{"none"},
+                       {"disc", place_numbers(1e-3), "", {length_number("radius", 1e-3, 100.0)}},
+                       {.kind = "label", .names = "NAME"},
+                       {.numbers = direction_numbers(), .is_side = true}}};
+
+OptionWord read(const std::string& text) {
+  return parse_word(table, text, "--thing", "the scene");
+}
+
+TEST(OptionWord, IsReadInItsFormAndScaled) {
+  EXPECT_EQ(read(" none ").kind, "none");
+  EXPECT_EQ(read("disc: 1, 2cm,3,radius = 4mm").number, (std::vector<double>{1e-3, 2e-2, 3e-3, 4e-3}));
+  EXPECT_EQ(read("disc:-1,0,3,radius=4").number.front(), -1e-3);
+  EXPECT_EQ(read("disc:0,0,3,radius=4").number.back(), 4e-3);
+  EXPECT_EQ(read("label:a, b").name, (std::vector<std::string>{"a", "b"}));
+  EXPECT_EQ(read("0,-0.5,2").three(), Vec3(0.0, -0.5, 2.0));
+  const OptionWord side = read("anterior");
+  EXPECT_TRUE(side.is_side);
+  EXPECT_EQ(side.three(), Vec3(0.0, -1.0, 0.0));
+}
+
+TEST(OptionWord, OfAnotherFormIsRefusedWithItsOptionItsReasonAndWhatToGive) {
+  const struct {
+    const char *text, *fact;
+  } refused[] = {{"cube:1", "the thing 'cube:1' of the scene is not known"},
+                 {"disc:1,2,radius=4", "has 2 numbers"},
+                 {"disc", "has no number"},
+                 {"disc:1,2,3", "has no radius"},
+                 {"disc:1,2,3,radius=4,depth=1", "does not take 'depth'"},
+                 {"disc:1,2,3,radius=4,radius=5", "two values of radius"},
+                 {"disc:1,2,3,radius=0mm", "radius = 0mm is not allowed"},
+                 {"disc:1,two,3,radius=4", "y = two is not allowed"},
+                 {"label:,", "names no label"},
+                 {"1,2", "has 2 numbers"}};
+  for (const auto& [text, fact] : refused) {
+    SCOPED_TRACE(text);
+    try {
+      read(text);
+      ADD_FAILURE() << "not refused";
+    } catch (const UsageError& error) {
+      EXPECT_THAT(error.report.fact, HasSubstr(fact));
+      EXPECT_EQ(error.report.where, "--thing");
+      EXPECT_FALSE(error.report.why.empty() || error.report.remedy.empty());
+    }
+  }
+}
+
+TEST(OptionWord, OfAToolGivesAShapeThatIsMadeAgainFromItsLengths) {
+  for (const char* text : {"sphere:5mm", "punch:5mm,edge=1mm", "capsule:2mm,length=2cm"}) {
+    const ToolShape shape = tool_of(text, "--tool").value();
+    EXPECT_EQ(shape.kind, std::string(text).substr(0, shape.kind.size()));
+    const ToolShape again = with_length(shape, 0, shape.numbers[0]);
+    EXPECT_EQ(again.numbers, shape.numbers);
+    EXPECT_EQ(again.edge, shape.edge);
+    EXPECT_EQ(again.length, shape.length);
+  }
+  EXPECT_FALSE(tool_of("circle", "--tool"));
+  EXPECT_THROW(tool_of("punch:5mm,edge=0.1mm", "--tool"), UsageError);
+  EXPECT_THROW(tool_of("capsule:2mm,length=3mm", "--tool"), UsageError);
+}
+
+}  // namespace
+}  // namespace dimple
