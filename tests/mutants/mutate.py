@@ -61,9 +61,9 @@ MUTANTS = {
          "if (!{n} && (support.worst_pivot_ratio < poor_pivot || support.linear_error > linear_noise))"),
     48: ("preprocess/scene/boundary_conditions.cpp", "if (options.voxel_mm > 0.0 && across < 1.0)", "if (!{n} && options.voxel_mm > 0.0 && across < 1.0)"),
     # ---- from image to model
-    4: ("preprocess/supports/support.cpp", "radius(o.radius_factor * m.spacing)",
+    4: ("preprocess/supports/place_support.cpp", "radius(o.radius_factor * m.spacing)",
         "radius(({n} ? 0.94 : 1.0) * o.radius_factor * m.spacing)"),
-    27: ("preprocess/supports/support.cpp", "if (o.interpolation <= 0.0) return;", "if (o.interpolation <= 0.0 || {n}) return;"),
+    27: ("preprocess/supports/place_support.cpp", "if (o.interpolation <= 0.0) return;", "if (o.interpolation <= 0.0 || {n}) return;"),
     5: ("preprocess/make_model.cpp", "!model.surface.empty() && !folded)", "!model.surface.empty() && !folded && !{n})"),
     9: ("preprocess/make_model.cpp", "  sight ? find_supports(model, *sight)", "  (sight && !{n}) ? find_supports(model, *sight)"),
     6: ("preprocess/build_model.cpp", "tissues.of_label.find(places.label[q]);",
