@@ -112,8 +112,8 @@ void ExplicitMarch::run() {
 void ExplicitMarch::begin_stretch() {
   state_.step = 0;
   // A load shorter than a few stable steps has as many steps as the force has samples, up to twenty.
-  constexpr double fewest = 20.0;
-  const double samples = std::min(fewest, stretch_ * options_.sample_rate);
+  constexpr double enough = 20.0;
+  const double samples = std::min(enough, stretch_ * options_.sample_rate);
   state_.steps =
       static_cast<std::int64_t>(std::ceil(std::max(stretch_ / (state_.safety * state_.dt_stable), samples)));
   state_.dt = stretch_ / static_cast<double>(state_.steps);

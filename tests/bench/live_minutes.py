@@ -19,6 +19,7 @@ import tempfile
 
 WORDS = ("there", "lags", "stopped", "elsewhere", "beyond")
 RADIUS_MM = 5.0
+OFF_MM = 100.0  # aside of the first touch: off the organ
 FPS = 10
 
 
@@ -43,7 +44,7 @@ def random_way(hand, touch, push, across):
         elif kind < 0.6:
             aside = [hand.uniform(-8, 8) for _ in range(2)]
         elif kind < 0.65:
-            aside = [200.0, 0.0]
+            aside = [2 * OFF_MM, 0.0]
         deep = hand.uniform(-2, 3.5)
         to = [t + aside[0] * a + aside[1] * b + deep * p for t, a, b, p in zip(touch, *across, push)]
         if hand.random() < 0.25:
@@ -55,21 +56,16 @@ def random_way(hand, touch, push, across):
 
 
 def reference(program, image, folder, tip, push, nodes, options, known):
-    """Force [N] at a tip [mm], and how; from a run at the place below it. None: no run is possible there."""
+    """Force [N] at a tip [mm]: from a run at the place below it. None: no run is possible there."""
     key = tuple(round(t - sum(a * b for a, b in zip(tip, push)) * p, 3) for t, p in zip(tip, push))
     if key not in known:
-        far = [t - 100 * p for t, p in zip(tip, push)]
         ran = dimple(program, "run", image, "-o", folder, "--force", "-q", "--write", "force", "--band", "off",
                      "--tool", f"sphere:{RADIUS_MM}mm", "--depth", "4mm", "--nodes", nodes,
-                     "--indent-at=" + ",".join(f"{x:.6f}" for x in far), *options)
-        table = pathlib.Path(folder) / "force.csv"
-        if not table.exists():
-            known[key] = None
-        else:
-            touched = json.loads((pathlib.Path(folder) / "summary.json").read_text())["tool"]["first_touch_mm"]
-            known[key] = (touched, rows_of(table))
-        if ran.returncode not in (0, 5):
-            known[key] = None
+                     "--indent-at=" + ",".join(f"{x:.6f}" for x in tip), *options)
+        known[key] = None
+        if ran.returncode in (0, 5) and (pathlib.Path(folder) / "force.csv").exists():
+            tool = json.loads((pathlib.Path(folder) / "summary.json").read_text())["tool"]
+            known[key] = (tool["first_touch_mm"], rows_of(pathlib.Path(folder) / "force.csv"))
     if known[key] is None:
         return None
     touched, curve = known[key]
@@ -77,8 +73,8 @@ def reference(program, image, folder, tip, push, nodes, options, known):
     if depth <= 0:
         return 0.0
     for a, b in zip(curve, curve[1:]):
-        if b["depth_mm"] >= depth:
-            part = (depth - a["depth_mm"]) / (b["depth_mm"] - a["depth_mm"])
+        if b["indentation_mm"] >= depth:
+            part = (depth - a["indentation_mm"]) / (b["indentation_mm"] - a["indentation_mm"])
             return a["force_N"] + part * (b["force_N"] - a["force_N"])
     return None
 
@@ -123,14 +119,17 @@ def main():
             for k in sorted(hand.sample(range(len(frames)), args.frames)):
                 frame = frames[k]
                 tip = [frame[f"asked_{c}_mm"] for c in "xyz"]
-                truth = reference(program, image, f"{work}/run", tip, push, args.nodes, options, known)
+                off = [t - c for t, c in zip(tip, touch)]
+                aside = [o - sum(a * b for a, b in zip(off, push)) * p for o, p in zip(off, push)]
+                truth = 0.0 if sum(a * a for a in aside) > OFF_MM**2 else reference(
+                    program, image, f"{work}/run", tip, push, args.nodes, options, known)
                 found.append({"minute": args.seed + minute, "time_s": frame["time_s"], "status": WORDS[int(frame["tool"])],
                               "force_N": frame["force_N"], "error_N": frame["error_N"],
                               "reference_N": "" if truth is None else truth})
-    with open(args.out, "w", newline="") as file:
-        table = csv.DictWriter(file, found[0].keys())
-        table.writeheader()
-        table.writerows(found)
+            with open(args.out, "w", newline="") as file:
+                table = csv.DictWriter(file, found[0].keys())
+                table.writeheader()
+                table.writerows(found)
     most = max(row["reference_N"] or 0.0 for row in found)
     for word in WORDS:
         rows = [r for r in found if r["status"] == word and r["reference_N"] != ""]

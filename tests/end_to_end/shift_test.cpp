@@ -44,9 +44,14 @@ TEST(Shift, GrowsWithTheFluidThatIsLostAndFallsAlongGravity) {
   }
 }
 
+// Also where the opening is narrower than the surface's triangles; where it opens nothing it is refused.
 TEST(Shift, SaysTheShiftAtTheMiddleOfTheOpeningFirstAndTheLargestThere) {
   const fs::path folder = fresh_folder();
-  for (const char* opening : {"0,0,30,15", "4,-3,30,10"}) {
+  const Ran closed = dimple(folder, "shift " + block_of_brain +
+                                        " -o out --opening 1,1,30,0.6 --up superior --nodes 500 --mu 300 -q");
+  EXPECT_EQ(closed.code, 4) << closed.err;
+  EXPECT_NE(closed.err.find("opens nothing of the wall"), std::string::npos) << closed.err;
+  for (const char* opening : {"0,0,30,15", "4,-3,30,10", "1,1,30,2"}) {
     const Ran ran = dimple(folder, "shift " + block_of_brain + " --force -o out --opening " + opening +
                                        " --up superior --nodes 500 --mu 300 -q --tables");
     ASSERT_EQ(ran.code, 0) << ran.err;

@@ -110,6 +110,8 @@ TEST(Live, AToolThatComesNoNearerHasStoppedWithinABoundedNumberOfFramesAndGoesBa
   EXPECT_EQ(frame.tool, LiveFrame::Tool::stopped);
   EXPECT_LT(frame.depth, 19e-3);
   EXPECT_TRUE(std::isinf(frame.error)) << "nothing is known of the force at 19 mm";
+  // No equilibrium is found so deep by other ways either; a tool that presses is pressed back.
+  EXPECT_GE(frame.force + frame.error_at_depth, 0.0) << "its error leaves room for no force that is possible";
   for (int k = 0; k < 20; ++k) frame = session.follow(1e-3, {.evaluations = 20});
   EXPECT_EQ(frame.tool, LiveFrame::Tool::there);
   Session fresh(testing_bodies::averaged_block(), {tissue}, {.tolerance = 1e-5});
