@@ -298,7 +298,7 @@ MUTANTS = {
     186: ("preprocess/supports/sheet_cut.cpp", "if (its && value == 0.0 && !is_shared(column)) continue;",
           "if (its && value == 0.0 && !{n} && !is_shared(column)) continue;"),
     187: ("preprocess/surface/sheet.cpp", "    last = std::min(last, leaves);", "    last = std::min(last, {n} ? enters : leaves);"),
-    181: ("apps/run/live.cpp", "    tool.fine.clear(), tool.coarse.clear();\n", "    if (!{n}) tool.fine.clear(), tool.coarse.clear();\n"),
+    181: ("apps/run/live_making.cpp", "    tool.fine.clear(), tool.coarse.clear();\n", "    if (!{n}) tool.fine.clear(), tool.coarse.clear();\n"),
     # ---- results and summary
     11: ("apps/run/results.cpp", "const std::array<double, 4> row = {s.t, 1e3 * s.depth, s.force,",
          "const std::array<double, 4> row = {s.t, 1e3 * s.depth, ({n} ? 1e3 : 1.0) * s.force,"),
