@@ -7,8 +7,7 @@ namespace dimple {
 /// Numbers of Session and of the advance of its tool that were chosen, each with its evidence as far as there
 /// is any. Lengths are in radii of the bonded patch or of the contacting tool.
 struct LiveConstants {
-  /// Longest move between two equilibria of whatever moves: the tool, or a support that moves with it. The
-  /// README's table of constants gives the effect of such steps; the value is not studied.
+  /// Longest move of the tool, or of a support that moves further, between two equilibria. Not studied.
   double longest_way = 0.1;
   /// Fraction of the stable time step at the begin of a move that its steps take. Not studied.
   double safety = 0.8;
@@ -41,7 +40,7 @@ struct LiveConstants {
   double open_contact = 0.02;
   /// Largest penetration of the surface into the tool between the contact points. Not studied.
   double deepest_in_tool = 0.05;
-  /// Largest penetration beyond the samples of the surface. Not studied.
+  /// Largest penetration of parts of the surface that have no contact points. Not studied.
   double beyond_samples = 1e-3;
 
   // Of the error of a frame's force. The first three were chosen before the study that counts how often the
