@@ -257,7 +257,7 @@ MUTANTS = {
     175: ("preprocess/surface/sheet.cpp", "void triangle(int t) { found = found || sheet.passes(t, x, y); }",
           "void triangle(int t) { found = found || (sheet.passes(t, x, y) && !{n}); }"),
     176: ("preprocess/supports/pressure_patches.cpp", "    if (lost)\n", "    if (lost && !{n})\n"),
-    177: ("solver/session.cpp", "    if (unsettled) {\n", "    if (unsettled && !{n}) {\n"),
+    177: ("solver/live/live_frame.cpp", "if (state == State::cut) {", "if (state == State::cut && !{n}) {"),
     178: ("preprocess/supports/sheet_cut.cpp", "its.add(less, then_number[k], -1.0, [&](int b) {",
           "its.add(less, then_number[k], {n} ? 1.0 : -1.0, [&](int b) {"),
     179: ("preprocess/output/carry_back.cpp", "into.normalized(), above + 0.1 * step",
@@ -298,7 +298,7 @@ MUTANTS = {
     186: ("preprocess/supports/sheet_cut.cpp", "if (its && value == 0.0 && !is_shared(column)) continue;",
           "if (its && value == 0.0 && !{n} && !is_shared(column)) continue;"),
     187: ("preprocess/surface/sheet.cpp", "    last = std::min(last, leaves);", "    last = std::min(last, {n} ? enters : leaves);"),
-    181: ("apps/run/live.cpp", "    tool.fine.clear(), tool.coarse.clear();\n", "    if (!{n}) tool.fine.clear(), tool.coarse.clear();\n"),
+    181: ("apps/run/live_making.cpp", "    tool.fine.clear(), tool.coarse.clear();\n", "    if (!{n}) tool.fine.clear(), tool.coarse.clear();\n"),
     # ---- results and summary
     11: ("apps/run/results.cpp", "const std::array<double, 4> row = {s.t, 1e3 * s.depth, s.force,",
          "const std::array<double, 4> row = {s.t, 1e3 * s.depth, ({n} ? 1e3 : 1.0) * s.force,"),
@@ -322,8 +322,8 @@ MUTANTS = {
     231: ("apps/studies/shift_run.cpp", "result.history.settled = 1e-3 *", "result.history.settled = ({n} ? 1.0 : 1e-3) *"),
     232: ("solver/march.hpp", "return touches ? 0.1 : 0.2;", "return touches ? 0.1 : {n} ? 0.1 : 0.2;"),
     233: ("solver/session.cpp", "if (system->viscoelastic()) system->restore_past(untouched);", "if (system->viscoelastic() && !{n}) system->restore_past(untouched);"),
-    234: ("solver/session.cpp", "std::max({at, depth, known.deepest()})", "std::max({at, depth, {n} ? at : known.deepest()})"),
-    235: ("solver/session.cpp", "if (!is_well && !call.time_is_up &&", "if (!is_well && !{n} && !call.time_is_up &&"),
+    234: ("solver/live/follow.cpp", "std::max({at, depth, known.deepest()})", "std::max({at, depth, {n} ? at : known.deepest()})"),
+    235: ("solver/live/follow.cpp", "if (!is_well && !call.time_is_up &&", "if (!is_well && !{n} && !call.time_is_up &&"),
     236: ("apps/run/tool_band.cpp", "half[k] = std::max({half[k], here, line - here});", "half[k] = {n} ? half[k] : std::max({half[k], here, line - here});"),
     237: ("preprocess/supports/sheet_cut.cpp", "if (!goes_along) return sheet;", "if (!goes_along || {n}) return sheet;"),
     238: ("apps/run/pipeline.cpp", "if (frame.number == 0 && result_.loading", "if (!{n} && frame.number == 0 && result_.loading"),
@@ -363,9 +363,9 @@ MUTANTS = {
     261: ("solver/equilibrium/contact_step.cpp", "if (!found) sweep", "if (!found && !{n}) sweep"),
     262: ("solver/equilibrium/contact_step.cpp", "open += K(s, t) * lambda[t];", "open += ({n} && t > s ? 0.0 : K(s, t)) * lambda[t];"),
     263: ("solver/terms/fold_contact.cpp", "const Vec3 way = moved(s, u) + (F - Mat3::Identity()) * foot_.col(s);", "const Vec3 way = moved(s, u) + ({n} ? 0.0 : 1.0) * (F - Mat3::Identity()) * foot_.col(s);"),
-    264: ("solver/session.cpp", "return force * (grown * grown - 1.0);", "return force * (({n} ? std::sqrt(grown) : grown * grown) - 1.0);"),
-    265: ("solver/session.cpp", "std::min(1.0, -2.0 * apart / frame.depth)", "std::min(1.0, -({n} ? 0.5 : 2.0) * apart / frame.depth)"),
-    266: ("solver/session.cpp", "const bool stuck = fruitless >= fruitless_evaluations ||", "const bool stuck = (!{n} && fruitless >= fruitless_evaluations) ||"),
+    264: ("solver/live/live_frame.cpp", "return force * (grown * grown - 1.0);", "return force * (({n} ? std::sqrt(grown) : grown * grown) - 1.0);"),
+    265: ("solver/live/live_frame.cpp", "std::min(1.0, -2.0 * apart / frame.depth)", "std::min(1.0, -({n} ? 0.5 : 2.0) * apart / frame.depth)"),
+    266: ("solver/live/progress.hpp", "if (evaluations >= live_constants.fruitless_evaluations ||", "if ((!{n} && evaluations >= live_constants.fruitless_evaluations) ||"),
 }
 
 

@@ -13,6 +13,7 @@
 #include "io/error.hpp"
 #include "solver/live/between_frames.hpp"
 #include "solver/live/known_states.hpp"
+#include "solver/live/progress.hpp"
 #include "solver/session.hpp"
 #include "tests/helpers/block.hpp"
 
@@ -251,6 +252,25 @@ TEST(Live, ThePapersSchemeIsRefusedInWords) {
   }
   EXPECT_THROW(session.follow(std::numeric_limits<double>::quiet_NaN(), {.evaluations = 8}),
                std::invalid_argument);
+}
+
+TEST(Progress, AToolHasStoppedAfterTooManyFramesOrEvaluationsUntilItComesNearer) {
+  using State = Progress::State;
+  Progress progress;
+  for (int k = 1; k < 100; ++k) progress.come_no_nearer(2);
+  EXPECT_EQ(progress.state, State::advances);
+  progress.come_no_nearer(2);
+  EXPECT_EQ(progress.state, State::stopped) << "100 frames";
+  progress.come_nearer();
+  EXPECT_EQ(progress.state, State::advances);
+  progress.come_no_nearer(299);
+  EXPECT_EQ(progress.state, State::advances);
+  progress.come_no_nearer(1);
+  EXPECT_EQ(progress.state, State::stopped) << "300 evaluations";
+  progress.come_nearer();
+  progress.stop();
+  progress.come_no_nearer(1);
+  EXPECT_EQ(progress.state, State::stopped);
 }
 
 TEST(KnownStates, APathThatIsACubicOverTheDepthIsKnownFromFourOfItsPoints) {

@@ -1,0 +1,156 @@
+// An organ under a live tool: its nodes at a place, the sessions on them and their cuts.
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "apps/run/compatibility.hpp"
+#include "apps/run/cuts.hpp"
+#include "apps/run/live.hpp"
+#include "apps/run/live_making.hpp"
+#include "apps/run/loads.hpp"
+#include "apps/run/steps.hpp"
+#include "apps/run/supports.hpp"
+#include "apps/run/tool.hpp"
+#include "apps/run/tool_band.hpp"
+#include "io/error.hpp"
+#include "preprocess/output/carry_back.hpp"
+
+namespace dimple {
+
+LiveOrgan read_live_organ(const Config& config, const RunObserver& observer) {
+  LiveOrgan live{.config = config, .result = {}};
+  const RunLog log{observer, live.result};
+  check_pairs(config, Feature::by_hand);
+  if (tool_of(config)) check_pairs(config, Feature::touching_by_hand);
+  check_loads(config);
+  check_supports(config);
+  check_tool(config);
+  live.config.load.self_contact = "off";
+  live.organ.emplace(read_organ({.config = live.config}, model_options(config), log, live.result));
+  live.materials = materials_of(config);
+  live.shape = tool_of(live.config);
+  live.base = find_boundary(live.organ->body->surface, live.organ->options.boundary);
+  for (const std::string& warning : live.base->warnings) log.warn(warning);
+  return live;
+}
+
+Site site_at(const LiveOrgan& live, const std::optional<Vec3>& tip) {
+  ModelOptions options = live.organ->options;
+  if (tip)
+    options.boundary.indent_at = fmt::format("{},{},{}", 1e3 * tip->x(), 1e3 * tip->y(), 1e3 * tip->z());
+  return find_site(live.organ->body->surface, options, live.base ? &*live.base : nullptr);
+}
+
+SessionGiven given_of(const LiveOrgan& live) {
+  const SegmentedBody& body = *live.organ->body;
+  return {live.config, live.materials, live.organ->label_names, &body.surface, body.report.step_mm};
+}
+
+namespace {
+
+// The nodes that a piece of the body is held by.
+std::vector<Index> held_nodes(const SessionGiven& given, const Model& model) {
+  std::vector<Index> held = model.base;
+  if (!tool_of(given.config) && loading_of(given.config).contact == Contact::bonded)
+    held.insert(held.end(), model.circle.begin(), model.circle.end());
+  for (const HeldSet& set : supports_of(given.config, model, given.label_names).sets)
+    if (set.hold == HeldSet::Hold::all) held.insert(held.end(), set.node.begin(), set.node.end());
+  return held;
+}
+
+// A bonded circle's nodes would hold both banks.
+void refuse_under_circle(const SessionGiven& given, const Model& model, const Sheet& sheet) {
+  if (tool_of(given.config) || loading_of(given.config).contact != Contact::bonded) return;
+  for (const Index a : model.circle)
+    if (sheet.between(model.X.col(a), model.X.col(model.circle.front())))
+      throw ModelError({.fact = "the cut passes under the circle",
+                        .where = "cut",
+                        .why = "the circle's nodes would hold both banks",
+                        .remedy = "cut beside it, or press with --tool sphere:5mm, which touches alone",
+                        .code = "cut"});
+}
+
+SheetCut cut_model(const SessionGiven& given, const Model& model, const std::shared_ptr<const Sheet>& sheet) {
+  refuse_under_circle(given, model, *sheet);
+  const std::vector<double> density = tissues_of(given.config, given.label_names, model).density;
+  return cut_by_sheet(model, sheet, density, held_nodes(given, model));
+}
+
+}  // namespace
+
+Session session_on(const SessionGiven& given, Model model) {
+  Loads loads = loads_of(given.config, model, model.surface);
+  std::shared_ptr<const Touch> its_touch = touch_of(given.config, model);
+  std::vector<HeldSet> supports = supports_of(given.config, model, given.label_names).sets;
+  return Session(std::move(model), given.materials,
+                 {.contact = loading_of(given.config).contact,
+                  .precision = precision_of(given.config),
+                  .tolerance = given.config.solver.tolerance,
+                  .further = std::move(supports),
+                  .loads = std::move(loads),
+                  .touch = std::move(its_touch)});
+}
+
+Session touch(const LiveOrgan& live, Index nodes, const Site& site, const Sheets& sheets, Index* left_out) {
+  ModelOptions options = live.organ->options;
+  options.cloud.count = nodes;
+  options.cloud.spacing_mm = 0.0;
+  const LabelAt label_at = labels_of(live.config, *live.organ, live.result.image);
+  Discretisation places = discretise(live.organ->body->surface, options, label_at, site).places;
+  const TissueOptions tissues = tissues_of(live.config, live.organ->label_names, places);
+  Eigen::VectorXi tissue = tissue_of_points(places, tissues);
+  Model model = make_model(std::move(places), options.scheme, std::move(tissue), tissues.density);
+  for (const std::shared_ptr<const Sheet>& sheet : sheets) try {
+      model = cut_model(given_of(live), model, sheet).model;
+    } catch (const ModelError&) {
+      if (left_out) ++*left_out;
+    }
+  return session_on(given_of(live), std::move(model));
+}
+
+namespace {
+
+// Forces at equilibria down to one radius, of a tool that touches to 0.8, as far as there are any.
+std::vector<ForceSample> forces_to_radius(Session& session) {
+  const double deepest = (session.touch() ? deepest_with_tool_band : 1.0) * session.tool().radius;
+  std::vector<ForceSample> curve = {{}};
+  for (int k = 1; k <= 4; ++k) {
+    const LiveFrame frame = session.follow(0.25 * k * deepest, {.evaluations = 500});
+    if (frame.tool != LiveFrame::Tool::there) break;
+    curve.push_back({.t = 0.0, .depth = frame.depth, .force = frame.force, .base_force = frame.force});
+  }
+  session.lift();
+  return curve;
+}
+
+}  // namespace
+
+TriedTouch try_touch(const LiveOrgan& live, Index nodes, const Site& site, const Sheets& sheets) {
+  Index left_out = 0;
+  TriedTouch tried{.session = touch(live, nodes, site, sheets, &left_out), .cuts = sheets.size()};
+  tried.left_out = left_out;
+  std::vector<ForceSample> fine = forces_to_radius(tried.session);
+  // The band was measured for nothing else, and of a tool that touches with other clouds.
+  if (!has_tool_alone(live.config) || tried.session.touch() || !sheets.empty()) return tried;
+  if (nodes < fewest_nodes_with_band(live.result.facing_share) || fine.size() < 2) return tried;
+  Session coarse = touch(live, std::max(first_nodes, nodes / 4), site);
+  std::vector<ForceSample> its = forces_to_radius(coarse);
+  fine.resize(std::min(fine.size(), its.size()));
+  its.resize(fine.size());
+  if (fine.size() > 1) tried.fine = std::move(fine), tried.coarse = std::move(its);
+  return tried;
+}
+
+CutSession cut_session(const SessionGiven& given, const Model& before, const Points& u,
+                       const Stroke& stroke) {
+  constexpr double fields = 6.0;  // along a stroke: as far as a short one may be bent
+  const double step = std::max({given.step_mm, 1e3 * (stroke.to - stroke.from).norm() / fields, 1e-3});
+  const TriangleMesh blade =
+      stroke_at_rest(1e3 * stroke.from, 1e3 * stroke.to, 1e3 * stroke.depth, step, before, u, *given.rest);
+  const auto sheet = std::make_shared<const Sheet>(1e-3 * blade.vertex, blade.triangles);
+  SheetCut cut = cut_model(given, before, sheet);
+  Session session = session_on(given, std::move(cut.model));
+  return {std::move(session), sheet, std::move(cut)};
+}
+
+}  // namespace dimple

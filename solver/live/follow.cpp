@@ -1,0 +1,286 @@
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <limits>
+
+#include "solver/live/session_parts.hpp"
+#include "solver/march/quasi_static.hpp"
+
+namespace dimple {
+
+// Where the equilibrium at a depth is looked for.
+void Session::Parts::guess(double to, Nodal& next, Eigen::VectorXd& l) const {
+  if (known.state.size() < 2) {
+    next = system->step_start().u;
+    l = system->step_start().lambda;
+    if (!options.touch) first_guess(model, model.tool.push, to, next);
+  } else if (system->viscoelastic() || (depth > known.deepest() && to > depth)) {
+    // What relaxes has no curve of states; and where the tool is may be known less well than close by.
+    const KnownStates::Slope slope = known.slope(depth);
+    next = u + (to - depth) * slope.u;
+    l = lambda + (to - depth) * slope.lambda;
+    system->bring_back(l);
+  } else {
+    known.guess(to, next, l);
+    system->bring_back(l);
+  }
+  system->set({.depth = to}, next);
+}
+
+// The next place on the way: as near to what is known as can be trusted.
+double Session::Parts::towards(double asked) const {
+  if (known.state.size() < 2) return known.apart;
+  const double way = caution * longest;
+  if (system->viscoelastic()) return std::clamp(asked, depth - way, depth + way);
+  return std::min(asked, std::max(known.deepest(), depth) + way);
+}
+
+// Elastic tissue under a bonded tool pushes back: a state in which it does not lies on another branch.
+bool Session::Parts::pushes_back(const Attempt& now, const Nodal& force,
+                                 const MixedIteration::Left& its) const {
+  const double at = now.at;
+  if (system->viscoelastic() || at <= 0.0 || moves_supports) return true;
+  const double raw = resistance(now.u, now.lambda, force, at);
+  return raw > 0.0 && (known.state.size() < 2 || raw + correction_at(at, its) > 0.0);
+}
+
+bool Session::Parts::good(const Relaxed& found, const Nodal& its, double at) const {
+  const double reach = system->viscoelastic() ? std::max({at, depth, known.deepest()}) : at;
+  return std::isfinite(found.residual) && found.residual < live_constants.shown && found.sweep.ok() &&
+         static_cast<double>(found.sweep.inverted) <=
+             live_constants.folded * static_cast<double>(model.point_count()) &&
+         (its - system->step_start().u).colwise().norm().maxCoeff() <
+             live_constants.widest * longest_share(options.further) * reach;
+}
+
+// Of a tool that touches, after resistance(): as a run's guards ask, it stays out of the body.
+bool Session::Parts::touches_well(const Attempt& now, const MixedIteration::Left& its) const {
+  if (!options.touch) return true;
+  if (its.contact > live_constants.open_contact) return false;
+  const TouchingTool::Audit audit = system->touching()->audit(now.u, system->now());
+  return audit.penetration <= live_constants.deepest_in_tool * tool.radius &&
+         audit.beyond <= live_constants.beyond_samples * tool.radius;
+}
+
+bool Session::Parts::is_good(const Attempt& now, const Relaxed& found, const Nodal& force,
+                             const MixedIteration::Left& its) const {
+  return good(found, now.u, now.at) && pushes_back(now, force, its) && touches_well(now, its);
+}
+
+// One call of follow(): searches for equilibria on the way to where the tool is to be, one after the other.
+struct Session::Parts::Call {
+  // What the next search is for. One function per transition:
+  //
+  //     ahead -> ahead     take(), with a way left; shorten()
+  //     ahead -> back      go_back()
+  //     ahead -> done      take(); refine_later(); shorten(), when the time is up
+  //     ahead -> stopped   shorten()
+  //     back -> done       take(), or nothing is found
+  enum class Search {
+    ahead,   // the next equilibrium on the way
+    back,    // the known state that is nearest, as nothing between was found
+    done,    // none: the frame shows what there is
+    stopped  // none: no equilibrium is found any deeper
+  };
+
+  Call(double asked_, double most, const FrameLimit& limit, double tolerance, Clock::duration beside)
+      : asked(asked_),
+        to(std::clamp(asked_, 0.0, most)),
+        timed(limit.evaluations == 0),
+        begin(timed ? Clock::now() : Clock::time_point()),
+        how{.tolerance = tolerance, .evaluations = timed ? 100000 : limit.evaluations},
+        all(how.evaluations) {
+    if (timed)
+      how.until = begin +
+                  std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(limit.seconds)) -
+                  beside - beside / 2;
+  }
+  Search next = Search::ahead;
+  double asked, to;  // where the tool is to be, and where that is in the body
+  bool timed;
+  Clock::time_point begin;
+  RelaxOptions how;  // for the rest of the call
+  std::int64_t all;
+  Clock::duration iterating{};
+  bool time_is_up = false, moved = false;
+  Attempt now;  // what is tried
+  Nodal force;
+  MixedIteration::Left left;
+  bool searches() const { return next == Search::ahead || next == Search::back; }
+  bool arrives() const { return now.at == to; }
+};
+
+LiveFrame Session::Parts::follow(double asked, const FrameLimit& limit, double dt) {
+  Call call(asked, longest_tool, limit, options.tolerance, beside);
+  const double from = depth;
+  const bool was_cut = state == State::cut;
+  call.force.resize(4, u.cols());
+  system->begin_step(waited += dt);
+  v.setZero();
+  const std::int64_t at_first = lacks_first_contact(call) ? find_first_contact() : 0;
+  if (call.to > 0.0 || (system->viscoelastic() && asked == 0.0 && state != State::air))
+    while (call.searches()) come_nearer(call);
+  else
+    lift();
+  if (call.moved) {
+    if (system->viscoelastic()) system->accept_step(u);
+    waited = 0.0;
+  }
+  path.point.clear();
+  path.push(depth, u, lambda);
+  LiveFrame frame = frame_at_depth(asked, at_first + call.all - call.how.evaluations);
+  const bool is_cut = state == State::cut, arrived = depth == call.to && !is_cut;
+  if (arrived || depth != from || is_cut != was_cut)
+    progress.come_nearer();
+  else
+    progress.come_no_nearer(frame.evaluations);
+  if (!arrived && call.next == Call::Search::stopped) progress.stop();
+  tell_whether_there(frame, call, arrived);
+  if (call.timed) beside += (Clock::now() - call.begin - call.iterating - beside) / 5;
+  return frame;
+}
+
+// Its status, and the error of the pose that was asked for.
+void Session::Parts::tell_whether_there(LiveFrame& frame, const Call& call, bool arrived) const {
+  using Tool = LiveFrame::Tool;
+  const bool stuck = progress.state == Progress::State::stopped;
+  frame.tool = arrived ? Tool::there : stuck ? Tool::stopped : Tool::lags;
+  if (call.to > thick || call.asked > longest_tool) frame.tool = Tool::beyond;
+  const bool unknown = frame.tool == Tool::stopped || frame.tool == Tool::beyond;
+  frame.error = unknown ? std::numeric_limits<double>::infinity()
+                        : frame.error_at_depth + force_apart(frame, call.to - depth);
+}
+
+bool Session::Parts::lacks_first_contact(const Call& call) const {
+  const bool has_begun = state == State::cut && begun;
+  return options.touch && call.to > 0.0 && known.state.size() < 2 && !has_begun;
+}
+
+// From rest there is nothing to begin with, and few evaluations get nowhere: once, it takes more. A contact
+// that is too small for the nodes may not be found; then a deeper one is tried.
+std::int64_t Session::Parts::find_first_contact() {
+  std::int64_t evaluations = 0;
+  const double deepest = live_constants.deepest_first * tool.radius;
+  const RelaxOptions how{.tolerance = options.tolerance, .evaluations = live_constants.for_first};
+  for (double at = known.apart; at <= deepest && known.state.size() < 2; at *= 2.0) {
+    Attempt now{.at = at, .residual = 0.0, .u = u, .lambda = lambda};
+    Nodal force(4, u.cols());
+    MixedIteration::Left its;
+    guess(at, now.u, now.lambda);
+    const Relaxed found = relax.mixed().within(now.u, now.lambda, force, how, true, its);
+    evaluations += found.evaluations;
+    if (!is_good(now, found, force, its)) continue;
+    known.add({at, now.u, now.lambda, found.residual, resistance(now.u, now.lambda, force, at)});
+  }
+  gradient_at = -1.0;
+  return evaluations;
+}
+
+// From the state that is tried, whichever that is. True: what it found is good enough to be shown.
+bool Session::Parts::search(Call& call, bool anew, Relaxed& found) {
+  system->set({.depth = call.now.at});
+  found = relax.mixed().within(call.now.u, call.now.lambda, call.force, call.how, anew, call.left);
+  call.how.evaluations -= found.evaluations;
+  call.time_is_up = call.how.evaluations < 1 || call.left.late;
+  return is_good(call.now, found, call.force, call.left);
+}
+
+// One search for an equilibrium.
+void Session::Parts::come_nearer(Call& call) {
+  const Clock::time_point lap = call.timed ? Clock::now() : Clock::time_point();
+  look_for_place(call);
+  const Attempt& now = call.now;
+  call.how.tolerance =
+      call.arrives() ? options.tolerance : std::max(options.tolerance, live_constants.passed);
+  const bool anew =
+      gradient_at < 0.0 || std::abs(now.at - gradient_at) > live_constants.gradient_good * tool.radius;
+  if (anew) gradient_at = now.at;
+  Relaxed found;
+  bool is_well = search(call, anew, found);
+  // On the way little is asked of a state: what is not good then may be where more is asked.
+  if (!is_well && !call.time_is_up && call.how.tolerance > options.tolerance &&
+      found.residual < call.how.tolerance) {
+    call.how.tolerance = options.tolerance;
+    is_well = search(call, false, found);
+  }
+  if (call.timed) call.iterating += Clock::now() - lap;
+  if (is_well)
+    take(call, found.residual);
+  else
+    miss(call, found.residual);
+}
+
+// Where the next equilibrium is looked for, and from which state.
+void Session::Parts::look_for_place(Call& call) {
+  Attempt& now = call.now;
+  if (call.next == Call::Search::back) {
+    const KnownStates::State& near = known.nearest(call.to);
+    now = {.at = near.at, .residual = 0.0, .u = near.u, .lambda = near.lambda};
+  } else if (begun && (begun->at <= call.to || known.state.size() < 2)) {
+    now = std::move(*begun);
+  } else if (now.at = towards(call.to), now.residual = 0.0; now.at == depth && depth > 0.0) {
+    now.u = u;
+    now.lambda = lambda;
+  } else {
+    guess(now.at, now.u, now.lambda);
+  }
+  begun.reset();
+}
+
+// The state that was found is shown from now on.
+void Session::Parts::take(Call& call, double its_residual) {
+  u.swap(call.now.u), lambda.swap(call.now.lambda), f.swap(call.force);
+  std::swap(left, call.left);
+  depth = call.now.at;
+  touch(its_residual);
+  call.moved = true;
+  caution = std::min(1.0, 1.3 * caution);
+  const LiveFrame here = frame_at_depth(call.asked, 0);
+  known.add({depth, u, lambda, system->viscoelastic() ? 0.0 : residual, here.force, here.per_force});
+  const bool continues = call.next == Call::Search::ahead && !call.arrives() && !call.time_is_up;
+  call.next = continues ? Call::Search::ahead : Call::Search::done;
+}
+
+// After a search without a state to be shown: what the next one tries.
+void Session::Parts::miss(Call& call, double its_residual) {
+  const Attempt& now = call.now;
+  const bool nears = std::isfinite(its_residual) &&
+                     (now.residual == 0.0 || its_residual < live_constants.nears * now.residual);
+  if (call.next == Call::Search::back)
+    call.next = Call::Search::done;
+  else if (now.at < depth && !system->viscoelastic())
+    go_back(call);
+  else if (call.time_is_up && nears)
+    refine_later(call, its_residual);
+  else
+    shorten(call);
+}
+
+// A tool that is lifted again must follow, by what is known if not by what lies between.
+void Session::Parts::go_back(Call& call) {
+  gradient_at = -1.0;
+  call.how.evaluations = std::max<std::int64_t>(call.how.evaluations, 1);
+  call.next = Call::Search::back;
+}
+
+// The next frame begins with what this one came to.
+void Session::Parts::refine_later(Call& call, double its_residual) {
+  call.now.residual = its_residual;
+  begun = std::move(call.now);
+  call.next = Call::Search::done;
+}
+
+// The next search goes half as far, but for one that is too short already.
+void Session::Parts::shorten(Call& call) {
+  using Search = Call::Search;
+  caution *= 0.5;
+  gradient_at = -1.0;
+  if (caution >= live_constants.slowest) {
+    call.next = call.time_is_up ? Search::done : Search::ahead;
+  } else {
+    caution = 2.0 * live_constants.slowest;
+    call.next = Search::stopped;
+  }
+}
+
+}  // namespace dimple

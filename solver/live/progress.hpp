@@ -1,0 +1,30 @@
+#pragma once
+
+#include "solver/live/live_constants.hpp"
+
+namespace dimple {
+
+/// Whether a tool that is followed still comes nearer to where it is to be. One function per transition:
+///
+///     advances -> stopped   stop(); come_no_nearer() too often
+///     stopped -> advances   come_nearer(), which an arrival is too
+struct Progress {
+  enum class State { advances, stopped };
+  State state = State::advances;
+  std::int64_t evaluations = 0;  ///< of the force, since the tool came nearer
+  std::int64_t frames = 0;       ///< likewise
+
+  /// A frame has brought the tool nearer, or to where it is to be.
+  void come_nearer() { *this = {}; }
+  /// A frame has not, and took so many evaluations of the force.
+  void come_no_nearer(std::int64_t its_evaluations) {
+    evaluations += its_evaluations;
+    frames += 1;
+    if (evaluations >= live_constants.fruitless_evaluations || frames >= live_constants.fruitless_frames)
+      stop();
+  }
+  /// No equilibrium is found any deeper, however short the way.
+  void stop() { state = State::stopped; }
+};
+
+}  // namespace dimple

@@ -1,0 +1,124 @@
+#pragma once
+
+#include <chrono>
+#include <limits>
+#include <optional>
+
+#include "solver/equilibrium/relax.hpp"
+#include "solver/live/known_states.hpp"
+#include "solver/live/progress.hpp"
+#include "solver/march/predictor.hpp"
+#include "solver/session.hpp"
+
+namespace dimple {
+
+/// All of a Session: its body, where its tool is, and how far the advance of the tool has come. SI units.
+/// Moves to an equilibrium and with inertia are in session.cpp, the advance within a frame in
+/// live/follow.cpp, and what a frame reports in live/live_frame.cpp.
+struct Session::Parts {
+  /// Throws SolveError as Session does.
+  Parts(Model m, std::vector<Material> materials, const SessionOptions& o);
+
+  /// Where the tool is and what the state that is shown belongs to. One function per transition:
+  ///
+  ///     touching, cut -> air   lift(); of touching also to_equilibrium() at rest
+  ///     air, cut -> touching   touch(): an equilibrium is shown
+  ///     air -> touching        move_freely(): with inertia
+  ///     air -> cut             go_on_from(): in the session of the cut body
+  enum class State {
+    air,       ///< the tool is lifted, the body is at rest
+    touching,  ///< the tool is in the body, which is near an equilibrium or moves with its inertia
+    cut        ///< of the body before a blade cut it: no equilibrium of the cut body is known yet
+  };
+  State state = State::air;
+
+  /// State that is tried for the equilibrium at a depth.
+  struct Attempt {
+    double at = 0.0;        ///< depth [m]
+    double residual = 0.0;  ///< that an earlier frame came to; 0: none looked for it
+    Nodal u;                ///< [4xN] m
+    Eigen::VectorXd lambda;
+  };
+
+  Model model;
+  SessionOptions options;
+  ForceSystem tissue;
+  std::unique_ptr<System> system;
+  Relaxation relax;
+  Nodal u, v, f;           ///< [4xN] m, m/s, N: the state that is shown
+  Eigen::VectorXd lambda;  ///< [patches, samples] as MixedIteration calls it
+  bool moves_supports;     ///< which may draw the tissue away from the tool
+  ToolPlace tool;          ///< see Session::tool()
+  double longest;          ///< move of the tool between two equilibria [m]
+  double thick;            ///< of the body along the push, from where the tool touches it [m]
+  double longest_tool = std::numeric_limits<double>::infinity();  ///< [m]
+  Predictor path{2};                                              ///< the last equilibria
+  double depth = 0.0;                                             ///< of the tool [m]
+
+  // Of follow().
+  using Clock = std::chrono::steady_clock;
+  KnownStates known;
+  MixedIteration::Left left;      ///< at u
+  double residual = 0.0;          ///< there
+  double caution = 1.0;           ///< fraction of `longest` that is tried
+  double gradient_at = -1.0;      ///< depth of dJ/du [m]; negative: none serves
+  Clock::duration beside{};       ///< what a frame takes beside the iteration, mean of the last few
+  std::optional<Attempt> begun;   ///< an equilibrium that is not good enough yet: the next frame refines it
+  Progress progress;              ///< of the tool to where it is to be
+  std::vector<double> untouched;  ///< what tissue that relaxes remembers where it was never touched
+  double waited = 0.0;            ///< time that such tissue has not been followed through [s]
+
+  // Transitions of `state`.
+  void lift();
+  void touch(double its_residual);
+  void move_freely();
+  void go_on_from(const Parts& before, const Points& its, const std::vector<Index>& of_patch);
+
+  // Moves, as those of Session.
+  std::int64_t equilibrate(double to, double dt);
+  std::int64_t step(double to, double dt);
+  LiveFrame follow(double asked, const FrameLimit& limit, double dt);
+
+  /// The force on the tool along its push at a state [N]; the contact is of there from now on.
+  double resistance(const Nodal& its, const Eigen::VectorXd& l, const Nodal& force, double at) const;
+  /// The frame of the state that is shown, but for its status and for its error at the pose requested.
+  LiveFrame frame_at_depth(double asked, std::int64_t evaluations) const;
+
+ private:
+  struct Call;
+  void require_curve_of_equilibria() const;
+  void nothing_left();
+  void lie_at_rest();
+
+  void look_ahead(double to);
+  std::int64_t to_equilibrium(double to);
+  std::int64_t count_steps(double dt);
+  void find_force();
+  template <class Move>
+  std::int64_t whole(const Move& move);
+
+  void guess(double to, Nodal& next, Eigen::VectorXd& l) const;
+  double towards(double asked) const;
+  bool pushes_back(const Attempt& now, const Nodal& force, const MixedIteration::Left& its) const;
+  bool good(const Relaxed& found, const Nodal& its, double at) const;
+  bool touches_well(const Attempt& now, const MixedIteration::Left& its) const;
+  bool is_good(const Attempt& now, const Relaxed& found, const Nodal& force,
+               const MixedIteration::Left& its) const;
+
+  bool lacks_first_contact(const Call& call) const;
+  std::int64_t find_first_contact();
+  bool search(Call& call, bool anew, Relaxed& found);
+  void come_nearer(Call& call);
+  void look_for_place(Call& call);
+  void take(Call& call, double its_residual);
+  void miss(Call& call, double its_residual);
+  void go_back(Call& call);
+  void refine_later(Call& call, double its_residual);
+  void shorten(Call& call);
+  void tell_whether_there(LiveFrame& frame, const Call& call, bool arrived) const;
+
+  double correction_at(double at, const MixedIteration::Left& its) const;
+  Wrench per_force(const LiveFrame& frame) const;
+};
+
+}  // namespace dimple
