@@ -238,21 +238,12 @@ Mat3 distortional_second_stress(const Material& m, const Mat3& F) {
   return parts.A + parts.b * inverse_J * (cof.transpose() * cof);  // cof C = cof(F)^T cof F
 }
 
-double strain_energy(const Material& m, const Mat3& F) {
-  const double dilation = F.determinant() - 1.0;
-  return distortional_energy(m, F) + 0.5 * m.kappa * dilation * dilation;
-}
-
 Mat3 pk1_stress(const Material& m, const Mat3& F) {
   const double J = F.determinant();
   if (is_as_printed(m))
     return m.mu * isochoric_factor(J).value * F + (m.kappa - 2.0 / 3.0 * m.mu) * (J - 1.0) * cofactor(F);
   const Parts parts = stress_parts(m, F, J);
   return F * parts.A + (m.kappa * (J - 1.0) + parts.b) * cofactor(F);
-}
-
-Mat3 cauchy_stress(const Material& m, const Mat3& F) {
-  return pk1_stress(m, F) * F.transpose() / F.determinant();
 }
 
 double pointwise_bulk_modulus(const Material& m) {
@@ -317,19 +308,7 @@ std::vector<Preset> material_presets() {
                                        .ogden_alpha = {-4.7},
                                        .prony_g = {0.450, 0.365},
                                        .prony_tau_s = {0.5, 50.0}};
-  return {
-      {"horton_2007",
-       "Horton, Wittek, Miller, Subject-Specific Biomechanical Simulation of Brain Indentation Using a "
-       "Meshless "
-       "Method, MICCAI 2007, LNCS 4791: swine brain, neo-Hookean, mu 210 Pa, nu 0.499, 1000 kg/m^3",
-       horton},
-      {"miller_chinzei_2002",
-       "Miller, Chinzei, Mechanical properties of brain tissue in tension, J. Biomechanics 35 (2002) "
-       "483-490: "
-       "swine brain, Ogden, instantaneous mu 842 Pa, alpha -4.7; relaxing 0.450 in 0.5 s and 0.365 in 50 s. "
-       "Incompressible there: nu 0.499 and 1000 kg/m^3 are ours",
-       miller_chinzei},
-  };
+  return {{"horton_2007", horton}, {"miller_chinzei_2002", miller_chinzei}};
 }
 
 MaterialNumbers numbers_of_preset(const std::string& name) {
@@ -342,10 +321,6 @@ MaterialNumbers numbers_of_preset(const std::string& name) {
                     .where = "material",
                     .why = "presets are named after their paper: family names and year",
                     .remedy = "use one of: " + names});
-}
-
-Material material_preset(const std::string& name) {
-  return material_from(numbers_of_preset(name));
 }
 
 namespace {

@@ -154,13 +154,9 @@ Mat3 distortional_stress(const Material& material, const Mat3& F);
 /// replaced by J / max(J^2, 0.05^2): exact for |J| >= 0.05, bounded and continuous within.
 Mat3 distortional_second_stress(const Material& material, const Mat3& F);
 
-/// Stored energy per reference volume [J/m^3] at deformation gradient F: of distortion, + kappa/2 (J - 1)^2.
-/// With a Prony series, the energy of instantaneous loading.
-double strain_energy(const Material& material, const Mat3& F);
-
 /// First Piola-Kirchhoff stress P = F S [Pa], S the second; with a Prony series, of instantaneous loading.
 ///
-///     P = dW/dF = distortional stress + kappa (J - 1) cof F
+///     P = dW/dF = distortional stress + kappa (J - 1) cof F,   W = distortional energy + kappa/2 (J - 1)^2
 ///
 /// which for the neo-Hookean law, and J >= 0.05, is P = F S with
 ///
@@ -172,9 +168,6 @@ double strain_energy(const Material& material, const Mat3& F);
 ///           printed W, nor of any W. We take the stress of the W above; PrintedNeoHookean gives the paper's.
 /// Checked:  against finite differences of W.
 Mat3 pk1_stress(const Material& material, const Mat3& F);
-
-/// Cauchy stress sigma = P F^T / J [Pa]. Needs: J not 0.
-Mat3 cauchy_stress(const Material& material, const Mat3& F);
 
 /// cof F = J F^-T without a division: column k is the area vector of the other two.
 Mat3 cofactor(const Mat3& F);
@@ -236,15 +229,20 @@ struct ViscousHistory {
 
 /// A published set of parameters.
 struct Preset {
-  std::string name;      ///< as typed: family name and year
-  std::string citation;  ///< where the numbers stand, and what was chosen that does not stand there
+  std::string name;  ///< as typed: family name and year
   MaterialNumbers numbers;
 };
 
+/// The published sets, both of swine brain.
+///
+/// Source:   horton_2007: Horton, Wittek, Miller, Subject-Specific Biomechanical Simulation of Brain
+///           Indentation Using a Meshless Method, MICCAI 2007, LNCS 4791.
+///           miller_chinzei_2002: Miller, Chinzei, Mechanical properties of brain tissue in tension,
+///           J. Biomechanics 35 (2002) 483-490.
+/// Departs:  the tissue of 2002 is incompressible in the paper; nu 0.499 and 1000 kg/m^3 are our choice.
 std::vector<Preset> material_presets();
 
 /// Throws: UsageError if there is none of that name; it lists all names.
 MaterialNumbers numbers_of_preset(const std::string& name);
-Material material_preset(const std::string& name);
 
 }  // namespace dimple

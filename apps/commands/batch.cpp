@@ -10,6 +10,7 @@
 #include "apps/commands/log.hpp"
 #include "apps/commands/terminal.hpp"
 #include "apps/run/stopwatch.hpp"
+#include "apps/run/summary.hpp"
 #include "apps/studies/cohort.hpp"
 #include "io/stop.hpp"
 #include "io/text.hpp"
@@ -18,7 +19,6 @@ namespace dimple {
 namespace {
 
 using How = CaseEnd::How;
-using Json = nlohmann::ordered_json;
 
 struct BatchArguments {
   Flags flags;
@@ -63,19 +63,15 @@ void print_ends(const Cohort& cohort, const std::vector<CaseEnd>& ends, double s
     out[name] = left(how);
   out["failed"] = Json::array();
   for (std::size_t row = 0; row < ends.size(); ++row)
-    if (const CaseEnd& end = ends[row]; end.how == How::failed)
-      out["failed"].push_back({{"row", row + 1},
-                               {"id", cohort.id(row)},
-                               {"exit_code", static_cast<int>(end.code)},
-                               {"code", end.reason.code},
-                               {"fact", end.reason.fact},
-                               {"where", end.reason.where},
-                               {"why", end.reason.why},
-                               {"remedy", end.reason.remedy}});
+    if (const CaseEnd& end = ends[row]; end.how == How::failed) {
+      Json failure = {{"row", row + 1}, {"id", cohort.id(row)}, {"exit_code", static_cast<int>(end.code)}};
+      failure.update(report_json(end.reason));
+      out["failed"].push_back(std::move(failure));
+    }
   for (const auto& [name, how] :
        {std::pair{"interrupted", How::interrupted}, std::pair{"not_begun", How::not_begun}})
     out[name] = left(how);
-  print_json(out.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
+  print_json(as_text(out));
 }
 
 // Counted from 1, of the row with that id.

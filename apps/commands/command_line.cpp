@@ -14,6 +14,8 @@
 #include "apps/commands/log.hpp"
 #include "apps/commands/slicer.hpp"
 #include "apps/commands/terminal.hpp"
+#include "apps/run/result_folder.hpp"
+#include "apps/run/summary.hpp"
 #include "apps/run/unless_stopped.hpp"
 #include "io/error.hpp"
 #include "io/text.hpp"
@@ -102,18 +104,11 @@ int report(const Error& error, bool json) {
   text += fmt::format("  code:  {}\n", printable(r.code));
   clear_stage_line();
   print_error(text);
-  if (json)
-    print_json(
-        nlohmann::ordered_json({{"status", error.code == ExitCode::interrupted ? "interrupted" : "failed"},
-                                {"exit_code", static_cast<int>(error.code)},
-                                {"failure",
-                                 {{"code", r.code},
-                                  {"fact", r.fact},
-                                  {"where", r.where},
-                                  {"why", r.why},
-                                  {"remedy", r.remedy}}}})
-            .dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace) +
-        "\n");
+  if (json) {
+    Json ended;
+    end_otherwise(ended, error);
+    print_json(as_text(ended));
+  }
   return static_cast<int>(error.code);
 }
 

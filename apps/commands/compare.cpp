@@ -1,5 +1,6 @@
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <iterator>
@@ -8,12 +9,9 @@
 #include "apps/commands/command.hpp"
 #include "apps/commands/log.hpp"
 #include "apps/commands/terminal.hpp"
-#include "apps/run/checkpoint.hpp"
-#include "apps/run/summary.hpp"
+#include "apps/studies/read_results.hpp"
 #include "io/digits.hpp"
 #include "io/draw/chart.hpp"
-#include "io/file.hpp"
-#include "io/table.hpp"
 #include "io/text.hpp"
 #include "io/units.hpp"
 #include "io/words.hpp"
@@ -23,116 +21,11 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// What a finished run has left in its folder.
-struct FinishedRun {
-  std::string folder;  // as it was given, fit for a message
-  Json summary;
-  std::map<std::string, std::string> options;  // of config.resolved.toml
-  std::vector<ForceSample> curve;              // without the row at rest; SI
-  std::vector<double> half;                    // of the band at each of them [N], or none
-  std::string no_band;                         // why there is none
-  std::string image_sha256;                    // empty: it is not known
-  double cut_area = 0.0;                       // of all its cuts [m^2]
-  double stored = 0.0;                         // energy at the end [J]
-};
-
-[[noreturn]] void refuse(const std::string& fact, const std::string& where, const std::string& why,
-                         const std::string& remedy) {
-  throw InputError({.fact = fact, .where = where, .why = why, .remedy = remedy});
-}
-
-Json summary_in(const fs::path& folder, const std::string& name) {
-  const std::string remedy = "give the folder that `dimple run -o` has filled";
-  std::error_code ignored;
-  if (!fs::is_directory(folder, ignored))
-    refuse(fmt::format("there is no folder {}", name), "command line", "a run's results are a folder",
-           remedy);
-  if (!fs::is_regular_file(folder / "summary.json", ignored)) {
-    if (fs::exists(folder / checkpoint_file, ignored))
-      refuse(fmt::format("the run in {} is not finished", name), name,
-             "it has left a checkpoint and no summary.json", "end it with --resume, then compare");
-    refuse(fmt::format("{} holds no run", name), name, "there is no summary.json in it", remedy);
-  }
-  const Json summary = Json::parse(read_file(folder / "summary.json"), nullptr, false);
-  if (!summary.is_object() || !summary.contains("status") || !summary.at("status").is_string())
-    refuse(fmt::format("{} holds no run", name), (fs::path(name) / "summary.json").string(),
-           "its summary.json does not say how a run has ended", remedy);
-  const std::string status = summary.at("status");
-  if (status != "finished")
-    refuse(fmt::format("the run in {} is not finished", name), (fs::path(name) / "summary.json").string(),
-           fmt::format("its status is '{}', and its curve may end anywhere", printable(status)),
-           "run it to its end, then compare");
-  for (const char* key : {"force_N", "indentation_mm"})
-    if (!summary.contains(key) || !summary.at(key).is_number())
-      refuse(fmt::format("{} holds no run", name), (fs::path(name) / "summary.json").string(),
-             fmt::format("its summary.json has no {}", key), remedy);
-  if (summary.contains("scene"))
-    refuse(fmt::format("the run in {} is a scene of steps", name), (fs::path(name) / "summary.json").string(),
-           "its tool goes back or aside, so that there is no one force at a depth",
-           "compare what `scene` of each summary.json says of the ends of the steps");
-  return summary;
-}
-
-void read_curve(const fs::path& file, FinishedRun& run) {
-  const std::string where = (fs::path(run.folder) / "force.csv").string();
-  const Table table = read_csv(file);
-  const auto* depth = table.find("indentation_mm");
-  const auto* force = table.find("force_N");
-  const auto *low = table.find("low_N"), *high = table.find("high_N");
-  if (!depth || !force)
-    refuse("the force curve cannot be read", where, "it has no columns indentation_mm and force_N",
-           "run the scene anew with --force");
-  for (std::size_t k = 0; k < table.rows(); ++k) {
-    if ((*depth)[k] <= 0.0) continue;
-    if (!run.curve.empty() && (*depth)[k] <= 1e3 * run.curve.back().depth) continue;  // a dwell
-    run.curve.push_back({0.0, 1e-3 * (*depth)[k], (*force)[k], 0.0});
-    if (low && high) run.half.push_back(0.5 * ((*high)[k] - (*low)[k]));
-  }
-  const double last = table.rows() > 0 ? force->back() : 0.0, told = run.summary.at("force_N");
-  if (run.curve.empty() || std::abs(last - told) > 1e-9 * std::abs(told))
-    refuse(fmt::format("the files in {} are not of one run", run.folder), where,
-           "its last force is not that of summary.json", "run the scene anew with --force");
-}
-
-// What a longer cut has released beside a shorter one or none.
-void read_energy(const fs::path& folder, FinishedRun& run) {
-  const Json cut = run.summary.value("model", Json::object()).value("cut", Json::object());
-  if (cut.contains("area_mm2") && cut.at("area_mm2").is_number())
-    run.cut_area = 1e-6 * cut.at("area_mm2").get<double>();
-  std::error_code ignored;
-  if (!fs::is_regular_file(folder / "energy.csv", ignored)) return;
-  const Table table = read_csv(folder / "energy.csv");
-  if (const auto* stored = table.find("stored_J"); stored && !stored->empty()) run.stored = stored->back();
-}
-
-FinishedRun read_run(const std::string& given) {
-  const fs::path folder = given;
-  FinishedRun run;
-  run.folder = printable(given);
-  run.summary = summary_in(folder, run.folder);
-  Config config;
-  read_config(config, folder / "config.resolved.toml");
-  run.options = option_values(config);
-  read_curve(folder / "force.csv", run);
-  read_energy(folder, run);
-  if (run.half.empty()) {
-    const Json band = run.summary.value("band", Json::object());
-    run.no_band = band.is_object() && band.contains("unknown") && band.at("unknown").is_string()
-                      ? printable(band.at("unknown").get<std::string>())
-                      : "force.csv has no columns low_N and high_N";
-  }
-  const Json made_from = run.summary.value("made_from", Json::object());  // of `dimple solve`
-  for (const Json* from : std::initializer_list<const Json*>{&run.summary, &made_from})
-    if (from->is_object() && from->contains("image_sha256") && from->at("image_sha256").is_string())
-      run.image_sha256 = from->at("image_sha256");
-  return run;
-}
-
 struct Difference {
   std::string what, a, b;
 };
 
-// CompareArguments, then what the runs have chosen themselves.
+// Options first, then what the runs have chosen themselves.
 std::vector<Difference> differences_of(const FinishedRun& a, const FinishedRun& b) {
   std::vector<Difference> differences;
   const auto compare = [&](const std::string& what, const std::string& of_a, const std::string& of_b) {
@@ -149,18 +42,17 @@ std::vector<Difference> differences_of(const FinishedRun& a, const FinishedRun& 
   // An accuracy has chosen the nodes, see below.
   if (a.summary.contains("ladder") || b.summary.contains("ladder")) keys.erase("cloud.nodes");
   for (const auto& [key, ignored] : keys) compare(key, value_in(a, key), value_in(b, key));
-  const auto told = [](const FinishedRun& run, const char* part, const char* key) {
-    const Json* at = &run.summary;
-    if (*part) {
-      if (!at->contains(part) || !at->at(part).is_object()) return std::string("not said");
-      at = &at->at(part);
-    }
-    return at->contains(key) ? at->at(key).dump() : std::string("not said");
+  const auto compare_part = [&](const std::string& what, std::initializer_list<const char*> names) {
+    const auto told = [&](const FinishedRun& run) {
+      const Json* part = part_of(run.summary, names);
+      return part ? part->dump() : std::string("not said");
+    };
+    compare(what, told(a), told(b));
   };
-  for (const char* key : {"version", "time"}) compare(key, told(a, "", key), told(b, "", key));
+  for (const char* key : {"version", "time"}) compare_part(key, {key});
   for (const char* key : {"nodes", "circle_centre_mm", "push"})
-    compare(fmt::format("chosen {}", key), told(a, "counts", key), told(b, "counts", key));
-  compare("chosen base", told(a, "model", "base_reason"), told(b, "model", "base_reason"));
+    compare_part(fmt::format("chosen {}", key), {"counts", key});
+  compare_part("chosen base", {"model", "base_reason"});
   return differences;
 }
 
@@ -179,11 +71,13 @@ std::vector<Row> rows_of(const FinishedRun& a, const FinishedRun& b) {
   for (const ForceSample& s : (a.curve.size() <= b.curve.size() ? a : b).curve)
     if (s.depth >= first && s.depth <= shallower) depths.push_back(s.depth);
   if (depths.empty())
-    refuse("the two curves have no depth in common", a.folder + ", " + b.folder,
-           fmt::format("one is from {:.3g} to {:.3g} mm, the other from {:.3g} to {:.3g} mm",
-                       1e3 * a.curve.front().depth, 1e3 * a.curve.back().depth, 1e3 * b.curve.front().depth,
-                       1e3 * b.curve.back().depth),
-           "run one of them with more --frames");
+    throw InputError(
+        {.fact = "the two curves have no depth in common",
+         .where = a.folder + ", " + b.folder,
+         .why = fmt::format("one is from {:.3g} to {:.3g} mm, the other from {:.3g} to {:.3g} mm",
+                            1e3 * a.curve.front().depth, 1e3 * a.curve.back().depth,
+                            1e3 * b.curve.front().depth, 1e3 * b.curve.back().depth),
+         .remedy = "run one of them with more --frames"});
   constexpr std::size_t most_rows = 16;  // the last one is always there
   std::vector<double> kept;
   const std::size_t count = std::min(most_rows, depths.size());
@@ -288,10 +182,10 @@ std::string band_text(const Written& force, bool known, double at, double half) 
 void print_table(const FinishedRun& a, const FinishedRun& b, const std::vector<Row>& rows,
                  const std::vector<Difference>& differences) {
   const auto one = [](const char* name, const FinishedRun& run) {
-    print(fmt::format("{}        {}: {}\n", name, run.folder,
-                      printable(run.summary.contains("image") && run.summary.at("image").is_string()
-                                    ? run.summary.at("image").get<std::string>()
-                                    : "made from a model")));
+    const Json* image = part_of(run.summary, {"image"});
+    print(fmt::format(
+        "{}        {}: {}\n", name, run.folder,
+        printable(image && image->is_string() ? image->get<std::string>() : "made from a model")));
   };
   one("A", a);
   one("B", b);
@@ -388,7 +282,7 @@ int perform(const Invocation& shared, const CompareArguments& options) {
                       .where = "-o",
                       .why = "its ending says which picture is written: .png or .svg",
                       .remedy = "for instance -o compare.png"});
-  const FinishedRun a = read_run(options.a), b = read_run(options.b);
+  const FinishedRun a = read_finished_run(options.a), b = read_finished_run(options.b);
   const std::vector<Row> rows = rows_of(a, b);
   const std::vector<Difference> differences = differences_of(a, b);
   if (same_image(a, b) != "yes") warn(image_in_words(a, b));

@@ -258,8 +258,7 @@ Json body_json(const ReportInput& input) {
     for (const float u : frame.displacement_mm.reshaped())
       moved.push_back(static_cast<std::int8_t>(largest > 0.0 ? std::lround(127.0 * u / largest) : 0L));
     const Come tool = come_at(input.history, input.model.tool.push, frame.time_s);
-    frames.push_back({{"time_s", rounded(frame.time_s, 1e6)},
-                      {"depth_mm", rounded(tool.depth, 1e6)},
+    frames.push_back({{"depth_mm", rounded(tool.depth, 1e6)},
                       {"tool_mm", {tool.way.x(), tool.way.y(), tool.way.z()}},
                       {"step_mm", largest / 127.0},
                       {"displacement", packed(moved)}});

@@ -10,13 +10,13 @@
 #include <utility>
 
 #include "apps/run/report.hpp"
+#include "apps/run/summary.hpp"
 #include "io/stop.hpp"
 
 namespace dimple {
 namespace {
 
 namespace fs = std::filesystem;
-using Json = nlohmann::ordered_json;
 
 bool is_folder_itself(const fs::path& folder) {  // and no link to one
   std::error_code ignored;
@@ -127,11 +127,9 @@ bool holds_only_a_word(const fs::path& folder) {
 }
 
 void end_otherwise(Json& summary, const Error& error) {
-  const Report& r = error.report;
   summary["status"] = error.code == ExitCode::interrupted ? "interrupted" : "failed";
   summary["exit_code"] = static_cast<int>(error.code);
-  summary["failure"] = {
-      {"code", r.code}, {"fact", r.fact}, {"where", r.where}, {"why", r.why}, {"remedy", r.remedy}};
+  summary["failure"] = report_json(error.report);
 }
 
 namespace {
@@ -139,7 +137,7 @@ namespace {
 void write_summary(const fs::path& folder, const Json& summary) {
   std::optional<FileList> list;
   if (listed_files(folder)) list.emplace(folder);
-  write_file(folder / "summary.json", summary.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
+  write_file(folder / "summary.json", as_text(summary));
 }
 
 // The run had finished, and what came after it has not.

@@ -179,10 +179,6 @@ void add_rigid(Json& summary, const Result& result) {
   }
 }
 
-Json report_json(const Report& r) {
-  return {{"code", r.code}, {"fact", r.fact}, {"where", r.where}, {"why", r.why}, {"remedy", r.remedy}};
-}
-
 // `label` is empty for that of all labels without one of their own.
 Json material_json(const Material& m, const std::string& label, Index points, bool is_default) {
   const LawWords law = words_of(m);
@@ -267,6 +263,10 @@ Json displacement_json(const Followed& followed, const Band& band) {
 
 std::string as_text(const Json& json) {
   return json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
+}
+
+Json report_json(const Report& r) {
+  return {{"code", r.code}, {"fact", r.fact}, {"where", r.where}, {"why", r.why}, {"remedy", r.remedy}};
 }
 
 Json summary_of_image(const Config& config, const Result& result) {

@@ -17,6 +17,9 @@ using Json = nlohmann::ordered_json;
 /// Indented, with a newline at its end; what is no UTF-8 (a file's name may be none) is replaced.
 std::string as_text(const Json& json);
 
+/// A report as an object with its five parts: code, fact, where, why, remedy.
+Json report_json(const Report& report);
+
 /// Of a run that began with an image: what was taken from it, and the model's report.
 Json summary_of_image(const Config& config, const Result& result);
 /// Of `dimple model`.

@@ -19,6 +19,7 @@
 #include "apps/run/organ.hpp"
 #include "apps/run/result_folder.hpp"
 #include "apps/run/stopwatch.hpp"
+#include "apps/studies/read_results.hpp"
 #include "apps/studies/run_program.hpp"
 #include "io/file.hpp"
 #include "io/label_names.hpp"
@@ -144,20 +145,7 @@ Error crashed(int signal, const fs::path& log) {
 // What a process has said before it ended with that code.
 Error failure_of(int code, const fs::path& folder, const fs::path& log) {
   const auto exit_code = static_cast<ExitCode>(code);
-  try {
-    const Json summary = Json::parse(read_file(folder / "summary.json", most_bytes_of_text), nullptr, false);
-    // One of another code is older: not every failure may write there.
-    if (summary.is_object() && summary.value("exit_code", 0) == code && summary.contains("failure")) {
-      const Json& r = summary.at("failure");
-      return {exit_code,
-              {.fact = r.value("fact", ""),
-               .where = r.value("where", ""),
-               .why = r.value("why", ""),
-               .remedy = r.value("remedy", ""),
-               .code = r.value("code", "")}};
-    }
-  } catch (const std::exception&) {
-  }
+  if (const auto failure = failure_in(folder, code)) return {exit_code, *failure};
   Report report{.fact = fmt::format("the process of this case ended with code {}", code),
                 .where = log.string(),
                 .why = "its last words are there",

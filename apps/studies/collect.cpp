@@ -7,15 +7,11 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <regex>
-#include <set>
 
-#include "apps/run/checkpoint.hpp"
-#include "apps/run/result_folder.hpp"
 #include "apps/run/words.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/stop.hpp"
-#include "io/table.hpp"
 #include "io/text.hpp"
 #include "io/words.hpp"
 
@@ -23,134 +19,6 @@ namespace dimple {
 namespace {
 
 namespace fs = std::filesystem;
-using Json = nlohmann::ordered_json;
-
-// A case's folder may be of others: a device or a pipe may never end, and no file of a run that is read here
-// is larger.
-fs::path small_file(const fs::path& file) {
-  require_regular_file(file);
-  if (fs::file_size(file) > most_bytes_of_text)
-    throw InputError({.fact = fmt::format("{} is larger than {} MB", file.filename().string(),
-                                          most_bytes_of_text / 1'000'000),
-                      .where = file.string(),
-                      .why = "no run writes such a one",
-                      .remedy = "run the case anew with --force"});
-  return file;
-}
-
-// What JSON holds under these names, one within the other, as a field of a table.
-std::string field(const Json& json, std::initializer_list<const char*> names) {
-  const Json* at = &json;
-  for (const char* name : names) {
-    if (!at->is_object() || !at->contains(name)) return {};
-    at = &at->at(name);
-  }
-  if (at->is_string()) return at->get<std::string>();
-  if (at->is_number_integer()) return std::to_string(at->get<std::int64_t>());
-  return at->is_number() ? shortest(at->get<double>()) : "";
-}
-
-std::string labels_in(const Json& summary) {
-  std::string text;
-  if (!summary.contains("labels") || !summary.at("labels").is_array()) return text;
-  for (const Json& label : summary.at("labels")) {
-    const std::string name = field(label, {"name"});
-    text += (text.empty() ? "" : "; ") + field(label, {"value"}) + (name.empty() ? "" : " " + name);
-  }
-  return text;
-}
-
-// The value of a column at a depth, between two rows or between rest and the first; nothing: it does not
-// reach so deep.
-std::string between_rows(const std::vector<double>& depth, const std::vector<double>& value, double at) {
-  for (std::size_t k = 0; k < depth.size(); ++k) {
-    const double rounding = 1e-9 * at;  // depths were converted from metres
-    if (depth[k] < at - rounding) continue;
-    if (depth[k] <= at + rounding) return shortest(value[k]);
-    const double before = k > 0 ? depth[k - 1] : 0.0, first = k > 0 ? value[k - 1] : 0.0;
-    return shortest(first + (value[k] - first) * (at - before) / (depth[k] - before));
-  }
-  return {};
-}
-
-std::vector<CollectedCase::Force> forces_at(const fs::path& file, const std::vector<double>& depths_mm) {
-  std::vector<CollectedCase::Force> forces(depths_mm.size());
-  const Table table = read_csv(small_file(file));
-  const std::vector<double>* depth = table.find("indentation_mm");
-  if (!depth) return forces;
-  constexpr std::array columns = {"force_N", "low_N", "high_N"};
-  for (std::size_t c = 0; c < columns.size(); ++c)
-    if (const std::vector<double>* value = table.find(columns[c]))
-      for (std::size_t d = 0; d < depths_mm.size(); ++d)
-        forces[d][c] = between_rows(*depth, *value, depths_mm[d]);
-  return forces;
-}
-
-void read_summary(const fs::path& folder, const std::vector<double>& depths_mm, CollectedCase& one) {
-  const Json summary = Json::parse(read_file(small_file(folder / "summary.json")), nullptr, false);
-  if (!summary.is_object())
-    throw InputError({.fact = "summary.json is damaged",
-                      .where = (folder / "summary.json").string(),
-                      .why = "it is no JSON object",
-                      .remedy = "run the case anew with --force"});
-  one.status = field(summary, {"status"});
-  one.code = field(summary, {"failure", "code"});
-  one.fact = field(summary, {"failure", "fact"});
-  one.where = field(summary, {"failure", "where"});
-  one.remedy = field(summary, {"failure", "remedy"});
-  one.image = field(summary, {"image"});
-  one.labels = labels_in(summary);
-  one.volume_mm3 = field(summary, {"volume_mm3"});
-  if (summary.contains("material") && summary.at("material").is_array() && !summary.at("material").empty())
-    one.mu_Pa = field(summary.at("material").front(), {"mu_Pa"});
-  one.indentation_mm = field(summary, {"indentation_mm"});
-  one.force = {field(summary, {"force_N"}), field(summary, {"band", "low_N"}),
-               field(summary, {"band", "high_N"})};
-  for (std::size_t k = 0; const char* key : {"force_N", "indentation_mm", "step"})
-    one.largest[k++] = field(summary, {"largest_force", key});
-  // One that found no equilibrium: what is at rest is no force of it.
-  if (one.status == "failed" && one.indentation_mm == "0") one.indentation_mm = one.force[0] = "";
-  one.total_s = field(summary, {"total_wall_s"});
-  one.nodes = field(summary, {"counts", "nodes"});
-  if (summary.contains("warnings") && summary.at("warnings").is_array())
-    one.warnings = std::to_string(summary.at("warnings").size());
-  one.version = field(summary, {"version"});
-  const std::string diameter = field(summary, {"counts", "circle_diameter_mm"});
-  one.tool = field(summary, {"tool", "words"});
-  if (one.tool.empty() && !diameter.empty()) one.tool = fmt::format("a circle of {} mm diameter", diameter);
-  if (!depths_mm.empty() && !one.force[0].empty()) one.at_depth = forces_at(folder / "force.csv", depths_mm);
-}
-
-CollectedCase case_in(const fs::path& folder, const std::vector<double>& depths_mm) {
-  std::error_code ignored;
-  CollectedCase one;
-  one.id = folder.filename().string();
-  try {
-    if (fs::exists(folder / "summary.json", ignored)) {
-      read_summary(folder, depths_mm, one);
-    } else if (fs::is_directory(folder, ignored)) {
-      one.status = "unfinished";
-      one.fact = "the run has not come to its end";
-      one.remedy = "start the batch again: it goes on from where the run was";
-    } else {
-      one.status = "missing";
-      one.fact = "the case has not been run";
-      one.remedy = "start the batch again";
-    }
-  } catch (const Stopped&) {
-    throw;
-  } catch (const Error& error) {
-    one.status = "failed";
-    one.code = error.report.code;
-    one.fact = error.report.fact;
-    one.where = error.report.where;
-    one.remedy = error.report.remedy;
-  }
-  one.at_depth.resize(depths_mm.size());
-  one.picture = fs::exists(folder / "overview.png", ignored);
-  one.report = fs::exists(folder / "report.html", ignored);
-  return one;
-}
 
 std::string escaped(const std::string& text) {
   std::string result;
@@ -293,33 +161,6 @@ Json columns_of(const Table& table) {
 
 }  // namespace
 
-std::vector<CollectedCase> collect(const fs::path& out, const std::vector<double>& depths_mm,
-                                   const std::vector<std::string>& expected) {
-  std::error_code error;
-  if (!fs::is_directory(out, error))
-    throw InputError({.fact = fmt::format("there is no folder {}", out.string()),
-                      .where = "command line",
-                      .why = "the cases of a batch are folders in one",
-                      .remedy = "give the folder that `dimple batch -o` has filled"});
-  std::set<std::string> ids(expected.begin(), expected.end());
-  for (const auto& entry : fs::directory_iterator(out)) {
-    stop_if_asked();
-    if (fs::exists(entry.path() / "summary.json", error) || fs::exists(entry.path() / checkpoint_file, error))
-      ids.insert(entry.path().filename().string());
-  }
-  if (ids.empty())
-    throw InputError({.fact = fmt::format("{} holds no case", out.string()),
-                      .where = "command line",
-                      .why = "no folder in it has a summary.json",
-                      .remedy = "give the folder that `dimple batch -o` has filled"});
-  std::vector<CollectedCase> cases;
-  for (const std::string& id : ids) {
-    stop_if_asked();
-    cases.push_back(case_in(out / id, depths_mm));
-  }
-  return cases;
-}
-
 TextTable table_of(const std::vector<CollectedCase>& cases, const std::vector<double>& depths_mm) {
   TextTable table{.header = {"id", "image", "labels", "volume_mm3", "mu_Pa", "indentation_mm", "force_N",
                              "low_N", "high_N"},
@@ -383,13 +224,13 @@ std::size_t write_bids(const std::vector<CollectedCase>& cases, const fs::path& 
     if (std::regex_search(one.id, part, session)) to /= part[1].str();
     make_folder(to);
     const std::string stem = one.id + "_desc-indentation_";
-    const Table force = read_csv(small_file(from / "force.csv"));
+    const Table force = force_table_in(from);
     write_file(to / (stem + "force.tsv"), as_tsv(force));
     Json about = columns_of(force);
     about["Sources"] = Json::array({one.image});
     about["Status"] = one.status;
     write_file(to / (stem + "force.json"), about.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
-    if (one.picture) write_file(to / (stem + "overview.png"), read_file(small_file(from / "overview.png")));
+    if (one.picture) write_file(to / (stem + "overview.png"), read_small_file(from / "overview.png"));
     version = one.version;
     ++count;
   }

@@ -7,7 +7,6 @@
 #include <cstdint>
 #include <numeric>
 
-#include "io/triangle_strips.hpp"
 #include "preprocess/surface/surface_cells.hpp"
 
 // No library does it: VTK's clustering has cubes of one size, and its decimations take ten times as long or
@@ -135,7 +134,6 @@ ReducedSurface reduced_surface(const Surface& surface, const ToolPlace& tool, In
                      edge *= 1.02 * std::sqrt(static_cast<double>(result.triangles.cols()) /
                                               static_cast<double>(most_triangles)),
                      of_vertex);
-  result.triangles = in_strips(result.triangles);
   result.within_mm = deviation(surface, result, of_vertex);
   return result;
 }

@@ -15,7 +15,7 @@ struct ReducedSurface {
 
 /// At most `most_triangles`, or all if they are no more. Vertices in one cube of a lattice become one of
 /// them; cubes are four times smaller at the tool's circle, where the surface is about to bend. The result
-/// need not be closed. Its triangles are in_strips().
+/// need not be closed.
 ReducedSurface reduced_surface(const Surface& surface, const ToolPlace& tool, Index most_triangles);
 
 }  // namespace dimple

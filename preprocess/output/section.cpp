@@ -9,7 +9,6 @@
 #include <utility>
 
 #include "io/draw/body_frame.hpp"
-#include "io/triangle_strips.hpp"
 #include "preprocess/cloud/neighbours.hpp"
 
 namespace dimple {
@@ -157,7 +156,6 @@ Section cut_open(const Discretisation& body) {
   for (Index t = 0; t < section.triangles.cols(); ++t)
     for (Index k = 0; k < 3; ++k)
       section.triangles(k, t) = triangles[static_cast<std::size_t>(t)][static_cast<std::size_t>(k)];
-  section.triangles = in_strips(section.triangles);
   return section;
 }
 

@@ -20,7 +20,6 @@ ForceSystem::ForceSystem(const Model& model, const Tissues& tissues, Precision p
     : tissues_(tissues),
       nodes_(model.node_count()),
       points_(model.point_count()),
-      pairs_(model.support.member.size()),
       patches_(model.scheme.pressure_patches) {
   if (precision == Precision::single_)
     single_ = std::make_unique<ProjectedKernel<float>>(model, tissues);

@@ -68,12 +68,11 @@ class ForceSystem {
   bool as_printed() const { return is_as_printed(tissues_.material.front()); }
   Index node_count() const { return nodes_; }
   Index point_count() const { return points_; }
-  Index pair_count() const { return pairs_; }
 
  private:
   friend class ForceState;
   Tissues tissues_;
-  Index nodes_, points_, pairs_;
+  Index nodes_, points_;
   bool patches_;
   std::unique_ptr<const ProjectedKernel<float>> single_;  // one of the two
   std::unique_ptr<const ProjectedKernel<double>> double_;

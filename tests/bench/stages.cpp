@@ -95,7 +95,7 @@ void complete_from_image(benchmark::State& state) {
 void force_system(benchmark::State& state) {
   const Scene& s = before().final;
   for (auto _ : state)
-    benchmark::DoNotOptimize(ForceSystem(s.model, s.material, Precision::single_).pair_count());
+    benchmark::DoNotOptimize(ForceSystem(s.model, s.material, Precision::single_).point_count());
 }
 
 }  // namespace

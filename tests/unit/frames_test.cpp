@@ -41,7 +41,7 @@ const ForceSample* sample_at(const History& history, double depth) {
 }
 
 const Material plain = neo_hookean(210.0, 0.49, 1000.0);
-const Material relaxing = material_preset("miller_chinzei_2002");
+const Material relaxing = material_from(numbers_of_preset("miller_chinzei_2002"));
 
 TEST(Frames, HoweverManyLeaveTheForceAsItIsToTheBit) {
   const Model model = averaged_block(5);

@@ -5,10 +5,12 @@
 #include <numbers>
 #include <random>
 
-#include "solver/material.hpp"
+#include "tests/helpers/material.hpp"
 
 namespace dimple::neo_hookean_test {
 namespace {
+
+using namespace testing_bodies;
 
 const Material swine_brain = neo_hookean(210.0, 0.499, 1000.0);
 const Material softer_to_squeeze = {.mu = 1006.7114, .kappa = 50'000.0, .density = 1000.0};

@@ -11,6 +11,7 @@
 #include "io/error.hpp"
 #include "solver/terms/internal_force.hpp"
 #include "tests/helpers/block.hpp"
+#include "tests/helpers/material.hpp"
 
 namespace dimple::projected_kernel_test {
 namespace {

@@ -91,7 +91,7 @@ Tissues one(const Material& material, const Model& model) {
   return {{material}, Eigen::VectorXi::Zero(model.point_count())};
 }
 const Material plain = neo_hookean(210.0, 0.49, 1000.0);
-const Material relaxing = material_preset("miller_chinzei_2002");
+const Material relaxing = material_from(numbers_of_preset("miller_chinzei_2002"));
 
 TEST(Restart, OfEquilibriumAtEachDepth) {
   const Model model = averaged_block(5);

@@ -80,15 +80,6 @@ OTHER_FLAGS = {
     "--config": "config=",
     "--resume": "`dimple run --resume`",  # which goes on with a folder that was begun here, too
 }
-# Flags of messages that no call of this module can meet.
-NOT_IN_PYTHON = {
-    "--time-limit": "a call has no time limit of its own; who wants one raises from a signal handler",
-    "--shape": "of `dimple phantom`",
-    "--size": "of `dimple phantom`",
-    "--elements": "of `dimple export`",
-    "--format": "of `dimple export`",
-    "--socket": "of `dimple poke`",
-}
 # Commands that are functions here.
 FUNCTIONS = {"dimple places": "pydimple.usable_places", "dimple options": "help(pydimple.run)"}
 

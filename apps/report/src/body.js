@@ -10,7 +10,7 @@ import vtkPolyData from '@kitware/vtk.js/Common/DataModel/PolyData.js';
 import vtkRenderWindow from '@kitware/vtk.js/Rendering/Core/RenderWindow.js';
 import vtkRenderWindowInteractor from '@kitware/vtk.js/Rendering/Core/RenderWindowInteractor.js';
 import vtkRenderer from '@kitware/vtk.js/Rendering/Core/Renderer.js';
-import { data, element, heat, metal, svg, unpacked } from './numbers.js';
+import { data, heat, metal, svg, unpacked } from './numbers.js';
 
 export function canDraw() {
   if (!data.body) return false;

@@ -19,7 +19,7 @@ function axesOf(chart, xRange, yRange, xLabel, yLabel) {
   for (const value of y.ticks(5))
     axes.append(
       svg('line', { x1: plot.left, x2: width - plot.right, y1: y(value), y2: y(value) }),
-      svg('text', { x: plot.left - 9, y: y(value) + 4.5, 'text-anchor': 'end' }, y.tickFormat(5)(value).replace('−', '−')),
+      svg('text', { x: plot.left - 9, y: y(value) + 4.5, 'text-anchor': 'end' }, y.tickFormat(5)(value)),
     );
   axes.append(
     svg('line', { class: 'zero', x1: plot.left, x2: width - plot.right, y1: y(0), y2: y(0) }),

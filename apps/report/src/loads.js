@@ -1,7 +1,6 @@
 // What acts on the body beside the tool, what holds it beside the base, and the steps of a scene.
-import { at, element, number, quantity, there, written } from './numbers.js';
+import { at, element, number, place3, quantity, there, written } from './numbers.js';
 
-const vector = (key, decimals) => element('span', {}, '(', ...[0, 1, 2].flatMap((k) => [k > 0 ? ', ' : '', number(`${key}.${k}`, { decimals, place: true })]), ')');
 const isNothing = (key) => at(key).every((x) => x === 0);
 
 /** A line for each thing of that kind: its name, and what `words` says of it. */
@@ -14,14 +13,14 @@ const membrane = (its) => [
 ];
 
 const support = (its) => [
-  number(`${its}.nodes`, { decimals: 0 }), ' nodes, ', at(`${its}.hold`) ?? 'held', isNothing(`${its}.moved_mm`) ? '' : [', moved by ', vector(`${its}.moved_mm`, 2), ' mm'], '; force of the tissue on it ', vector(`${its}.force_N`, 3), ' N',
+  number(`${its}.nodes`, { decimals: 0 }), ' nodes, ', at(`${its}.hold`) ?? 'held', isNothing(`${its}.moved_mm`) ? '' : [', moved by ', place3(`${its}.moved_mm`, 2), ' mm'], '; force of the tissue on it ', place3(`${its}.force_N`, 3), ' N',
 ];
 
 const wall = (its) => [there(`${its}.friction`) ? ['friction ', String(at(`${its}.friction`))] : 'without friction', at(`${its}.largest_overlap_at_rest_mm`) > 0 ? [', overlaps the body at rest by up to ', written(`${its}.largest_overlap_at_rest_mm`)] : ''];
 
 function preload() {
   const where = ['largest displacement ', written('loads.settled_mm')];
-  if (there('loads.circle_moved_mm') && !isNothing('loads.circle_moved_mm')) where.push(', of the circle ', vector('loads.circle_moved_mm', 2), ' mm');
+  if (there('loads.circle_moved_mm') && !isNothing('loads.circle_moved_mm')) where.push(', of the circle ', place3('loads.circle_moved_mm', 2), ' mm');
   if (there('loads.unloaded')) where.push('; the image shows the body under these loads, and without them its nodes are up to ', written('loads.unloaded.taken_back_mm'), ' elsewhere');
   return where;
 }
@@ -30,9 +29,9 @@ function preload() {
 export function loadRows() {
   const films = lines('membranes', membrane), held = lines('supports', support), beside = lines('walls', wall);
   return [
-    there('loads') && !isNothing('loads.gravity_m_per_s2') && ['Gravity', vector('loads.gravity_m_per_s2', 2), ' m/s²'],
+    there('loads') && !isNothing('loads.gravity_m_per_s2') && ['Gravity', place3('loads.gravity_m_per_s2', 2), ' m/s²'],
     there('loads') && Object.keys(at('loads.pressure_Pa')).length > 0 && ['Pressure', ...lines('loads.pressure_Pa', (its) => [quantity(its, 'Pa')])],
-    there('loads.fluid_lost') && ['Fluid lost', 'above ', number('loads.fluid_lost.level_mm', { decimals: 1, place: true }), ' mm along ', vector('loads.fluid_lost.up', 2)],
+    there('loads.fluid_lost') && ['Fluid lost', 'above ', number('loads.fluid_lost.level_mm', { decimals: 1, place: true }), ' mm along ', place3('loads.fluid_lost.up', 2)],
     there('loads') && ['Preload', ...preload()],
     films.length > 0 && ['Membrane', ...films],
     held.length > 0 && ['Supports', ...held],
@@ -43,9 +42,9 @@ export function loadRows() {
 /** What moves in a step, and by how much. */
 function way(step) {
   if (there(`${step}.cut`)) return ['cut'];
-  const turns = there(`${step}.turn_deg`) ? [' turned by ', vector(`${step}.turn_deg`, 1), '°'] : [];
+  const turns = there(`${step}.turn_deg`) ? [' turned by ', place3(`${step}.turn_deg`, 1), '°'] : [];
   if (isNothing(`${step}.move_mm`)) return turns.length > 0 ? [at(`${step}.moves`), ...turns] : ['hold'];
-  return [at(`${step}.moves`), ' ', vector(`${step}.move_mm`, 2), ...turns];
+  return [at(`${step}.moves`), ' ', place3(`${step}.move_mm`, 2), ...turns];
 }
 
 export function steps() {

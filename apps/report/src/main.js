@@ -7,7 +7,6 @@ import { furtherTools, walls } from './rigid.js';
 import { assumedOfShift, head as headOfShift, shift, slicesOfShift } from './shift.js';
 import { slices, taken, tintOf } from './slices.js';
 
-
 const isShift = there('shift');
 const isScene = there('largest_force');
 
@@ -86,7 +85,7 @@ function forceSection() {
   if (there('walls')) words.append(element('h3', {}, 'Walls at the end'), walls());
   if (there('compare.file')) words.append(element('h3', {}, 'Beside ', word('compare.file')), comparison());
   if (there('ladder')) words.append(element('h3', {}, 'Refinement levels'), ladder());
-  place.append(element('div', { class: 'beside' }, element('div', { class: 'wide' }, forceChart(), chartLegend()), words));
+  place.append(element('div', { class: 'beside' }, element('div', {}, forceChart(), chartLegend()), words));
   if (isScene) place.append(element('h3', {}, 'Steps'), steps());
 }
 

@@ -29,8 +29,8 @@ export function facts(rows, css = 'facts') {
   return table;
 }
 
-export function place3(key) {
-  return element('span', {}, '(', ...[0, 1, 2].flatMap((k) => [k > 0 ? ', ' : '', number(`${key}.${k}`, { decimals: 1, place: true })]), ')');
+export function place3(key, decimals = 1) {
+  return element('span', {}, '(', ...[0, 1, 2].flatMap((k) => [k > 0 ? ', ' : '', number(`${key}.${k}`, { decimals, place: true })]), ')');
 }
 
 /** A word of the summary. */
@@ -52,7 +52,7 @@ export function number(key, { scale = 1, decimals, digits = 3, place = false } =
 }
 
 /** Digits after the point that leave so many figures, three at most. */
-function decimalsFor(value, digits = 3) {
+function decimalsFor(value, digits) {
   if (!(Math.abs(value) > 0)) return 0;
   return Math.min(Math.max(digits - 1 - Math.floor(Math.log10(Math.abs(value))), 0), digits);
 }

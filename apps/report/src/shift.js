@@ -1,6 +1,6 @@
 // The page of a brain shift: what the head, the curve and the planes of an indentation are there.
 import { curveChart } from './chart.js';
-import { at, baseName, data, element, facts, number, place3, quantity, section, there, word, written } from './numbers.js';
+import { at, baseName, data, element, facts, number, place3, section, there, word, written } from './numbers.js';
 import { walls } from './rigid.js';
 
 export function head() {
@@ -40,7 +40,7 @@ export function shift() {
     element('h3', {}, 'The skull'), walls());
   place.append(
     element('div', { class: 'beside' },
-      element('div', { class: 'wide' }, curveChart({ x: points.map((p) => p.depth_mm), y: points.map((p) => p.shift_mm), xLabel: 'way from the opening towards the middle in mm', yLabel: 'shift in mm' }),
+      element('div', {}, curveChart({ x: points.map((p) => p.depth_mm), y: points.map((p) => p.shift_mm), xLabel: 'way from the opening towards the middle in mm', yLabel: 'shift in mm' }),
         element('p', { class: 'soft' }, 'Shift along the way from the opening to the middle of the brain (profile.csv).')),
       words));
   if (at('shift.targets').length > 0) place.append(element('h3', {}, 'Targets'), table('shift.targets', []));
@@ -49,7 +49,7 @@ export function shift() {
 
 export function slicesOfShift() {
   const place = section('slices');
-  place.prepend(element('h2', {}, 'Before and after'), element('img', { class: 'planes-drawn', style: 'width:100%', src: data.before_after, alt: 'three planes below the opening, before and after' }), element('p', { class: 'soft' }, word('shift.pictured')));
+  place.prepend(element('h2', {}, 'Before and after'), element('img', { style: 'width:100%', src: data.before_after, alt: 'three planes below the opening, before and after' }), element('p', { class: 'soft' }, word('shift.pictured')));
 }
 
 export function assumedOfShift() {

@@ -56,7 +56,7 @@ function hull(points) {
 }
 const pairs = (numbers) => Array.from({ length: numbers.length / 2 }, (_, k) => [numbers[2 * k], numbers[2 * k + 1]]);
 
-export function slice(one, number, pixelsPerMm) {
+function slice(one, pixelsPerMm) {
   const { width_mm: w, height_mm: h } = one;
   const tool = pairs(one.tool);
   const above = Math.min(0, ...tool.map((p) => p[1] / 100));
@@ -77,7 +77,7 @@ export function slice(one, number, pixelsPerMm) {
     picture.append(svg('image', { href: labelPicture(one), x: 0, y: 0, width: w, height: h, preserveAspectRatio: 'none', style: 'image-rendering:pixelated' }));
   picture.append(
     svg('path', { class: 'rest', d: pieces(one.outline_at_rest) }),
-    svg('path', { class: 'node free', d: dots(one.nodes.free) }),
+    svg('path', { class: 'node', d: dots(one.nodes.free) }),
     svg('path', { class: 'node base', d: dots(one.nodes.base) }),
     svg('path', { class: 'node circle', d: dots(one.nodes.circle) }),
     svg('path', { class: 'wall', d: pieces(one.walls) }),
@@ -106,8 +106,8 @@ export function slices() {
   const total = data.slices.reduce((sum, one) => sum + one.width_mm, 0);
   const pixelsPerMm = across / (1.15 * total);
   const row = element('div', { class: 'planes' });
-  for (const [k, one] of data.slices.entries()) {
-    const { picture, width } = slice(one, k, pixelsPerMm);
+  for (const one of data.slices) {
+    const { picture, width } = slice(one, pixelsPerMm);
     row.append(element('figure', { style: `flex:${width.toFixed(1)} 1 0` }, picture, element('figcaption', {}, one.name)));
   }
   return row;
