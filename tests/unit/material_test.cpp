@@ -12,6 +12,7 @@
 #include <random>
 
 #include "io/error.hpp"
+#include "tests/helpers/report.hpp"
 
 namespace dimple::material_test {
 namespace {
@@ -530,13 +531,8 @@ TEST(MaterialPreset, HasThePapersNumbers) {
 }
 
 TEST(MaterialPreset, AnUnknownNameIsAnsweredWithAllNames) {
-  try {
-    material_preset("jelly");
-    FAIL() << "no such preset";
-  } catch (const UsageError& error) {
-    EXPECT_THAT(error.report.fact, testing::HasSubstr("jelly"));
-    EXPECT_THAT(error.report.remedy, testing::HasSubstr("horton_2007, miller_chinzei_2002"));
-  }
+  expect_error<UsageError>([] { material_preset("jelly"); },
+                           {.fact = "jelly", .remedy = "horton_2007, miller_chinzei_2002"});
 }
 
 }  // namespace

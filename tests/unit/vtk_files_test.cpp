@@ -29,6 +29,7 @@
 #include "io/triangle_strips.hpp"
 #include "tests/helpers/folder.hpp"
 #include "tests/helpers/image.hpp"
+#include "tests/helpers/report.hpp"
 
 namespace dimple {
 namespace {
@@ -73,16 +74,11 @@ SurfaceFile tetrahedron() {
 template <class E, class Action>
 void expect_report(Action action, const std::string& word) {
   testing::internal::CaptureStderr();
-  try {
-    action();
-    ADD_FAILURE() << "no error";
-  } catch (const E& e) {
-    const Report& r = e.report;
-    EXPECT_FALSE(r.fact.empty() || r.where.empty() || r.why.empty() || r.remedy.empty());
-    const std::string all = r.fact + " | " + r.where + " | " + r.why + " | " + r.remedy;
-    EXPECT_NE(all.find(word), std::string::npos) << all;
-    EXPECT_EQ(all.find('\n'), std::string::npos) << all;
-  }
+  const Report r = report_of<E>(action);
+  EXPECT_FALSE(r.fact.empty() || r.where.empty() || r.why.empty() || r.remedy.empty());
+  const std::string all = r.fact + " | " + r.where + " | " + r.why + " | " + r.remedy;
+  EXPECT_NE(all.find(word), std::string::npos) << all;
+  EXPECT_EQ(all.find('\n'), std::string::npos) << all;
   EXPECT_EQ(testing::internal::GetCapturedStderr(), "") << "VTK printed";
 }
 
