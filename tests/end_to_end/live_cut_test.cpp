@@ -64,7 +64,7 @@ TEST(LiveCut, HasAboutTheForceOfARunOnTheCutBody) {
   ASSERT_EQ(poke(folder, "-q", "live").code, 0);
   const std::string run =
       "run " + block + " --nodes 1500 --depth 2mm --frames 1 --write force --band off -q ";
-  ASSERT_EQ(dimple(folder, run + "-o cut --cut line:9,-8,29,9,8,29,depth=12mm").code, 0);
+  good(folder, run + "-o cut --cut line:9,-8,29,9,8,29,depth=12mm");
   const double expected = read_csv(folder / "cut" / "force.csv").find("force_N")->back();
   EXPECT_NEAR(at_time(read_csv(folder / "live" / "forces.csv"), "force_N", 1.0), expected, 0.04 * expected);
 }

@@ -54,6 +54,10 @@ class Program {
 Ran dimple(const std::filesystem::path& folder, const std::vector<std::string>& arguments);
 Ran dimple(const std::filesystem::path& folder, const std::string& arguments);
 
+/// The same; the test fails unless the program ends well.
+Ran good(const std::filesystem::path& folder, const std::vector<std::string>& arguments);
+Ran good(const std::filesystem::path& folder, const std::string& arguments);
+
 /// The same on a terminal of its own with so many columns: `out` is all that the terminal was sent.
 Ran dimple_on_terminal(const std::filesystem::path& folder, const std::vector<std::string>& arguments,
                        int columns);

@@ -16,7 +16,7 @@ namespace fs = std::filesystem;
 
 class Refusal : public InFolder {
  protected:
-  void SetUp() override { ASSERT_EQ(dimple(folder, "phantom brain.nrrd --spacing 3 -q").code, 0); }
+  void SetUp() override { good("phantom brain.nrrd --spacing 3 -q"); }
 
   /// All four parts of a message, on stderr, with these words; nothing on stdout; no result left behind, and
   /// at most one word of what went wrong.
@@ -60,7 +60,7 @@ TEST_F(Refusal, OfAPathWhereNothingIs) {
 
 // As the label image of 20 x 20 x 20 voxels of 2 mm, moved to the left.
 TEST_F(Refusal, OfAnImageToBeWarpedThatLiesMostlyBesideTheBodyAndAWarningWhereItIsMoved) {
-  ASSERT_EQ(dimple(folder, "phantom body.nrrd --shape block --size 30,30,30 --spacing 2").code, 0);
+  good("phantom body.nrrd --shape block --size 30,30,30 --spacing 2");
   const std::string labels = text_of(folder / "body.nrrd");
   const std::string origin = "space origin: (";
   const std::size_t at = labels.find(origin) + origin.size();
@@ -98,7 +98,7 @@ TEST_F(Refusal, OfAnImageThatCannotBeWarped) {
   run(2, "--warp elsewhere.nrrd,other/elsewhere.nrrd", {"two images", "called elsewhere"});
   run(2, "--write-frames all", {"no images", "--write-frames", "--warp IMAGE"});
   run(2, "--write-frames some", {"output.write_frames = some", "last, all"});
-  ASSERT_EQ(dimple(folder, "model brain.nrrd -o made --nodes 400 -q").code, 0);
+  good("model brain.nrrd -o made --nodes 400 -q");
   expect(2, "solve made -o out --write images", {"hold no image", "dimple run", "--warp"});
 }
 
@@ -123,7 +123,7 @@ TEST_F(Refusal, OfAFileThatHoldsNoOrgan) {
 }
 
 TEST_F(Refusal, OfADamagedModel) {
-  ASSERT_EQ(dimple(folder, "model brain.nrrd -o model --nodes 400 -q").code, 0);
+  good("model brain.nrrd -o model --nodes 400 -q");
   const auto copy = [&](const char* name) {
     fs::copy(folder / "model", folder / name, fs::copy_options::recursive);
     return folder / name;
@@ -250,8 +250,7 @@ TEST_F(Refusal, NamesTheFactAndTheReasonThatHold) {
 }
 
 TEST_F(Refusal, OfABodyInMetresNamesTheUnit) {
-  ASSERT_EQ(dimple(folder, "phantom metres.nrrd --shape block --size 0.06,0.06,0.03 --spacing 0.003 -q").code,
-            0);
+  good("phantom metres.nrrd --shape block --size 0.06,0.06,0.03 --spacing 0.003 -q");
   expect(4, "run metres.nrrd -o out --nodes 400",
          {"no place on the superior side", "may be in metres", "unit"});
 }
@@ -354,7 +353,7 @@ TEST_F(Refusal, OfOneOptionWithTwoValues) {
   refuses("[tissue.1]\nmu=300\n[tissue.left_hemisphere]\nmu=100\n", "label 1 is given two tissues");
   refuses("[step.press]\n# move = 2\n", "the section [step.press] is empty");
   write("same.toml", "[material]\nmu = 100\nmu_Pa = 100\n");  // which leaves no doubt
-  EXPECT_EQ(dimple(folder, "model brain.nrrd -o same --nodes 400 -q --config same.toml").code, 0);
+  good("model brain.nrrd -o same --nodes 400 -q --config same.toml");
 }
 
 // ---------------------------------------------------------------------------------------------- 4: model
@@ -383,8 +382,7 @@ TEST_F(Refusal, OfACircleThatIsSmallerThanAVoxel) {
                                     "export brain.nrrd -o few.inp --nodes 3000",
                                     "poke brain.nrrd --script path.csv --evaluations 4 --nodes 400"}) {
     SCOPED_TRACE(command);
-    const Ran ran = dimple(folder, command + " --indenter-diameter 5");
-    EXPECT_EQ(ran.code, 0) << ran.err;
+    const Ran ran = good(command + " --indenter-diameter 5");
     EXPECT_NE(ran.err.find("1.7 voxels across: the image hardly shows the shape of the surface beneath it"),
               std::string::npos)
         << ran.err;
@@ -446,8 +444,7 @@ TEST_F(Refusal, OfPlacesAndNumbersThatNoModelCanHave) {
 
 TEST_F(Refusal, IsNotOfANumberOfNodesBesideAFilesSpacing) {
   std::ofstream(folder / "even.toml") << "[cloud]\nspacing_mm = 5\n";
-  const Ran ran = dimple(folder, "model brain.nrrd -o model --config even.toml --nodes 400");
-  ASSERT_EQ(ran.code, 0) << ran.err;
+  const Ran ran = good("model brain.nrrd -o model --config even.toml --nodes 400");
   EXPECT_NE(ran.err.find("400 nodes"), std::string::npos) << ran.err;
 }
 
@@ -492,12 +489,11 @@ TEST_F(Refusal, LeavesOneWordOfItAndTheCorrectedCommandJustWorks) {
         left.push_back(entry.path().filename());
     EXPECT_EQ(left, code == 2 ? std::vector<std::string>{} : std::vector<std::string>{"summary.json"});
     EXPECT_EQ(fs::exists(folder / "kept"), code != 2);
-    const Ran again = dimple(folder, right + " -o kept" + coarse);
-    EXPECT_EQ(again.code, 0) << again.err;
+    good(right + " -o kept" + coarse);
   };
   const std::string shallow = "run brain.nrrd --depth 1mm";
   refused_then_good(4, "run brain.nrrd --depth 500mm", shallow);
-  EXPECT_EQ(nlohmann::json::parse(text_of(folder / "kept" / "summary.json")).at("status"), "finished");
+  EXPECT_EQ(summary("kept").at("status"), "finished");
   refused_then_good(4, shallow + " --indent-at 500,0,0", shallow);
   refused_then_good(3, shallow + " --label 7", shallow + " --label 2");
   refused_then_good(3, "run nowhere.nrrd", shallow);
@@ -505,15 +501,15 @@ TEST_F(Refusal, LeavesOneWordOfItAndTheCorrectedCommandJustWorks) {
   EXPECT_EQ(dimple(folder, "model brain.nrrd -o made" + coarse).code, 2) << "--frames is no option of it";
   EXPECT_FALSE(fs::exists(folder / "made"));
   EXPECT_EQ(dimple(folder, "model brain.nrrd -o made --nodes 400 --indent-at 500,0,0 -q").code, 4);
-  EXPECT_EQ(dimple(folder, "model brain.nrrd -o made --nodes 400 -q").code, 0);
+  good("model brain.nrrd -o made --nodes 400 -q");
   EXPECT_FALSE(fs::exists(folder / "made" / "summary.json"));
   fs::remove_all(folder / "kept");
   EXPECT_EQ(dimple(folder, "solve made -o kept --depth 500mm -q").code, 4);
-  EXPECT_EQ(dimple(folder, "solve made -o kept --depth 1mm --frames 1 -q").code, 0);
+  good("solve made -o kept --depth 1mm --frames 1 -q");
 }
 
 TEST_F(Refusal, LeavesResultsThatAreThereAlone) {
-  ASSERT_EQ(dimple(folder, "run brain.nrrd -o kept --nodes 400 --depth 1mm --frames 1 -q").code, 0);
+  good("run brain.nrrd -o kept --nodes 400 --depth 1mm --frames 1 -q");
   const std::string before = text_of(folder / "kept" / "summary.json");
   EXPECT_EQ(dimple(folder, "run nowhere.nrrd -o kept --force -q").code, 3);
   EXPECT_EQ(dimple(folder, "run brain.nrrd -o kept --force --depth 500mm --nodes 400 -q").code, 4);

@@ -96,7 +96,7 @@ TEST_F(Terminal, ANovicesRunIsATwelveLinesAtMost) {
   // What the person has waited for: all of it, and no more than passed.
   std::smatch total;
   ASSERT_TRUE(std::regex_search(run.err, total, std::regex("time     ([0-9.]+) s")));
-  const Json summary = Json::parse(text_of(folder / "out" / "summary.json"));
+  const Json summary = summary_of(folder / "out");
   constexpr double rounding = 0.06;
   EXPECT_LE(std::stod(total[1]), passed + rounding);
   EXPECT_GE(std::stod(total[1]), summary.at("total_wall_s").get<double>() - rounding);
