@@ -3,7 +3,6 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
-#include <nlohmann/json.hpp>
 
 #include "io/table.hpp"
 #include "io/vtk_files.hpp"
