@@ -194,10 +194,10 @@ TEST_F(StepsThatCut, TakeOutALabelWhereverItHasGone) {
   const std::string stand = " --base inferior --indent-at 0,0,top --tool sphere:5mm";
   const Json info = Json::parse(dimple(folder, "info " + two + " --json").out);
   const std::string lower = std::to_string(info["labels"][0]["value"].get<int>());
-  const Ran falls = dimple(folder, "run " + two + " -q --nodes 800 --write force -o falls" + stand + press +
-                                       "--set step.out.cut=label:" + lower);
-  EXPECT_EQ(falls.code, 4);
-  EXPECT_THAT(falls.err, HasSubstr("step.out.cut"));
+  ends_with(folder, 4,
+            "run " + two + " -q --nodes 800 --write force -o falls" + stand + press +
+                "--set step.out.cut=label:" + lower,
+            {"step.out.cut"});
 }
 
 // At rest again the second blade lies in the gap of the first, but for rounding.
@@ -255,16 +255,11 @@ TEST_F(StepsThatCut, ThatNothingCanBeMadeOfAreRefusedBeforeAnythingIsBuilt) {
                       "membrane.pia.tension=1",
                   "tension"}};
   for (const auto& [options, words] : refused) {
-    const Ran ran = dimple(folder, "run " + block + " -o out " + options);
-    EXPECT_EQ(ran.code, 2) << options << ran.err;
-    EXPECT_THAT(ran.err, HasSubstr(words)) << options;
-    EXPECT_THAT(ran.err, HasSubstr("try:"));
+    ends_with(folder, 2, "run " + block + " -o out " + options, {words, "try:"});
     EXPECT_FALSE(fs::exists(folder / "out")) << options;
   }
   good(folder, "model " + block + " -q --nodes 300 -o m");
-  const Ran of_model = dimple(folder, "solve m -o out " + cut + press);
-  EXPECT_EQ(of_model.code, 2);
-  EXPECT_THAT(of_model.err, HasSubstr("made before"));
+  ends_with(folder, 2, "solve m -o out " + cut + press, {"made before"});
 }
 
 TEST_F(StepsThatCut, HaveTheWorkOfTheirBladeByTheBalanceOfEnergyWhereAToughnessIsGiven) {

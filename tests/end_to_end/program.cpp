@@ -200,6 +200,15 @@ std::string text_of(const fs::path& file) {
   return text.str();
 }
 
+void ends_with(const fs::path& folder, int code, const std::string& arguments,
+               const std::vector<std::string>& words) {
+  SCOPED_TRACE("dimple " + arguments);
+  const Ran ran = dimple(folder, arguments);
+  EXPECT_EQ(ran.code, code) << ran.err;
+  for (const std::string& word : words)
+    EXPECT_NE(ran.err.find(word), std::string::npos) << "no '" << word << "' in\n" << ran.err;
+}
+
 void expect_refusal(const Ran& ran, int code, const std::vector<std::string>& words) {
   EXPECT_EQ(ran.code, code) << ran.err;
   for (const char* part : {"dimple: ", "\n  where: ", "\n  why:   ", "\n  try:   "})

@@ -66,6 +66,10 @@ std::vector<std::string> words_of(const std::string& arguments);
 
 std::string text_of(const std::filesystem::path& file);
 
+/// Runs the program, which must end with this code and say these words on stderr.
+void ends_with(const std::filesystem::path& folder, int code, const std::string& arguments,
+               const std::vector<std::string>& words);
+
 /// The exit code, and a message with its four parts and these words.
 void expect_refusal(const Ran& ran, int code, const std::vector<std::string>& words);
 

@@ -80,9 +80,7 @@ TEST(Shift, RepeatsOpeningAndTargetsWithTheirSidesAndReadsMarkups) {
   }
   const auto refused = [&](const char* content, const char* word) {
     std::ofstream(folder / "bad.fcsv") << content;
-    const Ran ran = dimple(folder, "shift " + block_of_brain + " -o no" + opened + "--target bad.fcsv");
-    EXPECT_EQ(ran.code, 3) << ran.err;
-    EXPECT_NE(ran.err.find(word), std::string::npos) << ran.err;
+    ends_with(folder, 3, "shift " + block_of_brain + " -o no" + opened + "--target bad.fcsv", {word});
   };
   refused("# CoordinateSystem = IJK\n1,0,0,20\n", "the space 'IJK'");
   refused("# CoordinateSystem = LPS\n1,0,up,20\n", "'up' is not a coordinate");

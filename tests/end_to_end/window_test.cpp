@@ -672,9 +672,7 @@ TEST(Poke, RefusesAPathThatIsNone) {
   const fs::path folder = folder_with_brain();
   const auto refused = [&](const std::string& csv, const std::string& words) {
     write_file(folder / "path.csv", csv);
-    const Ran ran = dimple(folder, "poke brain.nrrd --script path.csv -q");
-    EXPECT_EQ(ran.code, 3) << csv;
-    EXPECT_NE(ran.err.find(words), std::string::npos) << ran.err;
+    ends_with(folder, 3, "poke brain.nrrd --script path.csv -q", {words});
   };
   refused("time_s,force_N\n0,1\n1,2\n", "depth_mm");
   refused("time_s,depth_mm\n0,1\n", "1 row");
