@@ -27,8 +27,7 @@ class Batch : public InFolder {
 
   /// Row of the table by id, column -> field.
   std::map<std::string, std::map<std::string, std::string>> collected(const std::string& arguments) const {
-    const Ran ran = dimple(folder, "collect " + arguments);
-    EXPECT_EQ(ran.code, 0) << ran.err;
+    const Ran ran = good("collect " + arguments);
     write("collected.csv", ran.out);
     const TextTable table = read_text_csv(folder / "collected.csv");
     std::map<std::string, std::map<std::string, std::string>> rows;
@@ -56,14 +55,10 @@ TEST_F(Batch, GivesEachCaseTheBitsOfARunOfItsOwn) {
         "\xEF\xBB\xBFid;image;mu_Pa;indent-at;output.write;image.label\r\n"
         "a;../block.nrrd;300;;\"force,nodes\";\r\n"
         "M\xC3\xBCller 2;../block.nrrd;0.5kPa;5,0,top;force;1\r\n;;;;;\r\n");
-  const Ran ran = dimple(folder, "batch tables/cases.csv -o out --nodes 400 --depth 2mm --frames 4");
-  ASSERT_EQ(ran.code, 0) << ran.err;
+  const Ran ran = good("batch tables/cases.csv -o out --nodes 400 --depth 2mm --frames 4");
   EXPECT_EQ(ran.out.rfind("2 finished, 0 skipped, 0 failed of 2 cases", 0), 0u) << ran.out;
 
-  ASSERT_EQ(
-      dimple(folder, "run block.nrrd -o one --nodes 400 --depth 2mm --frames 4 --mu 300 --write force,nodes")
-          .code,
-      0);
+  good("run block.nrrd -o one --nodes 400 --depth 2mm --frames 4 --mu 300 --write force,nodes");
   ASSERT_EQ(
       dimple(
           folder,
@@ -146,8 +141,7 @@ TEST_F(Batch, GoesOnAfterCasesThatFailAndTellsWhyEachDid) {
         "words,words.nrrd,200,1\n"
         "through,block.nrrd,200,1\n"
         "also_good,block.nrrd,300,1\n");
-  const Ran again = dimple(folder, line + " --json");
-  EXPECT_EQ(again.code, 0) << again.err;
+  const Ran again = good(line + " --json");
   const Json told = Json::parse(again.out);
   EXPECT_EQ(told.at("finished"), Json({"missing", "soft", "words", "through"}));
   EXPECT_EQ(told.at("skipped"), Json({"good", "also_good"}));
@@ -158,7 +152,7 @@ TEST_F(Batch, SkipsWhatIsFinishedAndSaysSoOfWhatIsAnotherRun) {
   write("a.nrrd", text_of(folder / "block.nrrd"));
   write("cases.csv", "id,image,mu\none,block.nrrd,200\ntwo,a.nrrd,200\n");
   const std::string line = "batch cases.csv -o out --nodes 400 --depth 1 --frames 2 --write force";
-  ASSERT_EQ(dimple(folder, line).code, 0);
+  good(line);
   const std::string before = text_of(folder / "out/one/summary.json");
   Ran ran = dimple(folder, line);
   EXPECT_EQ(ran.code, 0) << ran.err;
@@ -166,7 +160,7 @@ TEST_F(Batch, SkipsWhatIsFinishedAndSaysSoOfWhatIsAnotherRun) {
 
   // Another option in one row, another image in the other.
   write("cases.csv", "id,image,mu\none,block.nrrd,300\ntwo,a.nrrd,200\n");
-  ASSERT_EQ(dimple(folder, "phantom a.nrrd --shape block --size 60,60,24 --spacing 3").code, 0);
+  good("phantom a.nrrd --shape block --size 60,60,24 --spacing 3");
   ran = dimple(folder, line);
   EXPECT_EQ(ran.code, 2) << ran.err;
   for (const char* words : {"0 finished, 0 skipped, 2 failed", "material.mu_Pa is 300.0 now, and was 200.0",
@@ -194,22 +188,16 @@ TEST_F(Batch, SkipsWhatIsFinishedAndSaysSoOfWhatIsAnotherRun) {
 TEST_F(Batch, TakesOneRowOfAnArrayJob) {
   write("cases.csv", "id,image,mu\none,block.nrrd,200\ntwo,block.nrrd,300\n");
   const std::string line = "batch cases.csv -o out --nodes 400 --depth 1 --frames 2 --write force --index ";
-  const Ran ran = dimple(folder, line + "2");
-  EXPECT_EQ(ran.code, 0) << ran.err;
+  const Ran ran = good(line + "2");
   EXPECT_NE(ran.out.find("N at 1.00 mm"), std::string::npos) << ran.out;
   EXPECT_TRUE(fs::exists(folder / "out/two/summary.json"));
   EXPECT_FALSE(fs::exists(folder / "out/one"));
-  const Ran again = dimple(folder, line + "2");
-  EXPECT_EQ(again.code, 0);
+  const Ran again = good(line + "2");
   EXPECT_NE(again.err.find("nothing to do"), std::string::npos) << again.err;
   EXPECT_EQ(again.out, ran.out);
-  const Ran beyond = dimple(folder, line + "3");
-  EXPECT_EQ(beyond.code, 2);
-  EXPECT_NE(beyond.err.find("row 3 is asked for, and the table has 2"), std::string::npos) << beyond.err;
+  ends_with(folder, 2, line + "3", {"row 3 is asked for, and the table has 2"});
   EXPECT_EQ(dimple(folder, line + "0").code, 2);
-  const Ran unknown = dimple(folder, "batch cases.csv -o out --id tow");
-  EXPECT_EQ(unknown.code, 2);
-  EXPECT_NE(unknown.err.find("did you mean 'two'?"), std::string::npos) << unknown.err;
+  ends_with(folder, 2, "batch cases.csv -o out --id tow", {"did you mean 'two'?"});
 
   // The table shows what has not been run, if it knows of it.
   EXPECT_EQ(collected("out").size(), 1u);
@@ -274,9 +262,7 @@ TEST_F(Batch, RefusesATableThatIsWrongAsAWhole) {
   expect_refused(3, "id,image,id\na,block.nrrd,b\n", {"two columns are called 'id'"});
   expect_refused(2, "id,image,tissue.2.mo\na,block.nrrd,200\n", {"material.mo"});
   expect_refused(2, "id,image,age\na,block.nrrd,40\n", {"'age'"});
-  const Ran ran = dimple(folder, "batch nowhere.csv -o out");
-  EXPECT_EQ(ran.code, 3);
-  EXPECT_NE(ran.err.find("nowhere.csv"), std::string::npos) << ran.err;
+  ends_with(folder, 3, "batch nowhere.csv -o out", {"nowhere.csv"});
 }
 
 TEST_F(Batch, ReadsTenThousandRows) {
@@ -315,10 +301,7 @@ TEST_F(Batch, IsStoppedWithinTwoSecondsAndGoesOnFromThere) {
   ran = dimple(folder, words);
   EXPECT_EQ(ran.code, 0) << ran.err;
   EXPECT_NE(ran.out.find(" skipped, 0 failed of 5 cases"), std::string::npos) << ran.out;
-  ASSERT_EQ(
-      dimple(folder, "run block.nrrd -o alone --mu 212 --frames 400 --nodes 400 --depth 2mm --write force -q")
-          .code,
-      0);
+  good("run block.nrrd -o alone --mu 212 --frames 400 --nodes 400 --depth 2mm --write force -q");
   EXPECT_EQ(text_of(folder / "out/slow_2/force.csv"), text_of(folder / "alone/force.csv"));
 }
 
@@ -397,7 +380,7 @@ TEST_F(Batch, IsCollectedAsOneTableWithForcesAtDepths) {
   EXPECT_EQ(page.find("<b>a & b"), std::string::npos);
   EXPECT_NE(page.find("loading=lazy"), std::string::npos);
   EXPECT_TRUE(fs::exists(folder / "out/b/overview.png"));
-  ASSERT_EQ(dimple(folder, "collect out -o table.csv --page pages.html -q").code, 0);
+  good("collect out -o table.csv --page pages.html -q");
   EXPECT_NE(text_of(folder / "pages.html").find("src=\"out/b/overview.png\""), std::string::npos);
   EXPECT_EQ(read_text_csv(folder / "table.csv").row.size(), 4u);
 
@@ -405,17 +388,14 @@ TEST_F(Batch, IsCollectedAsOneTableWithForcesAtDepths) {
   fs::create_directories(folder / "empty");
   EXPECT_EQ(dimple(folder, "collect empty").code, 3);
   EXPECT_EQ(dimple(folder, "collect out --depths deep").code, 2);
-  const Ran names = dimple(folder, "collect out --bids bids");
-  EXPECT_EQ(names.code, 2);
-  EXPECT_NE(names.err.find("sub-01"), std::string::npos) << names.err;
+  ends_with(folder, 2, "collect out --bids bids", {"sub-01"});
   EXPECT_FALSE(fs::exists(folder / "bids"));
 }
 
 TEST_F(Batch, IsCollectedUnderTheNamesOfBids) {
   write("cases.csv", "id,image\nsub-01,block.nrrd\nsub-02_ses-a,block.nrrd\nsub-03,nowhere.nrrd\n");
   ASSERT_EQ(dimple(folder, "batch cases.csv -o out --nodes 400 --depth 1 --frames 2 -q").code, 3);
-  const Ran ran = dimple(folder, "collect out --bids bids");
-  ASSERT_EQ(ran.code, 0) << ran.err;
+  good("collect out --bids bids");
   std::set<std::string> files;
   for (const auto& entry : fs::recursive_directory_iterator(folder / "bids"))
     if (entry.is_regular_file()) files.insert(entry.path().lexically_relative(folder / "bids").string());

@@ -25,16 +25,14 @@ class Compare : public InFolder {
   }
 
   void run(const std::string& image, const std::string& out, const std::string& more) const {
-    const Ran ran = dimple(folder, "run " + image + " -o " + out +
-                                       " --nodes 1000 --depth 1mm --frames 4 --indenter-diameter 10mm "
-                                       "--write force --quiet" +
-                                       more);
-    ASSERT_EQ(ran.code, 0) << ran.err;
+    good("run " + image + " -o " + out +
+         " --nodes 1000 --depth 1mm --frames 4 --indenter-diameter 10mm "
+         "--write force --quiet" +
+         more);
   }
 
   Json compared(const std::string& a, const std::string& b) const {
-    const Ran ran = dimple(folder, "compare " + a + " " + b + " --json");
-    EXPECT_EQ(ran.code, 0) << ran.err;
+    const Ran ran = good("compare " + a + " " + b + " --json");
     return Json::parse(ran.out);
   }
 
@@ -73,8 +71,7 @@ TEST_F(Compare, ShowsThatAnotherModulusIsTheOnlyDifference) {
     EXPECT_NEAR(row["b_force_N"].get<double>() / row["a_force_N"].get<double>(), 1.5, 1e-3);
     EXPECT_EQ(row["bands_overlap"], false);
   }
-  const Ran ran = dimple(folder, "compare a b -o both.png");
-  EXPECT_EQ(ran.code, 0) << ran.err;
+  const Ran ran = good("compare a b -o both.png");
   EXPECT_THAT(ran.out, HasSubstr("B 50.0 % above A; the bands do not overlap"));
   EXPECT_THAT(ran.out,
               testing::ContainsRegex("at 1\\.00 mm: A [0-9]{1,2}\\.[0-9]+ mN, B [0-9]{2}\\.[0-9]+ mN"));
@@ -83,8 +80,7 @@ TEST_F(Compare, ShowsThatAnotherModulusIsTheOnlyDifference) {
 }
 
 TEST_F(Compare, ARunIsItself) {
-  const Ran ran = dimple(folder, "compare a a");
-  EXPECT_EQ(ran.code, 0);
+  const Ran ran = good("compare a a");
   EXPECT_EQ(ran.err, "");
   EXPECT_THAT(ran.out, HasSubstr("of the same image"));
   EXPECT_THAT(ran.out, HasSubstr("options  no difference\n"));
@@ -92,10 +88,9 @@ TEST_F(Compare, ARunIsItself) {
 }
 
 TEST_F(Compare, SaysHowManyNodesAnAccuracyHasTakenAndNotHowManyWereNotAskedFor) {
-  const Ran ran = dimple(folder,
-                         "run body.nrrd -o b --depth 1mm --frames 4 --indenter-diameter 10mm --write force "
-                         "--quiet --accuracy 20%");
-  ASSERT_EQ(ran.code, 0) << ran.err;
+  good(
+      "run body.nrrd -o b --depth 1mm --frames 4 --indenter-diameter 10mm --write force "
+      "--quiet --accuracy 20%");
   const auto nodes = Json::parse(read_file(folder / "b/summary.json"))["counts"]["nodes"].get<int>();
   const std::string differences = compared("a", "b")["differences"].dump();
   EXPECT_EQ(differences.find("cloud.nodes"), std::string::npos) << differences;
@@ -114,10 +109,9 @@ TEST_F(Compare, BandsOverlapWhereTheyTouchAndNotBeyond) {
 }
 
 TEST_F(Compare, NeverTakesDifferentImagesForOneWithoutAWord) {
-  ASSERT_EQ(dimple(folder, "phantom other.nrrd --shape block --size 36,36,27 --spacing 3").code, 0);
+  good("phantom other.nrrd --shape block --size 36,36,27 --spacing 3");
   run("other.nrrd", "b", "");
-  const Ran ran = dimple(folder, "compare a b --quiet");
-  EXPECT_EQ(ran.code, 0) << ran.err;
+  const Ran ran = good("compare a b --quiet");
   EXPECT_THAT(ran.out, HasSubstr("DIFFERENT images"));
   EXPECT_THAT(dimple(folder, "compare a b").err, HasSubstr("warning: the runs are of DIFFERENT images"));
   EXPECT_EQ(compared("a", "b")["same_image"], false);
@@ -141,10 +135,9 @@ TEST_F(Compare, WithoutABandItIsNotKnownWhetherTheyOverlap) {
 }
 
 TEST_F(Compare, RefusesASceneWhoseToolGoesBackOrAside) {
-  const Ran ran = dimple(folder,
-                         "run body.nrrd -o scene --nodes 1000 --indenter-diameter 10mm --write force --quiet "
-                         "--set step.press.move=1mm --set step.drag.move=1,0,0");
-  ASSERT_EQ(ran.code, 0) << ran.err;
+  good(
+      "run body.nrrd -o scene --nodes 1000 --indenter-diameter 10mm --write force --quiet "
+      "--set step.press.move=1mm --set step.drag.move=1,0,0");
   EXPECT_THAT(refused("a", "scene", 3).err, HasSubstr("is a scene of steps"));
   EXPECT_THAT(refused("scene", "scene", 3).err, HasSubstr("is a scene of steps"));
 }
@@ -153,7 +146,7 @@ TEST_F(Compare, RefusesWhatIsNoFinishedRun) {
   EXPECT_THAT(refused("a", "nowhere", 3).err, HasSubstr("there is no folder nowhere"));
   fs::create_directory(folder / "empty");
   EXPECT_THAT(refused("empty", "a", 3).err, HasSubstr("empty holds no run"));
-  ASSERT_EQ(dimple(folder, "model body.nrrd -o model --nodes 300").code, 0);
+  good("model body.nrrd -o model --nodes 300");
   EXPECT_THAT(refused("a", "model", 3).err, HasSubstr("model holds no run"));
   const std::string summary = text_of(folder / "a/summary.json");
   const auto as = [&](const std::string& key, const Json& value) {
@@ -171,9 +164,7 @@ TEST_F(Compare, RefusesWhatIsNoFinishedRun) {
   EXPECT_THAT(refused("changed", "a", 3).err, HasSubstr("changed holds no run"));
   write_file(folder / "changed/summary.json", "no JSON");
   EXPECT_THAT(refused("changed", "a", 3).err, HasSubstr("changed holds no run"));
-  const Ran ran = dimple(folder, "compare a a -o picture.txt");
-  EXPECT_EQ(ran.code, 2);
-  EXPECT_THAT(ran.err, HasSubstr(".png or .svg"));
+  ends_with(folder, 2, "compare a a -o picture.txt", {".png or .svg"});
 }
 
 TEST_F(Compare, SaysWhatACutHasReleasedAsTheWorkBetweenTheTwoCurves) {

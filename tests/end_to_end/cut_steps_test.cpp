@@ -11,7 +11,7 @@
 #include <set>
 
 #include "io/table.hpp"
-#include "tests/end_to_end/program.hpp"
+#include "tests/end_to_end/in_folder.hpp"
 
 namespace dimple {
 namespace {
@@ -32,7 +32,7 @@ class StepsThatCut : public testing::Test {
   Json run(const std::string& out, const std::string& options, const std::string& image = block) const {
     const Ran ran = dimple(folder, "run " + image + " -q --nodes 800 -o " + out + options);
     EXPECT_EQ(ran.code, 0) << options << '\n' << ran.err;
-    return ran.code == 0 ? Json::parse(text_of(folder / out / "summary.json")) : Json();
+    return ran.code == 0 ? summary_of(folder / out) : Json();
   }
   Json quick(const std::string& out, const std::string& options, const std::string& image = block) const {
     return run(out, " --write force --frames 2" + options, image);
@@ -182,13 +182,11 @@ TEST_F(StepsThatCut, ShowTheCutBodyInEachFrameFromThenOnAtATimeOfItsOwn) {
   for (std::size_t k = 1; k < force.column[0].size(); ++k)
     EXPECT_GT(force.find("time_s")->at(k), force.find("time_s")->at(k - 1));
   const Ran again =
-      dimple(folder, "run " + block + " --config out/config.resolved.toml -q -o again --threads 1");
-  ASSERT_EQ(again.code, 0) << again.err;
+      good(folder, "run " + block + " --config out/config.resolved.toml -q -o again --threads 1");
   EXPECT_EQ(text_of(folder / "again" / "force.csv"), text_of(folder / "out" / "force.csv"));
   EXPECT_EQ(text_of(folder / "again" / "cuts" / "cut_0001.vtp"),
             text_of(folder / "out" / "cuts" / "cut_0001.vtp"));
-  EXPECT_EQ(dimple(folder, "run " + block + " -q --force -o out --nodes 300 --depth 1mm --write force").code,
-            0);
+  good(folder, "run " + block + " -q --force -o out --nodes 300 --depth 1mm --write force");
   EXPECT_FALSE(fs::exists(folder / "out" / "cuts")) << "a run that replaces another removes its blades";
 }
 
@@ -196,10 +194,10 @@ TEST_F(StepsThatCut, TakeOutALabelWhereverItHasGone) {
   const std::string stand = " --base inferior --indent-at 0,0,top --tool sphere:5mm";
   const Json info = Json::parse(dimple(folder, "info " + two + " --json").out);
   const std::string lower = std::to_string(info["labels"][0]["value"].get<int>());
-  const Ran falls = dimple(folder, "run " + two + " -q --nodes 800 --write force -o falls" + stand + press +
-                                       "--set step.out.cut=label:" + lower);
-  EXPECT_EQ(falls.code, 4);
-  EXPECT_THAT(falls.err, HasSubstr("step.out.cut"));
+  ends_with(folder, 4,
+            "run " + two + " -q --nodes 800 --write force -o falls" + stand + press +
+                "--set step.out.cut=label:" + lower,
+            {"step.out.cut"});
 }
 
 // At rest again the second blade lies in the gap of the first, but for rounding.
@@ -230,7 +228,7 @@ TEST_F(StepsThatCut, ThatCannotBeMadeLeaveTheCurveUntilThenAndSayWhy) {
     EXPECT_TRUE(ran.code == 4 || ran.code == 3) << cut << ran.err;
     EXPECT_THAT(ran.err, HasSubstr(words));
     EXPECT_THAT(ran.err, HasSubstr("step.slit.cut")) << "where";
-    const Json summary = Json::parse(text_of(folder / "out" / "summary.json"));
+    const Json summary = summary_of(folder / "out");
     EXPECT_EQ(summary["status"], "failed");
     EXPECT_EQ(summary["exit_code"], ran.code);
     EXPECT_NEAR(summary["indentation_mm"].get<double>(), 2.0, 1e-9);
@@ -257,16 +255,11 @@ TEST_F(StepsThatCut, ThatNothingCanBeMadeOfAreRefusedBeforeAnythingIsBuilt) {
                       "membrane.pia.tension=1",
                   "tension"}};
   for (const auto& [options, words] : refused) {
-    const Ran ran = dimple(folder, "run " + block + " -o out " + options);
-    EXPECT_EQ(ran.code, 2) << options << ran.err;
-    EXPECT_THAT(ran.err, HasSubstr(words)) << options;
-    EXPECT_THAT(ran.err, HasSubstr("try:"));
+    ends_with(folder, 2, "run " + block + " -o out " + options, {words, "try:"});
     EXPECT_FALSE(fs::exists(folder / "out")) << options;
   }
-  ASSERT_EQ(dimple(folder, "model " + block + " -q --nodes 300 -o m").code, 0);
-  const Ran of_model = dimple(folder, "solve m -o out " + cut + press);
-  EXPECT_EQ(of_model.code, 2);
-  EXPECT_THAT(of_model.err, HasSubstr("made before"));
+  good(folder, "model " + block + " -q --nodes 300 -o m");
+  ends_with(folder, 2, "solve m -o out " + cut + press, {"made before"});
 }
 
 TEST_F(StepsThatCut, HaveTheWorkOfTheirBladeByTheBalanceOfEnergyWhereAToughnessIsGiven) {

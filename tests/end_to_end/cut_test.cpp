@@ -7,7 +7,7 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
-#include "tests/end_to_end/program.hpp"
+#include "tests/end_to_end/in_folder.hpp"
 
 namespace dimple {
 namespace {
@@ -19,13 +19,8 @@ constexpr const char* quick = " -q --write force --nodes 1000 --depth 2mm --fram
 const std::string block = DIMPLE_SAMPLE_DATA "/block_3mm.nrrd";  // 60 x 60 x 30 mm, the circle at (0, 0, 30)
 const std::string two = DIMPLE_SAMPLE_DATA "/two_labels_3mm.nii.gz";
 
-Json summary_of(const fs::path& folder) {
-  return Json::parse(text_of(folder / "summary.json"));
-}
-
 Json run_of(const fs::path& folder, const std::string& image, const std::string& options, const char* out) {
-  const Ran ran = dimple(folder, "run " + image + " -o " + out + quick + options);
-  EXPECT_EQ(ran.code, 0) << ran.err;
+  const Ran ran = good(folder, "run " + image + " -o " + out + quick + options);
   return ran.code == 0 ? summary_of(folder / out) : Json();
 }
 
@@ -67,8 +62,7 @@ TEST(Cut, ByALineBeneathTheSurfaceOpensItFromTheOutside) {
 TEST(Cut, IsRepeatedByTheConfigurationThatItsRunWroteAndByAnyNumberOfThreads) {
   const fs::path folder = fresh_folder();
   run_of(folder, block, "--threads 2 --cut line:9,-20,30,9,20,30,depth=15mm", "out");
-  ASSERT_EQ(
-      dimple(folder, "run " + block + " --config out/config.resolved.toml -o again -q --threads 1").code, 0);
+  good(folder, "run " + block + " --config out/config.resolved.toml -o again -q --threads 1");
   EXPECT_EQ(text_of(folder / "out" / "force.csv"), text_of(folder / "again" / "force.csv"));
 }
 
@@ -86,8 +80,7 @@ TEST(Cut, OfALabelIsTheBodyOfTheOthers) {
 
 TEST(Cut, ThatPartsTheBodySaysWhatIsLeftOutAndRefusesAToolOnWhatNothingHolds) {
   const fs::path folder = fresh_folder();
-  const Ran ran = dimple(folder, "run " + block + " -o out --cut plane:12,0,0,1,0,0" + quick);
-  ASSERT_EQ(ran.code, 0) << ran.err;
+  good(folder, "run " + block + " -o out --cut plane:12,0,0,1,0,0" + quick);
   const Json cut = summary_of(folder / "out")["model"]["cut"];
   ASSERT_EQ(cut["parted"].size(), 1U);
   EXPECT_NEAR(cut["parted"][0]["volume_mm3"].get<double>(), 17.75 * 1800.0, 0.02 * 17.75 * 1800.0);
@@ -96,9 +89,8 @@ TEST(Cut, ThatPartsTheBodySaysWhatIsLeftOutAndRefusesAToolOnWhatNothingHolds) {
   const Json image = summary_of(folder / "out")["verdict"]["image"];  // what was asked for is no doubt
   EXPECT_EQ(image["word"], "good") << image;
   EXPECT_NE(image["of"].get<std::string>().find("cut away"), std::string::npos);
-  const Ran falls = dimple(folder, "run " + block + " -o falls --cut plane:0,0,12,0,0,1" + quick);
-  EXPECT_EQ(falls.code, 4);
-  EXPECT_NE(falls.err.find("parted from the base"), std::string::npos) << falls.err;
+  ends_with(folder, 4, "run " + block + " -o falls --cut plane:0,0,12,0,0,1" + quick,
+            {"parted from the base"});
 }
 
 TEST(Cut, ThatReachesToWhereNodesAreTooFarApartToKeepItOpenSaysSo) {
@@ -120,20 +112,18 @@ TEST(Cut, ByADrawnSheetIsThatByTheSamePlaneAndAClosedOneIsTakenOutWhole) {
          "40\nv 12 6 40\nf 4 3 2 1\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n";
   const auto finer = [&](const std::string& cut,
                          const std::string& out) {  // with 1000 nodes seeds differ by 2 %
-    const Ran ran = dimple(folder, "run " + block +
-                                       " -q --write force --nodes 2000 --depth 2mm --frames 2 "
-                                       "--band off --cut " +
-                                       cut + " -o " + out);
-    EXPECT_EQ(ran.code, 0) << ran.err;
+    good(folder, "run " + block +
+                     " -q --write force --nodes 2000 --depth 2mm --frames 2 "
+                     "--band off --cut " +
+                     cut + " -o " + out);
     return summary_of(folder / out);
   };
   const Json sheet = finer("sheet.obj", "sheet"), line = finer("line:9,-20,30,9,20,30,depth=20mm", "line");
   EXPECT_NEAR(sheet["force_N"].get<double>(), line["force_N"].get<double>(),
               0.005 * line["force_N"].get<double>());
-  const Ran region = dimple(folder, "run " + block +
-                                        " --write force --nodes 1000 --depth 2mm --frames 2 --band off "
-                                        "--cut cube.obj -o cube");
-  EXPECT_EQ(region.code, 0) << region.err;
+  const Ran region = good(folder, "run " + block +
+                                      " --write force --nodes 1000 --depth 2mm --frames 2 --band off "
+                                      "--cut cube.obj -o cube");
   EXPECT_NE(region.err.find("cm3 removed"), std::string::npos) << region.err;
   const Json cube = summary_of(folder / "cube");
   EXPECT_NEAR(cube["model"]["cut"]["removed_mm3"].get<double>(), 1440.0, 0.05 * 1440.0);
@@ -219,11 +209,10 @@ TEST(Cut, TakesWhatIsCutOutFromTheDeformedLabelsToo) {
       << "v 12 -6 20\nv 24 -6 20\nv 24 6 20\nv 12 6 20\nv 12 -6 40\nv 24 -6 40\nv 24 6 "
          "40\nv 12 6 40\nf 4 3 2 1\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n";
   const auto run = [&](const std::string& image, const std::string& cut, const std::string& out) {
-    const Ran ran = dimple(folder, "run " + image +
-                                       " -q --write force,images --nodes 1000 --depth 2mm --frames 1 "
-                                       "--band off --cut " +
-                                       cut + " -o " + out);
-    EXPECT_EQ(ran.code, 0) << ran.err;
+    good(folder, "run " + image +
+                     " -q --write force,images --nodes 1000 --depth 2mm --frames 1 "
+                     "--band off --cut " +
+                     cut + " -o " + out);
     return summary_of(folder / out);
   };
   const Json cube = run(block, "cube.obj", "cube");
@@ -249,19 +238,14 @@ TEST(Cut, ThatTheLoadClosesSaysThatItsBanksPassThroughEachOtherAndOneThatOpensDo
   EXPECT_TRUE(closes(beneath, "pressed"));
   EXPECT_FALSE(closes(beneath + "--set image.cut_gap=4mm", "wide"));
   const std::string lifted = std::string(quick).substr(0, std::string(quick).find("--depth"));
-  ASSERT_EQ(
-      dimple(folder, "run " + block + " -o lifted --band off --set step.lift.move=-2mm " + beneath + lifted)
-          .code,
-      0);
+  good(folder, "run " + block + " -o lifted --band off --set step.lift.move=-2mm " + beneath + lifted);
   EXPECT_EQ(text_of(folder / "lifted" / "summary.json").find("pass through each other"), std::string::npos);
 }
 
 TEST(Cut, IsRefusedWhereTheBodyWouldStayWhole) {
   const fs::path folder = fresh_folder();
   for (const char* command : {"places ", "poke --socket s ", "export -o e.inp "}) {
-    const Ran ran = dimple(folder, command + block + " --cut plane:20,0,0,1,0,0");
-    EXPECT_EQ(ran.code, 2) << command << ran.err;
-    EXPECT_NE(ran.err.find("cut"), std::string::npos) << ran.err;
+    ends_with(folder, 2, command + block + " --cut plane:20,0,0,1,0,0", {"cut"});
   }
 }
 
@@ -278,19 +262,16 @@ TEST(SelfContact, OfACutUnderTheToolCarriesNearlyAsMuchAsTheWholeBodyAndNeverMor
   const Json& contact = closed["self_contact"];
   EXPECT_NEAR(contact["sum_of_forces_N"].get<double>(), touching, 0.3 * touching);
   EXPECT_LT(contact["largest_penetration_mm"].get<double>(), 0.3) << "the gap; open, they pass by 3 mm";
-  ASSERT_EQ(
-      dimple(folder, "run " + block + " --config closed/config.resolved.toml -o again -q --threads 1").code,
-      0);
+  good(folder, "run " + block + " --config closed/config.resolved.toml -o again -q --threads 1");
   EXPECT_EQ(text_of(folder / "closed" / "force.csv"), text_of(folder / "again" / "force.csv"));
 }
 
 TEST(Cut, UnderGravityCountsTheBendingOfTheFlapFromWhereTheBodyCameToRest) {
   const fs::path folder = fresh_folder();
   const Ran ran =
-      dimple(folder, "run " + block +
-                         " -o out --write force --nodes 1000 --depth 1mm --frames 1 --band off --mu 500 "
-                         "--gravity inferior --cut plane:0,0,22,0,0,1,radius=14mm");
-  ASSERT_EQ(ran.code, 0) << ran.err;
+      good(folder, "run " + block +
+                       " -o out --write force --nodes 1000 --depth 1mm --frames 1 --band off --mu 500 "
+                       "--gravity inferior --cut plane:0,0,22,0,0,1,radius=14mm");
   const std::size_t at = ran.err.find(" % of the push bends");
   ASSERT_NE(at, std::string::npos) << ran.err;
   const double percent = std::stod(ran.err.substr(ran.err.rfind(' ', at - 1)));
@@ -300,10 +281,9 @@ TEST(Cut, UnderGravityCountsTheBendingOfTheFlapFromWhereTheBodyCameToRest) {
 
 TEST(SelfContact, OfABodyThatNowhereFacesItselfSaysThatNothingCanTouch) {
   const fs::path folder = fresh_folder();
-  const Ran ran = dimple(folder, "run " + block +
-                                     " -o out --write force --nodes 300 --depth 1mm --frames 1 --band off "
-                                     "--self-contact on");
-  EXPECT_EQ(ran.code, 0) << ran.err;
+  const Ran ran = good(folder, "run " + block +
+                                   " -o out --write force --nodes 300 --depth 1mm --frames 1 --band off "
+                                   "--self-contact on");
   EXPECT_NE(ran.err.find("nothing can touch"), std::string::npos) << ran.err;
   EXPECT_FALSE(summary_of(folder / "out").contains("self_contact"));
 }
@@ -311,14 +291,11 @@ TEST(SelfContact, OfABodyThatNowhereFacesItselfSaysThatNothingCanTouch) {
 TEST(SelfContact, IsRefusedWhereNothingLooksForIt) {
   const fs::path folder = fresh_folder();
   for (const char* beside : {"--time explicit", "--scheme horton2007"}) {
-    const Ran ran = dimple(folder, "run " + block + " -o out --self-contact on " + beside);
-    EXPECT_EQ(ran.code, 2) << beside;
-    EXPECT_NE(ran.err.find("folds are to touch"), std::string::npos) << ran.err;
+    ends_with(folder, 2, "run " + block + " -o out --self-contact on " + beside, {"folds are to touch"});
   }
   for (const char* command : {"poke --socket s ", "export -o e.inp "}) {
-    const Ran ran = dimple(folder, command + block + " --set load.self_contact=on");
-    EXPECT_EQ(ran.code, 2) << command;
-    EXPECT_NE(ran.err.find("lets folds pass through each other"), std::string::npos) << ran.err;
+    ends_with(folder, 2, command + block + " --set load.self_contact=on",
+              {"lets folds pass through each other"});
   }
 }
 

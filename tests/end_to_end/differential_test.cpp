@@ -513,8 +513,7 @@ TEST(Differential, LargeImagesTakeNoMoreMemoryThanTheyHoldAndHalfAGigabyte) {
                                        {"512.nii.gz", 512.0, 1},
                                        {"512.nrrd", 512.0, 2}}) {
     SCOPED_TRACE(name);
-    const Ran ran = dimple(folder, std::string("info ") + name + " --json");
-    ASSERT_EQ(ran.code, 0) << ran.err;
+    const Ran ran = good(folder, std::string("info ") + name + " --json");
     const auto labels = nlohmann::json::parse(ran.out).at("labels");
     const double volume = 4.0 / 3.0 * std::numbers::pi * std::pow(0.45 * n * 0.4, 3);
     EXPECT_NEAR(labels.at(0).at("volume_mm3").get<double>(), volume, 1e-3 * volume);

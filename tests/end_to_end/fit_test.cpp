@@ -253,9 +253,7 @@ TEST_F(Fit, ARunDrawsAMeasuredCurveBesideItsOwnAndChangesNothingElse) {
 
 TEST_F(Fit, ARunRefusesABadCurveBeforeItReadsTheImage) {
   std::ofstream(folder / "bad.csv") << "indentation_mm,force\n1,0.01\n2,0.02\n";
-  const Ran ran = dimple(folder, "run nothere.nrrd -o out --compare bad.csv");
-  EXPECT_EQ(ran.code, 3);
-  EXPECT_THAT(ran.err, HasSubstr("no column force_N"));
+  ends_with(folder, 3, "run nothere.nrrd -o out --compare bad.csv", {"no column force_N"});
   const Ran paper =
       good("run " + block + " -o paper --write force --nodes 300 --frames 2 --compare horton2007");
   EXPECT_THAT(paper.err, HasSubstr("left hemisphere"));

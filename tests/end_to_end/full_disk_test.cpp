@@ -181,7 +181,7 @@ TEST_F(FullDisk, BehindTheStandardOutputIsNoticed) {
 
 TEST(ClosedStreams, OfMessagesLeaveTheRunAsItIs) {
   const fs::path folder = fresh_folder();
-  ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 40,40,20 --spacing 2").code, 0);
+  good(folder, "phantom block.nrrd --shape block --size 40,40,20 --spacing 2");
   const Ran ran = Program(folder,
                           {"-c", DIMPLE_PROGRAM " run block.nrrd -o out --nodes 300 --depth 1mm "
                                                 "--frames 1 --band off --write force 2>&-"},

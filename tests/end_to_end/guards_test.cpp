@@ -73,13 +73,12 @@ TEST_F(GuardedRun, ThatHasNoEquilibriumEndsWithItsCodeAndKeepsWhatThereIs) {
 TEST_F(GuardedRun, WithALongTimeStepRecoversToTheForceOfAShortOne) {
   const std::string scene =
       "run block.nrrd --nodes 300 --depth 1mm --rate 2mm/s --frames 4 --scheme horton2007 --damping 60";
-  ASSERT_EQ(dimple(folder, scene + " -o short --safety 0.5 -q").code, 0);
+  good(scene + " -o short --safety 0.5 -q");
   EXPECT_TRUE(summary("short").at("retries").empty());
   const double right = summary("short").at("force_N");
   for (const char* safety : {"1.05", "2"}) {
     const std::string out = std::string("long") + safety;
-    const Ran ran = dimple(folder, scene + " -o " + out + " --safety " + safety);
-    EXPECT_EQ(ran.code, 0) << ran.err;
+    const Ran ran = good(scene + " -o " + out + " --safety " + safety);
     EXPECT_THAT(ran.err, HasSubstr("time-step"));
     const Json s = summary(out);
     EXPECT_EQ(s.at("status"), "finished");
@@ -87,8 +86,8 @@ TEST_F(GuardedRun, WithALongTimeStepRecoversToTheForceOfAShortOne) {
     EXPECT_EQ(s.at("retries")[0].at("code"), "time-step");
     EXPECT_NEAR(s.at("force_N").get<double>(), right, 2e-3 * right) << safety;
   }
-  ASSERT_EQ(dimple(folder, scene + " -o one --safety 2 --threads 1 -q").code, 0);
-  ASSERT_EQ(dimple(folder, scene + " -o three --safety 2 --threads 3 -q").code, 0);
+  good(scene + " -o one --safety 2 --threads 1 -q");
+  good(scene + " -o three --safety 2 --threads 3 -q");
   EXPECT_EQ(text_of(folder / "one" / "force.csv"), text_of(folder / "three" / "force.csv"));
 }
 
@@ -107,8 +106,7 @@ TEST_F(GuardedRun, OfThePapersSchemeWithTooWideSupportsStopsWithItsCode) {
 }
 
 TEST_F(GuardedRun, SaysThatTheCircleHasTooFewNodes) {
-  const Ran ran = dimple(folder, "run block.nrrd -o out --nodes 300 --rim 0.05 --depth 6mm --frames 4");
-  EXPECT_EQ(ran.code, 0) << ran.err;
+  const Ran ran = good("run block.nrrd -o out --nodes 300 --rim 0.05 --depth 6mm --frames 4");
   EXPECT_THAT(ran.err, HasSubstr("nodes lie under the circle"));
   EXPECT_THAT(ran.err, HasSubstr("[circle-nodes]"));
   const Json s = summary("out");
@@ -121,8 +119,7 @@ TEST_F(GuardedRun, SaysThatTheCircleHasTooFewNodes) {
 
 // Deep below the sharp rim some points are inverted with every cloud; the force is right.
 TEST_F(GuardedRun, SaysThatPointsAtTheRimAreInsideOutAndGoesOn) {
-  const Ran ran = dimple(folder, "run block.nrrd -o out -v --nodes 300 --depth 18mm --frames 16");
-  EXPECT_EQ(ran.code, 0) << ran.err;
+  const Ran ran = good("run block.nrrd -o out -v --nodes 300 --depth 18mm --frames 16");
   const Json s = summary("out");
   EXPECT_EQ(s.at("status"), "finished");
   const Json* found = with_code(s.at("guards"), "inverted");
@@ -136,10 +133,8 @@ TEST_F(GuardedRun, SaysThatPointsAtTheRimAreInsideOutAndGoesOn) {
 TEST_F(GuardedRun, PressesABlockToSixtyPercentOfItsHeightAtAnyPoissonRatio) {
   double before = 0.0;
   for (const std::string nu : {"0.3", "0.499", "0.4999"}) {
-    const Ran ran =
-        dimple(folder, "run block.nrrd -o " + nu +
-                           " --nodes 1000 --rim 0.15 --depth 18mm --frames 12 --set material.nu=" + nu);
-    EXPECT_EQ(ran.code, 0) << ran.err;
+    good("run block.nrrd -o " + nu +
+         " --nodes 1000 --rim 0.15 --depth 18mm --frames 12 --set material.nu=" + nu);
     const Json s = summary(nu);
     EXPECT_EQ(s.at("status"), "finished");
     EXPECT_TRUE(s.at("retries").empty()) << s.at("retries").dump(1);
@@ -167,8 +162,7 @@ TEST_F(GuardedRun, WarnsOfWhateverMakesItsForceLessExact) {
       {"jagged", "--nodes 200 --rim 0.5 --time explicit --rate 1.8mm/s --depth 1mm --frames 4"}};
   for (const auto& [code, options] : firing) {
     SCOPED_TRACE(code);
-    const Ran ran = dimple(folder, "run block.nrrd --force -o out --band off --write force " + options);
-    EXPECT_EQ(ran.code, 0) << ran.err;
+    const Ran ran = good("run block.nrrd --force -o out --band off --write force " + options);
     EXPECT_THAT(ran.err, HasSubstr("[" + code + "]"));
     const Json s = summary("out");
     const Json* found = with_code(s.at("guards"), code);
@@ -179,8 +173,7 @@ TEST_F(GuardedRun, WarnsOfWhateverMakesItsForceLessExact) {
 }
 
 TEST_F(GuardedRun, ThatIsWellFindsNothing) {
-  const Ran ran = dimple(folder, "run block.nrrd -o out --nodes 1000 --depth 1mm --frames 4");
-  EXPECT_EQ(ran.code, 0);
+  const Ran ran = good("run block.nrrd -o out --nodes 1000 --depth 1mm --frames 4");
   EXPECT_TRUE(summary("out").at("guards").empty()) << summary("out").at("guards").dump(1);
   EXPECT_TRUE(summary("out").at("retries").empty());
   EXPECT_THAT(ran.err, testing::Not(HasSubstr("warning")));

@@ -363,7 +363,7 @@ TEST_F(Images, OfEachFrameAreNumberedAndAModelsRunWarpsAnMri) {
 
 // Ctrl-C amid the images: the force stays, nothing is half written, and --resume writes the images.
 TEST_F(Images, AreGivenUpWithinTwoSecondsAndMadeByAResumedRun) {
-  ASSERT_EQ(dimple(folder, "phantom brain.nii.gz --spacing 0.8 -q").code, 0);
+  good("phantom brain.nii.gz --spacing 0.8 -q");
   const std::string line =
       "run brain.nii.gz -o out --nodes 400 --depth 2mm --frames 2 --band off --write images -q";
   int interrupted = 0;

@@ -64,7 +64,7 @@ TEST(LiveCut, HasAboutTheForceOfARunOnTheCutBody) {
   ASSERT_EQ(poke(folder, "-q", "live").code, 0);
   const std::string run =
       "run " + block + " --nodes 1500 --depth 2mm --frames 1 --write force --band off -q ";
-  ASSERT_EQ(dimple(folder, run + "-o cut --cut line:9,-8,29,9,8,29,depth=12mm").code, 0);
+  good(folder, run + "-o cut --cut line:9,-8,29,9,8,29,depth=12mm");
   const double expected = read_csv(folder / "cut" / "force.csv").find("force_N")->back();
   EXPECT_NEAR(at_time(read_csv(folder / "live" / "forces.csv"), "force_N", 1.0), expected, 0.04 * expected);
 }
@@ -133,12 +133,8 @@ TEST(LiveCut, IsRefusedWhereItsFileOrItsBladeSaysNothing) {
   const Ran columns = poke(folder, "-q --force", "live");
   EXPECT_NE(columns.err.find("there is no column from_x_mm"), std::string::npos) << columns.err;
   refused("0.8,9e12,-8,29,9,8,29,5\n", 3, "more than 1 km away");
-  const Ran alone = dimple(folder, "poke " + block + " --strokes strokes.csv --socket s");
-  EXPECT_EQ(alone.code, 2);
-  EXPECT_NE(alone.err.find("strokes have times"), std::string::npos) << alone.err;
-  const Ran blunt = dimple(folder, "poke " + block + " --script path.csv --tool scalpel");
-  EXPECT_EQ(blunt.code, 2) << blunt.err;
-  EXPECT_NE(blunt.err.find("--tool scalpel:12mm"), std::string::npos) << blunt.err;
+  ends_with(folder, 2, "poke " + block + " --strokes strokes.csv --socket s", {"strokes have times"});
+  ends_with(folder, 2, "poke " + block + " --script path.csv --tool scalpel", {"--tool scalpel:12mm"});
   write_script(folder, "0.8,9,-8,29,9,8,29,5\n");
   const Ran relaxes =
       poke(folder, "-q --force --set material.prony_g=0.5 --set material.prony_tau=1s", "live");

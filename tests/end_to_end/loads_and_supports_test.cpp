@@ -64,10 +64,8 @@ TEST_F(GravityInAScene, BySideAndByNumbersGivesTheSameBits) {
 // The longest displacement of a node, which its parameter is not; damping has no part in it, and that is
 // told.
 TEST_F(GravityInAScene, SettlesByWhatItsNodesAreDisplaced) {
-  const Ran ran =
-      dimple(folder, "run block.nrrd --force -o out" + scene +
-                         " --mu 2kPa --nodes 600 --depth 0.5mm --write nodes --gravity left --damping 3");
-  ASSERT_EQ(ran.code, 0) << ran.err;
+  good("run block.nrrd --force -o out" + scene +
+       " --mu 2kPa --nodes 600 --depth 0.5mm --write nodes --gravity left --damping 3");
   vtkNew<vtkXMLUnstructuredGridReader> nodes;
   nodes->SetFileName((folder / "out/nodes/nodes_0000.vtu").c_str());
   nodes->Update();
@@ -165,7 +163,7 @@ TEST_F(Block, UnderLoadsAndOnSupportsIsResumedToTheSameBits) {
       "run block.nrrd --base inferior --indent-at 0,0,top --mu 2kPa -q --nodes 700 --depth 4mm --frames 100 "
       "--write nodes --quantity displacement@0,0,25" +
       everything;
-  ASSERT_EQ(dimple(folder, slow + " -o whole").code, 0);
+  good(slow + " -o whole");
   {
     Program program(folder, words_of(slow + " -o out"));
     while (program.running() && !fs::exists(folder / "out" / "checkpoint.cbor"))
@@ -174,8 +172,7 @@ TEST_F(Block, UnderLoadsAndOnSupportsIsResumedToTheSameBits) {
     program.send(SIGTERM);
     EXPECT_EQ(program.wait().code, 130);
   }
-  const Ran resumed = dimple(folder, slow + " -o out --resume");
-  ASSERT_EQ(resumed.code, 0) << resumed.err;
+  good(slow + " -o out --resume");
   expect_same_results(folder / "whole", folder / "out");
 }
 
@@ -335,15 +332,13 @@ TEST_F(ASupport, KeepsForcesProportionalToTheModulus) {
 }
 
 TEST_F(ASupport, MayBeTheTissueOfALabel) {
-  ASSERT_EQ(dimple(folder, "phantom two.nrrd --shape block --size 60,60,30 --spacing 3 --two-labels -q").code,
-            0);
+  good("phantom two.nrrd --shape block --size 60,60,30 --spacing 3 --two-labels -q");
   const std::string scene =
       " --base inferior --indent-at 0,0,top --mu 2kPa --frames 1 --nodes 800 --depth 2mm --write force "
       "--force -q";
   const auto force_of = [&](const std::string& more) {
-    const Ran ran = dimple(folder, "run two.nrrd -o out" + scene + more);
-    EXPECT_EQ(ran.code, 0) << ran.err;
-    return Json::parse(text_of(folder / "out" / "summary.json"));
+    good("run two.nrrd -o out" + scene + more);
+    return summary_of(folder / "out");
   };
   const Json held = force_of(" --set support.bone.on=label:1");
   EXPECT_GT(held["supports"]["bone"]["nodes"].get<int>(), 20);
@@ -351,18 +346,16 @@ TEST_F(ASupport, MayBeTheTissueOfALabel) {
       << "a layer half as thick";
   refused(3, "run two.nrrd -o no -q --set support.bone.on=label:7",
           {"label '7'", "support.bone.on", "dimple info"});
-  ASSERT_EQ(dimple(folder, "model two.nrrd -o model --nodes 500 -q").code, 0);
+  good("model two.nrrd -o model --nodes 500 -q");
   refused(4, "solve model -o no -q --depth 1mm --set support.bone.on=label:1",
           {"'bone'", "meets no node", "knows no labels"});
 }
 
 TEST_F(Block, SaysAtTheStartWhatHoldsIt) {
-  const Ran ran =
-      dimple(folder,
-             "run block.nrrd -o out --base inferior --indent-at 0,0,top --nodes 600 --depth 0.5mm --frames 1 "
-             "--write force --set support.retractor.on=left --set support.retractor.move=-3,0,0 "
-             "--set support.plate.on=right --set support.plate.hold=sliding --set support.strap.on=anterior");
-  ASSERT_EQ(ran.code, 0) << ran.err;
+  const Ran ran = good(
+      "run block.nrrd -o out --base inferior --indent-at 0,0,top --nodes 600 --depth 0.5mm --frames 1 "
+      "--write force --set support.retractor.on=left --set support.retractor.move=-3,0,0 "
+      "--set support.plate.on=right --set support.plate.hold=sliding --set support.strap.on=anterior");
   EXPECT_THAT(ran.err, HasSubstr("support  retractor: "));
   EXPECT_THAT(ran.err, HasSubstr(" nodes, moves (-3, 0, 0) mm"));
   // The edges of a smooth surface around voxels are round, and not all alike.

@@ -85,8 +85,7 @@ TEST_F(AMembrane, OfWeakTensionComesToRestOnTissueOfAnyRatio) {
 }
 
 TEST_F(AMembrane, IsToldOfAndItsBandIsUnknown) {
-  const Ran ran = dimple(folder, "run block.nrrd -o out" + scene + " --membrane 0.1mm:400kPa");
-  ASSERT_EQ(ran.code, 0) << ran.err;
+  const Ran ran = good("run block.nrrd -o out" + scene + " --membrane 0.1mm:400kPa");
   EXPECT_THAT(ran.err, HasSubstr("membrane surface: 0.10 mm of 400 kPa (40.0 N/m), on "));
   EXPECT_THAT(ran.out, HasSubstr("no error estimate: not calibrated for membranes"));
 }
@@ -105,7 +104,7 @@ TEST_F(AMembrane, IsResumedToTheSameBits) {
   const std::string slow =
       "run block.nrrd --base inferior --indent-at 0,0,top --mu 2kPa -q --nodes 700 --depth 4mm --frames 60 "
       "--write nodes --membrane 0.1mm:400kPa --set membrane.skin.tension=1N/m";
-  ASSERT_EQ(dimple(folder, slow + " -o whole").code, 0);
+  good(slow + " -o whole");
   {
     Program program(folder, words_of(slow + " -o out"));
     while (program.running() && !fs::exists(folder / "out" / "checkpoint.cbor"))
@@ -114,8 +113,7 @@ TEST_F(AMembrane, IsResumedToTheSameBits) {
     program.send(SIGTERM);
     EXPECT_EQ(program.wait().code, 130);
   }
-  const Ran resumed = dimple(folder, slow + " -o out --resume");
-  ASSERT_EQ(resumed.code, 0) << resumed.err;
+  good(slow + " -o out --resume");
   expect_same_results(folder / "whole", folder / "out");
   EXPECT_EQ(dimple(folder, slow + " -o out --resume --membrane 0.1mm:300kPa").code, 2);
 }

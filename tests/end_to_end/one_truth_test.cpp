@@ -173,7 +173,7 @@ class OneTruth : public testing::Test {
 };
 
 TEST_F(OneTruth, OfABlockWithItsBandAndImages) {
-  ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3").code, 0);
+  good(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3");
   run("block.nrrd -o out --nodes 1000 --depth 3mm --frames 4 --write all,images");
   expect_one_truth();
   EXPECT_GT(summary.at("parts_wall_s").at("images"), 0.0);
@@ -181,7 +181,7 @@ TEST_F(OneTruth, OfABlockWithItsBandAndImages) {
 }
 
 TEST_F(OneTruth, OfTwoTissuesWithoutABand) {
-  ASSERT_EQ(dimple(folder, "phantom brain.nrrd --spacing 3").code, 0);
+  good(folder, "phantom brain.nrrd --spacing 3");
   run("brain.nrrd -o out --nodes 700 --depth 2mm --frames 3 --write report --mu 20kPa --set "
       "tissue.left_hemisphere.mu=12500Pa");
   expect_one_truth();
@@ -190,7 +190,7 @@ TEST_F(OneTruth, OfTwoTissuesWithoutABand) {
 }
 
 TEST_F(OneTruth, IsRepeatedFromAnyFolderByTheCommandOnThePage) {
-  ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3").code, 0);
+  good(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3");
   ran = dimple(folder, {"run", "block.nrrd", "-o", "its $results", "--nodes", "400", "--depth", "1mm",
                         "--frames", "1", "--band", "off", "--write", "report"});
   ASSERT_EQ(ran.code, 0) << ran.err;
@@ -206,7 +206,7 @@ TEST_F(OneTruth, IsRepeatedFromAnyFolderByTheCommandOnThePage) {
 }
 
 TEST_F(OneTruth, OfAnExplanationTooAndOfHowItEnded) {
-  ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3").code, 0);
+  good(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3");
   run("block.nrrd -o out --nodes 500 --depth 2mm --frames 2 --band off --write report --explain --time-limit "
       "4s",
       130);

@@ -150,6 +150,18 @@ Ran dimple(const fs::path& folder, const std::string& arguments) {
   return dimple(folder, words_of(arguments));
 }
 
+Ran good(const fs::path& folder, const std::vector<std::string>& arguments) {
+  const Ran ran = dimple(folder, arguments);
+  std::string line = "dimple";
+  for (const std::string& word : arguments) line += ' ' + word;
+  EXPECT_EQ(ran.code, 0) << line << '\n' << ran.err;
+  return ran;
+}
+
+Ran good(const fs::path& folder, const std::string& arguments) {
+  return good(folder, words_of(arguments));
+}
+
 Ran dimple_on_terminal(const fs::path& folder, const std::vector<std::string>& arguments, int columns) {
   std::vector<std::string> words = {DIMPLE_PROGRAM};
   words.insert(words.end(), arguments.begin(), arguments.end());
@@ -186,6 +198,15 @@ std::string text_of(const fs::path& file) {
   std::ostringstream text;
   text << in.rdbuf();
   return text.str();
+}
+
+void ends_with(const fs::path& folder, int code, const std::string& arguments,
+               const std::vector<std::string>& words) {
+  SCOPED_TRACE("dimple " + arguments);
+  const Ran ran = dimple(folder, arguments);
+  EXPECT_EQ(ran.code, code) << ran.err;
+  for (const std::string& word : words)
+    EXPECT_NE(ran.err.find(word), std::string::npos) << "no '" << word << "' in\n" << ran.err;
 }
 
 void expect_refusal(const Ran& ran, int code, const std::vector<std::string>& words) {

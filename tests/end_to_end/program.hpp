@@ -54,6 +54,10 @@ class Program {
 Ran dimple(const std::filesystem::path& folder, const std::vector<std::string>& arguments);
 Ran dimple(const std::filesystem::path& folder, const std::string& arguments);
 
+/// The same; the test fails unless the program ends well.
+Ran good(const std::filesystem::path& folder, const std::vector<std::string>& arguments);
+Ran good(const std::filesystem::path& folder, const std::string& arguments);
+
 /// The same on a terminal of its own with so many columns: `out` is all that the terminal was sent.
 Ran dimple_on_terminal(const std::filesystem::path& folder, const std::vector<std::string>& arguments,
                        int columns);
@@ -61,6 +65,10 @@ Ran dimple_on_terminal(const std::filesystem::path& folder, const std::vector<st
 std::vector<std::string> words_of(const std::string& arguments);
 
 std::string text_of(const std::filesystem::path& file);
+
+/// Runs the program, which must end with this code and say these words on stderr.
+void ends_with(const std::filesystem::path& folder, int code, const std::string& arguments,
+               const std::vector<std::string>& words);
 
 /// The exit code, and a message with its four parts and these words.
 void expect_refusal(const Ran& ran, int code, const std::vector<std::string>& words);

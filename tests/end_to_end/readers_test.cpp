@@ -51,10 +51,8 @@ void expect_finite(vtkDataSet* data, const char* name, int components, const cha
 
 TEST(ResultFiles, OpenInVtksOwnReadersAndLieOverTheLabels) {
   const fs::path folder = fresh_folder();
-  ASSERT_EQ(dimple(folder, "phantom brain.nrrd --spacing 3").code, 0);
-  const Ran ran =
-      dimple(folder, "run brain.nrrd -o out -q --nodes 500 --depth 1mm --time quasi-static --frames 2");
-  ASSERT_EQ(ran.code, 0) << ran.err;
+  good(folder, "phantom brain.nrrd --spacing 3");
+  good(folder, "run brain.nrrd -o out -q --nodes 500 --depth 1mm --time quasi-static --frames 2");
 
   vtkNew<vtkXMLImageDataReader> label;
   read(*label, folder / "out" / "label.vti");

@@ -55,11 +55,10 @@ class Report : public InFolder {
   void SetUp() override {
     if (browser.empty())
       GTEST_SKIP() << "no browser is installed, so the page is not opened (Debian: chromium)";
-    ASSERT_EQ(dimple(folder, "phantom brain.nrrd --spacing 3").code, 0);
+    good("phantom brain.nrrd --spacing 3");
   }
   void run(const std::string& options = "") const {
-    const Ran ran = dimple(folder, "run brain.nrrd -o out --nodes 1000 --depth 4mm --frames 4" + options);
-    ASSERT_EQ(ran.code, 0) << ran.err;
+    good("run brain.nrrd -o out --nodes 1000 --depth 4mm --frames 4" + options);
   }
   Ran browse(const std::vector<std::string>& how) const {
     std::vector<std::string> words = {"--headless",
@@ -137,10 +136,9 @@ TEST_F(Report, ShowsTheNumbersOfTheSummaryAndNoOthers) {
 }
 
 TEST_F(Report, OfABrainShiftShowsItsNumbers) {
-  const Ran ran = dimple(folder,
-                         "shift brain.nrrd -o out --opening 0,0,40,20 --up superior --nodes 600 --mu 200 "
-                         "--gap 0.2 --target 0,0,5");
-  ASSERT_EQ(ran.code, 0) << ran.err;
+  good(
+      "shift brain.nrrd -o out --opening 0,0,40,20 --up superior --nodes 600 --mu 200 "
+      "--gap 0.2 --target 0,0,5");
   const Json numbers = summary();
   EXPECT_EQ(held(text_of(folder / "out" / "report.html"), "dimple-summary"), numbers);
   const std::set<std::string> keys = keys_shown(shown(), numbers);
@@ -278,13 +276,12 @@ TEST_F(Report, ShowsTheToolWhereGravityHasCarriedItsCircle) {
 }
 
 TEST_F(Report, OfASceneOfStepsUnderLoadsShowsEachOfThem) {
-  ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3").code, 0);
-  const Ran ran = dimple(folder,
-                         "run block.nrrd -o out --base inferior --indent-at 0,0,top --nodes 600 --mu 2kPa "
-                         "--tool sphere:3mm --friction 0.3 --gravity left --membrane 0.1mm:4kPa --set "
-                         "load.pressure.csf.pressure=200Pa --set support.r.on=right --set "
-                         "support.r.hold=sliding --set step.press.move=1.5mm --set step.slide.move=0,0,6");
-  ASSERT_EQ(ran.code, 0) << ran.err;
+  good("phantom block.nrrd --shape block --size 60,60,30 --spacing 3");
+  good(
+      "run block.nrrd -o out --base inferior --indent-at 0,0,top --nodes 600 --mu 2kPa "
+      "--tool sphere:3mm --friction 0.3 --gravity left --membrane 0.1mm:4kPa --set "
+      "load.pressure.csf.pressure=200Pa --set support.r.on=right --set "
+      "support.r.hold=sliding --set step.press.move=1.5mm --set step.slide.move=0,0,6");
   const std::string page = shown();
   const std::set<std::string> keys = keys_shown(page, summary());
   for (const char* key :
@@ -312,8 +309,8 @@ TEST_F(Report, PrintsItsVerdict) {
 }
 
 TEST_F(Report, IsWrittenWithoutAnImageToo) {
-  ASSERT_EQ(dimple(folder, "model brain.nrrd -o model --nodes 1000").code, 0);
-  ASSERT_EQ(dimple(folder, "solve model -o out --depth 2mm --frames 2 --write report").code, 0);
+  good("model brain.nrrd -o model --nodes 1000");
+  good("solve model -o out --depth 2mm --frames 2 --write report");
   EXPECT_NE(shown().find("no image was read"), std::string::npos);
 }
 

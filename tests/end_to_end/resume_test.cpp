@@ -21,24 +21,17 @@ namespace fs = std::filesystem;
 using Json = nlohmann::json;
 using Clock = std::chrono::steady_clock;
 
-std::vector<std::string> words(const std::string& line) {
-  std::istringstream in(line);
-  std::vector<std::string> list;
-  for (std::string word; in >> word;) list.push_back(word);
-  return list;
-}
-
 class Resume : public InFolder {
  protected:
   // Some seconds: long enough to be interrupted.
   const std::string slow = "run brain.nrrd -o out --nodes 500 --depth 4mm --rate 0.02mm/s --frames 100 -q";
   const std::string quick = "run brain.nrrd -o out --nodes 400 --depth 0.5mm --frames 2 -q";
 
-  void SetUp() override { ASSERT_EQ(dimple(folder, "phantom brain.nrrd --spacing 3 -q").code, 0); }
+  void SetUp() override { good("phantom brain.nrrd --spacing 3 -q"); }
 
   /// The slow run, stopped by `signal` when it has left a checkpoint and gone on for a while.
   Ran stopped(int signal) const {
-    Program program(folder, words(slow));
+    Program program(folder, words_of(slow));
     while (program.running() && !fs::exists(folder / "out" / "checkpoint.cbor"))
       std::this_thread::sleep_for(std::chrono::milliseconds(5));
     std::this_thread::sleep_for(std::chrono::milliseconds(60));
@@ -112,7 +105,7 @@ TEST_F(Resume, OfARunThatWasInterruptedEndsAsIfItHadNotBeen) {
   const Ran ran = stopped(SIGINT);
   EXPECT_EQ(ran.code, 130) << ran.err;
   expect_whole_files(folder / "out", true);
-  EXPECT_EQ(Json::parse(text_of(folder / "out" / "summary.json")).at("status"), "interrupted");
+  EXPECT_EQ(summary().at("status"), "interrupted");
   refused(6, slow, {"unfinished run", "--resume", "--force"});
   refused(2, slow + " --resume --mu 300", {"material.mu_Pa is 300.0 now, and was 210.0", "--force"});
   refused(2, slow + " --resume --set tissue.1.mu=300", {"tissue.1.mu_Pa is", "not set"});
@@ -157,7 +150,7 @@ TEST_F(Resume, OfNothingBeginsAtTheBeginning) {
 TEST_F(Resume, OrAnythingElseInAFolderWhereARunIsAtWorkIsRefused) {
   // Longer than three others wait for it to end.
   const std::string longer = "run brain.nrrd -o out --nodes 500 --depth 4mm --rate 0.02mm/s --frames 600 -q";
-  Program program(folder, words(longer));
+  Program program(folder, words_of(longer));
   while (program.running() && !fs::exists(folder / "out" / "nodes" / "nodes_0002.vtu"))
     std::this_thread::sleep_for(std::chrono::milliseconds(5));
   for (const char* how : {"", " --force", " --resume"})
@@ -200,7 +193,7 @@ TEST_F(Resume, OfRunsThatWereKilledAtAnyMomentEndsWithTheSameBits) {
     const std::string line = "run brain.nrrd -o out " + scene.arguments + " --resume";
     fs::remove_all(folder / "out");
     for (bool again = true; again;) {
-      Program program(folder, words(line));
+      Program program(folder, words_of(line));
       while (while_it_marches && program.running() && !fs::exists(folder / "out" / "checkpoint.cbor"))
         std::this_thread::sleep_for(std::chrono::milliseconds(1));
       std::uniform_real_distribution<double> moment(0.0, (while_it_marches ? 0.1 : 1.0) * scene.seconds);

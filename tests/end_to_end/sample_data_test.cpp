@@ -27,8 +27,7 @@ TEST(SampleData, IsWhatThePhantomCommandMakes) {
   for (const Json& sample : expected()) {
     const auto name = sample.at("file").get<std::string>();
     SCOPED_TRACE(name);
-    const Ran ran = dimple(folder, sample.at("made_by").get<std::string>());
-    ASSERT_EQ(ran.code, 0) << ran.err;
+    good(folder, sample.at("made_by").get<std::string>());
     const LabelImage kept = read_label_image(sample_data / name), made = read_label_image(folder / name);
     EXPECT_EQ(kept.size, made.size);
     EXPECT_EQ(every_voxel(kept), every_voxel(made));
@@ -42,8 +41,7 @@ TEST(SampleData, HoldsWhatIsWrittenAboutIt) {
   for (const Json& sample : expected()) {
     const auto name = sample.at("file").get<std::string>();
     SCOPED_TRACE(name);
-    const Ran ran = dimple(sample_data, {"info", name, "--json"});
-    ASSERT_EQ(ran.code, 0) << ran.err;
+    const Ran ran = good(sample_data, {"info", name, "--json"});
     const Json labels = Json::parse(ran.out).at("labels");
     ASSERT_EQ(labels.size(), sample.at("labels").size());
     for (std::size_t l = 0; l < labels.size(); ++l)
@@ -61,8 +59,7 @@ TEST(SampleData, GivesTheForceThatIsWrittenAboutIt) {
     for (const Json& run : sample.at("runs")) {
       const auto command = run.at("command").get<std::string>();
       SCOPED_TRACE(command);
-      const Ran ran = dimple(folder, command + " --json -q --force");
-      ASSERT_EQ(ran.code, 0) << ran.err;
+      const Ran ran = good(folder, command + " --json -q --force");
       const Json summary = Json::parse(ran.out);
       EXPECT_EQ(summary.at("status"), "finished");
       const double force = run.at("force_N").get<double>();

@@ -12,7 +12,7 @@
 #include <sstream>
 #include <thread>
 
-#include "tests/end_to_end/program.hpp"
+#include "tests/end_to_end/in_folder.hpp"
 
 namespace dimple {
 namespace {
@@ -24,9 +24,8 @@ const std::string block_of_brain = DIMPLE_SAMPLE_DATA "/block_3mm.nrrd";  // 60 
 constexpr const char* opened = " --opening 0,0,30,15 --up superior --nodes 500 --mu 300 ";
 
 Json shifted(const fs::path& folder, const std::string& options, const char* out) {
-  const Ran ran = dimple(folder, "shift " + block_of_brain + " -o " + out + opened + options);
-  EXPECT_EQ(ran.code, 0) << ran.err;
-  return ran.code == 0 ? Json::parse(text_of(folder / out / "summary.json")) : Json();
+  const Ran ran = good(folder, "shift " + block_of_brain + " -o " + out + opened + options);
+  return ran.code == 0 ? summary_of(folder / out) : Json();
 }
 
 TEST(Shift, GrowsWithTheFluidThatIsLostAndFallsAlongGravity) {
@@ -47,15 +46,13 @@ TEST(Shift, GrowsWithTheFluidThatIsLostAndFallsAlongGravity) {
 // Also where the opening is narrower than the surface's triangles; where it opens nothing it is refused.
 TEST(Shift, SaysTheShiftAtTheMiddleOfTheOpeningFirstAndTheLargestThere) {
   const fs::path folder = fresh_folder();
-  const Ran closed = dimple(folder, "shift " + block_of_brain +
-                                        " -o out --opening 1,1,30,0.6 --up superior --nodes 500 --mu 300 -q");
-  EXPECT_EQ(closed.code, 4) << closed.err;
-  EXPECT_NE(closed.err.find("opens nothing of the wall"), std::string::npos) << closed.err;
+  expect_refusal(dimple(folder, "shift " + block_of_brain +
+                                    " -o out --opening 1,1,30,0.6 --up superior --nodes 500 --mu 300 -q"),
+                 4, {"opens nothing of the wall"});
   for (const char* opening : {"0,0,30,15", "4,-3,30,10", "1,1,30,2"}) {
-    const Ran ran = dimple(folder, "shift " + block_of_brain + " --force -o out --opening " + opening +
-                                       " --up superior --nodes 500 --mu 300 -q --tables");
-    ASSERT_EQ(ran.code, 0) << ran.err;
-    const Json shift = Json::parse(text_of(folder / "out" / "summary.json"))["shift"];
+    const Ran ran = good(folder, "shift " + block_of_brain + " --force -o out --opening " + opening +
+                                     " --up superior --nodes 500 --mu 300 -q --tables");
+    const Json shift = summary_of(folder / "out")["shift"];
     const double middle = shift["middle_mm"];
     EXPECT_EQ(middle, shift["profile"][0]["shift_mm"].get<double>());
     EXPECT_GT(middle, 0.5);
@@ -76,9 +73,8 @@ TEST(Shift, RepeatsOpeningAndTargetsWithTheirSidesAndReadsMarkups) {
             "controlPoints": [{"id": "1", "label": "F-1", "position": [5, 10, 20]}]}]})";
   std::string numbers;
   for (const char* target : {"5,10,20", "t.fcsv", "t.mrk.json"}) {
-    const Ran ran = dimple(folder, "shift " + block_of_brain + " -o out --force --tables" + opened +
-                                       "--set accuracy.band=off --target " + target);
-    ASSERT_EQ(ran.code, 0) << ran.err;
+    const Ran ran = good(folder, "shift " + block_of_brain + " -o out --force --tables" + opened +
+                                     "--set accuracy.band=off --target " + target);
     for (const char* line : {"opening  (0.0, 0.0, 30.0) mm, of 15.00 mm radius: ", "superior of the brain's",
                              "target   (5.0, 10.0, 20.0) mm: ", " mm left, ", " mm posterior, "})
       EXPECT_NE(ran.err.find(line), std::string::npos) << line << '\n' << ran.err;
@@ -88,9 +84,7 @@ TEST(Shift, RepeatsOpeningAndTargetsWithTheirSidesAndReadsMarkups) {
   }
   const auto refused = [&](const char* content, const char* word) {
     std::ofstream(folder / "bad.fcsv") << content;
-    const Ran ran = dimple(folder, "shift " + block_of_brain + " -o no" + opened + "--target bad.fcsv");
-    EXPECT_EQ(ran.code, 3) << ran.err;
-    EXPECT_NE(ran.err.find(word), std::string::npos) << ran.err;
+    ends_with(folder, 3, "shift " + block_of_brain + " -o no" + opened + "--target bad.fcsv", {word});
   };
   refused("# CoordinateSystem = IJK\n1,0,0,20\n", "the space 'IJK'");
   refused("# CoordinateSystem = LPS\n1,0,up,20\n", "'up' is not a coordinate");
@@ -100,14 +94,13 @@ TEST(Shift, RepeatsOpeningAndTargetsWithTheirSidesAndReadsMarkups) {
 // 0.00 mm was reported, with exit code 0.
 TEST(Shift, AtAnOpeningBetweenTheSurfacesVerticesIsThatOfTheNearestOne) {
   const fs::path folder = fresh_folder();
-  ASSERT_EQ(dimple(folder, "phantom head.nrrd --shape cut-ellipsoid --size 140,170,120 --spacing 4").code, 0);
+  good(folder, "phantom head.nrrd --shape cut-ellipsoid --size 140,170,120 --spacing 4");
   const auto with_radius = [&](const std::string& radius) {
-    const Ran ran = dimple(folder,
-                           "shift head.nrrd -o out --force --tables --nodes 800 --close 0 --up superior "
-                           "--set accuracy.band=off --opening 24.3,0.9,66.9," +
-                               radius);
-    EXPECT_EQ(ran.code, 0) << ran.err;
-    return std::pair(Json::parse(text_of(folder / "out" / "summary.json"))["shift"],
+    const Ran ran = good(folder,
+                         "shift head.nrrd -o out --force --tables --nodes 800 --close 0 --up superior "
+                         "--set accuracy.band=off --opening 24.3,0.9,66.9," +
+                             radius);
+    return std::pair(summary_of(folder / "out")["shift"],
                      ran.err.find("lies between the vertices") != std::string::npos);
   };
   const auto [wide, is_wide_told] = with_radius("6");
@@ -124,11 +117,10 @@ TEST(Shift, AtAnOpeningBetweenTheSurfacesVerticesIsThatOfTheNearestOne) {
 TEST(Shift, BesideAnOpeningOnTheSideSaysNothingOfATool) {
   const fs::path folder = fresh_folder();
   const Ran ran =
-      dimple(folder,
-             "shift " + block_of_brain +
-                 " -o out --opening 30,0,15,12 --up left --nodes 500 --mu 300 --skull derived --density 500");
-  ASSERT_EQ(ran.code, 0) << ran.err;
-  const Json assumed = Json::parse(text_of(folder / "out" / "summary.json"))["shift"]["assumed"];
+      good(folder,
+           "shift " + block_of_brain +
+               " -o out --opening 30,0,15,12 --up left --nodes 500 --mu 300 --skull derived --density 500");
+  const Json assumed = summary_of(folder / "out")["shift"]["assumed"];
   EXPECT_NE(assumed.dump().find("density, which was given, plays no part"), std::string::npos) << assumed;
   EXPECT_EQ(ran.err.find("passes through"), std::string::npos) << ran.err;
 }
@@ -182,10 +174,9 @@ TEST(Shift, IsRepeatedByTheCommandOnItsPageFromAnyFolder) {
   const fs::path folder = fresh_folder();
   std::ofstream(folder / "names.txt") << "1 255 0 0 1 1 1 \"my brain $(touch ran)\"\n";
   fs::copy_file(block_of_brain, folder / "block.nrrd");
-  const Ran ran = dimple(folder, {"shift", "block.nrrd", "-o", "its results", "--label-names", "names.txt",
-                                  "--brain", "my brain $(touch ran)", "--opening", "0,0,30,15", "--up",
-                                  "superior", "--nodes", "500", "--mu", "300", "--target=-5,0,25", "-q"});
-  ASSERT_EQ(ran.code, 0) << ran.err;
+  const Ran ran = good(folder, {"shift", "block.nrrd", "-o", "its results", "--label-names", "names.txt",
+                                "--brain", "my brain $(touch ran)", "--opening", "0,0,30,15", "--up",
+                                "superior", "--nodes", "500", "--mu", "300", "--target=-5,0,25", "-q"});
   const std::string page = text_of(folder / "its results" / "report.html");
   std::string command = command_on(page);
   command.replace(command.find("&& dimple "), 10, "&& " DIMPLE_PROGRAM " ");
@@ -245,8 +236,8 @@ TEST(Shift, ThatIsStoppedWhileItsNodesAreComparedKeepsWhatItHasFound) {
   const std::string scene =
       "shift " + block_of_brain +
       " --tables --opening 0,0,30,15 --up superior --mu 300 --target 0,0,25 --nodes 4000 ";
-  const auto told = [&](const char* out) { return Json::parse(text_of(folder / out / "summary.json")); };
-  ASSERT_EQ(dimple(folder, scene + "-q -o whole --set accuracy.band=off").code, 0);
+  const auto told = [&](const char* out) { return summary_of(folder / out); };
+  good(folder, scene + "-q -o whole --set accuracy.band=off");
   {
     Program program(folder, words_of(scene + "-o out"));
     while (program.running() && program.err_so_far().find("pushed with") == std::string::npos)

@@ -147,8 +147,7 @@ TEST_F(Slicer, APanelThatNobodyTouchedIsTheDefaultRun) {
       {"--nodes", "300"}, {"--depth", "1.0"}, {"--frames", "4"}, {"--write", "force"}, {"--out", "panel"}};
   std::vector<std::string> words = command_line(small);
   words.insert(words.end(), {"--returnparameterfile", "returned.txt", "block.nrrd"});
-  const Ran ran = dimple(folder, words);
-  ASSERT_EQ(ran.code, 0) << ran.err;
+  const Ran ran = good(folder, words);
   EXPECT_THAT(ran.err, HasSubstr("swine brain (Horton et al. 2007), because no material was given"));
   const Ran plain = dimple(folder, "run block.nrrd -o plain --nodes 300 --depth 1 --frames 4 --write force");
   EXPECT_EQ(text_of(folder / "panel/force.csv"), text_of(folder / "plain/force.csv"));
@@ -182,8 +181,7 @@ TEST_F(Slicer, APointAndOtherValuesOfThePanelAreObeyed) {
                                                  {"--young", "900.0"},
                                                  {"--indent-at", "-10,5,30"}});
   words.push_back("block.nrrd");
-  const Ran ran = dimple(folder, words);
-  ASSERT_EQ(ran.code, 0) << ran.err;
+  good(folder, words);
   dimple(folder,
          "run block.nrrd -o plain --nodes 300 --depth 1 --frames 2 --write force --young 900 --indent-at "
          "-10,5,30");

@@ -63,7 +63,7 @@ TEST_F(SceneOfSteps, ATwoStepSceneRunsAndItsResolvedConfigurationRepeatsItToTheB
 
   const std::string before = text_of(folder / "out" / "force.csv");
   EXPECT_THAT(text_of(folder / "out" / "config.resolved.toml"), HasSubstr("[step.\"second_press\"]"));
-  EXPECT_EQ(dimple(folder, "run --config out/config.resolved.toml -o again -q").code, 0);
+  good("run --config out/config.resolved.toml -o again -q");
   EXPECT_EQ(text_of(folder / "again" / "force.csv"), before);
 }
 
@@ -84,11 +84,10 @@ TEST_F(SceneOfSteps, TwoWaysInTheSameDirectionAreAsDeepAsBothTogether) {
 }
 
 TEST_F(SceneOfSteps, SaysItsLargestForceWhereTheToolHasLeftTheBodyAgain) {
-  const Ran ran = dimple(folder, "run block.nrrd -o out" + scene +
-                                     " --tool sphere:3mm --write picture,report --set step.press.move=1mm "
-                                     "--set step.lift.move=-3mm");
-  ASSERT_EQ(ran.code, 0) << ran.err;
-  const Json summary = Json::parse(text_of(folder / "out" / "summary.json"));
+  const Ran ran = good("run block.nrrd -o out" + scene +
+                       " --tool sphere:3mm --write picture,report --set step.press.move=1mm "
+                       "--set step.lift.move=-3mm");
+  const Json summary = summary_of(folder / "out");
   const Json &largest = summary["largest_force"], &steps = summary["scene"];
   EXPECT_NEAR(summary["force_N"].get<double>(), 0.0, 1e-12);
   EXPECT_EQ(largest["step"], "press");

@@ -81,9 +81,8 @@ const std::string precisely = "--precision double --time quasi-static --set solv
 Result run(const fs::path& folder, const std::string& image, const std::string& options = precisely) {
   SCOPED_TRACE(image);
   const std::string out = image + ".out";
-  const Ran ran = dimple(folder, "run " + image + " -o " + out +
-                                     " -q --nodes 500 --depth 1mm --frames 1 --write model " + options);
-  EXPECT_EQ(ran.code, 0) << ran.err;
+  const Ran ran = good(folder, "run " + image + " -o " + out +
+                                   " -q --nodes 500 --depth 1mm --frames 1 --write model " + options);
   if (ran.code != 0) return {};
   const PointFile points = read_vtu(folder / out / "model" / "points.vtu");
   const auto volume = points.find("volume_mm3")->values.row(0);
@@ -263,8 +262,7 @@ TEST(Storage, OfATurnedOrganGivesTheTurnedModelAndTheSameForce) {
 
 double force_of_brain(const fs::path& folder, const LabelImage& image, const std::string& options) {
   write(folder / "brain.nrrd", nrrd_of(stored_as(image, {0, 1, 2}, {false, false, false})));
-  const Ran ran = dimple(folder, "run brain.nrrd -o out --force -q --band off --write force " + options);
-  EXPECT_EQ(ran.code, 0) << ran.err;
+  const Ran ran = good(folder, "run brain.nrrd -o out --force -q --band off --write force " + options);
   return ran.code == 0 ? read_csv(folder / "out/force.csv").find("force_N")->back() : std::nan("");
 }
 

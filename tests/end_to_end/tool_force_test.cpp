@@ -3,11 +3,10 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
-#include <nlohmann/json.hpp>
 
 #include "io/table.hpp"
 #include "io/vtk_files.hpp"
-#include "tests/end_to_end/program.hpp"
+#include "tests/end_to_end/in_folder.hpp"
 
 namespace dimple {
 namespace {
@@ -17,7 +16,7 @@ namespace fs = std::filesystem;
 // The reactions of the nodes as ParaView shows them, summed here.
 TEST(ToolForce, TheVectorAndTheMomentAreTheSumOfTheReactionsInTheNodesFile) {
   const fs::path folder = fresh_folder();
-  ASSERT_EQ(dimple(folder, "phantom brain.nrrd --spacing 2 -q").code, 0);
+  good(folder, "phantom brain.nrrd --spacing 2 -q");
   for (const char* contact : {"bonded", "frictionless"}) {
     // Off the dome's middle, so that the tissue pushes sideways.
     const Ran ran = dimple(
@@ -25,7 +24,7 @@ TEST(ToolForce, TheVectorAndTheMomentAreTheSumOfTheReactionsInTheNodesFile) {
                             "--write nodes --indent-at 20,8,top --direction 0,0,-1 --contact ") +
                     contact);
     ASSERT_EQ(ran.code, 0) << ran.err;
-    const auto summary = nlohmann::json::parse(text_of(folder / "out" / "summary.json"));
+    const auto summary = summary_of(folder / "out");
     const auto three = [](const nlohmann::json& list) { return Vec3(list.at(0), list.at(1), list.at(2)); };
     const Vec3 push = three(summary["counts"]["push"]);
     const Vec3 reference = 1e-3 * three(summary["counts"]["circle_centre_mm"]) + 3e-3 * push;

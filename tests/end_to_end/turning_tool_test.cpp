@@ -11,7 +11,7 @@
 
 #include "io/table.hpp"
 #include "io/vtk_files.hpp"
-#include "tests/end_to_end/program.hpp"
+#include "tests/end_to_end/in_folder.hpp"
 
 namespace dimple {
 namespace {
@@ -27,15 +27,14 @@ const std::string rod = " --tool capsule:3mm,length=30mm";
 
 fs::path with_block() {
   const fs::path folder = fresh_folder();
-  EXPECT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 40,40,20 --spacing 2 -q").code, 0);
+  good(folder, "phantom block.nrrd --shape block --size 40,40,20 --spacing 2 -q");
   return folder;
 }
 
 // Of the scene under the rod, run into out/.
 Json summary_with(const fs::path& folder, const std::string& options) {
-  const Ran ran = dimple(folder, scene + rod + " -o out --force --write force" + options);
-  EXPECT_EQ(ran.code, 0) << ran.err;
-  return Json::parse(text_of(folder / "out" / "summary.json"));
+  good(folder, scene + rod + " -o out --force --write force" + options);
+  return summary_of(folder / "out");
 }
 
 TEST(SceneWithATurn, IsSaidInEachStepAndDrawnAsItStandsAndGivesTheSameBytesAgain) {
@@ -64,8 +63,7 @@ TEST(SceneWithATurn, IsSaidInEachStepAndDrawnAsItStandsAndGivesTheSameBytesAgain
   EXPECT_NEAR(last.position_mm(2, top), tip[2].get<double>() - 1.5 + 30.0 * std::cos(angle), 0.01);
   EXPECT_NEAR(last.position_mm(2, 0), tip[2].get<double>() - 1.5, 0.01);
 
-  ASSERT_EQ(dimple(folder, "run block.nrrd --config out/config.resolved.toml -o again -q --threads 2").code,
-            0);
+  good(folder, "run block.nrrd --config out/config.resolved.toml -o again -q --threads 2");
   for (const char* file : {"force.csv", "energy.csv"})
     EXPECT_EQ(text_of(folder / "out" / file), text_of(folder / "again" / file));
 }
@@ -83,18 +81,15 @@ TEST(PosesOfATool, AreTheStepsFromEachToTheNext) {
   file << "time_s,x_mm,y_mm,z_mm,qw,qx,qy,qz\n0,5,6,70,1,0,0,0\n1,5,6,68.5,1,0,0,0\n"
        << "2,5,6,68.5,1,0,0,0\n3,5.25,6,68.5," << std::cos(half) << ",0," << std::sin(half) << ",0\n";
   file.close();
-  const Ran ran = dimple(folder, posed + rod);
-  ASSERT_EQ(ran.code, 0) << ran.err;
+  good(folder, posed + rod);
   const std::string steps =
       "--set step.press.move=0,0,-1.5 --set step.press.time=1 --set step.stand.time=1 --set "
       "step.turn.turn=0,15,0 "
       "--set step.turn.move=0.25,0,0 --set step.turn.time=1";
-  ASSERT_EQ(dimple(folder,
-                   "run block.nrrd -q --base inferior --indent-at 0,0,top --nodes 500 --mu 2kPa --band off "
-                   "--frames 2 --write force -o stepped " +
-                       steps + rod)
-                .code,
-            0);
+  good(folder,
+       "run block.nrrd -q --base inferior --indent-at 0,0,top --nodes 500 --mu 2kPa --band off "
+       "--frames 2 --write force -o stepped " +
+           steps + rod);
   const Table by_poses = read_csv(folder / "posed" / "force.csv"),
               by_steps = read_csv(folder / "stepped" / "force.csv");
   ASSERT_EQ(by_poses.rows(), by_steps.rows());
@@ -103,15 +98,13 @@ TEST(PosesOfATool, AreTheStepsFromEachToTheNext) {
       EXPECT_NEAR((*by_poses.find(name))[k], (*by_steps.find(name))[k],
                   1e-4 * std::abs((*by_steps.find(name)).back()) + 1e-9)
           << name << " " << k;
-  EXPECT_EQ(Json::parse(text_of(folder / "posed" / "summary.json"))["scene"].size(), 3u)
-      << "a row that goes nowhere holds it there";
+  EXPECT_EQ(summary_of(folder / "posed")["scene"].size(), 3u) << "a row that goes nowhere holds it there";
   EXPECT_NEAR(by_poses.find("time_s")->back(), 3.0, 1e-9) << "as the table says";
   EXPECT_THAT(
       dimple(folder, std::string(posed).erase(posed.find(" -q"), 3) + rod).err,
       HasSubstr(
           "its first row, at (5.0, 6.0, 70.0) mm, is where the tool first touches; time counts from there"));
-  EXPECT_EQ(
-      dimple(folder, "run block.nrrd --config posed/config.resolved.toml -o again -q --write force").code, 0);
+  good(folder, "run block.nrrd --config posed/config.resolved.toml -o again -q --write force");
   EXPECT_EQ(text_of(folder / "posed" / "force.csv"), text_of(folder / "again" / "force.csv"));
 }
 
@@ -187,10 +180,8 @@ TEST(SceneWithATurn, WhatMakesNoTurnIsRefusedInWords) {
   refused("--set step.t.turn=0,9,0 --set step.t.about=1e9,0,0", {"step 't'", "the body's size"});
   refused("--set step.more.move=3.5mm --set step.t.turn=0,60,0", {"along its axis", "longer tool"},
           " --tool capsule:3mm,length=6mm");
-  const Ran only_turned =
-      dimple(folder, "run block.nrrd -o out -q --tool sphere:5mm --set step.t.turn=0,9,0 --write force");
-  EXPECT_EQ(only_turned.code, 2);
-  EXPECT_THAT(only_turned.err, HasSubstr("no step presses it in"));
+  ends_with(folder, 2, "run block.nrrd -o out -q --tool sphere:5mm --set step.t.turn=0,9,0 --write force",
+            {"no step presses it in"});
   EXPECT_FALSE(fs::exists(folder / "out" / "force.csv"));
 }
 

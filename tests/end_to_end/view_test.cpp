@@ -39,7 +39,7 @@ TEST(ParaView, ShowsTheLastFrameOfAResultByOneFileWhereverTheFolderLies) {
     GTEST_SKIP() << "there is no pvpython: tests/end_to_end/paraview_root FOLDER fetches one, and "
                     "DIMPLE_PVPYTHON=FOLDER/pvpython names it";
   const fs::path folder = fresh_folder();
-  ASSERT_EQ(dimple(folder, "phantom brain.nrrd --spacing 2 --two-labels -q").code, 0);
+  good(folder, "phantom brain.nrrd --spacing 2 --two-labels -q");
   const Ran ran = dimple(
       folder, "run brain.nrrd -o out -q --nodes 1000 --depth 6mm --frames 3 --write surface --band off");
   ASSERT_EQ(ran.code, 0) << ran.err;

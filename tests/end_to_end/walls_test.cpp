@@ -10,7 +10,7 @@
 #include <thread>
 
 #include "io/label_image.hpp"
-#include "tests/end_to_end/program.hpp"
+#include "tests/end_to_end/in_folder.hpp"
 
 namespace dimple {
 namespace {
@@ -23,9 +23,8 @@ const std::string body = DIMPLE_SAMPLE_DATA "/block_3mm.nrrd";  // 60 x 60 x 30 
 const std::string halves = DIMPLE_SAMPLE_DATA "/two_labels_3mm.nii.gz";
 
 Json walled(const fs::path& folder, const std::string& image, const std::string& options, const char* out) {
-  const Ran ran = dimple(folder, "run " + image + " -o " + out + quick_wall + options);
-  EXPECT_EQ(ran.code, 0) << ran.err;
-  return ran.code == 0 ? Json::parse(text_of(folder / out / "summary.json")) : Json();
+  const Ran ran = good(folder, "run " + image + " -o " + out + quick_wall + options);
+  return ran.code == 0 ? summary_of(folder / out) : Json();
 }
 
 TEST(Wall, OnFourSidesMakesABlockStifferAndIsPushedOutward) {
@@ -51,12 +50,11 @@ TEST(Wall, OnFourSidesMakesABlockStifferAndIsPushedOutward) {
 TEST(Wall, ThatIsNotReachedChangesNothingAndSaysSo) {
   const fs::path folder = fresh_folder();
   walled(folder, body, "-q", "free");
-  const Ran ran = dimple(folder, "run " + body + " -o far" + quick_wall + "--wall around:5mm");
-  ASSERT_EQ(ran.code, 0) << ran.err;
+  const Ran ran = good(folder, "run " + body + " -o far" + quick_wall + "--wall around:5mm");
   EXPECT_NE(ran.err.find("wall: not touched at the end"), std::string::npos) << ran.err;
-  const Json far = Json::parse(text_of(folder / "far" / "summary.json"));
+  const Json far = summary_of(folder / "far");
   EXPECT_EQ(far["walls"]["wall"]["places_that_touch"], 0);
-  const Json alone = Json::parse(text_of(folder / "free" / "summary.json"));
+  const Json alone = summary_of(folder / "free");
   EXPECT_NEAR(far["force_N"].get<double>(), alone["force_N"].get<double>(),
               1e-3 * alone["force_N"].get<double>());
 }
@@ -170,15 +168,12 @@ constexpr const char* beside = "--wall plane:30.3,0,0,-1,0,0 --set wall.hull.sha
 
 TEST(Wall, GoesInAFitThatFindsTheModulusOfItsOwnCurve) {
   const fs::path folder = fresh_folder();
-  ASSERT_EQ(dimple(folder, "run " + body +
-                               " -q --write force --nodes 600 --depth 3mm --frames 3 --band off "
-                               "--mu 300 -o run " +
-                               beside)
-                .code,
-            0);
-  const Ran ran = dimple(folder, "fit " + body + " -o fit -q --nodes 600 --curve run/force.csv " + beside);
-  ASSERT_EQ(ran.code, 0) << ran.err;
-  const Json fit = Json::parse(text_of(folder / "fit" / "summary.json"));
+  good(folder, "run " + body +
+                   " -q --write force --nodes 600 --depth 3mm --frames 3 --band off "
+                   "--mu 300 -o run " +
+                   beside);
+  good(folder, "fit " + body + " -o fit -q --nodes 600 --curve run/force.csv " + beside);
+  const Json fit = summary_of(folder / "fit");
   EXPECT_NEAR(fit["mu_Pa"].get<double>(), 300.0, 3.0) << fit.dump(1);
 }
 
@@ -186,8 +181,8 @@ TEST(Wall, GoesInASceneOfStepsAndNoStepMovesIt) {
   const fs::path folder = fresh_folder();
   const std::string press =
       " -q --write force --nodes 600 --band off --set step.a.move=2 --set step.b.move=-1 ";
-  ASSERT_EQ(dimple(folder, "run " + body + " -o out" + press + beside).code, 0);
-  const Json scene = Json::parse(text_of(folder / "out" / "summary.json"));
+  good(folder, "run " + body + " -o out" + press + beside);
+  const Json scene = summary_of(folder / "out");
   EXPECT_EQ(scene["scene"].size(), 2u);
   EXPECT_TRUE(scene["walls"].contains("hull"));
   const Ran ran = dimple(
@@ -201,7 +196,7 @@ TEST(Wall, ThatIsRubbedIsTakenUpAgainAfterCtrlCToTheSameBits) {
   const std::string run = "run " + body +
                           " -q --write force --nodes 1200 --depth 5mm --frames 60 --band off " + beside +
                           "--set wall.wall.friction=0.3 -o ";
-  ASSERT_EQ(dimple(folder, run + "whole").code, 0);
+  good(folder, run + "whole");
   std::istringstream in(run + "out");
   std::vector<std::string> words;
   for (std::string word; in >> word;) words.push_back(word);
@@ -211,17 +206,16 @@ TEST(Wall, ThatIsRubbedIsTakenUpAgainAfterCtrlCToTheSameBits) {
   program.send(SIGINT);
   EXPECT_EQ(program.wait().code, 130);
   EXPECT_NE(text_of(folder / "out" / "force.csv"), text_of(folder / "whole" / "force.csv"));
-  ASSERT_EQ(dimple(folder, run + "out --resume").code, 0);
+  good(folder, run + "out --resume");
   EXPECT_EQ(text_of(folder / "out" / "force.csv"), text_of(folder / "whole" / "force.csv"));
 }
 
 TEST(Wall, IsOneOfTheChoicesThatExplainChanges) {
   if (!std::getenv("DIMPLE_ALL_SCENES")) GTEST_SKIP() << "skipped: 15 s, without DIMPLE_ALL_SCENES";
   const fs::path folder = fresh_folder();
-  const Ran ran = dimple(folder, "run " + body +
-                                     " -q --write force --nodes 600 --depth 2mm --frames 1 --explain "
-                                     "--wall plane:30.3,0,0,-1,0,0 -o out");
-  ASSERT_EQ(ran.code, 0) << ran.err;
+  good(folder, "run " + body +
+                   " -q --write force --nodes 600 --depth 2mm --frames 1 --explain "
+                   "--wall plane:30.3,0,0,-1,0,0 -o out");
   const std::string table = text_of(folder / "out" / "explain.csv");
   for (const char* choice : {"\"walls\",\"none\"", "\"walls' friction\",\"0.3\""})
     EXPECT_NE(table.find(choice), std::string::npos) << table;
@@ -269,11 +263,8 @@ TEST(Bed, MayBeWhereTheBodyIsHeldTooByASupport) {
 
 TEST(Bed, ThatTheBodyDoesNotLieOnIsNamedAsWhatItLacks) {
   const fs::path folder = fresh_folder();
-  const Ran ran =
-      dimple(folder, "run " + std::string(body) + " -o out -q --base-hold none --wall plane:0,0,-1,0,0,1");
-  EXPECT_EQ(ran.code, 5);
-  EXPECT_NE(ran.err.find("nothing but walls holds the body"), std::string::npos) << ran.err;
-  EXPECT_NE(ran.err.find("let a wall touch it at rest"), std::string::npos) << ran.err;
+  ends_with(folder, 5, "run " + std::string(body) + " -o out -q --base-hold none --wall plane:0,0,-1,0,0,1",
+            {"nothing but walls holds the body", "let a wall touch it at rest"});
 }
 
 TEST(Bed, IsRefusedWhereNothingCarriesTheBodyOrHoldsItSideways) {

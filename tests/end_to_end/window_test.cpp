@@ -55,14 +55,14 @@ Ran under_xvfb(const fs::path& folder, const std::string& script) {
 // Two of them may run side by side: one phantom each.
 fs::path folder_with_brain() {
   const fs::path folder = fresh_folder();
-  EXPECT_EQ(dimple(folder, "phantom brain.nrrd --spacing 2 -q").code, 0);
+  good(folder, "phantom brain.nrrd --spacing 2 -q");
   return folder;
 }
 
 fs::path folder_with_block(int spacing_mm) {
   const fs::path folder = fresh_folder();
   const std::string image = "phantom block.nrrd --shape block --size 40,40,20 -q --spacing ";
-  EXPECT_EQ(dimple(folder, image + std::to_string(spacing_mm)).code, 0);
+  good(folder, image + std::to_string(spacing_mm));
   return folder;
 }
 
@@ -81,11 +81,9 @@ TEST(Poke, GivesTheSameForcesForAnyNumberOfThreadsWhereTheLimitIsInEvaluations) 
   const fs::path folder = folder_with_brain();
   write_file(folder / "path.csv", there_and_back);
   for (const char* threads : {"1", "2", "5"}) {
-    const Ran ran =
-        dimple(folder, fmt::format("poke brain.nrrd --script path.csv --nodes 700 --evaluations 8 -q "
-                                   "--record with{0} --threads {0}",
-                                   threads));
-    ASSERT_EQ(ran.code, 0) << ran.err;
+    good(folder, fmt::format("poke brain.nrrd --script path.csv --nodes 700 --evaluations 8 -q "
+                             "--record with{0} --threads {0}",
+                             threads));
   }
   const std::string one = read_file(folder / "with1" / "forces.csv");
   EXPECT_EQ(read_file(folder / "with2" / "forces.csv"), one);
@@ -96,13 +94,9 @@ TEST(Poke, FeelsAtEachStopTheForceOfARun) {
   const fs::path folder = folder_with_brain();
   write_file(folder / "path.csv", there_and_back);
   const Ran live =
-      dimple(folder, "poke brain.nrrd --script path.csv --nodes 1000 --evaluations 10 -q --record live");
-  ASSERT_EQ(live.code, 0) << live.err;
+      good(folder, "poke brain.nrrd --script path.csv --nodes 1000 --evaluations 10 -q --record live");
   EXPECT_NE(live.out.find("1,000 nodes"), std::string::npos) << live.out;
-  ASSERT_EQ(
-      dimple(folder, "run brain.nrrd -o out -q --nodes 1000 --depth 4mm --frames 4 --band off --write force")
-          .code,
-      0);
+  good(folder, "run brain.nrrd -o out -q --nodes 1000 --depth 4mm --frames 4 --band off --write force");
   const Table felt = read_csv(folder / "live" / "forces.csv"), run = read_csv(folder / "out" / "force.csv");
   const auto of_run = [&](double depth) {
     const auto& at = *run.find("indentation_mm");
@@ -135,16 +129,10 @@ TEST(Poke, SlidesUnderTheToolWhereThatIsAskedFor) {
   double force[2];
   for (const char* contact : {"bonded", "frictionless"}) {
     const std::string what = fmt::format("--contact {} --nodes 600 -q", contact);
-    ASSERT_EQ(dimple(folder, fmt::format("poke brain.nrrd --script path.csv --evaluations 10 --record {} {}",
-                                         contact, what))
-                  .code,
-              0);
-    ASSERT_EQ(
-        dimple(folder,
-               fmt::format("run brain.nrrd -o run_{} --depth 4mm --frames 4 --band off --write force {}",
-                           contact, what))
-            .code,
-        0);
+    good(folder,
+         fmt::format("poke brain.nrrd --script path.csv --evaluations 10 --record {} {}", contact, what));
+    good(folder, fmt::format("run brain.nrrd -o run_{} --depth 4mm --frames 4 --band off --write force {}",
+                             contact, what));
     const double felt = read_csv(folder / contact / "forces.csv").find("force_N")->back(),
                  right =
                      read_csv(folder / (std::string("run_") + contact) / "force.csv").find("force_N")->back();
@@ -176,9 +164,7 @@ TEST(Poke, FollowsATipThroughTheAirToAnotherPlace) {
   write_file(folder / "path.csv",
              "time_s,x_mm,y_mm,z_mm\n0,13.9,0,27.6\n0.4,13.9,0,23.6\n0.8,13.9,0,23.6\n1.2,13.9,0,31\n"
              "1.6,-13.9,0,31\n2.4,-13.9,0,23.6\n2.8,-13.9,0,23.6\n");
-  const Ran ran =
-      dimple(folder, "poke brain.nrrd --script path.csv --nodes 700 --evaluations 12 -q --record rec");
-  ASSERT_EQ(ran.code, 0) << ran.err;
+  good(folder, "poke brain.nrrd --script path.csv --nodes 700 --evaluations 12 -q --record rec");
   const Table felt = read_csv(folder / "rec" / "forces.csv");
   const auto &time = *felt.find("time_s"), &force = *felt.find("force_N");
   double here = 0.0, between = 1.0, there = 0.0;
@@ -523,8 +509,7 @@ TEST(Poke, ACircleThatAScriptMovesAcrossAtDepthHasAnUnknownForceAndOffTheOrganNo
              "time_s,x_mm,y_mm,z_mm\n0,13.9,0,27.6\n0.4,13.9,0,23.6\n0.8,13.9,0,23.6\n1.2,17.9,0,22.6\n"
              "1.6,17.9,0,22.6\n2,213.9,0,22.6\n2.4,213.9,0,12.6\n");
   const Ran ran =
-      dimple(folder, "poke brain.nrrd --script path.csv --nodes 600 --evaluations 12 -q --record rec");
-  ASSERT_EQ(ran.code, 0) << ran.err;
+      good(folder, "poke brain.nrrd --script path.csv --nodes 600 --evaluations 12 -q --record rec");
   const Table felt = read_csv(folder / "rec" / "forces.csv");
   const auto &time = *felt.find("time_s"), &tool = *felt.find("tool"), &error = *felt.find("error_N"),
              &force = *felt.find("force_N");
@@ -548,11 +533,9 @@ TEST(Poke, ASphereThatSlidesOnASlopeComesDownAnewWhereItRestsAndUntilThenItsErro
   const fs::path folder = folder_with_brain();
   const auto poke = [&](const char* way, const char* out) {
     write_file(folder / "path.csv", std::string("time_s,x_mm,y_mm,z_mm\n") + way);
-    const Ran ran =
-        dimple(folder, std::string("poke brain.nrrd --script path.csv --tool sphere:5mm --nodes 500 --fps 10 "
-                                   "--evaluations 12 --indent-at 13.9,0,26.6 -q --record ") +
-                           out);
-    EXPECT_EQ(ran.code, 0) << ran.err;
+    good(folder, std::string("poke brain.nrrd --script path.csv --tool sphere:5mm --nodes 500 --fps 10 "
+                             "--evaluations 12 --indent-at 13.9,0,26.6 -q --record ") +
+                     out);
     return read_csv(folder / out / "forces.csv");
   };
   const Table slid = poke("0,13.9,0,30\n0.5,13.9,0,24.6\n1,13.9,0,24.6\n1.1,15.1,0,24.6\n2,15.1,0,24.6\n",
@@ -574,17 +557,12 @@ TEST(Poke, OfTissueThatRelaxesFeelsWhatARunInTimeFeels) {
   const fs::path folder = folder_with_block(2);
   const std::string tissue = " --nodes 700 --set material.prony_g=0.5 --set material.prony_tau_s=1";
   write_file(folder / "way.csv", "time_s,depth_mm\n0,0\n1,2\n2,2\n3,0\n4,0\n4.5,-1\n5,-1\n");
-  ASSERT_EQ(
-      dimple(folder, "poke block.nrrd --script way.csv --record live --evaluations 16 --fps 20 -q" + tissue)
-          .code,
-      0);
-  ASSERT_EQ(dimple(folder,
-                   "run block.nrrd -o out -q --write force --set step.a.move=2mm --set step.a.time=1 --set "
-                   "step.b.time=1 "
-                   "--set step.c.move=-2mm --set step.c.time=1 --set step.d.time=1" +
-                       tissue)
-                .code,
-            0);
+  good(folder, "poke block.nrrd --script way.csv --record live --evaluations 16 --fps 20 -q" + tissue);
+  good(folder,
+       "run block.nrrd -o out -q --write force --set step.a.move=2mm --set step.a.time=1 --set "
+       "step.b.time=1 "
+       "--set step.c.move=-2mm --set step.c.time=1 --set step.d.time=1" +
+           tissue);
   const Table felt = read_csv(folder / "live" / "forces.csv"), known = read_csv(folder / "out" / "force.csv");
   const auto &time = *known.find("time_s"), &force = *known.find("force_N");
   const double largest = *std::max_element(force.begin(), force.end());
@@ -622,11 +600,9 @@ TEST(Poke, ABallWhoseSideIsInTheBodyIsNotInTheAir) {
   const fs::path folder = folder_with_block(2);
   write_file(folder / "way.csv",
              "time_s,x_mm,y_mm,z_mm\n0,21,0,30\n0.4,21,0,8\n0.8,21,0,8\n1.2,40,0,8\n1.6,40,0,8\n");
-  const Ran ran =
-      dimple(folder,
-             "poke block.nrrd --script way.csv --record live --tool sphere:4mm --nodes 500 --evaluations 8 "
-             "--fps 10 -q");
-  ASSERT_EQ(ran.code, 0) << ran.err;
+  good(folder,
+       "poke block.nrrd --script way.csv --record live --tool sphere:4mm --nodes 500 --evaluations 8 "
+       "--fps 10 -q");
   const Table felt = read_csv(folder / "live" / "forces.csv");
   EXPECT_EQ(felt.find("tool")->front(), 0.0) << "above all";
   EXPECT_EQ(felt.find("tool")->at(8), 3.0) << "elsewhere";
@@ -655,10 +631,9 @@ TEST(Poke, AScriptGoesOnWhereTheToolCannotComeDown) {
              "time_s,x_mm,y_mm,z_mm\n0,0,0,25\n0.4,0,0,18\n0.8,0,0,25\n1.2,18.5,0,25\n1.6,18.5,0,16\n2,0,0,"
              "25\n2.4,0,0,18\n");
   const Ran ran =
-      dimple(folder,
-             "poke block.nrrd --script way.csv --record live --tool sphere:4mm --nodes 500 --evaluations 8 "
-             "--fps 10 -q");
-  ASSERT_EQ(ran.code, 0) << ran.err;
+      good(folder,
+           "poke block.nrrd --script way.csv --record live --tool sphere:4mm --nodes 500 --evaluations 8 "
+           "--fps 10 -q");
   EXPECT_NE(ran.out.find(" elsewhere"), std::string::npos) << ran.out;
   const Table felt = read_csv(folder / "live" / "forces.csv");
   EXPECT_EQ(felt.find("tool")->at(16), 3.0) << "elsewhere";
@@ -697,9 +672,7 @@ TEST(Poke, RefusesAPathThatIsNone) {
   const fs::path folder = folder_with_brain();
   const auto refused = [&](const std::string& csv, const std::string& words) {
     write_file(folder / "path.csv", csv);
-    const Ran ran = dimple(folder, "poke brain.nrrd --script path.csv -q");
-    EXPECT_EQ(ran.code, 3) << csv;
-    EXPECT_NE(ran.err.find(words), std::string::npos) << ran.err;
+    ends_with(folder, 3, "poke brain.nrrd --script path.csv -q", {words});
   };
   refused("time_s,force_N\n0,1\n1,2\n", "depth_mm");
   refused("time_s,depth_mm\n0,1\n", "1 row");

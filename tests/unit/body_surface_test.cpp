@@ -14,6 +14,7 @@
 #include "preprocess/surface/closed_mesh.hpp"
 #include "preprocess/surface/label_surface.hpp"
 #include "tests/helpers/image.hpp"
+#include "tests/helpers/report.hpp"
 #include "tests/helpers/shapes.hpp"
 
 namespace dimple {
@@ -298,14 +299,8 @@ TEST(Surface, OfASheetOfOneVoxelIsRefusedInWords) {
   const LabelImage sheet = image_of({200, 200, 40}, Vec3::Ones(), [](Index i, Index j, Index k) {
     return in_box(i, j, k, {20, 20, 20}, {180, 180, 21});
   });
-  try {
-    make_body_surface(sheet, {});
-    FAIL();
-  } catch (const ModelError& error) {
-    EXPECT_EQ(error.report.code, "too-thin");
-    EXPECT_NE(error.report.why.find("thinner than"), std::string::npos);
-    EXPECT_NE(error.report.remedy.find("three voxels"), std::string::npos);
-  }
+  expect_error<ModelError>([&] { make_body_surface(sheet, {}); },
+                           {.why = "thinner than", .remedy = "three voxels", .code = "too-thin"});
   // Two voxels are enough for a surface, at its place.
   const SegmentedBody two = make_body_surface(image_of({60, 60, 9}, Vec3::Ones(),
                                                        [](Index i, Index j, Index k) {

@@ -20,6 +20,7 @@
 #include "preprocess/scene/usable_places.hpp"
 #include "preprocess/surface/label_surface.hpp"
 #include "tests/helpers/brain.hpp"
+#include "tests/helpers/report.hpp"
 #include "tests/helpers/shapes.hpp"
 
 namespace dimple {
@@ -368,13 +369,8 @@ TEST(Circle, SmallerThanAVoxelIsRefusedAndOfFewVoxelsWarnedOf) {
 // The option takes a metre at most: three such voxels across would be refused as well.
 TEST(Circle, ThatWouldHaveToBeWiderThanAnyAsksForTheUnitOfTheVoxels) {
   const BodySurface block = block_surface({-3e4, -3e4, 0}, {3e4, 3e4, 3e4});
-  const auto remedy = [&](double voxel_mm) -> std::string {
-    try {
-      find_boundary(block, {.voxel_mm = voxel_mm});
-    } catch (const ModelError& error) {
-      return error.report.remedy;
-    }
-    return "";
+  const auto remedy = [&](double voxel_mm) {
+    return report_of<ModelError>([&] { find_boundary(block, {.voxel_mm = voxel_mm}); }).remedy;
   };
   EXPECT_NE(remedy(300.0).find("give at least 900 mm"), std::string::npos) << remedy(300.0);
   EXPECT_NE(remedy(1500.0).find("check the unit"), std::string::npos) << remedy(1500.0);
@@ -392,13 +388,9 @@ TEST(Circle, AskedForFarFromTheSurfaceIsRefusedAndNearItMovedWithAWarning) {
   EXPECT_TRUE(free.warnings.empty());
   EXPECT_LT((free.centre - moved.centre).norm(), 1e-9);
   for (const char* far : {"0,0,100", "0,0,0", "0,0,-50"}) {
-    try {
-      find_boundary(block, {.base = "inferior", .indent_at = far});
-      FAIL() << far;
-    } catch (const ModelError& error) {
-      EXPECT_EQ(error.report.code, "place-moved");
-      EXPECT_NE(error.report.why.find("(0.0, 0.0, 30.0) mm"), std::string::npos) << error.report.why;
-    }
+    SCOPED_TRACE(far);
+    expect_error<ModelError>([&] { find_boundary(block, {.base = "inferior", .indent_at = far}); },
+                             {.why = "(0.0, 0.0, 30.0) mm", .code = "place-moved"});
   }
 }
 
@@ -482,27 +474,22 @@ TEST(Boundary, AndToolOnAFaceAlongTheVoxelsAreReported) {
 
 TEST(Boundary, RefusesWordsOfTheRoomAsSidesOfThePatient) {
   const BodySurface block = block_surface({-30, -30, 0}, {30, 30, 30});
-  for (const char* word : {"up", "down", "top", "bottom", "above", "below", "under"}) try {
-      find_boundary(block, {.base = word});
-      ADD_FAILURE() << word;
-    } catch (const UsageError& error) {
-      EXPECT_EQ(error.report.where, "--base (boundary.base)");
-      EXPECT_NE(error.report.remedy.find("superior, inferior, anterior"), std::string::npos)
-          << error.report.remedy;
-    }
+  for (const char* word : {"up", "down", "top", "bottom", "above", "below", "under"}) {
+    SCOPED_TRACE(word);
+    const Report report = report_of<UsageError>([&] { find_boundary(block, {.base = word}); });
+    EXPECT_EQ(report.where, "--base (boundary.base)");
+    EXPECT_NE(report.remedy.find("superior, inferior, anterior"), std::string::npos) << report.remedy;
+  }
   EXPECT_THROW(find_boundary(block, {.indent_at = "up"}), UsageError);
   EXPECT_THROW(find_boundary(block, {.indent_at = "superior,down"}), UsageError);
 }
 
 TEST(Circle, AskedForOnTopIsToldTheWordsThatSayWhichTop) {
   const BodySurface block = block_surface({-30, -30, 0}, {30, 30, 30});
-  try {
-    find_boundary(block, {.indent_at = "top"});
-    FAIL();
-  } catch (const UsageError& error) {
-    EXPECT_NE(error.report.remedy.find("--indent-at opposite"), std::string::npos) << error.report.remedy;
-    EXPECT_NE(error.report.remedy.find("--indent-at superior"), std::string::npos) << error.report.remedy;
-  }
+  const std::string remedy =
+      report_of<UsageError>([&] { find_boundary(block, {.indent_at = "top"}); }).remedy;
+  EXPECT_NE(remedy.find("--indent-at opposite"), std::string::npos) << remedy;
+  EXPECT_NE(remedy.find("--indent-at superior"), std::string::npos) << remedy;
   EXPECT_NO_THROW(find_boundary(block, {.indent_at = "0,0,top"}));
   const Boundary beside = find_boundary(block, {.base = "left", .indent_at = "0,0,top"});
   EXPECT_LT((beside.push + Vec3::UnitZ()).norm(), 1e-12);  // the top is the patient's, whatever the base

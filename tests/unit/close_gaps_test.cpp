@@ -12,6 +12,7 @@
 #include "preprocess/image/phantom.hpp"
 #include "preprocess/surface/label_surface.hpp"
 #include "tests/helpers/image.hpp"
+#include "tests/helpers/report.hpp"
 
 namespace dimple {
 namespace {
@@ -142,14 +143,9 @@ TEST(CloseGaps, IsTheSameHoweverTheBodyIsTurnedAndForAnyNumberOfThreads) {
 }
 
 TEST(CloseGaps, OfAWidthBeyondTheOrganAreRefusedInWords) {
-  try {
-    close_gaps(make_phantom({.shape = "block", .size_mm = {40, 40, 20}, .spacing_mm = 1}), {}, 25.0);
-    FAIL() << "not refused";
-  } catch (const ModelError& error) {
-    EXPECT_EQ(error.report.code, "close-too-wide");
-    EXPECT_NE(error.report.fact.find("20 mm"), std::string::npos) << error.report.fact;
-    EXPECT_NE(error.report.where.find("--close"), std::string::npos);
-  }
+  const LabelImage block = make_phantom({.shape = "block", .size_mm = {40, 40, 20}, .spacing_mm = 1});
+  expect_error<ModelError>([&] { close_gaps(block, {}, 25.0); },
+                           {.fact = "20 mm", .where = "--close", .code = "close-too-wide"});
 }
 
 TEST(CloseGaps, AreLeftWhenTheWorkIsAskedToEnd) {

@@ -8,6 +8,7 @@
 
 #include "io/error.hpp"
 #include "tests/helpers/folder.hpp"
+#include "tests/helpers/report.hpp"
 
 namespace dimple {
 namespace {
@@ -52,15 +53,12 @@ TEST(File, GetsTheRightsThatTheUsersMaskGives) {
 TEST(File, KeepsTheOlderContentWhenTheDiskIsFull) {
   const fs::path folder = fresh_folder();
   write_file(folder / "a.txt", "old");
-  try {
-    const SmallDisk full(4096);
-    write_file(folder / "a.txt", std::string(100'000, 'x'));
-    FAIL() << "wrote beyond the limit";
-  } catch (const OutputError& error) {
-    EXPECT_EQ(error.code, ExitCode::output);
-    EXPECT_NE(error.report.fact.find("File too large"), std::string::npos) << error.report.fact;
-    EXPECT_NE(error.report.remedy.find("--output"), std::string::npos);
-  }
+  expect_error<OutputError>(
+      [&] {
+        const SmallDisk full(4096);
+        write_file(folder / "a.txt", std::string(100'000, 'x'));
+      },
+      {.fact = "File too large", .remedy = "--output"});
   EXPECT_EQ(read_file(folder / "a.txt"), "old");
   EXPECT_EQ(entries(folder), 1u);
 }
@@ -68,34 +66,26 @@ TEST(File, KeepsTheOlderContentWhenTheDiskIsFull) {
 TEST(File, SaysWhyItCannotBeWritten) {
   const fs::path folder = fresh_folder();
   fs::create_directory(folder / "taken");
-  try {
-    write_file(folder / "no" / "a.txt", "a");
-    FAIL();
-  } catch (const OutputError& error) {
-    EXPECT_NE(error.report.fact.find("No such file or directory"), std::string::npos);
-    EXPECT_NE(error.report.remedy.find("create the folder"), std::string::npos);
-  }
-  try {
-    write_file(folder / "taken", "a");
-    FAIL();
-  } catch (const OutputError& error) {
-    EXPECT_NE(error.report.fact.find("Is a directory"), std::string::npos) << error.report.fact;
-  }
+  expect_error<OutputError>([&] { write_file(folder / "no" / "a.txt", "a"); },
+                            {.fact = "No such file or directory", .remedy = "create the folder"});
+  expect_error<OutputError>([&] { write_file(folder / "taken", "a"); }, {.fact = "Is a directory"});
   EXPECT_EQ(entries(folder), 1u);
 }
 
 TEST(File, SaysWhyItCannotBeRead) {
   const fs::path folder = fresh_folder();
-  try {
-    read_file(folder / "missing.txt");
-    FAIL();
-  } catch (const InputError& error) {
-    EXPECT_EQ(error.code, ExitCode::input);
-    EXPECT_NE(error.report.fact.find("missing.txt': No such file"), std::string::npos);
-    EXPECT_NE(error.report.remedy.find("spelling"), std::string::npos);
-  }
+  expect_error<InputError>([&] { read_file(folder / "missing.txt"); },
+                           {.fact = "missing.txt': No such file", .remedy = "spelling"});
   EXPECT_THROW(read_file(folder), InputError);
   EXPECT_THROW(sha256_of_file(folder / "missing.txt"), InputError);
+}
+
+TEST(Error, HasTheExitCodeOfItsKind) {
+  EXPECT_EQ(UsageError({}).code, ExitCode::usage);
+  EXPECT_EQ(InputError({}).code, ExitCode::input);
+  EXPECT_EQ(ModelError({}).code, ExitCode::model);
+  EXPECT_EQ(SolveError({}).code, ExitCode::solve);
+  EXPECT_EQ(OutputError({}).code, ExitCode::output);
 }
 
 TEST(File, HasTheDigestOfTheStandard) {

@@ -14,6 +14,7 @@
 #include "io/table.hpp"
 #include "tests/helpers/draw.hpp"
 #include "tests/helpers/folder.hpp"
+#include "tests/helpers/report.hpp"
 
 namespace dimple {
 namespace {
@@ -267,14 +268,9 @@ class CurveFile : public testing::Test {
   }
   void refused(const std::string& text, const std::string& word) const {
     SCOPED_TRACE(text);
-    try {
-      read(text);
-      ADD_FAILURE() << "it was read";
-    } catch (const InputError& error) {
-      EXPECT_EQ(error.code, ExitCode::input);
-      EXPECT_THAT(error.report.fact + error.report.why, HasSubstr(word));
-      EXPECT_FALSE(error.report.remedy.empty());
-    }
+    const Report report = report_of<InputError>([&] { read(text); });
+    EXPECT_THAT(report.fact + report.why, HasSubstr(word));
+    EXPECT_FALSE(report.remedy.empty());
   }
 };
 

@@ -16,6 +16,7 @@
 #include "solver/live/progress.hpp"
 #include "solver/session.hpp"
 #include "tests/helpers/block.hpp"
+#include "tests/helpers/report.hpp"
 
 namespace dimple::live_test {
 namespace {
@@ -244,12 +245,7 @@ TEST(Live, TissueThatRelaxesIsFollowedInAndOutAsEquilibriaInTimeHaveItAndForgets
 
 TEST(Live, ThePapersSchemeIsRefusedInWords) {
   Session session(testing_bodies::block(), {tissue});
-  try {
-    session.follow(1e-3, {.evaluations = 8});
-    FAIL();
-  } catch (const SolveError& error) {
-    EXPECT_EQ(error.report.code, "no-live");
-  }
+  expect_error<SolveError>([&] { session.follow(1e-3, {.evaluations = 8}); }, {.code = "no-live"});
   EXPECT_THROW(session.follow(std::numeric_limits<double>::quiet_NaN(), {.evaluations = 8}),
                std::invalid_argument);
 }

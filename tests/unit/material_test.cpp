@@ -13,6 +13,7 @@
 
 #include "io/error.hpp"
 #include "tests/helpers/material.hpp"
+#include "tests/helpers/report.hpp"
 
 namespace dimple::material_test {
 namespace {
@@ -532,13 +533,8 @@ TEST(MaterialPreset, HasThePapersNumbers) {
 }
 
 TEST(MaterialPreset, AnUnknownNameIsAnsweredWithAllNames) {
-  try {
-    numbers_of_preset("jelly");
-    FAIL() << "no such preset";
-  } catch (const UsageError& error) {
-    EXPECT_THAT(error.report.fact, testing::HasSubstr("jelly"));
-    EXPECT_THAT(error.report.remedy, testing::HasSubstr("horton_2007, miller_chinzei_2002"));
-  }
+  expect_error<UsageError>([] { numbers_of_preset("jelly"); },
+                           {.fact = "jelly", .remedy = "horton_2007, miller_chinzei_2002"});
 }
 
 }  // namespace

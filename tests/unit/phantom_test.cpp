@@ -8,6 +8,7 @@
 
 #include "io/error.hpp"
 #include "tests/helpers/image.hpp"
+#include "tests/helpers/report.hpp"
 
 namespace dimple {
 namespace {
@@ -40,14 +41,8 @@ int label_at(const LabelImage& image, const Vec3& position) {
   return image.at(std::lround(v.x()), std::lround(v.y()), std::lround(v.z()));
 }
 
-UsageError refusal(const PhantomOptions& options) {
-  try {
-    make_phantom(options);
-  } catch (const UsageError& error) {
-    return error;
-  }
-  ADD_FAILURE() << "was made: " << options.shape;
-  return UsageError({});
+Report refusal(const PhantomOptions& options) {
+  return report_of<UsageError>([&] { make_phantom(options); });
 }
 
 TEST(Phantom, BrainHasTheVolumeAndTheBoxOfTheMould) {
@@ -181,14 +176,14 @@ TEST(Phantom, HasBackgroundAllRoundAndIsTheSameEachTime) {
 }
 
 TEST(Phantom, RefusesWhatMakesNoBody) {
-  EXPECT_NE(refusal({.shape = "heart"}).report.why.find("cut-ellipsoid"), std::string::npos);
-  EXPECT_NE(refusal({.shape = "heart"}).report.remedy.find("--shape"), std::string::npos);
-  EXPECT_NE(refusal({.size_mm = {1, 0, 1}}).report.remedy.find("--size"), std::string::npos);
-  EXPECT_NE(refusal({.size_mm = {1, std::nan(""), 1}}).report.remedy.find("--size"), std::string::npos);
-  EXPECT_NE(refusal({.spacing_mm = -1.0}).report.remedy.find("--spacing"), std::string::npos);
-  EXPECT_NE(refusal({.spacing_mm = std::nan("")}).report.remedy.find("--spacing"), std::string::npos);
-  EXPECT_NE(refusal({.spacing_mm = 5.0}).report.fact.find("5.7 voxels across"), std::string::npos);
-  EXPECT_NE(refusal({.spacing_mm = 0.01}).report.remedy.find("--spacing"), std::string::npos);  // too many
+  EXPECT_NE(refusal({.shape = "heart"}).why.find("cut-ellipsoid"), std::string::npos);
+  EXPECT_NE(refusal({.shape = "heart"}).remedy.find("--shape"), std::string::npos);
+  EXPECT_NE(refusal({.size_mm = {1, 0, 1}}).remedy.find("--size"), std::string::npos);
+  EXPECT_NE(refusal({.size_mm = {1, std::nan(""), 1}}).remedy.find("--size"), std::string::npos);
+  EXPECT_NE(refusal({.spacing_mm = -1.0}).remedy.find("--spacing"), std::string::npos);
+  EXPECT_NE(refusal({.spacing_mm = std::nan("")}).remedy.find("--spacing"), std::string::npos);
+  EXPECT_NE(refusal({.spacing_mm = 5.0}).fact.find("5.7 voxels across"), std::string::npos);
+  EXPECT_NE(refusal({.spacing_mm = 0.01}).remedy.find("--spacing"), std::string::npos);  // too many
 }
 
 }  // namespace

@@ -14,6 +14,7 @@
 #include "preprocess/surface/label_surface.hpp"
 #include "tests/helpers/folder.hpp"
 #include "tests/helpers/image.hpp"
+#include "tests/helpers/report.hpp"
 #include "tests/helpers/steps.hpp"
 
 namespace dimple {
@@ -235,12 +236,8 @@ TEST(Support, GrowsWhereTooFewNodesAreNearAndSaysSo) {
   EXPECT_GE(report.fewest, 8);
   EXPECT_LT(report.linear_error, 1e-10);
   model.spacing *= 0.2;
-  try {
-    testing_bodies::find_supports(model, {});
-    FAIL();
-  } catch (const ModelError& error) {
-    EXPECT_NE(error.report.remedy.find("support.radius_factor"), std::string::npos);
-  }
+  expect_error<ModelError>([&] { testing_bodies::find_supports(model, {}); },
+                           {.remedy = "support.radius_factor"});
 }
 
 TEST(Config, KnowsUnitsRangesAndItsOwnFile) {

@@ -13,6 +13,7 @@
 #include "solver/solve.hpp"
 #include "tests/helpers/block.hpp"
 #include "tests/helpers/caches.hpp"
+#include "tests/helpers/report.hpp"
 
 namespace dimple::session_test {
 namespace {
@@ -177,14 +178,8 @@ TEST(Session, OfATouchingToolOnAModelWithNodesOfACircleIsRefused) {
   touch->shape = sphere_shape(3e-3);
   touch->surface = contact_surface(model, 9e-3);
   touch->pose = first_touch(touch->shape, model.tool, touch->surface);
-  try {
-    const Session session(model, {tissue}, {.touch = touch});
-    FAIL() << "the model has " << model.circle.size() << " nodes of a circle";
-  } catch (const SolveError& error) {
-    EXPECT_EQ(error.report.code, "no-live");
-    EXPECT_NE(error.report.fact.find("nodes of a circle"), std::string::npos) << error.report.fact;
-    EXPECT_NE(error.report.remedy.find("contact_radius_mm"), std::string::npos) << error.report.remedy;
-  }
+  expect_error<SolveError>([&] { const Session session(model, {tissue}, {.touch = touch}); },
+                           {.fact = "nodes of a circle", .remedy = "contact_radius_mm", .code = "no-live"});
 }
 
 }  // namespace

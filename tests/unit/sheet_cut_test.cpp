@@ -14,6 +14,7 @@
 #include "preprocess/surface/sight.hpp"
 #include "solver/session.hpp"
 #include "tests/helpers/block.hpp"
+#include "tests/helpers/report.hpp"
 
 namespace dimple {
 namespace {
@@ -243,12 +244,8 @@ TEST(ABodyThatASheetCuts, HasRowsForAllNodesAlsoInATissueFarFromTheSheet) {
 TEST(ABodyThatASheetCuts, IsRefusedWhereTheBladeMissesItOrPartsAPieceOff) {
   const Model before = testing_bodies::averaged_block();
   const auto code_of = [&](const std::shared_ptr<const Sheet>& sheet) {
-    try {
-      cut_of(before, sheet);
-    } catch (const ModelError& error) {
-      return error.report.code + ": " + error.report.fact;
-    }
-    return std::string();
+    const Report report = report_of<ModelError>([&] { cut_of(before, sheet); });
+    return report.code + ": " + report.fact;
   };
   EXPECT_EQ(code_of(flat_sheet({50e-3, 0.0, 0.0}, {0.0, 12e-3, 0.0}, {0.0, 0.0, 10e-3})),
             "cut: the blade meets no tissue");

@@ -24,6 +24,7 @@
 #include "solver/system.hpp"
 #include "tests/helpers/folder.hpp"
 #include "tests/helpers/image.hpp"
+#include "tests/helpers/report.hpp"
 
 namespace dimple {
 namespace {
@@ -168,13 +169,9 @@ TEST(Simulate, RefusesWhatStandsInTheImageOfABodyThatWasImagedUnderItsLoads) {
     const auto at = text.find('=');
     set_option(beside.config, text.substr(0, at), text.substr(at + 1), "a test");
     if (text.starts_with("boundary.base_hold")) set_option(beside.config, "support.s.on", "left", "a test");
-    try {
-      simulate(beside);
-      ADD_FAILURE() << option;
-    } catch (const UsageError& error) {
-      EXPECT_THAT(error.report.fact, HasSubstr("stands beside a body that was imaged under its loads"))
-          << option;
-    }
+    SCOPED_TRACE(option);
+    expect_error<UsageError>([&] { simulate(beside); },
+                             {.fact = "stands beside a body that was imaged under its loads"});
   }
 }
 

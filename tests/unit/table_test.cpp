@@ -9,6 +9,7 @@
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "tests/helpers/folder.hpp"
+#include "tests/helpers/report.hpp"
 
 namespace dimple {
 namespace {
@@ -22,13 +23,8 @@ fs::path with_content(const std::string& content) {
 }
 
 Report refusal(const std::string& content) {
-  try {
-    read_csv(with_content(content));
-  } catch (const InputError& error) {
-    return error.report;
-  }
-  ADD_FAILURE() << "was read: " << content;
-  return {};
+  SCOPED_TRACE(content);
+  return report_of<InputError>([&] { read_csv(with_content(content)); });
 }
 
 TEST(Table, ReadsBackTheSameBits) {

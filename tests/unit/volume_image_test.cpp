@@ -12,6 +12,7 @@
 #include "io/stop.hpp"
 #include "tests/helpers/folder.hpp"
 #include "tests/helpers/image.hpp"
+#include "tests/helpers/report.hpp"
 
 namespace dimple {
 namespace {
@@ -132,16 +133,12 @@ TEST(VolumeImage, ThatCannotBeReadIsRefusedInTheWordsOfAnImage) {
   const fs::path folder = fresh_folder();
   const auto expect = [&](const std::string& name, const std::string& word) {
     SCOPED_TRACE(name);
-    try {
-      const VolumeImage image(folder / name);
-      FAIL() << "it was read";
-    } catch (const InputError& error) {
-      EXPECT_EQ(error.report.code, "bad-image");
-      EXPECT_EQ(error.report.where, "image " + (folder / name).string());
-      EXPECT_NE(error.report.fact.find(word), std::string::npos) << error.report.fact;
-      EXPECT_FALSE(error.report.why.empty());
-      EXPECT_NE(error.report.remedy.find(".nii.gz"), std::string::npos) << error.report.remedy;
-    }
+    const Report report = report_of<InputError>([&] { const VolumeImage image(folder / name); });
+    EXPECT_EQ(report.code, "bad-image");
+    EXPECT_EQ(report.where, "image " + (folder / name).string());
+    EXPECT_NE(report.fact.find(word), std::string::npos) << report.fact;
+    EXPECT_FALSE(report.why.empty());
+    EXPECT_NE(report.remedy.find(".nii.gz"), std::string::npos) << report.remedy;
   };
   write_file(folder / "text.txt", "no image");
   write_file(folder / "text.nii.gz", "no image");

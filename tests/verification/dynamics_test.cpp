@@ -10,6 +10,7 @@
 #include "io/error.hpp"
 #include "solver/solve.hpp"
 #include "tests/helpers/block.hpp"
+#include "tests/helpers/report.hpp"
 #include "tests/helpers/system.hpp"
 
 namespace dimple {
@@ -145,15 +146,9 @@ TEST(Verification, EnergyErrorFallsWithTheStep) {
 
 TEST(Verification, APushThroughTheBlockStopsAndSaysWhereAndWhatToDo) {
   const Model model = block(6);
-  try {
-    indent(model, {.depth = 60e-3, .rate = 1.0}, {.frames = 4});  // thrice the block's height
-    FAIL() << "pushed through the base";
-  } catch (const SolveError& error) {
-    EXPECT_EQ(error.code, ExitCode::solve);
-    EXPECT_NE(error.report.where.find("indentation"), std::string::npos);
-    EXPECT_NE(error.report.remedy.find("--depth"), std::string::npos);
-    EXPECT_EQ(error.report.code, "inverted");
-  }
+  expect_error<SolveError>(
+      [&] { indent(model, {.depth = 60e-3, .rate = 1.0}, {.frames = 4}); },  // thrice the block's height
+      {.where = "indentation", .remedy = "--depth", .code = "inverted"});
 }
 
 }  // namespace

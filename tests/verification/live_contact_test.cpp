@@ -12,6 +12,7 @@
 #include "preprocess/build_model.hpp"
 #include "solver/session.hpp"
 #include "solver/solve.hpp"
+#include "tests/helpers/report.hpp"
 #include "tests/helpers/shapes.hpp"
 
 namespace dimple {
@@ -217,13 +218,9 @@ TEST(LiveTouch, WhatWasTriedDeeperLeavesTheForceOfWhereItStands) {
 
 TEST(LiveTouch, WhatHangsOnItsWayIsRefusedInWords) {
   const auto refused = [](const Scene& with, const Material& material, const char* word) {
-    try {
-      Session(with.model, {material}, with.options());
-      ADD_FAILURE() << word;
-    } catch (const SolveError& error) {
-      EXPECT_EQ(error.report.code, "no-live");
-      EXPECT_NE(error.report.why.find(word), std::string::npos) << error.report.why;
-    }
+    SCOPED_TRACE(word);
+    expect_error<SolveError>([&] { Session(with.model, {material}, with.options()); },
+                             {.why = word, .code = "no-live"});
   };
   Material slow = tissue;
   slow.prony = {{0.5, 0.2}};

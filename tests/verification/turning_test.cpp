@@ -11,6 +11,7 @@
 #include "preprocess/build_model.hpp"
 #include "solver/march/steps.hpp"
 #include "solver/solve.hpp"
+#include "tests/helpers/report.hpp"
 #include "tests/helpers/shapes.hpp"
 
 namespace dimple {
@@ -166,13 +167,13 @@ TEST(TurningTool, ThatComesToASurfaceWithoutSamplesEndsWithThePlaceAndNotWithAFo
   const Block block(600, 2.7, 3.5e-3);
   const ToolPose pose = touches(block, capsule);
   const Vec3 pivot = pose.tip + Vec3(0, 0, 20e-3);
-  try {
-    run(block, capsule, pose, {by({0, 0, -1e-3}), turn({0, 25, 0}, 20e-3, pivot, {0, 0, -1.5e-3})},
-        {.step_radii = 0.2});
-    FAIL() << "it has gone 8 mm aside, and samples lie within 3.5 mm";
-  } catch (const SolveError& error) {
-    EXPECT_EQ(error.report.code, "contact-surface") << error.report.fact;
-  }
+  // It goes 8 mm aside, and samples lie within 3.5 mm.
+  expect_error<SolveError>(
+      [&] {
+        run(block, capsule, pose, {by({0, 0, -1e-3}), turn({0, 25, 0}, 20e-3, pivot, {0, 0, -1.5e-3})},
+            {.step_radii = 0.2});
+      },
+      {.code = "contact-surface"});
 }
 
 class TurningToolOf : public testing::TestWithParam<const ToolShape*> {};

@@ -9,6 +9,7 @@
 
 #include "io/error.hpp"
 #include "io/table.hpp"
+#include "tests/helpers/report.hpp"
 #include "tests/verification/scenes.hpp"
 #include "tests/verification/verify_bodies.hpp"
 
@@ -98,24 +99,15 @@ TEST(Verify, SwappingTheNumbersOfTwoTissuesChangesNothing) {
 }
 
 TEST(Verify, AnUnknownCaseIsRefusedWithASuggestion) {
-  try {
-    verify({"hays"}, few_nodes);
-    FAIL();
-  } catch (const UsageError& error) {
-    EXPECT_NE(error.report.fact.find("hayes"), std::string::npos) << error.report.fact;
-  }
+  expect_error<UsageError>([&] { verify({"hays"}, few_nodes); }, {.fact = "hayes"});
 }
 
 TEST(Verify, RowsThatFailAreNamedInTheError) {
   const std::vector<VerifyCase> rows = {compared("a/good", "good", 1.0, 1.01, 0.02, "N", "us"),
                                         compared("a/bad", "bad", 1.0, 2.0, 0.02, "N", "us")};
-  try {
-    require_passed(rows);
-    FAIL();
-  } catch (const SolveError& error) {
-    EXPECT_NE(error.report.where.find("a/bad"), std::string::npos);
-    EXPECT_EQ(error.report.where.find("a/good"), std::string::npos);
-  }
+  const std::string where = report_of<SolveError>([&] { require_passed(rows); }).where;
+  EXPECT_NE(where.find("a/bad"), std::string::npos);
+  EXPECT_EQ(where.find("a/good"), std::string::npos);
   EXPECT_NO_THROW(require_passed({rows.front()}));
 }
 
