@@ -261,11 +261,16 @@ std::string words_of(const PathFrame& now, bool by_hand) {
     if (by_hand) return "no touch: press the left button on the body and draw it in";
     return fmt::format("no touch: the tool is at {}{}", in_words(1e3 * now.tip), status);
   }
+  const double error = f.error_at_depth + now.half_band.value_or(0.0);
+  const std::string depth = length_in_words(1e3 * f.depth);
+  if (!(error <= std::abs(f.force)))
+    return fmt::format("force unknown, {} deep: {}{}", depth,
+                       std::isfinite(error) ? "its error, " + force_written(error)(error) + ", exceeds it"
+                                            : "nothing bounds its error yet",
+                       status);
   const Written written = force_written(f.force);
-  return fmt::format("force {} +- {}{}, {} deep{}", written(f.force),
-                     written(f.error_at_depth + now.half_band.value_or(0.0)),
-                     now.half_band ? "" : " and what the discretisation leaves",
-                     length_in_words(1e3 * f.depth), status);
+  return fmt::format("force {} +- {}{}, {} deep{}", written(f.force), written(error),
+                     now.half_band ? "" : " and what the discretisation leaves", depth, status);
 }
 
 namespace {

@@ -33,6 +33,15 @@ TEST(LiveWords, AToolInTheTissueIsNeverSaidNotToTouch) {
     }
 }
 
+TEST(LiveWords, AForceSmallerThanItsErrorIsUnknown) {
+  PathFrame now = frame_at(19e-3, -0.042, Tool::stopped);
+  now.frame.error_at_depth = 0.063;
+  EXPECT_EQ(words_of(now, false),
+            "force unknown, 19.0 mm deep: its error, 63.0 mN, exceeds it (no equilibrium any deeper)");
+  now.frame.error_at_depth = 0.041;
+  EXPECT_NE(words_of(now, false).find("+-"), std::string::npos);
+}
+
 TEST(LiveWords, EachStatusHasItsName) {
   const std::vector<std::string> names = {"there", "lags", "stopped", "elsewhere", "beyond"};
   for (int k = 0; k < 5; ++k) EXPECT_EQ(name_of(static_cast<Tool>(k)), names[static_cast<std::size_t>(k)]);
