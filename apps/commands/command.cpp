@@ -9,7 +9,7 @@
 
 #include "apps/commands/log.hpp"
 #include "apps/commands/terminal.hpp"
-#include "apps/run/given_once.hpp"
+#include "apps/scene/given_once.hpp"
 #include "io/error.hpp"
 #include "io/text.hpp"
 

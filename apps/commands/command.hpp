@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "apps/ending.hpp"
-#include "apps/run/config.hpp"
+#include "apps/scene/config.hpp"
 #include "apps/run/record.hpp"
 
 namespace dimple {

@@ -8,7 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 
-#include "apps/run/config.hpp"
+#include "apps/scene/config.hpp"
 
 namespace dimple {
 namespace {

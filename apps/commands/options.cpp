@@ -2,7 +2,7 @@
 
 #include "apps/commands/command.hpp"
 #include "apps/commands/terminal.hpp"
-#include "apps/run/compatibility.hpp"
+#include "apps/scene/compatibility.hpp"
 
 namespace dimple {
 

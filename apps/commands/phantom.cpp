@@ -6,7 +6,7 @@
 #include "apps/commands/describe.hpp"
 #include "apps/commands/log.hpp"
 #include "apps/commands/terminal.hpp"
-#include "apps/run/option_word.hpp"
+#include "apps/scene/option_word.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/text.hpp"

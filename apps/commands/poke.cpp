@@ -10,7 +10,7 @@
 #include "apps/commands/terminal.hpp"
 #include "apps/run/live.hpp"
 #include "apps/run/live_socket.hpp"
-#include "apps/run/option_word.hpp"
+#include "apps/scene/option_word.hpp"
 #include "apps/run/results.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/view.hpp"

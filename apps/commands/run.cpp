@@ -6,7 +6,7 @@
 #include "apps/commands/command.hpp"
 #include "apps/commands/log.hpp"
 #include "apps/commands/slicer.hpp"
-#include "apps/run/compatibility.hpp"
+#include "apps/scene/compatibility.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/summary.hpp"
 #include "apps/run/words.hpp"

@@ -3,7 +3,7 @@
 #include <filesystem>
 #include <string>
 
-#include "apps/run/config.hpp"
+#include "apps/scene/config.hpp"
 
 namespace dimple {
 

@@ -21,7 +21,7 @@
 
 #include "apps/python/in_memory.hpp"
 #include "apps/run/compare.hpp"
-#include "apps/run/compatibility.hpp"
+#include "apps/scene/compatibility.hpp"
 #include "apps/run/folds.hpp"
 #include "apps/run/live.hpp"
 #include "apps/run/loads.hpp"

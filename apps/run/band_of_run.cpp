@@ -12,7 +12,7 @@
 #include <new>
 #include <utility>
 
-#include "apps/run/compatibility.hpp"
+#include "apps/scene/compatibility.hpp"
 #include "apps/run/folds.hpp"
 #include "apps/run/pipeline.hpp"
 #include "apps/run/run_words.hpp"
@@ -33,7 +33,7 @@ constexpr Index most_nodes_beside = 20000;
 }  // namespace
 
 struct CoarserMarch::Parts {
-  Config config;
+  Scene scene;
   std::shared_ptr<const Origin> origin;
   Index nodes = 0;
   Result coarse;
@@ -54,16 +54,16 @@ struct CoarserMarch::Parts {
     try {
       unless_stopped([&] {
         go_on();
-        Placed placed = place(nodes, config, origin->organ, origin->image, log, coarse);
+        Placed placed = place(nodes, scene, origin->organ, origin->image, log, coarse);
         go_on();
-        complete(config, std::move(placed), log, coarse);
-        coarse.loading.touch = touch_of(config, coarse.model);
+        complete(scene, std::move(placed), log, coarse);
+        coarse.loading.touch = touch_of(scene, coarse.model);
         if (coarse.loading.folds)
           coarse.loading.folds =
-              folds_of(config, coarse.facing_share, coarse.model, deepest(config, coarse.model.tool));
-        SolverOptions options = solver_options(config);
+              folds_of(scene, coarse.facing_share, coarse.model, deepest(scene, coarse.model.tool));
+        SolverOptions options = solver_options(scene);
         options.frames = 1;  // nobody looks at them
-        march(config, options,
+        march(scene, options,
               {.sample = [&](const ForceSample&, const History&) { return !given_up.load(); }}, nullptr, log,
               coarse);
         if (coarse.history.interrupted) throw Stopped(stop_asked());
@@ -77,9 +77,9 @@ struct CoarserMarch::Parts {
   }
 };
 
-CoarserMarch::CoarserMarch(const Config& config, const Result& result) : parts_(std::make_unique<Parts>()) {
+CoarserMarch::CoarserMarch(const Scene& scene, const Result& result) : parts_(std::make_unique<Parts>()) {
   Parts& p = *parts_;
-  p.config = config;
+  p.scene = scene;
   p.origin = result.origin;
   p.nodes = static_cast<Index>(std::lround(static_cast<double>(result.model.node_count()) / coarser));
   static_cast<ImageFacts&>(p.coarse) = result;
@@ -113,28 +113,28 @@ const Result& CoarserMarch::operator()() {
 
 namespace {
 
-std::string why_no_band(const Config& config, const std::vector<Material>& tissues) {
-  const Config usual;
-  if (const std::string none = why_without(config, Feature::error_bounds); !none.empty()) return none;
+std::string why_no_band(const Scene& scene, const std::vector<Material>& tissues) {
+  const Scene usual;
+  if (const std::string none = why_without(scene, Feature::error_bounds); !none.empty()) return none;
   if (const std::string none = why_no_band(tissues); !none.empty()) return none;
-  if (config.solver.tolerance > usual.solver.tolerance)
+  if (scene.solver.tolerance > usual.solver.tolerance)
     return fmt::format("not calibrated for a tolerance above {:g}", usual.solver.tolerance);
-  if (const double usual_step = longest_step(tool_of(config).has_value());
-      longest_step_radii(config) > usual_step)
+  if (const double usual_step = longest_step(scene.tool.has_value());
+      longest_step_radii(scene) > usual_step)
     return fmt::format("not calibrated for load steps above {:g} radii", usual_step);
-  if (config.cloud.rim != usual.cloud.rim || config.cloud.jitter != usual.cloud.jitter ||
-      config.grid.points != usual.grid.points || config.grid.ratio != usual.grid.ratio ||
-      config.support.radius_factor != usual.support.radius_factor)
+  if (scene.cloud.rim != usual.cloud.rim || scene.cloud.jitter != usual.cloud.jitter ||
+      scene.grid.points != usual.grid.points || scene.grid.ratio != usual.grid.ratio ||
+      scene.support_radius_factor != usual.support.radius_factor)
     return "calibrated for the default rim, points and supports only";
-  if (const std::optional<ToolShape> tool = tool_of(config)) {
+  if (const std::optional<ToolShape> tool = scene.tool) {
     if (tool->mesh) return "not calibrated for drawn tools";
-    if (1e-3 * config.load.depth_mm < shallowest_with_tool_band * tool->radius * (1.0 - 1e-9))
+    if (1e-3 * scene.depth_mm < shallowest_with_tool_band * tool->radius * (1.0 - 1e-9))
       return fmt::format("not calibrated for a depth below {:g} radii of the tool",
                          shallowest_with_tool_band);
-    if (1e-3 * config.load.depth_mm <= deepest_with_tool_band * tool->radius * (1.0 + 1e-9)) return {};
+    if (1e-3 * scene.depth_mm <= deepest_with_tool_band * tool->radius * (1.0 + 1e-9)) return {};
     return fmt::format("not calibrated for a depth above {:g} radii of the tool", deepest_with_tool_band);
   }
-  if (config.load.depth_mm > deepest_with_band * 0.5 * config.boundary.indenter_diameter_mm)
+  if (scene.depth_mm > deepest_with_band * 0.5 * scene.boundary.indenter_diameter_mm)
     return fmt::format("not calibrated for a depth above {} radii of the circle", deepest_with_band);
   return {};
 }
@@ -142,42 +142,42 @@ std::string why_no_band(const Config& config, const std::vector<Material>& tissu
 }  // namespace
 
 // Whether tissues of labels leave any label to the default one is known of the model alone.
-std::string why_no_band(const Config& config) {
-  std::vector<Material> tissues = materials_of(config);
+std::string why_no_band(const Scene& scene) {
+  std::vector<Material> tissues = materials_of(scene);
   if (tissues.size() > 1) tissues.erase(tissues.begin());
-  return why_no_band(config, tissues);
+  return why_no_band(scene, tissues);
 }
 
-std::string why_no_band(const Config& config, const Organ& organ, const Boundary& boundary,
+std::string why_no_band(const Scene& scene, const Organ& organ, const Boundary& boundary,
                         const Result& result) {
   if (result.time != TimeMode::quasi_static) return not_for_dynamics;
-  if (const std::string none = why_no_band(config, in_use(result.tissues)); !none.empty()) return none;
+  if (const std::string none = why_no_band(scene, in_use(result.tissues)); !none.empty()) return none;
   constexpr double straight = 0.9998;  // a degree
-  if (config.boundary.direction != Config().boundary.direction && boundary.push.dot(boundary.down) < straight)
+  if (scene.boundary.direction != Scene().boundary.direction && boundary.push.dot(boundary.down) < straight)
     return "not calibrated for an oblique direction";
   if (result.loading.folds && (!(result.facing_share > most_facing) || result.cut.area_mm2 > 0.0))
     return "not calibrated for folds in contact on a cut body";
   const BodyUnderCircle body =
       body_under_circle(organ.body->surface, boundary, organ.options.boundary.voxel_mm);
-  if (!tool_of(config)) return why_no_band(body);
+  if (!scene.tool) return why_no_band(body);
   if (body.thickness >= thinnest_with_tool_band) return {};
   return fmt::format("not calibrated for a thickness below {:g} radii of the contact (here {:.3g})",
                      thinnest_with_tool_band, body.thickness);
 }
 
-std::string why_no_labels(const Config& config, const Origin& origin) {
-  if (config.tissue.empty() || !origin.image.run.empty()) return {};
+std::string why_no_labels(const Scene& scene, const Origin& origin) {
+  if (scene.tissues.empty() || !origin.image.run.empty()) return {};
   return "the second set of nodes needs the labels of the image, which were not kept";
 }
 
-std::string why_no_band_after(const Config& config, const Result& result) {
+std::string why_no_band_after(const Scene& scene, const Result& result) {
   const Origin* origin = result.origin.get();
   if (!origin) return "a model's files hold one set of nodes, and the estimate needs two";
-  if (const std::string none = why_no_labels(config, *origin); !none.empty()) return none;
-  if (const std::string none = why_no_band(config, origin->organ, origin->boundary, result); !none.empty())
+  if (const std::string none = why_no_labels(scene, *origin); !none.empty()) return none;
+  if (const std::string none = why_no_band(scene, origin->organ, origin->boundary, result); !none.empty())
     return none;
   const Index fewest = std::max(fewest_nodes_with_band(result.facing_share),
-                                tool_of(config) ? fewest_nodes_with_tool_band : Index{0});
+                                scene.tool ? fewest_nodes_with_tool_band : Index{0});
   if (result.model.node_count() >= fewest) return {};
   return fmt::format("not calibrated below {0} nodes{1} (--nodes {0})", fewest,
                      result.facing_share > most_facing ? " for folded bodies" : "");
@@ -195,7 +195,7 @@ bool has_finding(const History& history, std::string_view code) {
 }
 }  // namespace
 
-BandOfRun band_of_run(const Config& config, const Result& result, CoarserMarch& coarser) {
+BandOfRun band_of_run(const Scene& scene, const Result& result, CoarserMarch& coarser) {
   const Stopwatch whole;
   BandOfRun found;
   Band& band = found.band;
@@ -209,7 +209,7 @@ BandOfRun band_of_run(const Config& config, const Result& result, CoarserMarch& 
                                        result.loading.touch->shape,
                                        {result.history.penetration, result.history.penetration_at})
                     : half_widths(result.history.force, result.model.node_count(), coarse.history.force,
-                                  result.model.tool.radius, !config.tissue.empty());
+                                  result.model.tool.radius, !scene.tissues.empty());
     if (band.half.empty())
       band.unknown = fmt::format("the comparison with {} nodes ended at a smaller depth", band.coarse_nodes);
     else if (result.loading.touch && has_finding(result.history, "hourglass"))

@@ -9,16 +9,16 @@
 namespace dimple {
 
 /// Why the band of such a run cannot be told, or nothing: it was measured for what is the default.
-std::string why_no_band(const Config& config);
+std::string why_no_band(const Scene& scene);
 /// Likewise, once it is known how time is followed and what the body looks like. `boundary`: in the surface's
 /// frame.
-std::string why_no_band(const Config& config, const Organ& organ, const Boundary& boundary,
+std::string why_no_band(const Scene& scene, const Organ& organ, const Boundary& boundary,
                         const Result& result);
-/// Likewise, of a march that has come to its end. `config`: with the choices that its model was made with.
-std::string why_no_band_after(const Config& config, const Result& result);
+/// Likewise, of a march that has come to its end. `scene`: with the choices that its model was made with.
+std::string why_no_band_after(const Scene& scene, const Result& result);
 
 /// That other clouds need the labels of an origin's image, and that these are not there; or nothing.
-std::string why_no_labels(const Config& config, const Origin& origin);
+std::string why_no_labels(const Scene& scene, const Origin& origin);
 
 /// The march of a coarser cloud of the same organ, by which a band is found. Where a processor can be spared
 /// it runs beside the march of the finer cloud, on one; otherwise when it is asked for. The same bits either
@@ -26,7 +26,7 @@ std::string why_no_labels(const Config& config, const Origin& origin);
 class CoarserMarch {
  public:
   /// `result`: complete, before its march; not looked at later.
-  CoarserMarch(const Config& config, const Result& result);
+  CoarserMarch(const Scene& scene, const Result& result);
   ~CoarserMarch();  ///< an answer that nobody has asked for is given up
   CoarserMarch(const CoarserMarch&) = delete;
   CoarserMarch& operator=(const CoarserMarch&) = delete;
@@ -46,7 +46,7 @@ struct BandOfRun {
   double half_of_displacement = 0.0;  ///< [m] where one is followed
   bool stopped = false;
 };
-BandOfRun band_of_run(const Config& config, const Result& result, CoarserMarch& coarser);
+BandOfRun band_of_run(const Scene& scene, const Result& result, CoarserMarch& coarser);
 
 /// Half the band's width of the place that is followed, where a coarser cloud brings it to `coarse` [m].
 double half_of_displacement(const Result& result, const Vec3& coarse);

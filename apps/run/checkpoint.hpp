@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "apps/run/config.hpp"
+#include "apps/scene/scene.hpp"
 #include "apps/run/model_files.hpp"
 
 namespace dimple {

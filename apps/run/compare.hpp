@@ -37,7 +37,6 @@ MeasuredCurve read_measured_curve(const std::filesystem::path& file);
 double ramp_rate(const MeasuredCurve& curve);
 
 /// The word for the end values of Horton et al. 2007, section 5.
-inline constexpr const char* paper_word = "horton2007";
 MeasuredCurve paper_curve();
 
 /// A measured curve beside ours, where both are.

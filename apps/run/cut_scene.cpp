@@ -107,7 +107,7 @@ struct Body {
 }  // namespace
 
 CutScene::CutScene(const Case& given, Organ organ)
-    : given_(given), whole_(std::move(organ)), steps_(cuts_after_moves(given.config)) {}
+    : given_(given), whole_(std::move(organ)), steps_(cuts_after_moves(given.scene)) {}
 
 ScenePart CutScene::part(std::size_t k) const {
   ScenePart part;
@@ -131,10 +131,10 @@ void CutScene::make_again(const RunLog& log, Result& result) {
   };
   try {
     const LabelImage& image = result.origin->image;
-    const Organ organ = cut_by_steps(given_.config, whole_, image, done_, quiet, result);
+    const Organ organ = cut_by_steps(given_.scene, whole_, image, done_, quiet, result);
     ModelOptions options = organ.options;
     if (result.nodes_for_band > 0) options.cloud.count = result.nodes_for_band;
-    Placed placed{place_nodes(given_.config, organ, options, image, quiet, result), options.scheme,
+    Placed placed{place_nodes(given_.scene, organ, options, image, quiet, result), options.scheme,
                   organ.label_names};
     make_ready(given_, std::move(placed), quiet, result);
   } catch (...) {

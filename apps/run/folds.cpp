@@ -14,26 +14,26 @@ namespace {
 // Of the tool's way: both banks may come towards each other.
 constexpr double widest = 2.0;
 
-bool has_inertia(const Config& config) {
-  return config.solver.time == "explicit";
+bool has_inertia(const Scene& scene) {
+  return scene.solver.time == Scene::Numerics::Time::explicit_;
 }
 
-bool converges(const Config& config) {
-  return config.scheme.name == Config{}.scheme.name;
+bool converges(const Scene& scene) {
+  return scene.scheme == Scene{}.scheme.name;
 }
 
 }  // namespace
 
-bool folds_touch(const Config& config, double facing_share) {
-  if (config.load.self_contact != "auto") return config.load.self_contact == "on";
-  return facing_share > most_facing && !has_inertia(config) && converges(config) &&
-         MixedIteration::serves(materials_of(config));
+bool folds_touch(const Scene& scene, double facing_share) {
+  if (scene.self_contact != Scene::SelfContact::automatic) return scene.self_contact == Scene::SelfContact::on;
+  return facing_share > most_facing && !has_inertia(scene) && converges(scene) &&
+         MixedIteration::serves(materials_of(scene));
 }
 
-std::shared_ptr<const FoldBanks> folds_of(const Config& config, double facing_share, const Model& model,
+std::shared_ptr<const FoldBanks> folds_of(const Scene& scene, double facing_share, const Model& model,
                                           double deepest) {
-  if (!folds_touch(config, facing_share)) return nullptr;
-  if (config.load.self_contact == "auto" && !model.scheme.pressure_patches) return nullptr;
+  if (!folds_touch(scene, facing_share)) return nullptr;
+  if (scene.self_contact == Scene::SelfContact::automatic && !model.scheme.pressure_patches) return nullptr;
   auto banks = std::make_shared<const FoldBanks>(fold_banks(model, widest * deepest));
   return banks->count() > 0 ? banks : nullptr;
 }

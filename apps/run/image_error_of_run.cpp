@@ -162,10 +162,10 @@ void look_under(const Touch& touch, const Surface& surface, const Vec3& push, do
 
 namespace {
 
-std::string why_no_image_error(const Config& config, const Result& result) {
+std::string why_no_image_error(const Scene& scene, const Result& result) {
   if (!result.origin || result.voxel_edges_mm.isZero(0.0)) return "the model was made without its image";
   if (result.time != TimeMode::quasi_static) return "it was calibrated for equilibrium, not for dynamics";
-  if (has_walls(config) || !config.step.empty() || !has_tool_alone(config))
+  if (!scene.walls.empty() || !scene.steps.empty() || !has_tool_alone(scene))
     return "it was calibrated for one tool alone that is pressed straight in, once";
   if (result.loading.touch && result.loading.touch->shape.mesh)
     return "it was calibrated for spheres, rods and punches, not for a drawn tool";
@@ -182,8 +182,8 @@ void look_through(const BodySurface& body, const Boundary& boundary, UnderTool& 
 
 }  // namespace
 
-ImageError image_error_of(const Config& config, const Result& result) {
-  if (std::string none = why_no_image_error(config, result); !none.empty())
+ImageError image_error_of(const Scene& scene, const Result& result) {
+  if (std::string none = why_no_image_error(scene, result); !none.empty())
     return {.unknown = std::move(none)};
   const ToolPlace& tool = result.model.tool;
   const std::vector<ForceSample>& force = result.history.force;

@@ -59,6 +59,6 @@ ImageError image_error(const std::vector<ForceSample>& force, const UnderTool& u
 void look_under(const Touch& touch, const Surface& surface, const Vec3& push, double depth, UnderTool& under);
 
 /// Of a run that has come to its end.
-ImageError image_error_of(const Config& config, const Result& result);
+ImageError image_error_of(const Scene& scene, const Result& result);
 
 }  // namespace dimple

@@ -109,22 +109,22 @@ double share_outside(const VoxelGrid& grid, const Surface& surface) {
 
 }  // namespace
 
-ImageTask images_asked_for(const Config& config) {
-  const Config::Output& output = config.output;
+ImageTask images_asked_for(const Scene& scene) {
+  const Scene::Output& output = scene.output;
   ImageTask task;
   task.each_frame = output.write_frames == "all";
-  const bool images = wanted_of(config).images;
-  if (images && config.image.file.empty())
+  const bool images = wanted_of(scene).images;
+  if (images && scene.image.file.empty())
     throw UsageError(
         {.fact = "images on the grid of the label image are asked for, and the label image is in memory",
          .where = "--write images (output.write)",
          .why = "they are written as its file is: in its format, on its stored axes",
          .remedy = "begin with a file of it, or name an image of the patient with --warp"});
-  if (images) task.label_image = config.image.file;
+  if (images) task.label_image = scene.image.file;
   std::optional<VoxelGrid> labels;
-  if (!config.image.file.empty() && !(output.warp.empty() && output.warp_labels.empty())) {
+  if (!scene.image.file.empty() && !(output.warp.empty() && output.warp_labels.empty())) {
     try {
-      labels = VolumeImage(config.image.file).grid();
+      labels = VolumeImage(scene.image.file).grid();
     } catch (const InputError&) {  // of several layers, such as a segmentation may have
     }
   }

@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "apps/run/config.hpp"
+#include "apps/scene/scene.hpp"
 #include "apps/run/simulate.hpp"
 #include "io/volume_image.hpp"
 #include "preprocess/output/deformation_map.hpp"
@@ -38,7 +38,7 @@ struct ImageTask {
 
 /// Reads every image to its end, so that nothing is computed for one that cannot be read. Throws
 /// UsageError, InputError.
-ImageTask images_asked_for(const Config& config);
+ImageTask images_asked_for(const Scene& scene);
 /// Throws InputError: more than half of the body lies outside of an image to be warped; or the model has no
 /// surface, and so no inside.
 void require_overlap(const ImageTask& task, const Discretisation& body);

@@ -61,7 +61,7 @@ std::optional<double> half_band(const LiveTool& tool) {
     if (tool.fine[k].depth >= now.depth) break;
   }
   return std::abs(now.force) * band_half_width(change, tool.session->model().node_count(),
-                                               {radii, !tool.organ->config.tissue.empty()});
+                                               {radii, !tool.organ->scene.tissues.empty()});
 }
 
 OnAxis on_axis(const ToolPlace& tool, const Vec3& tip) {

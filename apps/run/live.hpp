@@ -20,7 +20,7 @@ namespace dimple {
 /// An organ that a tool touches here and there: read once, its surface and its base kept. Where the tool
 /// comes down a cloud of its own is made around that place.
 struct LiveOrgan {
-  Config config;
+  Scene scene;
   Result result;                    ///< image, labels, segment, warnings
   std::optional<Organ> organ = {};  ///< surface and options
   std::vector<Material> materials = {};
@@ -29,7 +29,7 @@ struct LiveOrgan {
 };
 /// Throws what simulate() throws of the image and the options; UsageError where they are not those of an
 /// equilibrium.
-LiveOrgan read_live_organ(const Config& config, const RunObserver& observer = {});
+LiveOrgan read_live_organ(const Scene& scene, const RunObserver& observer = {});
 
 /// Where the tool stands on the place that options.boundary.indent_at names, or on `tip` [3] LPS m.
 Site site_at(const LiveOrgan& live, const std::optional<Vec3>& tip = {});
@@ -63,7 +63,7 @@ struct CutSession {
 };
 /// What it is made with beside the body. `rest`: the surface, of triangles of `step_mm`; for cuts alone.
 struct SessionGiven {
-  const Config& config;
+  const Scene& scene;
   const std::vector<Material>& materials;
   const std::map<std::string, int>& label_names;
   const BodySurface* rest = nullptr;

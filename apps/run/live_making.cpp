@@ -37,7 +37,7 @@ void open_next(LiveTool& tool) {
         const Eigen::Isometry3d to_body = body.to_world().inverse();
         const TriangleMesh own{to_body * (1e3 * sheet->vertex()).colwise().homogeneous(), sheet->triangles()};
         return std::make_shared<const BodySurface>(
-            cut(body, {own}, organ->config.image.cut_gap_mm, to_body * keep).surface);
+            cut(body, {own}, organ->scene.image.cut_gap_mm, to_body * keep).surface);
       });
 }
 

@@ -3,7 +3,7 @@
 
 #include <algorithm>
 
-#include "apps/run/compatibility.hpp"
+#include "apps/scene/compatibility.hpp"
 #include "apps/run/cuts.hpp"
 #include "apps/run/live.hpp"
 #include "apps/run/live_making.hpp"
@@ -17,18 +17,18 @@
 
 namespace dimple {
 
-LiveOrgan read_live_organ(const Config& config, const RunObserver& observer) {
-  LiveOrgan live{.config = config, .result = {}};
+LiveOrgan read_live_organ(const Scene& scene, const RunObserver& observer) {
+  LiveOrgan live{.scene = scene, .result = {}};
   const RunLog log{observer, live.result};
-  check_pairs(config, Feature::by_hand);
-  if (tool_of(config)) check_pairs(config, Feature::touching_by_hand);
-  check_loads(config);
-  check_supports(config);
-  check_tool(config);
-  live.config.load.self_contact = "off";
-  live.organ.emplace(read_organ({.config = live.config}, model_options(config), log, live.result));
-  live.materials = materials_of(config);
-  live.shape = tool_of(live.config);
+  check_pairs(scene, Feature::by_hand);
+  if (scene.tool) check_pairs(scene, Feature::touching_by_hand);
+  check_loads(scene);
+  check_supports(scene);
+  check_tool(scene);
+  live.scene.self_contact = Scene::SelfContact::off;
+  live.organ.emplace(read_organ({.scene = live.scene}, model_options(scene), log, live.result));
+  live.materials = materials_of(scene);
+  live.shape = live.scene.tool;
   live.base = find_boundary(live.organ->body->surface, live.organ->options.boundary);
   for (const std::string& warning : live.base->warnings) log.warn(warning);
   return live;
@@ -43,7 +43,7 @@ Site site_at(const LiveOrgan& live, const std::optional<Vec3>& tip) {
 
 SessionGiven given_of(const LiveOrgan& live) {
   const SegmentedBody& body = *live.organ->body;
-  return {live.config, live.materials, live.organ->label_names, &body.surface, body.report.step_mm};
+  return {live.scene, live.materials, live.organ->label_names, &body.surface, body.report.step_mm};
 }
 
 namespace {
@@ -51,16 +51,16 @@ namespace {
 // The nodes that a piece of the body is held by.
 std::vector<Index> held_nodes(const SessionGiven& given, const Model& model) {
   std::vector<Index> held = model.base;
-  if (!tool_of(given.config) && loading_of(given.config).contact == Contact::bonded)
+  if (!given.scene.tool && given.scene.contact == Contact::bonded)
     held.insert(held.end(), model.circle.begin(), model.circle.end());
-  for (const HeldSet& set : supports_of(given.config, model, given.label_names).sets)
+  for (const HeldSet& set : supports_of(given.scene, model, given.label_names).sets)
     if (set.hold == HeldSet::Hold::all) held.insert(held.end(), set.node.begin(), set.node.end());
   return held;
 }
 
 // A bonded circle's nodes would hold both banks.
 void refuse_under_circle(const SessionGiven& given, const Model& model, const Sheet& sheet) {
-  if (tool_of(given.config) || loading_of(given.config).contact != Contact::bonded) return;
+  if (given.scene.tool || given.scene.contact != Contact::bonded) return;
   for (const Index a : model.circle)
     if (sheet.between(model.X.col(a), model.X.col(model.circle.front())))
       throw ModelError({.fact = "the cut passes under the circle",
@@ -72,20 +72,20 @@ void refuse_under_circle(const SessionGiven& given, const Model& model, const Sh
 
 SheetCut cut_model(const SessionGiven& given, const Model& model, const std::shared_ptr<const Sheet>& sheet) {
   refuse_under_circle(given, model, *sheet);
-  const std::vector<double> density = tissues_of(given.config, given.label_names, model).density;
+  const std::vector<double> density = tissues_of(given.scene, given.label_names, model).density;
   return cut_by_sheet(model, sheet, density, held_nodes(given, model));
 }
 
 }  // namespace
 
 Session session_on(const SessionGiven& given, Model model) {
-  Loads loads = loads_of(given.config, model, model.surface);
-  std::shared_ptr<const Touch> its_touch = touch_of(given.config, model);
-  std::vector<HeldSet> supports = supports_of(given.config, model, given.label_names).sets;
+  Loads loads = loads_of(given.scene, model, model.surface);
+  std::shared_ptr<const Touch> its_touch = touch_of(given.scene, model);
+  std::vector<HeldSet> supports = supports_of(given.scene, model, given.label_names).sets;
   return Session(std::move(model), given.materials,
-                 {.contact = loading_of(given.config).contact,
-                  .precision = precision_of(given.config),
-                  .tolerance = given.config.solver.tolerance,
+                 {.contact = given.scene.contact,
+                  .precision = given.scene.solver.precision,
+                  .tolerance = given.scene.solver.tolerance,
                   .further = std::move(supports),
                   .loads = std::move(loads),
                   .touch = std::move(its_touch)});
@@ -95,9 +95,9 @@ Session touch(const LiveOrgan& live, Index nodes, const Site& site, const Sheets
   ModelOptions options = live.organ->options;
   options.cloud.count = nodes;
   options.cloud.spacing_mm = 0.0;
-  const LabelAt label_at = labels_of(live.config, *live.organ, live.result.image);
+  const LabelAt label_at = labels_of(live.scene, *live.organ, live.result.image);
   Discretisation places = discretise(live.organ->body->surface, options, label_at, site).places;
-  const TissueOptions tissues = tissues_of(live.config, live.organ->label_names, places);
+  const TissueOptions tissues = tissues_of(live.scene, live.organ->label_names, places);
   Eigen::VectorXi tissue = tissue_of_points(places, tissues);
   Model model = make_model(std::move(places), options.scheme, std::move(tissue), tissues.density);
   for (const std::shared_ptr<const Sheet>& sheet : sheets) try {
@@ -131,7 +131,7 @@ TriedTouch try_touch(const LiveOrgan& live, Index nodes, const Site& site, const
   tried.left_out = left_out;
   std::vector<ForceSample> fine = forces_to_radius(tried.session);
   // The band was measured for nothing else, and of a tool that touches with other clouds.
-  if (!has_tool_alone(live.config) || tried.session.touch() || !sheets.empty()) return tried;
+  if (!has_tool_alone(live.scene) || tried.session.touch() || !sheets.empty()) return tried;
   if (nodes < fewest_nodes_with_band(live.result.facing_share) || fine.size() < 2) return tried;
   Session coarse = touch(live, std::max(first_nodes, nodes / 4), site);
   std::vector<ForceSample> its = forces_to_radius(coarse);

@@ -2,20 +2,20 @@
 
 #include <optional>
 
-#include "apps/run/config.hpp"
-#include "apps/run/option_word.hpp"
+#include "apps/scene/scene.hpp"
+#include "apps/scene/option_word.hpp"
 #include "solver/terms/loads.hpp"
 
 namespace dimple {
 
 /// Before anything is built: throws UsageError where the words of gravity, of a pressure or of a membrane are
 /// not understood; and where a pressure or a membrane names no part of the surface.
-void check_loads(const Config& config);
-void check_loads(const Config& config, const Surface& surface);
+void check_loads(const Scene& scene);
+void check_loads(const Scene& scene, const Surface& surface);
 
-/// What `config` says of gravity, pressures and membranes, on the model's surface; the parts of it are chosen
+/// What `scene` says of gravity, pressures and membranes, on the model's surface; the parts of it are chosen
 /// on `chosen_on`, the same triangles as the image has them. Throws as check_loads().
-Loads loads_of(const Config& config, const Model& model, const Surface& chosen_on);
+Loads loads_of(const Scene& scene, const Model& model, const Surface& chosen_on);
 
 /// "gravity 9.81 m/s2 (inferior), pressure csf 500 Pa"; of membranes nothing.
 std::string in_words(const Loads& loads);
@@ -28,6 +28,6 @@ struct FluidWords {
 };
 /// Share of the body's height as an option gives it, in percent.
 WordNumber share_of_lost_fluid();
-std::optional<FluidWords> fluid_lost_of(const Config& config);
+std::optional<FluidWords> fluid_lost_of(const Scene& scene);
 
 }  // namespace dimple

@@ -1,18 +1,18 @@
 #pragma once
 
-#include "apps/run/config.hpp"
+#include "apps/scene/scene.hpp"
 #include "solver/terms/membrane.hpp"
 
 namespace dimple {
 
 /// Before anything is built: throws UsageError where a membrane is not understood, has neither stiffness nor
 /// tension; and where it names no part of the surface. ModelError: there is none.
-void check_membranes(const Config& config);
-void check_membranes(const Config& config, const Surface& surface);
+void check_membranes(const Scene& scene);
+void check_membranes(const Scene& scene, const Surface& surface);
 
 /// All membranes by name; that of --membrane is called "surface". Parts as of loads_of(). Throws as
 /// check_membranes().
-std::vector<Membrane> membranes_on(const Config& config, const Model& model, const Surface& chosen_on);
+std::vector<Membrane> membranes_on(const Scene& scene, const Model& model, const Surface& chosen_on);
 
 /// "pia: 0.1 mm of 400 kPa (40 N/m) on 5600 mm2".
 std::string in_words(const Membrane& film);

@@ -340,7 +340,7 @@ std::string scheme_named_in(const fs::path& file, const toml::table& table, cons
 
 // With its supports as the file has them.
 Scheme scheme_in(const fs::path& file, const toml::table& table, const std::string& name) {
-  Config words;
+  Scene words;
   if (const auto node = table["support"]["radius_factor"]; node) {
     std::ostringstream shown;
     node.visit([&](auto&& v) { shown << v; });

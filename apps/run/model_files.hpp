@@ -4,7 +4,7 @@
 #include <map>
 #include <string>
 
-#include "apps/run/config.hpp"
+#include "apps/scene/scene.hpp"
 #include "io/vtk_files.hpp"
 
 namespace dimple {

@@ -7,7 +7,7 @@
 #include <cmath>
 #include <limits>
 
-#include "apps/run/compatibility.hpp"
+#include "apps/scene/compatibility.hpp"
 #include "apps/run/cuts.hpp"
 #include "apps/run/folds.hpp"
 #include "apps/run/grading.hpp"
@@ -86,7 +86,7 @@ std::vector<int> chosen_labels(const LabelImage& image, const std::vector<LabelM
   return result;
 }
 
-// A label that config.tissue names, as a number; -1 if it is neither a number nor a known name.
+// A label that scene.tissues names, as a number; -1 if it is neither a number nor a known name.
 // What of an image is to be the body.
 struct Taken {
   std::vector<int> chosen;  // by --label and not by --cut; none: all
@@ -94,11 +94,11 @@ struct Taken {
 };
 
 // label:NAME of a cut, which stands `where`.
-void cut_out(const std::vector<std::string>& labels, const std::string& where, const Config& config,
+void cut_out(const std::vector<std::string>& labels, const std::string& where, const Scene& scene,
              const LabelImage& image, Taken& taken) {
   const std::vector<int> gone =
       chosen_labels(image, taken.labels, labels, where.c_str(),
-                    config.image.label.empty() ? "the image holds" : "--label takes");
+                    scene.image.label.empty() ? "the image holds" : "--label takes");
   if (gone.empty()) return;
   const auto is_gone = [&](const LabelMeasure& m) {
     return std::find(gone.begin(), gone.end(), m.value) != gone.end();
@@ -114,22 +114,22 @@ void cut_out(const std::vector<std::string>& labels, const std::string& where, c
   for (const LabelMeasure& m : taken.labels) taken.chosen.push_back(m.value);
 }
 
-Taken take_labels(const RunLog& log, const Config& config, const LabelImage& image,
+Taken take_labels(const RunLog& log, const Scene& scene, const LabelImage& image,
                   const std::map<std::string, int>& names) {
   for (const std::string& warning : image.warnings) log.warn(warning);
   const std::vector<LabelMeasure> present = measure_labels(image);
-  Taken taken{.chosen = chosen_labels(image, present, config.image.label), .labels = {}, .cut_out = {}};
+  Taken taken{.chosen = chosen_labels(image, present, scene.image.label), .labels = {}, .cut_out = {}};
   for (const LabelMeasure& label : present)
     if (taken.chosen.empty() ||
         std::find(taken.chosen.begin(), taken.chosen.end(), label.value) != taken.chosen.end())
       taken.labels.push_back(label);
-  cut_out(labels_cut_out_at_rest(config), "--cut (image.cut)", config, image, taken);
+  cut_out(labels_cut_out_at_rest(scene), "--cut (image.cut)", scene, image, taken);
   const auto has = [](const std::vector<LabelMeasure>& labels, int value) {
     return std::any_of(labels.begin(), labels.end(), [&](const auto& m) { return m.value == value; });
   };
   std::map<std::string, std::string> asked_for;  // where -> label
-  for (const auto& [label, differing] : config.tissue) asked_for["tissue." + label] = label;
-  for (const auto& [name, label] : labels_of_supports(config))
+  for (const auto& [label, differing] : scene.tissues) asked_for["tissue." + label] = label;
+  for (const auto& [name, label] : labels_of_supports(scene))
     asked_for[fmt::format("support.{}.on", name)] = label;
   for (const auto& [where, label] : asked_for)
     if (const int value = number_of_label(label, names); !has(taken.labels, value))
@@ -144,12 +144,12 @@ Taken take_labels(const RunLog& log, const Config& config, const LabelImage& ima
   return taken;
 }
 
-void say_labels(const RunLog& log, const Config& config, const std::vector<int>& chosen,
+void say_labels(const RunLog& log, const Scene& scene, const std::vector<int>& chosen,
                 const std::vector<LabelMeasure>& taken, const std::map<std::string, int>& names) {
   log.say(fmt::format("labels   {}: {}", chosen.empty() ? "all" : "chosen", in_words(taken)));
-  std::vector<LabelMeasure> alike;  // of the one material that config.material is
+  std::vector<LabelMeasure> alike;  // of the one material that scene.material is
   for (const LabelMeasure& label : taken)
-    if (std::none_of(config.tissue.begin(), config.tissue.end(),
+    if (std::none_of(scene.tissues.begin(), scene.tissues.end(),
                      [&](const auto& tissue) { return number_of_label(tissue.first, names) == label.value; }))
       alike.push_back(label);
   if (chosen.empty() && alike.size() > 1)
@@ -161,9 +161,9 @@ void say_labels(const RunLog& log, const Config& config, const std::vector<int>&
 }
 
 // The image as its gaps are closed, where that is asked for; what was done goes into `sentence`.
-std::optional<ClosedImage> closed(const Config& config, const LabelImage& image,
+std::optional<ClosedImage> closed(const Scene& scene, const LabelImage& image,
                                   const std::vector<int>& labels, const RunLog& log, std::string& sentence) {
-  const double width = config.image.close_mm;
+  const double width = scene.image.close_mm;
   if (!(width > 0.0)) return std::nullopt;
   log.doing("closing gaps");
   ClosedImage result = close_gaps(image, labels, width);
@@ -179,26 +179,26 @@ std::optional<ClosedImage> closed(const Config& config, const LabelImage& image,
 }
 
 // Narrow gaps that the model keeps open decide much of the force.
-void warn_of_narrow_gaps(const Config& config, double share, const RunLog& log) {
-  if (share <= most_facing || config.image.close_mm >= narrow_gap_mm) return;
+void warn_of_narrow_gaps(const Scene& scene, double share, const RunLog& log) {
+  if (share <= most_facing || scene.image.close_mm >= narrow_gap_mm) return;
   log.warn(fmt::format(
       "{:.0f} % of the surface faces another part of it across less than {:.0f} mm of air: the walls of "
       "these folds, which touch in life, {}; --close {:.0f}mm closes such folds: compare "
       "the two forces, which may differ much",
       100.0 * share, narrow_gap_mm,
-      folds_touch(config, share) ? "touch here in equilibrium, without friction"
+      folds_touch(scene, share) ? "touch here in equilibrium, without friction"
                                  : "move freely here and pass through each other",
       narrow_gap_mm));
 }
 
 }  // namespace
 
-std::string name_of_image(const Config& config) {
-  return config.image.file.empty() ? "image in memory" : config.image.file;
+std::string name_of_image(const Scene& scene) {
+  return scene.image.file.empty() ? "image in memory" : scene.image.file;
 }
 
-std::string sha256_of_image(const Config& config, const LabelImage& image) {
-  if (!config.image.file.empty()) return sha256_of_file(config.image.file);
+std::string sha256_of_image(const Scene& scene, const LabelImage& image) {
+  if (!scene.image.file.empty()) return sha256_of_file(scene.image.file);
   const auto bytes_of = [](const auto& numbers, std::size_t count) {
     return std::string_view(reinterpret_cast<const char*>(numbers.data()), count * sizeof(numbers.data()[0]));
   };
@@ -209,38 +209,38 @@ std::string sha256_of_image(const Config& config, const LabelImage& image) {
   return sha256(bytes);
 }
 
-Work work_of(const Config& config, const Result& result) {
+Work work_of(const Scene& scene, const Result& result) {
   const bool placed = result.model.node_count() > 0;
-  const double nodes = static_cast<double>(placed ? result.model.node_count() : config.cloud.nodes);
-  const Wanted wanted = wanted_of(config);
+  const double nodes = static_cast<double>(placed ? result.model.node_count() : scene.cloud.nodes);
+  const Wanted wanted = wanted_of(scene);
   const auto& size = result.image.size;
   return {
       .voxels = static_cast<double>(size[0]) * static_cast<double>(size[1]) * static_cast<double>(size[2]),
       .nodes = nodes,
       .points = placed ? static_cast<double>(result.model.point_count())
-                       : nodes * scheme_of(config).points_per_node,
+                       : nodes * scheme_of(scene).points_per_node,
       .depths = std::max(
-          static_cast<double>(config.solver.frames),
-          config.load.depth_mm / (0.5 * longest_step_radii(config) * config.boundary.indenter_diameter_mm)),
+          static_cast<double>(scene.solver.frames),
+          scene.depth_mm / (0.5 * longest_step_radii(scene) * scene.boundary.indenter_diameter_mm)),
       .picture = wanted.picture,
-      .band = config.accuracy.band == "on",
-      .refinement = !config.accuracy.goal.empty() || config.accuracy.budget_s > 0.0};
+      .band = scene.band,
+      .refinement = !scene.accuracy.goal.empty() || scene.accuracy.budget_s > 0.0};
 }
 
-void say_default_stiffness(const RunLog& log, const Config& config) {
-  if (default_stiffness(config))
+void say_default_stiffness(const RunLog& log, const Scene& scene) {
+  if (!scene.given.stiffness)
     log.say(fmt::format(
         "material mu {} of swine brain (Horton et al. 2007), because no material was given; for other "
         "tissues give --mu, --young or --preset",
-        stress_in_words(config.material.mu_Pa)));
+        stress_in_words(scene.material.mu_Pa)));
 }
 
-TissueOptions tissues_of(const Config& config, const std::map<std::string, int>& label_names,
+TissueOptions tissues_of(const Scene& scene, const std::map<std::string, int>& label_names,
                          const Discretisation& places, const std::vector<LabelMeasure>& taken_out) {
   TissueOptions tissues{.of_label = {}, .density = {}};
-  for (const Material& material : materials_of(config)) tissues.density.push_back(material.density);
+  for (const Material& material : materials_of(scene)) tissues.density.push_back(material.density);
   int number = 0;
-  for (const auto& [label, differing] : config.tissue) {
+  for (const auto& [label, differing] : scene.tissues) {
     const int value = number_of_label(label, label_names);
     if (!tissues.of_label.emplace(value, ++number).second)
       throw UsageError({.fact = fmt::format("label {} is given two tissues", value),
@@ -274,24 +274,24 @@ SegmentedBody body_of(const LabelImage& image, const std::vector<int>& labels,
 }  // namespace
 
 Organ read_organ(const Case& given, const ModelOptions& options, const RunLog& log, Result& result) {
-  const Config& config = given.config;
-  if (config.image.file.empty() && !given.image)
+  const Scene& scene = given.scene;
+  if (scene.image.file.empty() && !given.image)
     throw UsageError({.fact = "no label image was given",
                       .where = "command line",
                       .why = "there is nothing to work on",
                       .remedy = "give one: dimple run IMAGE -o OUT"});
-  check_materials(config, options.scheme);
+  check_materials(scene, options.scheme);
   check_words(options.boundary);
-  check_cuts(config);
+  check_cuts(scene);
   const Stopwatch reading;
-  log.begin(Part::reading, config);
-  result.image = given.image ? *given.image : read_label_image(config.image.file, config.image.label_names);
+  log.begin(Part::reading, scene);
+  result.image = given.image ? *given.image : read_label_image(scene.image.file, scene.image.label_names);
   if (given.change.image) result.image = given.change.image(result.image);
   Organ organ{.options = options, .labels = {}};
   for (const auto& [value, name] : result.image.names) organ.label_names[name] = value;
-  const auto [labels, taken, gone] = take_labels(log, config, result.image, organ.label_names);
+  const auto [labels, taken, gone] = take_labels(log, scene, result.image, organ.label_names);
   organ.labels = labels;
-  check_walls(config, result.image, labels, organ.label_names);
+  check_walls(scene, result.image, labels, organ.label_names);
   result.labels = taken;
   result.cut.labels = gone;
   result.read_s = reading.seconds();
@@ -301,18 +301,18 @@ Organ read_organ(const Case& given, const ModelOptions& options, const RunLog& l
                   result.image.stored_size[0], result.image.stored_size[1], result.image.stored_size[2],
                   result.image.stored_spacing.x(), result.image.stored_spacing.y(),
                   result.image.stored_spacing.z(), result.image.orientation);
-  log.say(fmt::format("image    {}: {}", name_of_image(config), result.image_words));
-  say_labels(log, config, labels, taken, organ.label_names);
-  say_default_stiffness(log, config);
+  log.say(fmt::format("image    {}: {}", name_of_image(scene), result.image_words));
+  say_labels(log, scene, labels, taken, organ.label_names);
+  say_default_stiffness(log, scene);
 
   const Stopwatch building;
-  organ.closed = closed(config, result.image, labels, log, organ.closing);
+  organ.closed = closed(scene, result.image, labels, log, organ.closing);
   const LabelImage& image = organ.closed ? organ.closed->image : result.image;
   if (organ.closed) {
     result.closed_mm3 = organ.closed->added_mm3;
     result.stages.done("close gaps");
   }
-  log.begin(Part::surface, config);
+  log.begin(Part::surface, scene);
   organ.options.boundary.voxel_mm = image.spacing().maxCoeff();
   result.voxel_edges_mm = image.to_world.linear();
   organ.body = std::make_shared<const SegmentedBody>(body_of(image, labels, options.boundary, given.change));
@@ -340,7 +340,7 @@ Organ read_organ(const Case& given, const ModelOptions& options, const RunLog& l
                   segment.smoothing_mm, 100.0 * (body.surface.volume() / volume - 1.0)));
 
   result.facing_share = facing_share(body.surface, narrow_gap_mm);
-  warn_of_narrow_gaps(config, result.facing_share, log);
+  warn_of_narrow_gaps(scene, result.facing_share, log);
   result.image_warnings = result.warnings.size();
   result.build_s = building.seconds();
   return organ;
@@ -348,12 +348,12 @@ Organ read_organ(const Case& given, const ModelOptions& options, const RunLog& l
 
 ReadOrgan read_once(const Case& given, const RunObserver& observer) {
   Result read;
-  Organ organ = read_organ(given, model_options(given.config), RunLog{observer, read}, read);
+  Organ organ = read_organ(given, model_options(given.scene), RunLog{observer, read}, read);
   return {std::move(organ), std::move(read)};
 }
 
-LabelAt labels_of(const Config& config, const Organ& organ, const LabelImage& image) {
-  if (config.tissue.empty() && !names_labels(config)) return {};
+LabelAt labels_of(const Scene& scene, const Organ& organ, const LabelImage& image) {
+  if (scene.tissues.empty() && !names_labels(scene)) return {};
   return label_finder(organ.closed ? organ.closed->image : image, organ.body->surface);
 }
 
@@ -396,14 +396,14 @@ void refuse_without_base(const BodySurface& body, const Boundary& at) {
 
 constexpr double widest_over_gap = 25.0;  // node spacings: see sees() of sight.hpp
 
-std::string sentence_of(const Config& config, const ImageFacts::Cut& cut) {
+std::string sentence_of(const Scene& scene, const ImageFacts::Cut& cut) {
   std::string sentence;
-  for (const CutText& text : cuts_at_rest(config))
+  for (const CutText& text : cuts_at_rest(scene))
     sentence += fmt::format("{}'{}'", sentence.empty() ? "" : ", ", text.text);
   if (cut.area_mm2 > 0.0)
     sentence +=
-        fmt::format(": {:.4g} cm2, its banks {:.4g} mm apart", cut.area_mm2 / 1e2, config.image.cut_gap_mm);
-  if (cut.removed_mm3 > 2.0 * cut.area_mm2 * config.image.cut_gap_mm)  // not the gaps alone: a closed region
+        fmt::format(": {:.4g} cm2, its banks {:.4g} mm apart", cut.area_mm2 / 1e2, scene.image.cut_gap_mm);
+  if (cut.removed_mm3 > 2.0 * cut.area_mm2 * scene.image.cut_gap_mm)  // not the gaps alone: a closed region
     sentence += fmt::format("; {} removed", volume_in_words(cut.removed_mm3));
   if (!cut.labels.empty()) sentence += fmt::format("; taken out: {}", in_words(cut.labels));
   return sentence;
@@ -416,15 +416,15 @@ void warn_of_parted(const RunLog& log, const std::vector<CutPiece>& parted) {
 }
 
 // Base and tool have their places on the body as it was before, `uncut` where that is another.
-void cut_organ(const Config& config, const std::vector<TriangleMesh>& blades, const SegmentedBody& uncut,
+void cut_organ(const Scene& scene, const std::vector<TriangleMesh>& blades, const SegmentedBody& uncut,
                Organ& organ, Result& result) {
   const BodySurface &before = uncut.surface, &body = organ.body->surface;
   Site site{find_boundary(before, organ.options.boundary), {}, {}};
   auto [surface, removed_mm3, area_mm2, parted, taken] =
-      cut(body, blades, config.image.cut_gap_mm, site.boundary.centre);
+      cut(body, blades, scene.image.cut_gap_mm, site.boundary.centre);
   refuse_without_base(surface, site.boundary);
   if (!(organ.options.boundary.contact_radius_mm > 0.0))
-    refuse_circle_over_cut(before, surface, site.boundary, config.image.cut_gap_mm);
+    refuse_circle_over_cut(before, surface, site.boundary, scene.image.cut_gap_mm);
   for (CutPiece& piece : parted) piece.centre = surface.to_world() * piece.centre;
   result.cut.area_mm2 = area_mm2, result.cut.removed_mm3 = removed_mm3, result.cut.parted = std::move(parted);
   result.cut.took = [all = std::make_shared<const std::vector<BodySurface>>(std::move(taken)),
@@ -449,7 +449,7 @@ void cut_organ(const Config& config, const std::vector<TriangleMesh>& blades, co
 }
 
 // The body without further labels, in the frame that it has with them.
-SegmentedBody without_labels(const Config& config, const LabelImage& image, const SegmentedBody& whole,
+SegmentedBody without_labels(const Scene& scene, const LabelImage& image, const SegmentedBody& whole,
                              const Organ& organ) {
   SegmentedBody rest = body_of(image, organ.labels, organ.options.boundary, {});
   const Eigen::Isometry3d to_frame = whole.surface.to_world().inverse() * rest.surface.to_world();
@@ -461,13 +461,13 @@ SegmentedBody without_labels(const Config& config, const LabelImage& image, cons
 
 }  // namespace
 
-Organ cut_by_steps(const Config& config, const Organ& whole, const LabelImage& image, const StepCuts& cuts,
+Organ cut_by_steps(const Scene& scene, const Organ& whole, const LabelImage& image, const StepCuts& cuts,
                    const RunLog& log, Result& result) {
   const Stopwatch cutting;
   Organ organ = whole;
   if (!cuts.labels.empty()) {
     Taken taken{.chosen = {}, .labels = result.labels, .cut_out = {}};
-    cut_out(cuts.labels, cuts.where, config, image, taken);
+    cut_out(cuts.labels, cuts.where, scene, image, taken);
     result.labels = taken.labels;
     result.cut.labels.insert(result.cut.labels.end(), taken.cut_out.begin(), taken.cut_out.end());
   }
@@ -475,10 +475,10 @@ Organ cut_by_steps(const Config& config, const Organ& whole, const LabelImage& i
     organ.labels.clear();
     for (const LabelMeasure& m : result.labels) organ.labels.push_back(m.value);
     organ.body = std::make_shared<const SegmentedBody>(
-        without_labels(config, organ.closed ? organ.closed->image : image, *whole.body, organ));
+        without_labels(scene, organ.closed ? organ.closed->image : image, *whole.body, organ));
     result.segment = organ.body->report;
   }
-  std::vector<TriangleMesh> blades = blades_of(config, *whole.body);
+  std::vector<TriangleMesh> blades = blades_of(scene, *whole.body);
   const Eigen::Isometry3d to_body = whole.body->surface.to_world().inverse();
   for (TriangleMesh sheet : cuts.sheets) {
     sheet.vertex = (to_body * sheet.vertex.colwise().homogeneous()).eval();
@@ -486,26 +486,26 @@ Organ cut_by_steps(const Config& config, const Organ& whole, const LabelImage& i
   }
   const std::size_t parted = result.cut.parted.size();
   try {
-    cut_organ(config, blades, *whole.body, organ, result);
+    cut_organ(scene, blades, *whole.body, organ, result);
   } catch (const ModelError& error) {
     Report report = error.report;
     report.where = cuts.where;
     throw ModelError(report);
   }
   if (result.cut.parted.size() > parted) warn_of_parted(log, result.cut.parted);
-  result.provenance["cut"] = sentence_of(config, result.cut);
+  result.provenance["cut"] = sentence_of(scene, result.cut);
   result.build_s += cutting.seconds();
   return organ;
 }
 
-void find_site(const Config& config, const RunLog& log, Organ& organ, Result& result) {
+void find_site(const Scene& scene, const RunLog& log, Organ& organ, Result& result) {
   const Stopwatch finding;
-  log.begin(Part::cloud, config);
-  if (has_cuts(config)) {
+  log.begin(Part::cloud, scene);
+  if (has_cuts(scene)) {
     const std::shared_ptr<const SegmentedBody> before = organ.body;
-    if (const std::vector<TriangleMesh> blades = blades_of(config, *before); !blades.empty())
-      cut_organ(config, blades, *before, organ, result);
-    log.say("cut      " + (result.provenance["cut"] = sentence_of(config, result.cut)));
+    if (const std::vector<TriangleMesh> blades = blades_of(scene, *before); !blades.empty())
+      cut_organ(scene, blades, *before, organ, result);
+    log.say("cut      " + (result.provenance["cut"] = sentence_of(scene, result.cut)));
     warn_of_parted(log, result.cut.parted);
   }
   if (!organ.site) organ.site = std::make_shared<const Site>(find_site(organ.body->surface, organ.options));
@@ -513,14 +513,14 @@ void find_site(const Config& config, const RunLog& log, Organ& organ, Result& re
   result.build_s += finding.seconds();
 }
 
-Discretisation place_nodes(const Config& config, const Organ& organ, const ModelOptions& options,
+Discretisation place_nodes(const Scene& scene, const Organ& organ, const ModelOptions& options,
                            const LabelImage& image, const RunLog& log, Result& result,
                            const Discretised* made) {
   const Stopwatch building;
   const SegmentReport& segment = result.segment;
-  log.begin(Part::cloud, config);
+  log.begin(Part::cloud, scene);
   auto [places, report] =
-      made ? *made : discretise(organ.body->surface, options, labels_of(config, organ, image), *organ.site);
+      made ? *made : discretise(organ.body->surface, options, labels_of(scene, organ, image), *organ.site);
   result.stages.add(report.stages);
   if (options.boundary.is_pressed)
     for (const std::string& warning : report.boundary.warnings) log.warn(warning);
@@ -541,14 +541,14 @@ Discretisation place_nodes(const Config& config, const Organ& organ, const Model
       options.scheme.averaged_gradients ? "up to " : "", report.cell_mm, report.clipped, report.merged,
       volume_in_words(report.grid_volume_mm3),
       100.0 * (report.grid_volume_mm3 / segment.voxel_volume_mm3 - 1.0)));
-  if (const double apart = result.cut.sizing * report.spacing_mm, gap = config.image.cut_gap_mm;
+  if (const double apart = result.cut.sizing * report.spacing_mm, gap = scene.image.cut_gap_mm;
       apart > widest_over_gap * gap)
     log.warn(
         fmt::format("a cut reaches to where nodes are {} apart, which see across a gap of {} as if it were "
                     "not there; give more --nodes, or a wider gap with --set image.cut_gap={:.2g}mm",
                     length_in_words(apart), length_in_words(gap), apart / widest_over_gap));
   const FacesAlongVoxels flat = faces_along_voxels(organ.body->surface, report.boundary);
-  if (has_base(config))
+  if (scene.base_is_held)
     log.say(fmt::format("base     {} nodes: {}{}", places.base.size(), report.boundary.base_reason,
                         flat.base.empty() ? "" : "; " + flat.base));
   if (options.boundary.is_pressed && !flat.tool.empty()) log.say("flat     " + flat.tool);

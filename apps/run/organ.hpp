@@ -14,7 +14,7 @@ namespace dimple {
 // What simulate() is made of, up to the places of nodes and points.
 
 /// As far as it is known yet.
-Work work_of(const Config& config, const Result& result);
+Work work_of(const Scene& scene, const Result& result);
 
 /// What is told to the observer; warnings are kept too.
 struct RunLog {
@@ -24,8 +24,8 @@ struct RunLog {
     if (observer.line) observer.line(kind, text);
   }
   void doing(const std::string& text) const { line(RunObserver::Line::doing, text); }
-  void begin(Part part, const Config& config) const {
-    if (observer.part) observer.part(part, work_of(config, result));
+  void begin(Part part, const Scene& scene) const {
+    if (observer.part) observer.part(part, work_of(scene, result));
   }
   void say(const std::string& text) const { line(RunObserver::Line::said, text); }
   void detail(const std::string& text) const { line(RunObserver::Line::detail, text); }
@@ -36,15 +36,15 @@ struct RunLog {
 };
 
 /// For people: the image's file, or that it was given without one.
-std::string name_of_image(const Config& config);
+std::string name_of_image(const Scene& scene);
 /// Of the file; of an image without one, of its labels and where they lie.
-std::string sha256_of_image(const Config& config, const LabelImage& image);
+std::string sha256_of_image(const Scene& scene, const LabelImage& image);
 
-void say_default_stiffness(const RunLog& log, const Config& config);
+void say_default_stiffness(const RunLog& log, const Scene& scene);
 
-/// The tissues of config.tissue by their labels. Throws InputError: one has no point, and is not among those
+/// The tissues of scene.tissues by their labels. Throws InputError: one has no point, and is not among those
 /// that a step has taken out.
-TissueOptions tissues_of(const Config& config, const std::map<std::string, int>& label_names,
+TissueOptions tissues_of(const Scene& scene, const std::map<std::string, int>& label_names,
                          const Discretisation& places, const std::vector<LabelMeasure>& taken_out = {});
 
 /// The body as the image and the options give it, before any node is placed.
@@ -65,7 +65,7 @@ struct ReadOrgan {
   /// Of one model that was made of it: a case that asks for the same site, or for the same places, takes
   /// them.
   struct Made {
-    Config config;
+    Scene scene;
     std::shared_ptr<const Site> site;
     Index nodes = 0;  ///< asked for
     Discretised at;
@@ -75,11 +75,11 @@ struct ReadOrgan {
 };
 ReadOrgan read_once(const Case& given, const RunObserver& observer);
 /// What was made in the run of a case on that organ; null where it was cut, or its loads were taken off it.
-std::shared_ptr<const ReadOrgan::Made> made_in(const Config& config, const Result& found);
+std::shared_ptr<const ReadOrgan::Made> made_in(const Scene& scene, const Result& found);
 
 /// What a model in memory was made from, and what else its clouds are made from.
 struct Origin {
-  Config config;
+  Scene scene;
   Organ organ;
   LabelImage image;  ///< of the labels, where tissues differ
   ImageFacts facts;
@@ -92,10 +92,10 @@ Organ read_organ(const Case& given, const ModelOptions& options, const RunLog& l
 
 /// The label of a place, where labels are of several tissues or one is a support; where they are all of one
 /// their borders mean nothing. Good for as long as the image is.
-LabelAt labels_of(const Config& config, const Organ& organ, const LabelImage& image);
+LabelAt labels_of(const Scene& scene, const Organ& organ, const LabelImage& image);
 
 /// Where the organ rests and the tool stands, under its options.
-void find_site(const Config& config, const RunLog& log, Organ& organ, Result& result);
+void find_site(const Scene& scene, const RunLog& log, Organ& organ, Result& result);
 
 /// What steps of a scene have cut, all of them so far.
 struct StepCuts {
@@ -107,12 +107,12 @@ struct StepCuts {
 /// `whole`: the organ before any cut but of labels, its site unknown. Base and tool stay where they are on
 /// it. The result's labels and cut become those of the organ that is left. Throws ModelError ("cut"),
 /// InputError: there is no such label.
-Organ cut_by_steps(const Config& config, const Organ& whole, const LabelImage& image, const StepCuts& cuts,
+Organ cut_by_steps(const Scene& scene, const Organ& whole, const LabelImage& image, const StepCuts& cuts,
                    const RunLog& log, Result& result);
 
 /// Nodes, points, base and circle of an organ whose site is known; `options` differ from the organ's in the
 /// number of nodes, if at all. Adds them to the provenance of the image. `made`: the same, if it is known.
-Discretisation place_nodes(const Config& config, const Organ& organ, const ModelOptions& options,
+Discretisation place_nodes(const Scene& scene, const Organ& organ, const ModelOptions& options,
                            const LabelImage& image, const RunLog& log, Result& result,
                            const Discretised* made = nullptr);
 

@@ -28,50 +28,15 @@ Report report_on(const std::string& name, const char* key, const std::string& fa
           .remedy = remedy};
 }
 
-ToolShape shape_of(const std::string& name, const Config::OtherTool& tool) {
-  const auto refuse = [&](const std::string& fact) {
-    throw UsageError(report_on(name, "shape", fact, "a further tool touches the body and holds no nodes",
-                               "give for instance shape = \"sphere:4mm\""));
-  };
-  if (tool.shape.empty()) refuse("has no shape");
-  const auto shape = tool_of(tool.shape, fmt::format("tool.{}.shape", name));
-  if (!shape) refuse("is a circle");
-  return *shape;
-}
-
-double friction_of(const std::string& name, const Config::OtherTool& tool) {
-  return dimple::friction_of(tool.friction, fmt::format("tool.{}.friction", name));
-}
-
-void check(const std::string& name, const Config::OtherTool& tool) {
-  (void)shape_of(name, tool);
-  (void)friction_of(name, tool);
-  if (tool.at_mm.size() != 3)
-    throw UsageError(report_on(
-        name, "at_mm", tool.at_mm.empty() ? "is nowhere" : fmt::format("is at {} numbers", tool.at_mm.size()),
-        "its place has three coordinates, LPS in mm",
-        "give for instance at_mm = [12, -40, 30], on the surface or near to it"));
-  const bool is_zero =
-      std::all_of(tool.direction.begin(), tool.direction.end(), [](double d) { return d == 0.0; });
-  if (!tool.direction.empty() && (tool.direction.size() != 3 || is_zero))
-    throw UsageError(report_on(
-        name, "direction",
-        fmt::format("points along {} numbers{}", tool.direction.size(), is_zero ? ", all of them zero" : ""),
-        "a direction has three components, LPS", "give x,y,z, or leave it out"));
-  if (tool.move_mm.size() != 1 && tool.move_mm.size() != 3)
-    throw UsageError(report_on(name, "move_mm", fmt::format("moves by {} numbers", tool.move_mm.size()),
-                               "it moves by x,y,z in LPS, or by one number along its push",
-                               "give for instance move_mm = 2"));
-}
-
-bool stands(const Config::OtherTool& tool) {
+bool stands(const Scene::FurtherTool& tool) {
   return std::all_of(tool.move_mm.begin(), tool.move_mm.end(), [](double d) { return d == 0.0; });
 }
 
 // The place of the surface next to what was asked for, and the mean of its normals around there [m].
-ToolPlace stand_of(const std::string& name, const Config::OtherTool& tool, const BodySurface& surface,
-                   double radius) {
-  const Vec3 asked(tool.at_mm[0], tool.at_mm[1], tool.at_mm[2]);
+ToolPlace stand_of(const Scene::FurtherTool& tool, const BodySurface& surface) {
+  const std::string& name = tool.name;
+  const double radius = tool.shape.radius;
+  const Vec3& asked = tool.at_mm;
   const double radius_mm = 1e3 * radius;
   const auto near = surface.closest(asked);
   const double away = (near.place - asked).norm();
@@ -82,8 +47,8 @@ ToolPlace stand_of(const std::string& name, const Config::OtherTool& tool, const
         fmt::format("the nearest place of the surface is {}", in_words(near.place)),
         "give at_mm on the surface or near to it, x,y,z in LPS mm"));
   Vec3 push = Vec3::Zero();
-  if (tool.direction.size() == 3) {
-    push = Vec3(tool.direction[0], tool.direction[1], tool.direction[2]).normalized();
+  if (tool.direction) {
+    push = tool.direction->normalized();
   } else {
     for (Index t = 0; t < surface.triangles().cols(); ++t) {
       const auto corner = surface.triangles().col(t);
@@ -106,13 +71,12 @@ ToolPlace stand_of(const std::string& name, const Config::OtherTool& tool, const
 }
 
 // [m] after `gone` of its steps, or for a load without any.
-std::vector<Vec3> ways_of(const Config& config, const std::string& name, const Config::OtherTool& tool,
-                          const Vec3& push) {
+std::vector<Vec3> ways_of(const Scene& scene, const Scene::FurtherTool& tool, const Vec3& push) {
   std::vector<Vec3> way;
   Vec3 come = Vec3::Zero();
-  for (const auto& [step_name, step] : steps_in_order(config))
-    if (step.moves == name && !step.move_mm.empty()) way.push_back(come += 1e-3 * way_of(step.move_mm, push));
-  if (config.step.empty() && !stands(tool)) way.push_back(1e-3 * way_of(tool.move_mm, push));
+  for (const Scene::Step& step : scene.steps)
+    if (step.moves == tool.name && !step.move_mm.empty()) way.push_back(come += 1e-3 * way_of(step.move_mm, push));
+  if (scene.steps.empty() && !stands(tool)) way.push_back(1e-3 * way_of(tool.move_mm, push));
   return way;
 }
 
@@ -124,42 +88,27 @@ double deepest_of(const std::vector<Vec3>& way, const Vec3& push) {
 
 }  // namespace
 
-void check_other_tools(const Config& config) {
-  if (config.other_tool.empty()) return;
-  for (const auto& [name, tool] : config.other_tool) {
-    check(name, tool);
-    if (name == "tool" || name == base_set)
-      throw UsageError(
-          report_on(name, "shape",
-                    name == base_set ? "has the name of the fixed base" : "has the name of the measured one",
-                    "things are told of and moved by their names", "name it differently"));
-    if (config.held.contains(name) || walls_named(config).contains(name))
-      throw UsageError(report_on(name, "shape", "has the name of a support or a wall",
-                                 "things are told of and moved by their names", "name them differently"));
-  }
-}
-
-std::vector<Vec3> places_of_other_tools(const Config& config) {
+std::vector<Vec3> places_of_other_tools(const Scene& scene) {
   std::vector<Vec3> places;
-  for (const auto& [name, tool] : config.other_tool)
-    if (tool.at_mm.size() == 3) places.emplace_back(tool.at_mm[0], tool.at_mm[1], tool.at_mm[2]);
+  for (const Scene::FurtherTool& tool : scene.further_tools) places.push_back(tool.at_mm);
   return places;
 }
 
-OtherTools other_tools_of(const Config& config, const Model& model, const std::vector<HeldSet>& supports) {
+OtherTools other_tools_of(const Scene& scene, const Model& model, const std::vector<HeldSet>& supports) {
   OtherTools result;
-  if (config.other_tool.empty()) return result;
+  if (scene.further_tools.empty()) return result;
   if (model.surface.empty())
     throw ModelError({.fact = "a further tool touches the surface, and this model has none",
                       .where = "tool",
                       .why = "its files hold nodes and points alone",
                       .remedy = "begin with the label image"});
   const BodySurface surface(model.surface.vertex_mm, model.surface.triangles);
-  for (const auto& [name, tool] : config.other_tool) {
+  for (const Scene::FurtherTool& tool : scene.further_tools) {
+    const std::string& name = tool.name;
     Touch touch;
-    touch.shape = shape_of(name, tool);
-    const ToolPlace at = stand_of(name, tool, surface, touch.shape.radius);
-    const std::vector<Vec3> way = ways_of(config, name, tool, at.push);
+    touch.shape = tool.shape;
+    const ToolPlace at = stand_of(tool, surface);
+    const std::vector<Vec3> way = ways_of(scene, tool, at.push);
     const double depth = deepest_of(way, at.push);
     if (depth > touch.shape.length)
       throw UsageError(
@@ -171,18 +120,18 @@ OtherTools other_tools_of(const Config& config, const Model& model, const std::v
     touch.surface =
         contact_surface(model, at, reach_of_contact(touch.shape, std::max(depth, touch.shape.radius)), way);
     touch.pose = first_touch(touch.shape, at, touch.surface);
-    touch.friction = friction_of(name, tool);
+    touch.friction = tool.friction;
     touch.name = name;
     touch.is_tool = true;
     require_free_under(touch, depth, supports, model);
-    touch.motion = config.step.empty()
-                       ? Vec3(1e-3 * way_of(tool.move_mm, at.push) / (1e-3 * config.load.depth_mm))
+    touch.motion = scene.steps.empty()
+                       ? Vec3(1e-3 * way_of(tool.move_mm, at.push) / (1e-3 * scene.depth_mm))
                        : Vec3::Zero();
     result.words.push_back(fmt::format(
         "{}: {}, {}; its tip at first touch at {}, pointing along ({:.2f}, {:.2f}, {:.2f}){}", name,
         in_words(touch.shape), friction_in_words(touch.friction), in_words(1e3 * touch.pose.tip),
         at.push.x() + 0.0, at.push.y() + 0.0, at.push.z() + 0.0,
-        config.step.empty() ? stands(tool)
+        scene.steps.empty() ? stands(tool)
                                   ? "; it stands"
                                   : fmt::format("; it moves with the tool, by ({:.4g}, {:.4g}, {:.4g}) mm",
                                                 1e3 * way.back().x() + 0.0, 1e3 * way.back().y() + 0.0,

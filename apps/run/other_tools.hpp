@@ -3,7 +3,7 @@
 #include <string>
 #include <vector>
 
-#include "apps/run/config.hpp"
+#include "apps/scene/scene.hpp"
 #include "solver/march.hpp"
 #include "solver/terms/touching_tool.hpp"
 
@@ -11,21 +11,17 @@ namespace dimple {
 
 /// Further tools that touch the body beside the one whose force is the answer: [tool.NAME].
 
-/// Before anything is built: throws UsageError where what is said of one is not understood, or what is asked
-/// for beside them is not modelled.
-void check_other_tools(const Config& config);
-
 /// Where they are to touch [mm, LPS]: nodes are as fine there as under the tool.
-std::vector<Vec3> places_of_other_tools(const Config& config);
+std::vector<Vec3> places_of_other_tools(const Scene& scene);
 
-/// Each where it first touches the model, and a sentence on it. Its way is that of config.other_tool for each
+/// Each where it first touches the model, and a sentence on it. Its way is that of scene.further_tools for each
 /// metre of the tool's, or what the steps say. Throws ModelError: the surface is far from the place that was
 /// asked for, or the tool stands in another one.
 struct OtherTools {
   std::vector<Touch> touch;
   std::vector<std::string> words;
 };
-OtherTools other_tools_of(const Config& config, const Model& model, const std::vector<HeldSet>& supports);
+OtherTools other_tools_of(const Scene& scene, const Model& model, const std::vector<HeldSet>& supports);
 
 /// Throws UsageError: two tools that touch are in one place before anything moves.
 void require_tools_apart(const Loading& loading);

@@ -6,7 +6,7 @@
 
 #include "apps/run/bending.hpp"
 #include "apps/run/closing_cut.hpp"
-#include "apps/run/compatibility.hpp"
+#include "apps/scene/compatibility.hpp"
 #include "apps/run/cut_scene.hpp"
 #include "apps/run/cuts.hpp"
 #include "apps/run/folds.hpp"
@@ -38,17 +38,17 @@ namespace {
 using Line = RunObserver::Line;
 
 // Where nobody has chosen, a folded body takes as many as its band needs, and a punch as its edge does.
-void take_nodes_for_band(const Config& config, const RunLog& log, ModelOptions& options, Result& result) {
-  const Index of_tool = fewest_nodes_under_tool(config),
+void take_nodes_for_band(const Scene& scene, const RunLog& log, ModelOptions& options, Result& result) {
+  const Index of_tool = fewest_nodes_under_tool(scene),
               of_body = fewest_nodes_with_band(result.facing_share), fewest = std::max(of_tool, of_body);
-  if (!default_nodes(config) || !options.scheme.pressure_patches || options.cloud.count >= fewest) return;
+  if (scene.given.nodes || !options.scheme.pressure_patches || options.cloud.count >= fewest) return;
   log.say(of_tool >= of_body ? nodes_for_edge_in_words(fewest, options.cloud.count)
                              : nodes_for_band_in_words(fewest, options.cloud.count, result.facing_share));
   options.cloud.count = result.nodes_for_band = fewest;
 }
 
 // Whether both have the same options, but for those whose keys begin so.
-bool are_same_but_for(const Config& a, const Config& b, const std::vector<std::string>& beginnings) {
+bool are_same_but_for(const Scene& a, const Scene& b, const std::vector<std::string>& beginnings) {
   std::map<std::string, std::string> of_a = option_values(a), of_b = option_values(b);
   for (auto* values : {&of_a, &of_b})
     std::erase_if(*values, [&](const auto& option) {
@@ -60,18 +60,18 @@ bool are_same_but_for(const Config& a, const Config& b, const std::vector<std::s
 
 // What no place of a node depends on. How deep the tool goes says how much of it touches; a circle does
 // whole.
-std::vector<std::string> beside_places(const Config& config) {
+std::vector<std::string> beside_places(const Scene& scene) {
   std::vector<std::string> keys = {"material.",         "solver.",   "load.rate",     "load.contact",
                                    "load.self_contact", "accuracy.", "tool.friction", "output."};
-  if (!tool_of(config) && config.held.empty()) keys.emplace_back("load.depth_mm");
+  if (!scene.tool && scene.supports.empty()) keys.emplace_back("load.depth_mm");
   return keys;
 }
 
-bool asks_for_same_places(const Config& a, const Config& b) {
+bool asks_for_same_places(const Scene& a, const Scene& b) {
   return are_same_but_for(a, b, beside_places(a));
 }
 
-bool asks_for_same_site(const Config& a, const Config& b) {
+bool asks_for_same_site(const Scene& a, const Scene& b) {
   std::vector<std::string> keys = beside_places(a);
   for (const char* key : {"cloud.nodes", "cloud.seed", "cloud.jitter", "grid."}) keys.emplace_back(key);
   return are_same_but_for(a, b, keys);
@@ -81,16 +81,16 @@ bool asks_for_same_site(const Config& a, const Config& b) {
 Organ taken_again(const Case& given, Result& result) {
   Organ organ = given.organ->organ;
   const double voxel_mm = organ.options.boundary.voxel_mm;
-  organ.options = model_options(given.config);
+  organ.options = model_options(given.scene);
   organ.options.boundary.voxel_mm = voxel_mm;
   grade_to_size(organ.body->surface, organ.options);
   organ.site = {};  // the case may ask for another
-  check_materials(given.config, organ.options.scheme);
+  check_materials(given.scene, organ.options.scheme);
   check_words(organ.options.boundary);
   result = given.organ->read;
   result.stages = {};  // whose clock begins here
   result.stages.add(given.organ->read.stages);
-  if (const auto& made = given.organ->made; made && asks_for_same_site(made->config, given.config)) {
+  if (const auto& made = given.organ->made; made && asks_for_same_site(made->scene, given.scene)) {
     organ.site = made->site;
     result.build_s += made->site_s;
   }
@@ -102,25 +102,25 @@ double reach_beneath(const Discretisation& places) {
   return (places.X.transpose() * places.tool.push).maxCoeff() - places.tool.centre.dot(places.tool.push);
 }
 
-void require_room_beneath(const Config& config, const Discretisation& places) {
+void require_room_beneath(const Scene& scene, const Discretisation& places) {
   const double beneath = reach_beneath(places);
-  const double depth = deepest(config, places.tool);
-  require_tool_as_long(config, 1e3 * depth);
-  if (turns(config)) require_tool_as_long_turned(config, most_of_tool_below(config, places.tool));
+  const double depth = deepest(scene, places.tool);
+  require_tool_as_long(scene, 1e3 * depth);
+  if (turns(scene)) require_tool_as_long_turned(scene, most_of_tool_below(scene, places.tool));
   if (depth >= beneath)
     throw ModelError(
         {.fact = fmt::format("an indentation of {} is deeper than the organ beneath the circle, {}",
                              length_in_words(1e3 * depth), length_in_words(1e3 * beneath)),
-         .where = config.step.empty() ? "--depth (load.depth_mm)" : "step",
+         .where = scene.steps.empty() ? "--depth (load.depth_mm)" : "step",
          .why = "the tool would come out on the other side",
          .remedy = "give a smaller --depth, or another place with --indent-at"});
 }
 
 // Where the contact's radius is less than four node spacings the force was up to 4 % too high, and where it
 // is less than two up to 12 % (spheres beside finite elements).
-void tell_of_first_touch(const RunLog& log, const Config& config, const Model& model, const Touch& touch) {
+void tell_of_first_touch(const RunLog& log, const Scene& scene, const Model& model, const Touch& touch) {
   constexpr double enough = 4.0;
-  const double radius = enough * model.spacing.minCoeff(), depth = 1e-3 * config.load.depth_mm;
+  const double radius = enough * model.spacing.minCoeff(), depth = 1e-3 * scene.depth_mm;
   if (touch.shape.edge > 0.0) return;
   double until = depth;
   if (contact_radius(touch.shape, depth) > radius) {
@@ -154,24 +154,24 @@ void tell_of_fast_steps(const RunLog& log, const Result& result) {
 }
 
 // Whatever decides that the march has inertia.
-void check_without_equilibrium(const Config& config) {
+void check_without_equilibrium(const Scene& scene) {
   for (const Feature feature : {Feature::membrane, Feature::free_base, Feature::wall})
-    check_pair(config, feature, Feature::inertia);
+    check_pair(scene, feature, Feature::inertia);
 }
 
-// As config.solver.time asks: "auto" looks at how long the load lasts.
-TimeMode time_of(const Config& config, const RunLog& log, const Result& result) {
-  const std::string& asked = config.solver.time;
+// As scene.solver.time asks: "auto" looks at how long the load lasts.
+TimeMode time_of(const Scene& scene, const RunLog& log, const Result& result) {
+  const std::string& asked = scene.solver.time;
   if (asked == "quasi-static") return TimeMode::quasi_static;
   if (asked == "explicit" || !result.model.scheme.pressure_patches) {
-    check_without_equilibrium(config);
+    check_without_equilibrium(scene);
     return TimeMode::explicit_;
   }
   Loading at_the_rate = result.loading;  // without what says how long it lasts
   std::erase_if(at_the_rate.steps, [](const Step& step) { return step.lasts > 0.0; });
   TimeMode mode = choose_time(result.model, result.tissues, at_the_rate);
   // Whoever names no speed asks for the force of equilibrium.
-  if (!was_given(config, "load.rate_mm_per_s") ||
+  if (!scene.given.rate ||
       (!result.loading.steps.empty() && at_the_rate.steps.empty()))
     mode = TimeMode::quasi_static;
   if (mode != TimeMode::quasi_static && result.loading.touch)
@@ -179,18 +179,18 @@ TimeMode time_of(const Config& config, const RunLog& log, const Result& result) 
                       .where = "--rate (load.rate_mm_per_s)",
                       .why = "its force holds inertia, which is modelled for the circle alone",
                       .remedy = "give a lower --rate, or --time quasi-static"});
-  if (mode != TimeMode::quasi_static && !config.other_tool.empty())
+  if (mode != TimeMode::quasi_static && !scene.further_tools.empty())
     throw UsageError({.fact = "the load is too fast for the contact of further tools to be solved for",
                       .where = "--rate (load.rate_mm_per_s)",
                       .why = "contact is solved for in equilibrium, without inertia",
                       .remedy = "give a lower --rate, or --time quasi-static"});
   if (result.loading.touch) return mode;
-  if (mode != TimeMode::quasi_static && !config.step.empty())
+  if (mode != TimeMode::quasi_static && !scene.steps.empty())
     throw UsageError({.fact = "the tool is too fast for a scene of steps",
                       .where = "--rate (load.rate_mm_per_s)",
                       .why = "its force holds inertia, and each step goes from an equilibrium to the next",
                       .remedy = "give a lower --rate, or --time quasi-static"});
-  if (mode != TimeMode::quasi_static) check_without_equilibrium(config);
+  if (mode != TimeMode::quasi_static) check_without_equilibrium(scene);
   const double crossings = shear_crossings(result.model, result.tissues, result.loading);
   const bool shallow = mode == TimeMode::quasi_static && crossings < slow_load;
   log.line(mode == TimeMode::quasi_static && !shallow ? Line::detail : Line::said,
@@ -199,17 +199,17 @@ TimeMode time_of(const Config& config, const RunLog& log, const Result& result) 
 }
 
 // What only a march with inertia knows.
-void tell_of_damping(const Config& config, const RunLog& log, TimeMode mode) {
-  if (mode == TimeMode::quasi_static && config.solver.damping_per_s > 0.0)
+void tell_of_damping(const Scene& scene, const RunLog& log, TimeMode mode) {
+  if (mode == TimeMode::quasi_static && scene.solver.damping_per_s > 0.0)
     log.warn(
         fmt::format("{} 1/s of damping is not used: the force is that of equilibrium at each depth, which "
                     "nothing damps (--time explicit does)",
-                    plain(config.solver.damping_per_s)));
+                    plain(scene.solver.damping_per_s)));
 }
 
-std::unique_ptr<ForceSystem> force_system(const Config& config, Result& result) {
+std::unique_ptr<ForceSystem> force_system(const Scene& scene, Result& result) {
   const Stopwatch readying;
-  auto system = std::make_unique<ForceSystem>(result.model, result.tissues, precision_of(config));
+  auto system = std::make_unique<ForceSystem>(result.model, result.tissues, scene.solver.precision);
   result.model.dphi.resize(
       3, 0);  // the system has them in a layout of its own; twice is 0.4 GB at 100,000 nodes
   give_back_memory();
@@ -308,9 +308,9 @@ Vec3 displacement_at(const Interpolation& place, const ForceSystem::Nodal& u) {
 }
 
 // A place that meets nothing may be on a piece that was dropped.
-void find_site_on_kept(const Config& config, const RunLog& log, Organ& organ, Result& result) {
+void find_site_on_kept(const Scene& scene, const RunLog& log, Organ& organ, Result& result) {
   try {
-    find_site(config, log, organ, result);
+    find_site(scene, log, organ, result);
   } catch (const ModelError& error) {
     Report report = error.report;
     if (result.segment.pieces > 1 && report.where.starts_with("--indent-at"))
@@ -326,93 +326,93 @@ void find_site_on_kept(const Config& config, const RunLog& log, Organ& organ, Re
 
 Organ organ_of(const Case& given, const RunLog& log, Result& result, std::optional<Organ>* before_cuts) {
   Organ organ =
-      given.organ ? taken_again(given, result) : read_organ(given, model_options(given.config), log, result);
-  result.provenance = {{"image", name_of_image(given.config)},
-                       {"image_sha256", sha256_of_image(given.config, result.image)}};
+      given.organ ? taken_again(given, result) : read_organ(given, model_options(given.scene), log, result);
+  result.provenance = {{"image", name_of_image(given.scene)},
+                       {"image_sha256", sha256_of_image(given.scene, result.image)}};
   if (before_cuts) *before_cuts = organ;
   result.stages.done("checksum");  // which is no part of finding the site
-  find_site_on_kept(given.config, log, organ, result);
-  for (const std::string& warning : warnings_of_small_sheets(given.config, organ.body->surface))
+  find_site_on_kept(given.scene, log, organ, result);
+  for (const std::string& warning : warnings_of_small_sheets(given.scene, organ.body->surface))
     log.warn(warning);
   return organ;
 }
 
 Placed place(const Case& given, const std::optional<Organ>& organ, const RunLog& log, Result& result) {
   if (!organ) {
-    check_materials(given.config, given.model->scheme);
+    check_materials(given.scene, given.model->scheme);
     for (const std::string& note : given.model->notes) log.warn(note);
-    say_default_stiffness(log, given.config);
+    say_default_stiffness(log, given.scene);
     result.provenance = given.model->provenance;
     result.facing_share = given.model->facing_share;
     return {given.model->places, given.model->scheme, given.model->label_names};
   }
   ModelOptions options = organ->options;
-  take_nodes_for_band(given.config, log, options, result);
+  take_nodes_for_band(given.scene, log, options, result);
   const ReadOrgan::Made* made = given.organ ? given.organ->made.get() : nullptr;
-  if (made && !(organ->site == made->site && asks_for_same_places(made->config, given.config) &&
+  if (made && !(organ->site == made->site && asks_for_same_places(made->scene, given.scene) &&
                 made->nodes == options.cloud.count))
     made = nullptr;
   Placed placed{
-      place_nodes(given.config, *organ, options, result.image, log, result, made ? &made->at : nullptr),
+      place_nodes(given.scene, *organ, options, result.image, log, result, made ? &made->at : nullptr),
       options.scheme, organ->label_names};
   if (made) result.build_s += made->places_s;
   if (result.nodes_for_band > 0)
-    result.chosen["cloud.nodes"] += result.nodes_for_band == fewest_nodes_under_tool(given.config)
+    result.chosen["cloud.nodes"] += result.nodes_for_band == fewest_nodes_under_tool(given.scene)
                                         ? ", as the tool's edge asks for them and none were given"
                                         : ", as the body is folded and none were given";
   return placed;
 }
 
-Placed place(Index nodes, const Config& config, const Organ& organ, const LabelImage& image,
+Placed place(Index nodes, const Scene& scene, const Organ& organ, const LabelImage& image,
              const RunLog& log, Result& result) {
   ModelOptions options = organ.options;
   options.cloud.count = nodes;
   options.cloud.spacing_mm = 0.0;
-  return {place_nodes(config, organ, options, image, log, result), options.scheme, organ.label_names};
+  return {place_nodes(scene, organ, options, image, log, result), options.scheme, organ.label_names};
 }
 
-void complete(const Config& config, Placed placed, const RunLog& log, Result& result) {
+void complete(const Scene& scene, Placed placed, const RunLog& log, Result& result) {
   const Stopwatch completing;
-  const TissueOptions tissues = tissues_of(config, placed.label_names, placed.places, result.cut.labels);
-  log.begin(Part::supports, config);
+  const TissueOptions tissues = tissues_of(scene, placed.label_names, placed.places, result.cut.labels);
+  log.begin(Part::supports, scene);
   Eigen::VectorXi of_point = tissue_of_points(placed.places, tissues);
   result.model = make_model(std::move(placed.places), placed.scheme, std::move(of_point), tissues.density,
                             &result.stages);
-  result.tissues = {materials_of(config), result.model.tissue};
+  result.tissues = {materials_of(scene), result.model.tissue};
   tell_of_supports(log, result.model);
   result.complete_s = completing.seconds();
 }
 
 void stand_walls(const Case& given, const RunLog& log, Result& result) {
-  if (!has_walls(given.config)) return;
+  if (given.scene.walls.empty()) return;
   log.doing("walls");
   const LabelImage& image = result.image.run.empty() && result.origin ? result.origin->image : result.image;
   Walls walls =
-      walls_beside(given.config, result.model, &image, result.origin ? &result.origin->organ : nullptr);
+      walls_beside(given.scene, result.model, &image, result.origin ? &result.origin->organ : nullptr);
   for (const std::string& words : walls.words) log.say("wall     " + words);
   for (Touch& wall : walls.touch) result.loading.walls.push_back(std::move(wall));
   result.stages.done("walls");
 }
 
 // To where it first touches.
-void bring_tool(const Config& config, const RunLog& log, Result& result) {
+void bring_tool(const Scene& scene, const RunLog& log, Result& result) {
   const Model& model = result.model;
   const bool moved = result.loading.loads.move_the_body();
   if (moved) {
     log.doing("loads");
-    const ForceSystem tissue(model, result.tissues, precision_of(config));
-    rest_under_loads(tissue, model, result.loading, config.solver.tolerance);
+    const ForceSystem tissue(model, result.tissues, scene.solver.precision);
+    rest_under_loads(tissue, model, result.loading, scene.solver.tolerance);
     result.stages.done("loads");
   }
   const Touch& touch = *result.loading.touch;
   log.say(fmt::format(
       "tool     {}{}, {}; its tip at first touch at {}{}; contact is looked for at {} parts of the "
       "surface",
-      in_words(touch.shape), depth_of_tool_in_words(config), friction_in_words(touch.friction),
+      in_words(touch.shape), depth_of_tool_in_words(scene), friction_in_words(touch.friction),
       in_words(1e3 * touch.pose.tip), moved ? ", where the loads have moved it" : "", touch.surface.count()));
   if (touch.shape.mesh && touch.shape.mesh->turned)
     log.say("tool     some of its triangles faced inward in the file, and were turned");
-  tell_of_first_touch(log, config, model, touch);
+  tell_of_first_touch(log, scene, model, touch);
 }
 
 // The shape functions smooth the step from one tissue to another. A soft layer on one a thousand times as
@@ -434,72 +434,72 @@ void warn_of_stiff_tissue(const RunLog& log, const Tissues& tissues) {
 
 // From places to a model that is complete, and a load that is accepted.
 void make_ready(const Case& given, Placed placed, const RunLog& log, Result& result) {
-  const Config& config = given.config;
-  require_room_beneath(config, placed.places);
-  check_loads(config, placed.places.surface);
-  Supports supports = supports_of(config, placed.places, placed.label_names);
+  const Scene& scene = given.scene;
+  require_room_beneath(scene, placed.places);
+  check_loads(scene, placed.places.surface);
+  Supports supports = supports_of(scene, placed.places, placed.label_names);
   for (const std::string& words : supports.words) log.say("support  " + words);
   const Stopwatch preparing;
   const std::map<std::string, int> names = placed.label_names;
-  complete(config, std::move(placed), log, result);
-  if (!has_base(config)) {
+  complete(scene, std::move(placed), log, result);
+  if (!scene.base_is_held) {
     result.model.base.clear();
     log.say("base     is not held: the body lies on its walls, by contact alone");
   }
-  take_loads_off(config, supports.sets, tissues_of(config, names, result.model, result.cut.labels).density,
+  take_loads_off(scene, supports.sets, tissues_of(scene, names, result.model, result.cut.labels).density,
                  log, result);
   const Model& model = result.model;
-  const Loading& loading = result.loading = loading_of(config);
+  const Loading& loading = result.loading = loading_of(scene);
   result.loading.further = std::move(supports.sets);
   result.loading.loads =
-      loads_of(config, model, result.unloaded ? result.unloaded->imaged_surface : model.surface);
-  OtherTools others = other_tools_of(config, model, loading.further);
+      loads_of(scene, model, result.unloaded ? result.unloaded->imaged_surface : model.surface);
+  OtherTools others = other_tools_of(scene, model, loading.further);
   for (const std::string& words : others.words) log.say("tool     " + words);
   std::map<std::string, Vec3> push_of_others;
   for (const Touch& other : others.touch) push_of_others[other.name] = other.pose.points_at;
-  result.loading.steps = steps_of(config, model.tool, push_of_others);
+  result.loading.steps = steps_of(scene, model.tool, push_of_others);
   require_near(loading.steps, model.X);
-  if (!config.load.poses_taken.empty()) log.say("poses    " + config.load.poses_taken);
+  if (!scene.poses_words.empty()) log.say("poses    " + scene.poses_words);
   for (const Step& step : result.loading.steps) log.say("step     " + in_words(step));
   result.loading.touch =
-      given.change.tool ? touch_of(config, model, *given.change.tool) : touch_of(config, model);
-  const double down = deepest(config, model.tool);
+      given.change.tool ? touch_of(scene, model, *given.change.tool) : touch_of(scene, model);
+  const double down = deepest(scene, model.tool);
   if (loading.touch) require_free_under(*loading.touch, down, loading.further, model);
   result.loading.walls = std::move(others.touch);
-  result.time = time_of(config, log, result);
-  tell_of_damping(config, log, result.time);
+  result.time = time_of(scene, log, result);
+  tell_of_damping(scene, log, result.time);
   tell_of_fast_steps(log, result);
-  if (result.time == TimeMode::quasi_static || config.load.self_contact == "on")
-    result.loading.folds = folds_of(config, result.facing_share, model, down);
+  if (result.time == TimeMode::quasi_static || scene.self_contact == Scene::SelfContact::on)
+    result.loading.folds = folds_of(scene, result.facing_share, model, down);
   if (result.loading.folds)
     log.say("folds    " + in_words(*result.loading.folds, down));
-  else if (config.load.self_contact == "on")
+  else if (scene.self_contact == Scene::SelfContact::on)
     log.say(
         "folds    nothing can touch: the surface nowhere faces itself across twice the tool's way or less");
   stand_walls(given, log, result);
-  if (loading.touch) bring_tool(config, log, result);
-  const SolverOptions options = solver_options(config);
+  if (loading.touch) bring_tool(scene, log, result);
+  const SolverOptions options = solver_options(scene);
   result.findings = check_model(model, model.support_report, loading.depth);
   for (const Finding& finding : result.findings) log.warn(in_words(finding));
-  auto own = config.tissue.begin();
+  auto own = scene.tissues.begin();
   for (std::size_t t = 0; t < result.tissues.material.size(); ++t) {
     const Material& m = result.tissues.material[t];
     const std::string label = t == 0 ? "" : (own++)->first;
     // The stiffness that nobody has chosen was told of before.
-    log.line(t == 0 && default_stiffness(config) ? Line::detail : Line::said,
+    log.line(t == 0 && !scene.given.stiffness ? Line::detail : Line::said,
              describe(result.tissues, t, label));
     log.detail(fmt::format("waves    kappa {}, so {:.2f} and {:.3f} m/s", stress_in_words(m.kappa),
                            pressure_wave_speed(m), shear_wave_speed(m)));
   }
   warn_of_stiff_tissue(log, result.tissues);
-  if (const std::string preset = beside_preset(config); !preset.empty()) log.say("preset   " + preset);
+  if (const std::string preset = scene.material.beside_preset; !preset.empty()) log.say("preset   " + preset);
   for (const Membrane& film : loading.loads.membrane) log.say("membrane " + in_words(film));
   if (const std::string loads = in_words(loading.loads); !loads.empty())
     log.say("loads    " + loads + "; the body comes to rest under it first" +
             (relaxes(result.tissues.material) ? ", as tissue that has relaxed" : ""));
-  log.detail(fmt::format("load     {} at {} mm/s: {} s, {}, {}", length_in_words(config.load.depth_mm),
-                         plain(config.load.rate_mm_per_s), three_digits(loading.duration()),
-                         !loading.touch                   ? config.load.contact
+  log.detail(fmt::format("load     {} at {} mm/s: {} s, {}, {}", length_in_words(scene.depth_mm),
+                         plain(scene.rate_mm_per_s), three_digits(loading.duration()),
+                         !loading.touch                   ? scene.load.contact
                          : loading.touch->friction == 0.0 ? "frictionless"
                                                           : friction_in_words(loading.touch->friction),
                          result.time == TimeMode::quasi_static
@@ -512,21 +512,21 @@ void make_ready(const Case& given, Placed placed, const RunLog& log, Result& res
           "the printed stress does work on closed paths, so undamped vibration grows: give --damping, for "
           "instance 20");
   }
-  if (result.time != TimeMode::quasi_static && config.material.mu_spread_percent > 0.0)
+  if (result.time != TimeMode::quasi_static && scene.material.mu_spread > 0.0)
     throw UsageError(
         {.fact = "mu is given as known to a share of it, and inertia takes part in the force",
          .where = "--mu (material.mu_spread_percent)",
          .why = "the load is so short that the run is dynamic, and its force not proportional to mu",
          .remedy = "run it once with the smallest and once with the largest modulus, or slower"});
-  result.spread = force_spread(config);
+  result.spread = scene.material.mu_spread;
   result.model_warnings = result.warnings.size();
-  ask_for_units(log, config, result);
+  ask_for_units(log, scene, result);
   result.complete_s = preparing.seconds();
 }
 
 // A place outside of the body moves nowhere. Throws UsageError.
-std::optional<Followed> followed_in(const Config& config, const Organ& organ) {
-  const std::optional<Vec3> place = followed_place(config);
+std::optional<Followed> followed_in(const Scene& scene, const Organ& organ) {
+  const std::optional<Vec3> place = scene.followed;
   if (!place) return std::nullopt;
   const BodySurface& surface = organ.body->surface;
   const Vec3 there = surface.to_world().inverse() * (*place * 1e3);
@@ -557,14 +557,14 @@ namespace {
 // What is seen of one body while it is marched.
 class Watched {
  public:
-  Watched(const Config& config, const Observer& observer, const MarchState* from, Result& result)
+  Watched(const Scene& scene, const Observer& observer, const MarchState* from, Result& result)
       : result_(result),
         observer_(observer),
         hears_(observer),
         place_(to_followed(result)),
         bending_(result.model),
         rocking_(result.model),
-        closing_(result.model, 1e-3 * config.image.cut_gap_mm) {
+        closing_(result.model, 1e-3 * scene.image.cut_gap_mm) {
     if (place_ && from && from->u.cols() > 0)
       result.followed->u = displacement_at(*place_, from->u);  // no frame may be left
     hears_.frame = [this](const Frame& frame) { see(frame); };
@@ -621,16 +621,16 @@ class Watched {
 };
 
 // The scene on one body after another.
-std::unique_ptr<ForceSystem> march_cut(const Config& config, const SolverOptions& options,
+std::unique_ptr<ForceSystem> march_cut(const Scene& scene, const SolverOptions& options,
                                        const Observer& observer, const MarchState* from, const RunLog& log,
                                        Result& result, CutScene& cuts, const RunObserver& watching) {
   ScenePart part = cuts.part(0);
   Observer later = observer;
   later.between_steps = {};  // a run that is taken up again makes its cuts again
   for (std::size_t k = 0;; ++k) {
-    std::unique_ptr<ForceSystem> system = force_system(config, result);
+    std::unique_ptr<ForceSystem> system = force_system(scene, result);
     {
-      Watched watched(config, k == 0 ? observer : later, k == 0 ? from : nullptr, result);
+      Watched watched(scene, k == 0 ? observer : later, k == 0 ? from : nullptr, result);
       part.has_settled = [&] { cuts.tell(part, log, result); };
       const Stopwatch solving;
       try {
@@ -654,20 +654,20 @@ std::unique_ptr<ForceSystem> march_cut(const Config& config, const SolverOptions
 
 }  // namespace
 
-std::unique_ptr<ForceSystem> march(const Config& config, const SolverOptions& options,
+std::unique_ptr<ForceSystem> march(const Scene& scene, const SolverOptions& options,
                                    const Observer& observer, const MarchState* from, const RunLog& log,
                                    Result& result, CutScene* cuts, const RunObserver* watching) {
   std::optional<Watched> watched;
   std::unique_ptr<ForceSystem> system;
   if (!cuts) {
-    watched.emplace(config, observer, from, result);
-    system = force_system(config, result);
+    watched.emplace(scene, observer, from, result);
+    system = force_system(scene, result);
   }
   const Stopwatch solving;
   try {
     unless_stopped([&] {
       if (cuts)
-        system = march_cut(config, options, observer, from, log, result, *cuts, *watching);
+        system = march_cut(scene, options, observer, from, log, result, *cuts, *watching);
       else
         solve(result.time, *system, result.model, result.loading, options, watched->hears(), result.history,
               from);
@@ -690,9 +690,9 @@ std::unique_ptr<ForceSystem> march(const Config& config, const SolverOptions& op
   return system;
 }
 
-std::shared_ptr<const ReadOrgan::Made> made_in(const Config& config, const Result& found) {
-  if (has_cuts(config) || found.unloaded || !found.origin || !has_base(config)) return {};
-  ReadOrgan::Made made{.config = config,
+std::shared_ptr<const ReadOrgan::Made> made_in(const Scene& scene, const Result& found) {
+  if (has_cuts(scene) || found.unloaded || !found.origin || !scene.base_is_held) return {};
+  ReadOrgan::Made made{.scene = scene,
                        .site = found.origin->organ.site,
                        .nodes = found.origin->organ.options.cloud.count,
                        .at = {.places = found.model, .report = found.report},
@@ -702,9 +702,9 @@ std::shared_ptr<const ReadOrgan::Made> made_in(const Config& config, const Resul
   return std::make_shared<const ReadOrgan::Made>(std::move(made));
 }
 
-std::shared_ptr<Origin> origin_of(const Config& config, Organ organ, const Result& result) {
+std::shared_ptr<Origin> origin_of(const Scene& scene, Organ organ, const Result& result) {
   const auto of_image = result.warnings.begin() + static_cast<std::ptrdiff_t>(result.image_warnings);
-  return std::make_shared<Origin>(Origin{.config = config,
+  return std::make_shared<Origin>(Origin{.scene = scene,
                                          .organ = std::move(organ),
                                          .image = {},
                                          .facts = result,
@@ -712,8 +712,8 @@ std::shared_ptr<Origin> origin_of(const Config& config, Organ organ, const Resul
                                          .boundary = result.report.boundary});
 }
 
-Config with_model_of(const Config& config, const Config& made) {
-  Config result = config;
+Scene with_model_of(const Scene& scene, const Scene& made) {
+  Scene result = scene;
   result.image = made.image;
   result.scheme = made.scheme;
   result.cloud = made.cloud;

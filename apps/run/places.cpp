@@ -5,7 +5,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
-#include "apps/run/compatibility.hpp"
+#include "apps/scene/compatibility.hpp"
 #include "apps/run/organ.hpp"
 #include "apps/run/summary.hpp"
 #include "apps/run/tool.hpp"
@@ -39,23 +39,23 @@ Json described(const UsablePlace& place) {
 
 }  // namespace
 
-PlacesOfImage places_of_image(const Config& config, const LabelImage* image, const RunObserver& observer) {
+PlacesOfImage places_of_image(const Scene& scene, const LabelImage* image, const RunObserver& observer) {
   PlacesOfImage found;
   Result result;
   const RunLog log{observer, result};
-  check_pairs(config, Feature::places);
-  check_tool(config);
-  const Organ organ = read_organ({.config = config, .image = image}, model_options(config), log, result);
+  check_pairs(scene, Feature::places);
+  check_tool(scene);
+  const Organ organ = read_organ({.scene = scene, .image = image}, model_options(scene), log, result);
   found.places = usable_places(organ.body->surface, organ.options.boundary);
   found.warnings = result.warnings;
   return found;
 }
 
-std::string places_json(const Config& config, const PlacesOfImage& found) {
-  const std::optional<ToolShape> tool = tool_of(config);
-  Json json = {{"image", name_of_image(config)},
-               {"tool", config.tool.shape},
-               {"circle_diameter_mm", tool ? 2e3 * tool->radius : config.boundary.indenter_diameter_mm},
+std::string places_json(const Scene& scene, const PlacesOfImage& found) {
+  const std::optional<ToolShape> tool = scene.tool;
+  Json json = {{"image", name_of_image(scene)},
+               {"tool", scene.tool_words.shape},
+               {"circle_diameter_mm", tool ? 2e3 * tool->radius : scene.boundary.indenter_diameter_mm},
                {"sides", Json::array()},
                {"others", Json::array()},
                {"looked_at", found.places.looked_at},

@@ -3,7 +3,7 @@
 #include <string>
 #include <vector>
 
-#include "apps/run/config.hpp"
+#include "apps/scene/scene.hpp"
 #include "apps/run/simulate.hpp"
 #include "preprocess/scene/usable_places.hpp"
 
@@ -15,11 +15,11 @@ struct PlacesOfImage {
   std::vector<std::string> warnings;
 };
 
-/// Of config.image, or of `image` if there is one. Throws what reading an image and finding its base throw.
-PlacesOfImage places_of_image(const Config& config, const LabelImage* image, const RunObserver& observer);
+/// Of scene.image, or of `image` if there is one. Throws what reading an image and finding its base throw.
+PlacesOfImage places_of_image(const Scene& scene, const LabelImage* image, const RunObserver& observer);
 
 /// As JSON; lengths in mm, LPS.
-std::string places_json(const Config& config, const PlacesOfImage& found);
+std::string places_json(const Scene& scene, const PlacesOfImage& found);
 
 /// What a warning says of a circle beneath which tissue will bend, with the next better place; empty: it will
 /// not.

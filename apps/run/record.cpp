@@ -8,7 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "apps/run/checkpoint.hpp"
-#include "apps/run/compatibility.hpp"
+#include "apps/scene/compatibility.hpp"
 #include "apps/run/images.hpp"
 #include "apps/run/organ.hpp"
 #include "apps/run/other_tools.hpp"

@@ -30,9 +30,9 @@ std::unique_ptr<Level> march_level(Index nodes, const Case& given, const Origin&
                                 },
                             .part = observer.part};
   const RunLog log{keeping, result};
-  make_ready(given, place(nodes, given.config, from.organ, from.image, log, result), log, result);
-  refuse_without_band(why_no_band(given.config, from.organ, result.report.boundary, result));
-  log.begin(Part::solving, given.config);
+  make_ready(given, place(nodes, given.scene, from.organ, from.image, log, result), log, result);
+  refuse_without_band(why_no_band(given.scene, from.organ, result.report.boundary, result));
+  log.begin(Part::solving, given.scene);
   const Observer hears{
       .frame =
           [&](const Frame& frame) {
@@ -44,7 +44,7 @@ std::unique_ptr<Level> march_level(Index nodes, const Case& given, const Origin&
             log.detail(
                 fmt::format("retry    at {:.3f} mm ({}): {}", 1e3 * retry.depth, retry.code, retry.what));
           }};
-  level->system = march(given.config, solver_options(given.config), hears, nullptr, log, result);
+  level->system = march(given.scene, solver_options(given.scene), hears, nullptr, log, result);
   if (result.history.interrupted) throw Stopped(stop_asked());
   level->seconds = whole.seconds();
   return level;
@@ -105,7 +105,7 @@ void compare_with_coarser(const Case& given, const Goal& goal, const Origin& fro
   try {
     const std::unique_ptr<Level> coarser =
         unless_stopped([&] { return march_level(nodes, given, from, read, observer.of_march); });
-    compare(finest.result, coarser.get(), !given.config.tissue.empty());
+    compare(finest.result, coarser.get(), !given.scene.tissues.empty());
     found.levels.insert(found.levels.end() - 1, told_of(*coarser));
     found.levels.back() = told_of(finest);
     observer.marched(number, found.levels[found.levels.size() - 2]);
@@ -142,7 +142,7 @@ Refinement refine(const Case& given, const Goal& goal, const Origin& from, const
   int failures = 0, number = 0;
   // How much of a displacement its floor is, nobody knows before.
   const Index hoped =
-      expected_nodes(read.followed ? 0.0 : goal.share, read.facing_share, band_floor(given.config));
+      expected_nodes(read.followed ? 0.0 : goal.share, read.facing_share, band_floor(given.scene));
   Index nodes = nodes_of_first_level(hoped);
   while (!found.stopped_short) {
     ++number;
@@ -176,7 +176,7 @@ Refinement refine(const Case& given, const Goal& goal, const Origin& from, const
       nodes = next;
       continue;
     }
-    compare(level->result, found.finest.get(), !given.config.tissue.empty());
+    compare(level->result, found.finest.get(), !given.scene.tissues.empty());
     found.levels.push_back(told_of(*level));
     observer.marched(number, found.levels.back());
     const auto [last, half] = asked_for(found.levels.back(), level->result);

@@ -41,8 +41,8 @@ Eigen::MatrixXd node_sets(const Model& model, const std::vector<HeldSet>& suppor
 
 }  // namespace
 
-Wanted wanted_of(const Config& config) {
-  const std::vector<std::string>& list = config.output.write;
+Wanted wanted_of(const Scene& scene) {
+  const std::vector<std::string>& list = scene.output.write;
   const bool fine = std::find(list.begin(), list.end(), "fine") != list.end();
   const auto asked = [&](const char* word) {
     return (fine && list.size() == 1) || std::any_of(list.begin(), list.end(), [&](const std::string& given) {

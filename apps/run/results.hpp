@@ -12,7 +12,7 @@
 
 #include "apps/run/band.hpp"
 #include "apps/run/compare.hpp"
-#include "apps/run/config.hpp"
+#include "apps/scene/scene.hpp"
 #include "apps/run/image_error.hpp"
 #include "apps/run/report.hpp"
 #include "io/draw/picture.hpp"
@@ -36,7 +36,7 @@ struct Wanted {
   /// the last frame.
   bool fine = false;
 };
-Wanted wanted_of(const Config& config);
+Wanted wanted_of(const Scene& scene);
 inline constexpr Wanted tables_alone = {false, false, false, false, false, false, false, false, false};
 
 /// The force of the tissue on the tool and its moment about the circle's middle, which moves with the tool:

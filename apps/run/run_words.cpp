@@ -24,9 +24,9 @@ std::string crossings_in_words(double crossings) {
 }
 
 // "mu 210 Pa, nu 0.49; label 2: mu 3000 Pa, nu 0.49".
-std::string moduli_in_words(const Config& config, const Tissues& tissues) {
+std::string moduli_in_words(const Scene& scene, const Tissues& tissues) {
   std::vector<std::string> words;
-  auto own = config.tissue.begin();
+  auto own = scene.tissues.begin();
   for (std::size_t t = 0; t < tissues.material.size(); ++t) {
     const Material& m = tissues.material[t];
     words.push_back(fmt::format("{}{}, mu {}, nu {}", t == 0 ? "" : fmt::format("label {}: ", (own++)->first),
@@ -73,14 +73,14 @@ std::string steps_in_words(const Loading& loading) {
 
 }  // namespace
 
-std::vector<std::string> scene_in_words(const Config& config, const Result& result) {
+std::vector<std::string> scene_in_words(const Scene& scene, const Result& result) {
   const Loading& loading = result.loading;
   std::vector<std::string> lines;
   const auto add = [&](const char* name, const std::string& words) {
     if (!words.empty()) lines.push_back(fmt::format("{}: {}", name, words));
   };
-  add("material", moduli_in_words(config, result.tissues));
-  add("contact", loading.touch ? friction_in_words(loading.touch->friction) : config.load.contact);
+  add("material", moduli_in_words(scene, result.tissues));
+  add("contact", loading.touch ? friction_in_words(loading.touch->friction) : scene.load.contact);
   add("loads", loads_and_films_in_words(result));
   add("supports", supports_in_words(loading.further));
   add("cut", cuts_in_words(result));
@@ -163,7 +163,7 @@ std::string time_in_words(TimeMode mode, double crossings, bool shallow) {
       shallow ? "; the load is short, but its tool is slow; --time explicit follows the waves" : "");
 }
 
-void ask_for_units(const RunLog& log, const Config& config, const Result& result) {
+void ask_for_units(const RunLog& log, const Scene& scene, const Result& result) {
   constexpr double shallowest_mm = 0.05, softest_Pa = 5.0, thinnest_film_mm = 0.005, softest_film_Pa = 1e3;
   const auto ask = [&](const std::string& what, const std::string& least, const std::string& option,
                        const char* unit) {
@@ -171,9 +171,9 @@ void ask_for_units(const RunLog& log, const Config& config, const Result& result
         fmt::format("{} is less than {}: are the units of {} those of its numbers? A bare number is in {}",
                     what, least, option, unit));
   };
-  if (config.load.depth_mm < shallowest_mm)
-    ask("a depth of " + length_in_words(config.load.depth_mm), length_in_words(shallowest_mm),
-        config.step.empty() ? "--depth (load.depth_mm)" : "the steps", "mm");
+  if (scene.depth_mm < shallowest_mm)
+    ask("a depth of " + length_in_words(scene.depth_mm), length_in_words(shallowest_mm),
+        scene.steps.empty() ? "--depth (load.depth_mm)" : "the steps", "mm");
   for (const Material& tissue : in_use(result.tissues))
     if (tissue.mu < softest_Pa)
       ask("a shear modulus of " + stress_in_words(tissue.mu), stress_in_words(softest_Pa),

@@ -17,7 +17,7 @@ void tell_of_supports(const RunLog& log, const Model& model);
 /// Law and numbers of a tissue.
 std::string describe(const Tissues& tissues, std::size_t t, const std::string& label);
 /// Moduli, loads, supports, cuts and steps, a line for each kind: for the picture.
-std::vector<std::string> scene_in_words(const Config& config, const Result& result);
+std::vector<std::string> scene_in_words(const Scene& scene, const Result& result);
 /// The materials that points are of.
 std::vector<Material> in_use(const Tissues& tissues);
 /// How time is followed, and why so. `shallow`: the load is short, but its tool is slow.
@@ -25,7 +25,7 @@ std::string time_in_words(TimeMode mode, double crossings, bool shallow);
 
 /// Asks for the unit of numbers that look like metres or kPa: a depth, a tool, a modulus or a film that is
 /// smaller than any of soft tissue.
-void ask_for_units(const RunLog& log, const Config& config, const Result& result);
+void ask_for_units(const RunLog& log, const Scene& scene, const Result& result);
 /// Warns where the base does not bear the tool's force at the end of a march with inertia.
 void warn_of_inertia(const RunLog& log, const Result& result);
 

@@ -6,7 +6,7 @@
 #include <utility>
 
 #include "apps/run/band_of_run.hpp"
-#include "apps/run/compatibility.hpp"
+#include "apps/scene/compatibility.hpp"
 #include "apps/run/cut_scene.hpp"
 #include "apps/run/cuts.hpp"
 #include "apps/run/folds.hpp"
@@ -39,7 +39,7 @@ std::pair<Placed, std::shared_ptr<Origin>> placed_by(const Case& given, const Ru
   if (!given.model) organ = organ_of(given, log, result, before_cuts);
   Placed placed = place(given, organ, log, result);
   std::shared_ptr<Origin> of_image;
-  if (organ) of_image = origin_of(given.config, std::move(*organ), result);
+  if (organ) of_image = origin_of(given.scene, std::move(*organ), result);
   if (observer.placed) observer.placed(placed.places, placed.scheme);
   return {std::move(placed), std::move(of_image)};
 }
@@ -47,24 +47,24 @@ std::pair<Placed, std::shared_ptr<Origin>> placed_by(const Case& given, const Ru
 // The band is the error of the result by its discretisation, from a march on a coarser cloud, which begins
 // here beside the finer one. Null: there can be none, and the result says why.
 std::unique_ptr<CoarserMarch> begin_band(const Case& given, Result& result) {
-  const Config config = given.origin ? with_model_of(given.config, given.origin->config) : given.config;
-  result.band.unknown = why_no_band_after(config, result);
+  const Scene scene = given.origin ? with_model_of(given.scene, given.origin->scene) : given.scene;
+  result.band.unknown = why_no_band_after(scene, result);
   if (!result.band.known()) return {};
   result.band.unknown = "the run ended first";  // what stays if find_band() is never reached
-  return std::make_unique<CoarserMarch>(config, result);
+  return std::make_unique<CoarserMarch>(scene, result);
 }
 
 void find_band(const Case& given, CoarserMarch& coarser, const RunLog& log, Result& result) {
-  log.begin(Part::band, given.config);
-  BandOfRun found = band_of_run(given.config, result, coarser);
+  log.begin(Part::band, given.scene);
+  BandOfRun found = band_of_run(given.scene, result, coarser);
   result.band = std::move(found.band);
   if (result.followed) result.followed->half = found.half_of_displacement;
   if (found.stopped) result.history.interrupted = true;
 }
 
 // What half a voxel changes, and a warning where that is much.
-void find_image_error(const Config& config, const RunLog& log, Result& result) {
-  result.image_error = image_error_of(config, result);
+void find_image_error(const Scene& scene, const RunLog& log, Result& result) {
+  result.image_error = image_error_of(scene, result);
   const History& history = result.history;
   if (history.force.empty()) return;
   const double discretisation = result.band.known() ? result.band.half.back() : 0.0;
@@ -78,10 +78,10 @@ void find_image_error(const Config& config, const RunLog& log, Result& result) {
 Case with_origin(const Case& given) {
   Case result = given;
   if (!given.origin) return result;
-  const Config usual;
-  result.config = with_model_of(given.config, given.origin->config);
-  result.config.cloud.nodes = usual.cloud.nodes;  // else goal_of() would take them for a wish
-  result.config.cloud.spacing_mm = usual.cloud.spacing_mm;
+  const Scene usual;
+  result.scene = with_model_of(given.scene, given.origin->scene);
+  result.scene.cloud.nodes = usual.cloud.nodes;  // else goal_of() would take them for a wish
+  result.scene.cloud.spacing_mm = usual.cloud.spacing_mm;
   return result;
 }
 
@@ -89,23 +89,23 @@ Case with_origin(const Case& given) {
 // result gets what is known of the image.
 std::shared_ptr<Origin> origin_of_levels(const Case& given, const RunLog& log, Result& result) {
   if (!given.model) {
-    std::shared_ptr<Origin> origin = origin_of(given.config, organ_of(given, log, result), result);
+    std::shared_ptr<Origin> origin = origin_of(given.scene, organ_of(given, log, result), result);
     origin->image = std::move(result.image);
     return origin;
   }
   auto origin = std::make_shared<Origin>(*given.origin);
-  origin->config = given.config;
-  refuse_without_band(why_no_labels(given.config, *origin));
-  check_materials(given.config, given.model->scheme);
+  origin->scene = given.scene;
+  refuse_without_band(why_no_labels(given.scene, *origin));
+  check_materials(given.scene, given.model->scheme);
   static_cast<ImageFacts&>(result) = origin->facts;
   result.provenance = given.model->provenance;
   result.warnings = origin->image_warnings;
   result.image_warnings = result.warnings.size();
-  say_default_stiffness(log, given.config);
+  say_default_stiffness(log, given.scene);
   return origin;
 }
 
-void tell_how_it_ended(const Config& config, const Goal& goal, Refinement& found,
+void tell_how_it_ended(const Scene& scene, const Goal& goal, Refinement& found,
                        const RunObserver& observer) {
   Result& finest = found.finest->result;
   const RunLog log{observer, finest};
@@ -114,12 +114,12 @@ void tell_how_it_ended(const Config& config, const Goal& goal, Refinement& found
   if (found.stopped_short && (goal.share > 0.0 || goal.absolute > 0.0)) {
     const auto [value, half] = asked_for(found.levels.back(), finest);
     log.warn(
-        shortfall_in_words(config.accuracy.goal, known ? std::optional(half / value) : std::nullopt, why));
+        shortfall_in_words(scene.accuracy.goal, known ? std::optional(half / value) : std::nullopt, why));
   } else if (found.stopped_short) {
     log.say("refine   " + why);
   }
   // More nodes narrow a band down to a floor: so well two clouds agree by chance.
-  const Index more = nodes_for_half_the_band(finest.model.node_count(), band_floor(config));
+  const Index more = nodes_for_half_the_band(finest.model.node_count(), band_floor(scene));
   const bool would_fail = found.failed && more >= found.failed->nodes;
   if (known && !would_fail && more <= most_nodes_for_accuracy) log.say(next_half_in_words(found, more));
   if (goal.budget_s > 0.0)
@@ -130,10 +130,10 @@ void tell_how_it_ended(const Config& config, const Goal& goal, Refinement& found
 void simulate_to(const Goal& goal, const Case& given, const RunObserver& observer, Result& result) {
   const Stopwatch whole;
   const RunLog log{observer, result};
-  const Config& config = given.config;
-  refuse_without_band(why_no_band(config));
+  const Scene& scene = given.scene;
+  refuse_without_band(why_no_band(scene));
   const std::shared_ptr<Origin> origin = origin_of_levels(given, log, result);
-  result.followed = followed_in(config, origin->organ);  // a structure whose displacement is wanted too
+  result.followed = followed_in(scene, origin->organ);  // a structure whose displacement is wanted too
   const bool follows = result.followed.has_value();
   // Marches finer and finer clouds until the band is as narrow as the goal, or time or the clouds run out.
   Refinement found = refine(
@@ -143,25 +143,25 @@ void simulate_to(const Goal& goal, const Case& given, const RunObserver& observe
        .failed = [&](int number, Index nodes,
                      const std::string& fact) { log.say(failure_in_words(number, nodes, fact)); },
        .of_march = observer});  // hears how each level begins; its frames are kept for replay()
-  tell_how_it_ended(config, goal, found, observer);
+  tell_how_it_ended(scene, goal, found, observer);
   Result& finest = found.finest->result;
   finest.levels = std::move(found.levels);
   // Further clouds of this origin take their tissues from the image, if there are several, and their base and
   // circle from the boundary.
-  finest.image = config.tissue.empty() ? std::move(origin->image) : origin->image;
+  finest.image = scene.tissues.empty() ? std::move(origin->image) : origin->image;
   origin->boundary = finest.report.boundary;
   finest.origin = origin;
   const double others_s = found.seconds - found.finest->seconds;
   // The result becomes the finest level's, and the observer hears of it as if it had been the only one.
   replay(std::move(*found.finest), observer, result);
   result.band.seconds = others_s;  // the other levels are what the band has cost
-  find_image_error(config, RunLog{observer, result}, result);
+  find_image_error(scene, RunLog{observer, result}, result);
 }
 
 // Steps that cut before anything has moved, which the model has from the start.
-void list_cuts_at_rest(const Config& config, Result& result) {
-  const std::size_t all = cuts_at_rest(config).size();
-  for (const auto& [name, step] : steps_in_order(config)) {
+void list_cuts_at_rest(const Scene& scene, Result& result) {
+  const std::size_t all = cuts_at_rest(scene).size();
+  for (const auto& [name, step] : scene.steps) {
     if (step.cut.empty()) return;
     CutMade made{.name = name, .text = step.cut, .toughness_J_m2 = step.toughness_J_m2};
     // Of several blades at rest the area is known of all together, and is told of the run, not of a step.
@@ -176,62 +176,62 @@ void list_cuts_at_rest(const Config& config, Result& result) {
 void build_case(const Case& given, const RunObserver& observer, Result& result) {
   const RunLog log{observer, result};
   // A model's files hold the nodes under one bonded circle, and no tool that touches.
-  check_pairs(given.config, Feature::model_in_memory);
+  check_pairs(given.scene, Feature::model_in_memory);
   auto [placed, of_image] = placed_by(given, observer, log, result);
-  complete(given.config, std::move(placed), log, result);
+  complete(given.scene, std::move(placed), log, result);
   if (of_image) of_image->image = result.image;
   result.origin = of_image;
 }
 
 void simulate(const Case& given, const RunObserver& observer, Result& result) {
-  check_pairs(given.config, !given.model    ? Feature::run
+  check_pairs(given.scene, !given.model    ? Feature::run
                             : !given.origin ? Feature::solve
                                             : Feature::solve_in_memory);
-  check_loads(given.config);
-  check_supports(given.config);
-  check_steps(given.config);
-  check_tool(given.config);
-  check_other_tools(given.config);
-  check_walls(given.config);
-  check_imaged(given.config, given.model ? &*given.model : nullptr);
+  check_loads(given.scene);
+  check_supports(given.scene);
+  check_steps(given.scene);
+  check_tool(given.scene);
+  check_other_tools(given.scene);
+  check_walls(given.scene);
+  check_imaged(given.scene, given.model ? &*given.model : nullptr);
   if (given.model) {
-    if (!given.origin && given.model->provenance.contains("cut") && has_membranes(given.config))
+    if (!given.origin && given.model->provenance.contains("cut") && !given.scene.membranes.empty())
       throw UsageError({.fact = "a membrane is asked for on the model of a body that was cut",
                         .where = "membrane",
                         .why = "the model's files do not say which of its surface the cut has opened, where "
                                "none lies",
                         .remedy = "begin with the image: dimple run IMAGE --cut ... --membrane ..."});
   }
-  if (const Case refined = with_origin(given); const std::optional<Goal> goal = goal_of(refined.config))
+  if (const Case refined = with_origin(given); const std::optional<Goal> goal = refined.scene.goal)
     return simulate_to(*goal, refined, observer, result);
   const RunLog log{observer, result};
-  const Config& config = given.config;
+  const Scene& scene = given.scene;
   std::optional<Organ> before_cuts;
   auto [placed, of_image] = placed_by(given, observer, log, result, &before_cuts);
   result.origin = of_image ? of_image : given.origin;
   if (given.origin) static_cast<ImageFacts&>(result) = given.origin->facts;
-  if (result.origin) result.followed = followed_in(config, result.origin->organ);
+  if (result.origin) result.followed = followed_in(scene, result.origin->organ);
   make_ready(given, std::move(placed), log, result);  // complete(), and what a march needs besides
   require_tools_apart(result.loading);
-  if (const std::string words = tool_in_wall(config, result.model, result.loading); !words.empty())
+  if (const std::string words = tool_in_wall(scene, result.model, result.loading); !words.empty())
     log.warn(words);
-  list_cuts_at_rest(config, result);
+  list_cuts_at_rest(scene, result);
   stop_if_asked();
-  log.begin(Part::solving, config);
+  log.begin(Part::solving, scene);
   if (observer.begin) observer.begin(result);
   std::optional<CutScene> cuts;
-  if (before_cuts && !cuts_after_moves(config).empty()) cuts.emplace(given, std::move(*before_cuts));
+  if (before_cuts && !cuts_after_moves(scene).empty()) cuts.emplace(given, std::move(*before_cuts));
   // Models after cuts, and further clouds of several tissues, ask the image what a point is made of.
-  if (of_image && (cuts || !config.tissue.empty())) of_image->image = std::move(result.image);
+  if (of_image && (cuts || !scene.tissues.empty())) of_image->image = std::move(result.image);
   result.image = {};  // the march does not
   const std::unique_ptr<CoarserMarch> coarser = given.band ? begin_band(given, result) : nullptr;
   // Makes the System of the result's model and takes it through the load, or each step of the scene, by the
   // march that the time mode asks for; where a step cuts, `cuts` makes the next model, of which the observer
   // is told.
-  march(config, solver_options(config), observer.march, given.from, log, result, cuts ? &*cuts : nullptr,
+  march(scene, solver_options(scene), observer.march, given.from, log, result, cuts ? &*cuts : nullptr,
         &observer);
   if (coarser && !result.history.interrupted) find_band(given, *coarser, log, result);
-  find_image_error(config, log, result);
+  find_image_error(scene, log, result);
 }
 
 Result simulate(const Case& given, const RunObserver& observer) {

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "apps/run/band.hpp"
-#include "apps/run/config.hpp"
+#include "apps/scene/scene.hpp"
 #include "apps/run/image_error.hpp"
 #include "apps/run/model_files.hpp"
 #include "apps/run/work.hpp"
@@ -32,13 +32,13 @@ struct BodyChange {
 struct Origin;     // organ.hpp
 struct ReadOrgan;  // organ.hpp
 
-/// What is to be computed: the image that config.image.file names, or a model that was made before, and every
+/// What is to be computed: the image that scene.image.file names, or a model that was made before, and every
 /// choice that decides the result.
 struct Case {
-  Config config;
+  Scene scene;
   std::optional<ModelFiles> model = {};       ///< instead of an image
   std::shared_ptr<const Origin> origin = {};  ///< of `model`, where it is known, for its other clouds
-  const LabelImage* image = nullptr;          ///< instead of the file that config.image.file names
+  const LabelImage* image = nullptr;          ///< instead of the file that scene.image.file names
   /// Instead of an image, one that was read before with the same options of the image and the same width of
   /// the circle, which its surface follows; all others may differ.
   const ReadOrgan* organ = nullptr;

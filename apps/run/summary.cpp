@@ -202,13 +202,13 @@ Json material_json(const Material& m, const std::string& label, Index points, bo
   return result;
 }
 
-Json materials_json(const Config& config, const Tissues& tissues) {
+Json materials_json(const Scene& scene, const Tissues& tissues) {
   Json result = Json::array();
-  auto own = config.tissue.begin();
+  auto own = scene.tissues.begin();
   for (std::size_t t = 0; t < tissues.material.size(); ++t) {
     const auto points = (tissues.of_point.array() == static_cast<int>(t)).count();
     result.push_back(material_json(tissues.material[t], t == 0 ? "" : (own++)->first, points,
-                                   t == 0 && default_stiffness(config)));
+                                   t == 0 && !scene.given.stiffness));
   }
   return result;
 }
@@ -269,9 +269,9 @@ Json report_json(const Report& r) {
   return {{"code", r.code}, {"fact", r.fact}, {"where", r.where}, {"why", r.why}, {"remedy", r.remedy}};
 }
 
-Json summary_of_image(const Config& config, const Result& result) {
+Json summary_of_image(const Scene& scene, const Result& result) {
   Json summary;
-  summary["image"] = name_of_image(config);
+  summary["image"] = name_of_image(scene);
   summary["image_sha256"] = result.provenance.at("image_sha256");
   summary["image_read_as"] = result.image_words;
   summary["labels"] = labels_json(result.labels);
@@ -279,10 +279,10 @@ Json summary_of_image(const Config& config, const Result& result) {
   return summary;
 }
 
-Json summary_of_model(const Config& config, const Result& result) {
+Json summary_of_model(const Scene& scene, const Result& result) {
   Json summary = model_json(result);
   summary["version"] = DIMPLE_VERSION;
-  summary["image"] = name_of_image(config);
+  summary["image"] = name_of_image(scene);
   summary["labels"] = labels_json(result.labels);
   summary["scheme"] = result.model.scheme.name;
   summary["consistency"] = consistency_json(result.model.consistency_report);
@@ -506,26 +506,26 @@ void add_guards(Json& summary, const Result& result) {
 
 }  // namespace
 
-void add_run(Json& summary, const Config& config, const Result& result, const RunTimes& times,
+void add_run(Json& summary, const Scene& scene, const Result& result, const RunTimes& times,
              const std::string& status, ExitCode code, const Report* reason) {
   const Model& model = result.model;
   const History& history = result.history;
   const double reached = history.force.empty() ? 0.0 : 1e3 * history.force.back().depth;
   summary["status"] = status;
   if (reason) summary["failure"] = report_json(*reason);
-  summary["verdict"] = verdict_of(config, result, status);
+  summary["verdict"] = verdict_of(scene, result, status);
   summary["exit_code"] = static_cast<int>(code);
   summary["version"] = DIMPLE_VERSION;
   summary["scheme"] = model.scheme.name;
   summary["time"] = name_of(result.time);
-  summary["precision"] = config.solver.precision;
-  summary["requested"] = {{"depth_mm", config.load.depth_mm},
-                          {"rate_mm_per_s", config.load.rate_mm_per_s},
-                          {"frames", config.solver.frames}};
+  summary["precision"] = scene.solver.precision;
+  summary["requested"] = {{"depth_mm", scene.depth_mm},
+                          {"rate_mm_per_s", scene.rate_mm_per_s},
+                          {"frames", scene.solver.frames}};
   summary["contact"] = result.loading.touch ? "touching, " + friction_in_words(result.loading.touch->friction)
-                                            : config.load.contact;
+                                            : scene.load.contact;
   add_loads_and_supports(summary, result);
-  summary["material"] = materials_json(config, result.tissues);
+  summary["material"] = materials_json(scene, result.tissues);
   summary["counts"] = counts_json(model);
   if (result.loading.touch) add_touch(summary, *result.loading.touch, result.history);
   add_rigid(summary, result);
@@ -546,12 +546,12 @@ void add_run(Json& summary, const Config& config, const Result& result, const Ru
   add_guards(summary, result);
 }
 
-void add_scene(Json& summary, const Config& config, const Result& result) {
+void add_scene(Json& summary, const Scene& scene, const Result& result) {
   const Model& model = result.model;
   summary["scheme"] = model.scheme.name;
-  summary["precision"] = config.solver.precision;
+  summary["precision"] = scene.solver.precision;
   add_loads_and_supports(summary, result);
-  summary["material"] = materials_json(config, result.tissues);
+  summary["material"] = materials_json(scene, result.tissues);
   summary["counts"] = counts_json(model);
   for (const char* of_circle : {"circle_nodes", "circle_centre_mm", "circle_diameter_mm", "push"})
     summary["counts"].erase(of_circle);

@@ -21,9 +21,9 @@ std::string as_text(const Json& json);
 Json report_json(const Report& report);
 
 /// Of a run that began with an image: what was taken from it, and the model's report.
-Json summary_of_image(const Config& config, const Result& result);
+Json summary_of_image(const Scene& scene, const Result& result);
 /// Of `dimple model`.
-Json summary_of_model(const Config& config, const Result& result);
+Json summary_of_model(const Scene& scene, const Result& result);
 
 /// [s] Of all parts of a run that was resumed together.
 struct RunTimes {
@@ -31,11 +31,11 @@ struct RunTimes {
   std::vector<std::pair<std::string, double>> parts = {};  ///< where the total went; what they lack is added
 };
 /// Adds what came of the march. `reason`: why it ended before its depth, or nullptr.
-void add_run(Json& summary, const Config& config, const Result& result, const RunTimes& times,
+void add_run(Json& summary, const Scene& scene, const Result& result, const RunTimes& times,
              const std::string& status, ExitCode code, const Report* reason);
 
 /// What add_run() says of the body and of what surrounds it, of a case without a march.
-void add_scene(Json& summary, const Config& config, const Result& result);
+void add_scene(Json& summary, const Scene& scene, const Result& result);
 
 /// What the image's resolution leaves open of the last force: half_N and its parts, or why it is unknown.
 Json image_error_json(const ImageError& error);

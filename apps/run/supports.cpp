@@ -8,7 +8,7 @@
 #include <limits>
 #include <set>
 
-#include "apps/run/surface_part.hpp"
+#include "apps/scene/surface_part.hpp"
 #include "io/error.hpp"
 #include "io/words.hpp"
 #include "preprocess/cloud/neighbours.hpp"
@@ -17,7 +17,6 @@
 namespace dimple {
 namespace {
 
-constexpr std::size_t most_supports = 28;  // each has a bit of node_set
 constexpr double on_surface = 0.1;         // spacings
 
 Report report_on(const std::string& name, const char* key, const std::string& fact, const std::string& why,
@@ -26,37 +25,6 @@ Report report_on(const std::string& name, const char* key, const std::string& fa
           .where = fmt::format("support.{}.{}", name, key),
           .why = why,
           .remedy = remedy};
-}
-
-OptionWord word_of(const std::string& name, const Config::Held& held) {
-  std::vector<WordForm> forms = forms_of_surface_part();
-  forms.push_back({.kind = "label", .between = '\0', .names = "NAME"});
-  return parse_word({"the place", std::move(forms), "this names no part of the body"}, held.on,
-                    fmt::format("support.{}.on", name), fmt::format("the support '{}'", name));
-}
-bool is_label(const OptionWord& word) {
-  return word.kind == "label";
-}
-bool slides(const Config::Held& held) {
-  return held.hold == "sliding";
-}
-
-void check(const std::string& name, const Config::Held& held) {
-  if (name == base_set || name == "tool")
-    throw UsageError({.fact = fmt::format("a support is named '{}'", name),
-                      .where = fmt::format("support.{}", name),
-                      .why = "what is held is told of and moved by its name, and the body has that already",
-                      .remedy = "name it differently"});
-  if (held.on.empty())
-    throw UsageError(report_on(name, "on", "is nowhere", "a support is a part of the body",
-                               "give a side such as left, a ball x,y,z,radius in mm, or label:NAME"));
-  if (is_label(word_of(name, held)) && slides(held))
-    throw UsageError(report_on(name, "hold", "slides, and is the tissue of a label",
-                               "tissue slides along a surface, and inner tissue has none",
-                               "give hold = \"fixed\", or a side or a ball in place of the label"));
-  if (held.move_mm.size() != 3)
-    throw UsageError(report_on(name, "move_mm", fmt::format("moves by {} numbers", held.move_mm.size()),
-                               "a way has three components, LPS", "give x,y,z in mm, such as 3,0,0"));
 }
 
 // Nodes of a support, and the mean of the surface's unit normals there.
@@ -115,13 +83,13 @@ bool has(const std::vector<Index>& ascending, Index a) {
   return std::binary_search(ascending.begin(), ascending.end(), a);
 }
 
-void check_nodes(const std::string& name, const Config::Held& held, const Chosen& chosen,
-                 const Discretisation& places, const std::vector<Index>& base) {
+void check_nodes(const Scene::Support& held, const Chosen& chosen, const Discretisation& places, const std::vector<Index>& base) {
   const std::vector<Index>& nodes = chosen.node;
-  const bool of_label = is_label(word_of(name, held));
+  const std::string& name = held.name;
+  const bool of_label = !held.part;
   if (nodes.empty())
     throw ModelError(
-        report_on(name, "on", fmt::format("on '{}' meets no node", held.on),
+        report_on(name, "on", fmt::format("on '{}' meets no node", held.on_words),
                   of_label ? "no integration point has that label, or none that is nearest to a node"
                   : std::isfinite(chosen.nearest_mm)
                       ? fmt::format("the nearest node of the surface is {} from the ball's middle",
@@ -141,15 +109,16 @@ void check_nodes(const std::string& name, const Config::Held& held, const Chosen
                               in_words(1e3 * places.tool.centre)),
                   "move or shrink the support (a ball in place of a side), or move the tool (--indent-at)"));
   if (std::all_of(nodes.begin(), nodes.end(), [&](Index a) { return has(base, a); }))
-    throw ModelError(report_on(name, "on", fmt::format("on '{}' meets no node but the base's", held.on),
+    throw ModelError(report_on(name, "on", fmt::format("on '{}' meets no node but the base's", held.on_words),
                                "the base is held already, and stays where it is",
                                "leave the support out, or choose another --base or a smaller --base-depth"));
 }
 
-HeldSet set_of(const std::string& name, const Config::Held& held, const Chosen& chosen, double depth_mm) {
+HeldSet set_of(const Scene::Support& held, const Chosen& chosen, double depth_mm) {
+  const std::string& name = held.name;
   HeldSet set{.name = name, .node = {}};
   const Vec3 move(held.move_mm[0], held.move_mm[1], held.move_mm[2]);
-  if (!slides(held)) {
+  if (!held.slides) {
     set.direction = move.isZero(0.0) ? move : move.normalized();
     set.share = move.norm() / depth_mm;
     return set;
@@ -199,33 +168,18 @@ int number_of_label(const std::string& label, const std::map<std::string, int>& 
   return known == names.end() ? -1 : known->second;
 }
 
-std::map<std::string, std::string> labels_of_supports(const Config& config) {
-  std::map<std::string, std::string> labels;
-  for (const auto& [name, held] : config.held)
-    if (const OptionWord word = word_of(name, held); is_label(word)) labels[name] = word.name.front();
-  return labels;
+bool names_labels(const Scene& scene) {
+  return std::any_of(scene.supports.begin(), scene.supports.end(),
+                     [](const Scene::Support& support) { return !support.part; });
 }
 
-bool names_labels(const Config& config) {
-  return !labels_of_supports(config).empty();
-}
-
-void check_supports(const Config& config) {
-  for (const auto& [name, held] : config.held) check(name, held);
-  if (config.held.size() > most_supports)
-    throw UsageError({.fact = fmt::format("{} supports are given", config.held.size()),
-                      .where = "support",
-                      .why = fmt::format("at most {} can be told apart in the results", most_supports),
-                      .remedy = "join some that are held alike"});
-}
-
-Supports supports_of(const Config& config, const Discretisation& places,
+Supports supports_of(const Scene& scene, const Discretisation& places,
                      const std::map<std::string, int>& label_names) {
-  check_supports(config);
   Supports result;
-  if (config.held.empty()) return result;
-  const std::vector<Index> base = has_base(config) ? places.base : std::vector<Index>();
-  const bool all_labels = labels_of_supports(config).size() == config.held.size();
+  if (scene.supports.empty()) return result;
+  const std::vector<Index> base = scene.base_is_held ? places.base : std::vector<Index>();
+  const bool all_labels = std::none_of(scene.supports.begin(), scene.supports.end(),
+                                       [](const Scene::Support& support) { return support.part; });
   if (!all_labels && places.surface.empty())
     throw ModelError({.fact = "a support lies on the surface, and this model has none",
                       .where = "support",
@@ -235,15 +189,13 @@ Supports supports_of(const Config& config, const Discretisation& places,
   if (!all_labels) surface.emplace(places.surface.vertex_mm, places.surface.triangles);
   std::vector<Chosen> chosen;
   std::vector<int> owner(static_cast<std::size_t>(places.node_count()), -1);  // the last that takes a node
-  for (const auto& [name, held] : config.held) {
-    const OptionWord word = word_of(name, held);
-    chosen.push_back(is_label(word)
-                         ? nodes_with_label(number_of_label(word.name.front(), label_names), places)
-                         : nodes_on_surface(surface_part_of(word), places, *surface));
-    check_nodes(name, held, chosen.back(), places, base);
+  for (const Scene::Support& held : scene.supports) {
+    chosen.push_back(held.part ? nodes_on_surface(*held.part, places, *surface)
+                               : nodes_with_label(number_of_label(held.label, label_names), places));
+    check_nodes(held, chosen.back(), places, base);
     const auto number = static_cast<int>(result.sets.size());
     for (const Index a : chosen.back().node) owner[static_cast<std::size_t>(a)] = number;
-    result.sets.push_back(set_of(name, held, chosen.back(), config.load.depth_mm));
+    result.sets.push_back(set_of(held, chosen.back(), scene.depth_mm));
   }
   Index taken = 0;
   for (std::size_t k = 0; k < chosen.size(); ++k) {
@@ -262,7 +214,7 @@ Supports supports_of(const Config& config, const Discretisation& places,
                                  "supports named after it take all of them",
                                  "leave one of them out, or make the others smaller"));
     taken += static_cast<Index>(set.node.size());
-    result.words.push_back(sentence(set, config.load.depth_mm, of_base, of_others));
+    result.words.push_back(sentence(set, scene.depth_mm, of_base, of_others));
   }
   Index held_before = 0;
   for (Index a = 0; a < places.node_count(); ++a) held_before += has(base, a) || has(places.circle, a);

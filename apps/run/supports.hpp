@@ -4,23 +4,18 @@
 #include <string>
 #include <vector>
 
-#include "apps/run/config.hpp"
+#include "apps/scene/scene.hpp"
 #include "solver/constraints.hpp"
 #include "solver/terms/touching_tool.hpp"
 
 namespace dimple {
 
-/// Before anything is built: throws UsageError where the words of a support are not understood.
-void check_supports(const Config& config);
-
 /// The label that it is given by its number or its name, or -1.
 int number_of_label(const std::string& label, const std::map<std::string, int>& names);
 /// Whether a support is the tissue of a label: then points need to know theirs.
-bool names_labels(const Config& config);
-/// The labels of those, by the supports' names.
-std::map<std::string, std::string> labels_of_supports(const Config& config);
+bool names_labels(const Scene& scene);
 
-/// What config.held says, as sets of nodes, none of them in two of them or in the base; and a sentence on
+/// What scene.supports says, as sets of nodes, none of them in two of them or in the base; and a sentence on
 /// each.
 struct Supports {
   std::vector<HeldSet> sets;
@@ -28,7 +23,7 @@ struct Supports {
 };
 /// Throws UsageError as check_supports() does; ModelError: a support meets no node, or some of the tool's,
 /// all of them leave nothing free, or the model lacks a surface or labels.
-Supports supports_of(const Config& config, const Discretisation& places,
+Supports supports_of(const Scene& scene, const Discretisation& places,
                      const std::map<std::string, int>& label_names);
 
 /// Throws ModelError: a support holds nodes of the surface that a tool presses where it is pushed in by

@@ -6,10 +6,10 @@
 #include <algorithm>
 #include <limits>
 
-#include "apps/run/config.hpp"
+#include "apps/scene/scene.hpp"
 #include "apps/run/folds.hpp"
 #include "apps/run/loads.hpp"
-#include "apps/run/surface_part.hpp"
+#include "apps/scene/surface_part.hpp"
 #include "apps/run/words.hpp"
 #include "io/error.hpp"
 #include "io/stop.hpp"
@@ -31,18 +31,18 @@ constexpr double comes_closer = 0.5, least_share = 0.25;
 constexpr const char* by_imaged = "load.imaged";
 constexpr const char* taken_off = "taken_off";  // of a model's provenance
 
-bool was_loaded(const Config& config) {
-  return config.load.imaged == "loaded";
+bool was_loaded(const Scene& scene) {
+  return scene.imaged_loaded;
 }
 
 // Whether a load, a film or a support is on a side or in a ball.
-bool names_parts(const Config& config) {
+bool names_parts(const Scene& scene) {
   const auto named = [](const auto& all) {
     return std::any_of(all.begin(), all.end(), [](const auto& one) {
       return one.second.on != "all" && !one.second.on.starts_with("label:");
     });
   };
-  return named(config.pressure) || named(config.membrane) || named(config.held);
+  return named(scene.pressures) || named(scene.membranes) || named(scene.supports);
 }
 
 [[noreturn]] void refuse(const std::string& fact, const std::string& why, const std::string& remedy) {
@@ -64,12 +64,12 @@ struct Equilibrium {
   std::vector<Mat3> F;         // at the points
 };
 
-Equilibrium under_loads(const Config& config, const std::vector<HeldSet>& further, const Result& result,
+Equilibrium under_loads(const Scene& scene, const std::vector<HeldSet>& further, const Result& result,
                         const Surface& imaged) {
   const Model& model = result.model;
-  const ForceSystem tissue(model, result.tissues, precision_of(config));
-  const auto system = make_system(tissue, model, loading_of(config).contact, further,
-                                  loads_of(config, model, imaged), config.solver.tolerance);
+  const ForceSystem tissue(model, result.tissues, scene.solver.precision);
+  const auto system = make_system(tissue, model, scene.contact, further,
+                                  loads_of(scene, model, imaged), scene.solver.tolerance);
   Equilibrium found;
   found.u = system->step_start().u;
   const Points u = found.u.topRows<3>();
@@ -103,25 +103,25 @@ void unload_cells(const Discretisation& imaged, const std::vector<Mat3>& F, Disc
 
 }  // namespace
 
-void check_imaged(const Config& config, const ModelFiles* model) {
-  if (model && model->provenance.contains(taken_off) && names_parts(config))
+void check_imaged(const Scene& scene, const ModelFiles* model) {
+  if (model && model->provenance.contains(taken_off) && names_parts(scene))
     refuse(
         "the body was imaged under its loads, this model is without them, and something acts on a part of it",
         "which part a side or a ball names was decided on the image's shape, and is another here",
         "take the label image with --set load.imaged=loaded, or put it on all of the surface");
-  if (!was_loaded(config)) return;
+  if (!was_loaded(scene)) return;
   if (model && model->provenance.contains(taken_off))
     refuse("the body was imaged under its loads, and this model is without them already",
            "they were taken off when it was made", "leave load.imaged out, and give the loads");
-  if (!has_loads(config) && !has_membranes(config))
+  if (!has_loads(scene) && scene.membranes.empty())
     refuse("the body was imaged under its loads, and there are none", "nothing would be taken off",
            "give --gravity or a pressure");
 }
 
-void take_loads_off(const Config& config, const std::vector<HeldSet>& further,
+void take_loads_off(const Scene& scene, const std::vector<HeldSet>& further,
                     const std::vector<double>& density, const RunLog& log, Result& result) {
-  if (!was_loaded(config)) return;
-  if (folds_touch(config, result.facing_share))
+  if (!was_loaded(scene)) return;
+  if (folds_touch(scene, result.facing_share))
     refuse("folds that touch stand beside a body that was imaged under its loads",
            "the shape without loads is looked for without their contact", "give --self-contact off");
   log.doing("taking the loads off");
@@ -134,7 +134,7 @@ void take_loads_off(const Config& config, const std::vector<HeldSet>& further,
   unloaded.imaged_centre = imaged.tool.centre;
   for (;;) {
     stop_if_asked();
-    const Equilibrium now = under_loads(config, further, result, imaged.surface);
+    const Equilibrium now = under_loads(scene, further, result, imaged.surface);
     const Model& model = result.model;
     const Beside beside{model.X + now.node - imaged.X, model.point + now.point - imaged.point,
                         1e-3 * model.surface.vertex_mm + now.vertex - vertex};

@@ -145,7 +145,7 @@ Answer of_energy(const Result& result) {
   return answer;
 }
 
-Answer of_accuracy(const Config& config, const Result& result) {
+Answer of_accuracy(const Scene& scene, const Result& result) {
   const Band& band = result.band;
   const auto check_image = [&](Answer& answer, double discretisation) {
     const ForceSample last = result.history.force.empty() ? ForceSample() : result.history.force.back();
@@ -163,7 +163,7 @@ Answer of_accuracy(const Config& config, const Result& result) {
   }
   const double force = std::abs(result.history.force.back().force), half = band.half.back();
   Answer answer{.value = 100.0 * half / force, .unit = "%", .of = "discretisation error of the force, +-"};
-  const std::optional<Goal> goal = goal_of(config);
+  const std::optional<Goal> goal = scene.goal;
   const bool asked = goal && (goal->share > 0.0 || goal->absolute > 0.0);
   if (asked && half > goal->half_width(force))
     answer.reasons.insert("larger than the accuracy asked for");
@@ -176,12 +176,12 @@ Answer of_accuracy(const Config& config, const Result& result) {
 
 }  // namespace
 
-Json verdict_of(const Config& config, const Result& result, const std::string& status) {
+Json verdict_of(const Scene& scene, const Result& result, const std::string& status) {
   return {{"image", of_image(result).json()},
           {"model", of_model(result).json()},
           {"equilibrium", of_equilibrium(result, status).json()},
           {"energy", of_energy(result).json()},
-          {"accuracy", of_accuracy(config, result).json()}};
+          {"accuracy", of_accuracy(scene, result).json()}};
 }
 
 }  // namespace dimple

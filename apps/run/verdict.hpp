@@ -22,6 +22,6 @@ inline constexpr double band_to_check = 0.1, band_too_wide = 0.25;  ///< half th
 ///
 /// "check": a warning or a guard concerns it, or its number is beyond the limits above: the force may well be
 /// right, and somebody should look. "bad": the run has failed there, or the number is far beyond.
-nlohmann::ordered_json verdict_of(const Config& config, const Result& result, const std::string& status);
+nlohmann::ordered_json verdict_of(const Scene& scene, const Result& result, const std::string& status);
 
 }  // namespace dimple

@@ -8,7 +8,7 @@
 #include <limits>
 #include <numbers>
 
-#include "apps/run/option_word.hpp"
+#include "apps/scene/option_word.hpp"
 #include "apps/run/steps.hpp"
 #include "apps/run/supports.hpp"
 #include "apps/run/tool.hpp"
@@ -27,75 +27,12 @@
 namespace dimple {
 namespace {
 
-constexpr const char* wall_of_option = "wall";
 constexpr double hull_closes_mm = 12.0;  // gaps in the body narrower than this: its fissures
 constexpr double faces_wall = -0.3;      // outward normal of the body . that of the wall, at most
 // How far from the body a wall is looked for: of the body's size, and at least and at most [m].
 constexpr double reach_of_size = 0.15, least_reach = 10e-3, most_reach = 30e-3;
 constexpr double overlap_voxels = 1.0;    // that neighbouring labels may have
 constexpr double overlap_spacings = 0.2;  // the same where there is no image
-
-std::string wall_key(const std::string& name, const char* option) {
-  return name == wall_of_option && std::string(option) == "shape" ? "--wall (load.wall)"
-                                                                  : fmt::format("wall.{}.{}", name, option);
-}
-
-[[noreturn]] void refuse_wall(const std::string& name, const std::string& fact, const char* option,
-                              const std::string& why, const std::string& remedy) {
-  throw UsageError({.fact = fmt::format("the wall '{}' {}", name, fact),
-                    .where = wall_key(name, option),
-                    .why = why,
-                    .remedy = remedy});
-}
-
-std::string of_wall(const std::string& name) {
-  return fmt::format("the wall '{}'", name);
-}
-
-WordNumber gap_number() {
-  return {"gap", "mm", 1e-3, 0.0, 100.0};
-}
-
-OptionWord word_of_wall(const std::string& name, const Config::Wall& wall) {
-  if (trimmed(wall.shape).empty())
-    refuse_wall(name, "has no shape", "shape", "it is not known where it stands",
-                "give label:NAME, a closed mesh such as skull.stl, plane:x,y,z,nx,ny,nz, or around:2mm");
-  return parse_word({"the shape",
-                     {{.kind = "label", .names = "NAME"},
-                      {"plane", joined(place_numbers(1e-3), direction_numbers())},
-                      {"around", {gap_number()}, "around:2mm"}},
-                     fmt::format("this names no wall; a mesh is read from {} files", surface_suffixes),
-                     true},
-                    wall.shape, wall_key(name, "shape"), of_wall(name));
-}
-
-ToolPose plane_of(const OptionWord& word) {
-  const Vec3 normal = word.three(3);
-  if (!(normal.norm() > 0.0)) refuse_word(word, "has no normal", "three zeros are no direction");
-  return {word.three(), normal.normalized()};
-}
-
-BodySurface surface_of_file(const std::string& name, const std::filesystem::path& file) {
-  const SurfaceFile drawn = read_surface_mesh(file);
-  bool turned = false;
-  TriangleMesh mesh =
-      closed_drawing({.name = file.filename().string(), .what = "wall", .where = wall_key(name, "shape")},
-                     drawn.position_mm, drawn.triangles, turned);
-  return {std::move(mesh.vertex), std::move(mesh.triangles)};
-}
-
-std::optional<Eigen::Vector4d> opening_of(const std::string& name, const Config::Wall& wall) {
-  const OptionWord word = parse_word({"the opening", {{"none"}, {"", ball_numbers()}}}, wall.opening,
-                                     wall_key(name, "opening"), of_wall(name));
-  if (word.number.empty()) return std::nullopt;
-  return Eigen::Vector4d(word.number.data());
-}
-
-std::optional<double> gap_of(const std::string& name, const Config::Wall& wall) {
-  const OptionWord word = parse_word({"the gap", {{"image"}, {"", {gap_number()}, "0.5mm"}}}, wall.gap,
-                                     wall_key(name, "gap"), of_wall(name));
-  return word.number.empty() ? std::nullopt : std::optional(word.number.front());
-}
 
 // The distance field of a wall around the model's box, with what was done.
 DistanceGrid field_of(const BodySurface& wall, bool hollow, const Model& model, double finest_mm,
@@ -112,13 +49,13 @@ struct WallShape {
   std::string words;
 };
 
-WallShape wall_shape_of(const std::string& name, const Config::Wall& wall, const Model& model,
-                        const LabelImage* image, const Organ* organ, double reach) {
-  const OptionWord word = word_of_wall(name, wall);
+WallShape wall_shape_of(const Scene::Wall& wall, const Model& model, const LabelImage* image,
+                        const Organ* organ, double reach) {
+  using Kind = Scene::Wall::Kind;
   WallShape result;
-  if (word.kind == "plane") {
+  if (wall.kind == Kind::plane) {
     result.shape = plane_shape();
-    result.pose = plane_of(word);
+    result.pose = {wall.place, wall.normal};
     result.words = "a plane";
     return result;
   }
@@ -126,29 +63,31 @@ WallShape wall_shape_of(const std::string& name, const Config::Wall& wall, const
     result.shape =
         field_shape(std::make_shared<const DistanceGrid>(field_of(surface, hollow, model, finest, reach)));
   };
-  if (word.kind == "file") {
-    const std::filesystem::path file = word.name.front();
-    take(surface_of_file(name, file), false, 0.0);
-    result.words = fmt::format("the mesh {}", file.filename().string());
+  if (wall.kind == Kind::mesh) {
+    take(*wall.mesh, false, 0.0);
+    result.words = fmt::format("the mesh {}", std::filesystem::path(wall.file).filename().string());
     return result;
   }
   if (!image || !organ || image->run.empty())
-    refuse_wall(name, fmt::format("is '{}', and there is no label image", wall.shape), "shape",
-                "the model was made before, and its files do not hold the image",
-                "begin with the image: dimple run IMAGE --wall ...");
+    throw UsageError(
+        {.fact = fmt::format("the wall '{}' is '{}', and there is no label image", wall.name, wall.words),
+         .where = wall_key(wall.name, "shape"),
+         .why = "the model was made before, and its files do not hold the image",
+         .remedy = "begin with the image: dimple run IMAGE --wall ..."});
   const double voxel = image->spacing().minCoeff();
-  if (word.kind == "label") {
+  if (wall.kind == Kind::labels) {
     std::vector<int> labels;
-    for (const std::string& label : word.name) labels.push_back(number_of_label(label, organ->label_names));
+    for (const std::string& label : wall.labels) labels.push_back(number_of_label(label, organ->label_names));
     const SegmentedBody solid = make_body_surface(*image, labels);
     take(solid.surface, false, voxel);
-    result.words = fmt::format("{} {}", labels.size() == 1 ? "label" : "labels", fmt::join(word.name, ","));
+    result.words =
+        fmt::format("{} {}", labels.size() == 1 ? "label" : "labels", fmt::join(wall.labels, ","));
     if (solid.report.dropped_volume_mm3 > 0.0)
       result.words += fmt::format(", the largest of its {} pieces (without {})", solid.report.pieces,
                                   volume_in_words(solid.report.dropped_volume_mm3));
     return result;
   }
-  result.gap = word.number.front();
+  result.gap = wall.around;
   const Vec3 size = organ->body->surface.upper() - organ->body->surface.lower();
   const double closes = std::min(hull_closes_mm, 0.5 * size.minCoeff());
   const ClosedImage closed = close_gaps(organ->closed ? organ->closed->image : *image, organ->labels, closes);
@@ -160,74 +99,19 @@ WallShape wall_shape_of(const std::string& name, const Config::Wall& wall, const
 
 }  // namespace
 
-std::map<std::string, Config::Wall> walls_named(const Config& config) {
-  std::map<std::string, Config::Wall> walls = config.wall;
-  if (config.load.wall == "none") return walls;
-  std::string config_shape = config.load.wall;
-  Config::Wall& its = walls[wall_of_option];  // its other options may be given by that name
-  std::swap(its.shape, config_shape);
-  if (!config_shape.empty())
-    refuse_wall(wall_of_option, "is given twice", "shape", "the one of --wall has that name",
-                "give one of them, or the other a name of its own");
-  return walls;
-}
-
-namespace {
-
-// A body whose base is not held: what carries it, and what keeps it from drifting. Friction does not: before
-// anything is pressed there is none, and no equilibrium was found from there.
-void check_bed(const Config& config) {
-  if (has_base(config)) return;
-  constexpr const char* option = "--base-hold (boundary.base_hold)";
-  if (!has_walls(config) && config.held.empty())
-    throw UsageError({.fact = "the base is not held, and nothing carries the body",
-                      .where = option,
-                      .why = "it would move as a whole",
-                      .remedy = "give a wall below it, as --wall plane:0,0,0,0,0,1, or a support"});
-  // A bonded circle keeps its nodes on their way, but not before the loads have done their work.
-  const bool circle_holds =
-      config.tool.shape == "circle" && config.load.contact == "bonded" && !has_loads(config);
-  const bool support_holds = std::any_of(config.held.begin(), config.held.end(),
-                                         [](const auto& support) { return support.second.hold == "fixed"; });
-  if (circle_holds || support_holds) return;
-  throw UsageError(
-      {.fact = "nothing holds the body sideways before it is pressed on its walls",
-       .where = option,
-       .why = "the base is not held, walls and tools press alone, and friction holds only what is pressed",
-       .remedy =
-           "take a bonded circle without gravity or pressures, or give a [support.NAME] that is fixed"});
-}
-
-}  // namespace
-
-void check_walls(const Config& config) {
-  for (const auto& [name, wall] : walls_named(config)) {
-    const OptionWord word = word_of_wall(name, wall);
-    if (word.kind == "plane") plane_of(word);
-    if (word.kind == "file") surface_of_file(name, word.name.front());
-    friction_of(wall.friction, wall_key(name, "friction"));
-    opening_of(name, wall);
-    if (gap_of(name, wall) && word.kind == "around")
-      refuse_wall(name, "has two gaps", "gap", "around:GAP is at that gap already", "leave one of them out");
-  }
-  check_bed(config);
-}
-
-void check_walls(const Config& config, const LabelImage& image, const std::vector<int>& of_body,
+void check_walls(const Scene& scene, const LabelImage& image, const std::vector<int>& of_body,
                  const std::map<std::string, int>& names) {
-  for (const auto& [name, wall] : walls_named(config)) {
-    const OptionWord word = word_of_wall(name, wall);
-    if (word.kind != "label") continue;
-    for (const std::string& label : word.name) {
+  for (const Scene::Wall& wall : scene.walls) {
+    for (const std::string& label : wall.labels) {
       const int value = number_of_label(label, names);
       const bool there =
           std::any_of(image.run.begin(), image.run.end(), [&](const Run& run) { return run.label == value; });
       if (there && !of_body.empty() && std::find(of_body.begin(), of_body.end(), value) == of_body.end())
         continue;
       throw InputError(
-          {.fact = there ? fmt::format("label '{}' is both the wall '{}' and a part of the body", label, name)
-                         : fmt::format("the image has no label '{}' for the wall '{}'", label, name),
-           .where = wall_key(name, "shape"),
+          {.fact = there ? fmt::format("label '{}' is both the wall '{}' and a part of the body", label, wall.name)
+                         : fmt::format("the image has no label '{}' for the wall '{}'", label, wall.name),
+           .where = wall_key(wall.name, "shape"),
            .why = there ? "a wall is rigid, and what is soft is another label" : "no voxel has it",
            .remedy = there ? "choose the labels of the body with --label"
                            : "`dimple info IMAGE` shows the labels"});
@@ -324,14 +208,12 @@ struct Standing {
   std::optional<Eigen::Vector4d> opening;
 };
 
-std::vector<Standing> standing_walls(const Config& config, const Loading& loading) {
+std::vector<Standing> standing_walls(const Scene& scene, const Loading& loading) {
   std::vector<Standing> walls;
-  const std::map<std::string, Config::Wall> named = walls_named(config);
   for (const Touch& wall : loading.walls) {
-    const auto its = named.find(wall.name);
-    if (wall.is_tool || its == named.end()) continue;
-    walls.push_back({wall, wall.set_back.size() > 0 ? wall.set_back.minCoeff() : 0.0,
-                     opening_of(its->first, its->second)});
+    const Scene::Wall* its = named(scene.walls, wall.name);
+    if (wall.is_tool || !its) continue;
+    walls.push_back({wall, wall.set_back.size() > 0 ? wall.set_back.minCoeff() : 0.0, its->opening});
   }
   return walls;
 }
@@ -360,8 +242,8 @@ Nearest nearest_of(const std::vector<Standing>& walls, const Vec3& place_mm) {
 
 }  // namespace
 
-GapAt gap_to_walls(const Config& config, const Loading& loading) {
-  const std::vector<Standing> walls = standing_walls(config, loading);
+GapAt gap_to_walls(const Scene& scene, const Loading& loading) {
+  const std::vector<Standing> walls = standing_walls(scene, loading);
   if (walls.empty()) return {};
   return [walls](const Vec3& place_mm) { return nearest_of(walls, place_mm).gap; };
 }
@@ -393,9 +275,9 @@ Points shaft_of(const ToolPlace& circle) {
 
 }  // namespace
 
-std::string tool_in_wall(const Config& config, const Model& model, const Loading& loading) {
+std::string tool_in_wall(const Scene& scene, const Model& model, const Loading& loading) {
   constexpr double little = 0.1;  // of the tool's radius
-  const std::vector<Standing> walls = standing_walls(config, loading);
+  const std::vector<Standing> walls = standing_walls(scene, loading);
   if (walls.empty()) return {};
   double most = 0.0;
   std::string words;
@@ -435,9 +317,9 @@ std::string in_words(const std::string& name, const TouchingTool::Touched& wall)
                      length_in_words(1e3 * wall.penetration));
 }
 
-Walls walls_beside(const Config& config, const Model& model, const LabelImage* image, const Organ* organ) {
+Walls walls_beside(const Scene& scene, const Model& model, const LabelImage* image, const Organ* organ) {
   Walls walls;
-  if (!has_walls(config)) return walls;
+  if (scene.walls.empty()) return walls;
   if (model.surface.empty())
     throw ModelError({.fact = "a wall stands beside the body, and this model has no surface to touch it with",
                       .where = "wall",
@@ -445,16 +327,17 @@ Walls walls_beside(const Config& config, const Model& model, const LabelImage* i
                       .remedy = "take the label image, or leave the wall out"});
   const double size = (model.X.rowwise().maxCoeff() - model.X.rowwise().minCoeff()).maxCoeff();
   const double reach =
-      std::max(std::clamp(reach_of_size * size, least_reach, most_reach), 1.5 * deepest(config, model.tool));
-  for (const auto& [name, its] : walls_named(config)) {
+      std::max(std::clamp(reach_of_size * size, least_reach, most_reach), 1.5 * deepest(scene, model.tool));
+  for (const Scene::Wall& its : scene.walls) {
+    const std::string& name = its.name;
     Touch wall;
-    const WallShape shape = wall_shape_of(name, its, model, image, organ, reach);
+    const WallShape shape = wall_shape_of(its, model, image, organ, reach);
     wall.shape = shape.shape;
     wall.pose = shape.pose;
     wall.name = name;
     wall.motion = Vec3::Zero().eval();
-    wall.friction = friction_of(its.friction, wall_key(name, "friction"));
-    wall.surface = facing_surface(model, wall, reach, opening_of(name, its), its.places);
+    wall.friction = its.friction;
+    wall.surface = facing_surface(model, wall, reach, its.opening, its.places);
     if (wall.surface.count() == 0)
       throw ModelError(
           {.fact = fmt::format("nothing of the body can come to the wall '{}'", name),
@@ -469,7 +352,7 @@ Walls walls_beside(const Config& config, const Model& model, const LabelImage* i
            .code = "wall"});
     const double allowed = image && !image->run.empty() ? 1e-3 * overlap_voxels * image->spacing().maxCoeff()
                                                         : overlap_spacings * model.spacing.mean();
-    const std::string apart = set_back(name, shape, gap_of(name, its), allowed, wall);
+    const std::string apart = set_back(name, shape, its.gap, allowed, wall);
     walls.words.push_back(fmt::format("{}: {}, {}; {}; {} parts of the surface may touch it", name,
                                       shape.words, friction_in_words(wall.friction), apart,
                                       wall.surface.count()));

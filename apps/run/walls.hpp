@@ -4,21 +4,15 @@
 #include <string>
 #include <vector>
 
-#include "apps/run/config.hpp"
+#include "apps/scene/scene.hpp"
 #include "apps/run/organ.hpp"
 #include "io/draw/zero_pieces.hpp"
 #include "solver/march.hpp"
 
 namespace dimple {
 
-/// All walls by name; that of --wall is called "wall".
-std::map<std::string, Config::Wall> walls_named(const Config& config);
-
-/// Before anything is built: throws UsageError where the words of a wall are not understood, or nothing
-/// carries the body; InputError: the file of one is no closed mesh.
-void check_walls(const Config& config);
 /// Once the image is read: throws InputError where a wall is a label that is not there, or is of the body.
-void check_walls(const Config& config, const LabelImage& image, const std::vector<int>& of_body,
+void check_walls(const Scene& scene, const LabelImage& image, const std::vector<int>& of_body,
                  const std::map<std::string, int>& names);
 
 /// The walls beside a model, and what was found of each, in a sentence.
@@ -29,15 +23,15 @@ struct Walls {
 /// `image`: of the labels, and `organ`: as it was read from it; null: the model was made before. Throws
 /// UsageError: a wall is made of an image, and there is none; ModelError: a wall lies in the body by more
 /// than a voxel, with the place, or nothing of the body can reach it.
-Walls walls_beside(const Config& config, const Model& model, const LabelImage* image, const Organ* organ);
+Walls walls_beside(const Scene& scene, const Model& model, const LabelImage* image, const Organ* organ);
 
 /// How far a place is from the nearest of the walls [mm]; not a number where that is open. Empty: there are
 /// none.
-GapAt gap_to_walls(const Config& config, const Loading& loading);
+GapAt gap_to_walls(const Scene& scene, const Loading& loading);
 
 /// Of a tool that lies in a wall, as it begins or where it straight goes, by more than a tenth of its radius:
 /// a warning. Empty: none does.
-std::string tool_in_wall(const Config& config, const Model& model, const Loading& loading);
+std::string tool_in_wall(const Scene& scene, const Model& model, const Loading& loading);
 
 /// "skull: pushed with 1.20 N net over 350 mm2; the surface reaches 0.0123 mm into it at most", or "not
 /// touched".

@@ -15,7 +15,7 @@
 
 #include "apps/run/checkpoint.hpp"
 #include "apps/run/compare.hpp"
-#include "apps/run/compatibility.hpp"
+#include "apps/scene/compatibility.hpp"
 #include "apps/run/organ.hpp"
 #include "apps/run/result_folder.hpp"
 #include "apps/run/stopwatch.hpp"

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "apps/run/config.hpp"
+#include "apps/scene/config.hpp"
 #include "apps/run/record.hpp"
 #include "io/error.hpp"
 #include "io/table.hpp"

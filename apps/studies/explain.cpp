@@ -11,7 +11,7 @@
 #include <tuple>
 
 #include "apps/run/band.hpp"
-#include "apps/run/compatibility.hpp"
+#include "apps/scene/compatibility.hpp"
 #include "apps/run/folds.hpp"
 #include "apps/run/membranes.hpp"
 #include "apps/run/organ.hpp"

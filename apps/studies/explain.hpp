@@ -7,7 +7,7 @@
 #include <utility>
 #include <vector>
 
-#include "apps/run/config.hpp"
+#include "apps/scene/config.hpp"
 #include "io/types.hpp"
 #include "solver/terms/tool_shape.hpp"
 

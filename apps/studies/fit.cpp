@@ -8,7 +8,7 @@
 #include <limits>
 #include <optional>
 
-#include "apps/run/compatibility.hpp"
+#include "apps/scene/compatibility.hpp"
 #include "apps/run/organ.hpp"
 #include "apps/run/results.hpp"
 #include "apps/run/simulate.hpp"

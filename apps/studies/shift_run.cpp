@@ -5,11 +5,11 @@
 #include <algorithm>
 #include <cmath>
 
-#include "apps/run/compatibility.hpp"
+#include "apps/scene/compatibility.hpp"
 #include "apps/run/folds.hpp"
 #include "apps/run/loads.hpp"
 #include "apps/run/membranes.hpp"
-#include "apps/run/option_word.hpp"
+#include "apps/scene/option_word.hpp"
 #include "apps/run/pipeline.hpp"
 #include "apps/run/steps.hpp"
 #include "apps/run/stopwatch.hpp"

@@ -4,7 +4,7 @@
 
 #include <string>
 
-#include "apps/run/config.hpp"
+#include "apps/scene/config.hpp"
 #include "preprocess/surface/label_surface.hpp"
 #include "solver/terms/internal_force.hpp"
 

@@ -1,4 +1,4 @@
-// The table of what does not go together (apps/run/compatibility.hpp): each pair of features, and of a
+// The table of what does not go together (apps/scene/compatibility.hpp): each pair of features, and of a
 // feature and a driver, is computed by the real program or refused in the table's words.
 
 #include <gmock/gmock.h>
@@ -11,7 +11,7 @@
 #include <optional>
 #include <utility>
 
-#include "apps/run/compatibility.hpp"
+#include "apps/scene/compatibility.hpp"
 #include "tests/end_to_end/program.hpp"
 
 namespace dimple {

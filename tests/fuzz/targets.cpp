@@ -9,7 +9,7 @@
 #include <fstream>
 #include <string>
 
-#include "apps/run/config.hpp"
+#include "apps/scene/config.hpp"
 #include "apps/run/model_files.hpp"
 #include "io/error.hpp"
 #include "io/label_image.hpp"

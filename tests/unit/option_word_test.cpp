@@ -1,6 +1,6 @@
 // Words of options: what is read of them, and what a refusal names.
 
-#include "apps/run/option_word.hpp"
+#include "apps/scene/option_word.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -7,7 +7,7 @@
 #include <fstream>
 #include <random>
 
-#include "apps/run/config.hpp"
+#include "apps/scene/config.hpp"
 #include "io/error.hpp"
 #include "preprocess/build_model.hpp"
 #include "preprocess/image/phantom.hpp"

@@ -11,7 +11,7 @@
 #include <string>
 #include <vector>
 
-#include "apps/run/config.hpp"
+#include "apps/scene/config.hpp"
 #include "apps/run/simulate.hpp"
 #include "preprocess/image/phantom.hpp"
 #include "preprocess/supports/support.hpp"

@@ -6,7 +6,7 @@
 #include <cmath>
 #include <random>
 
-#include "apps/run/config.hpp"
+#include "apps/scene/config.hpp"
 #include "apps/run/tool.hpp"
 #include "io/error.hpp"
 #include "preprocess/build_model.hpp"

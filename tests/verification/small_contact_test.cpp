@@ -9,7 +9,7 @@
 #include <map>
 #include <numbers>
 
-#include "apps/run/config.hpp"
+#include "apps/scene/config.hpp"
 #include "apps/run/tool.hpp"
 #include "io/table.hpp"
 #include "preprocess/build_model.hpp"

@@ -10,7 +10,7 @@
 #include <cstdlib>
 #include <map>
 
-#include "apps/run/config.hpp"
+#include "apps/scene/config.hpp"
 #include "apps/run/tool.hpp"
 #include "io/table.hpp"
 #include "preprocess/build_model.hpp"

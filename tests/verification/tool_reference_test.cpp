@@ -9,7 +9,7 @@
 #include <utility>
 #include <vector>
 
-#include "apps/run/config.hpp"
+#include "apps/scene/config.hpp"
 #include "apps/run/tool.hpp"
 #include "io/table.hpp"
 #include "preprocess/build_model.hpp"

@@ -9,7 +9,7 @@
 #include <numbers>
 
 #include "apps/run/band.hpp"
-#include "apps/run/config.hpp"
+#include "apps/scene/config.hpp"
 #include "io/stop.hpp"
 #include "solver/solve.hpp"
 #include "tests/helpers/shapes.hpp"

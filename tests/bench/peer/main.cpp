@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "apps/run/config.hpp"
+#include "apps/scene/config.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "tests/bench/peer/hexahedral_model.hpp"

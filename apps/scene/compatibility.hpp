@@ -6,7 +6,7 @@
 #include <span>
 #include <string>
 
-#include "apps/run/config.hpp"
+#include "apps/scene/scene.hpp"
 #include "io/error.hpp"
 
 namespace dimple {
@@ -126,27 +126,27 @@ std::span<const Need> needs();
 
 /// What of the table a configuration asks for, without drivers. Throws UsageError, InputError: a tool, a
 /// friction or a material is not understood.
-Features features_of(const Config& config);
+Features features_of(const Scene& scene);
 
 /// Why this configuration does not go with the driver: what check_pairs() throws. Nothing: it goes.
-std::optional<Report> clash_of(const Config& config, Feature driver);
+std::optional<Report> clash_of(const Scene& scene, Feature driver);
 
 /// Before anything is built: throws UsageError where two features of the configuration do not go together, or
 /// one does not go with the driver. Throws what features_of() throws.
-void check_pairs(const Config& config, Feature driver);
+void check_pairs(const Scene& scene, Feature driver);
 
 /// Throws UsageError: the configuration has `feature`, which does not go with `beside`. For what is known
 /// later than the configuration: that a march has inertia, or the scheme of a model that was made before.
-void check_pair(const Config& config, Feature feature, Feature beside);
+void check_pair(const Scene& scene, Feature feature, Feature beside);
 
 inline constexpr const char* not_for_dynamics = "not calibrated for dynamics";
 /// The reason why the configuration has no `wanted`, which are error bounds or a proportional force; empty:
 /// it has.
-std::string why_without(const Config& config, Feature wanted);
+std::string why_without(const Scene& scene, Feature wanted);
 
 /// Throws UsageError: a law, a stress or several tissues that the scheme does not know. The scheme may be
 /// that of a model that was made before.
-void check_materials(const Config& config, const Scheme& scheme);
+void check_materials(const Scene& scene, const Scheme& scheme);
 
 /// The table for people, a paragraph for each feature that does not go with another.
 std::string pairs_in_words();

@@ -1,4 +1,4 @@
-#include "apps/run/surface_part.hpp"
+#include "apps/scene/surface_part.hpp"
 
 #include <Eigen/Geometry>
 

@@ -1,6 +1,6 @@
 #include <array>
 
-#include "apps/run/compatibility.hpp"
+#include "apps/scene/compatibility.hpp"
 
 // Short names, which are this table's alone.
 namespace dimple::compatibility {

@@ -2,7 +2,7 @@
 #include <string>
 #include <vector>
 
-#include "apps/run/config.hpp"
+#include "apps/scene/config.hpp"
 #include "preprocess/scene/sides.hpp"
 
 namespace dimple {
@@ -255,7 +255,7 @@ std::vector<Option> options_of(Config& config) {
 
 // clang-format off
 
-std::vector<Option> options_of(Config::Pressure& p) {
+std::vector<Option> options_of(PressureText& p) {
   return {
       {.key = "pressure.pressure_Pa", .unit = "Pa", .value = &p.pressure_Pa, .least = -1e9, .most = 1e9,
        .stage = "solve", .help = "pressure on the surface, into the tissue; also in a cavity, which it widens"},
@@ -266,7 +266,7 @@ std::vector<Option> options_of(Config::Pressure& p) {
   };
 }
 
-std::vector<Option> options_of(Config::Film& m) {
+std::vector<Option> options_of(FilmText& m) {
   return {
       {.key = "membrane.thickness_mm", .unit = "mm", .value = &m.thickness_mm, .most = 1000,
        .stage = "solve", .help = "thickness"},
@@ -283,7 +283,7 @@ std::vector<Option> options_of(Config::Film& m) {
   };
 }
 
-std::vector<Option> options_of(Config::Wall& w) {
+std::vector<Option> options_of(WallText& w) {
   return {
       {.key = "wall.shape", .value = &w.shape, .stage = "solve",
        .help = "label:NAME of the image, or several, as label:3,4; a closed mesh FILE.stl, .obj or .vtp in "
@@ -302,7 +302,7 @@ std::vector<Option> options_of(Config::Wall& w) {
   };
 }
 
-std::vector<Option> options_of(Config::Held& h) {
+std::vector<Option> options_of(SupportText& h) {
   return {
       {.key = "support.on", .value = &h.on, .stage = "solve",
        .help = "where: the surface that faces a side, what of it lies in a ball x,y,z,radius in mm, or "
@@ -314,7 +314,7 @@ std::vector<Option> options_of(Config::Held& h) {
   };
 }
 
-std::vector<Option> options_of(Config::OtherTool& t) {
+std::vector<Option> options_of(FurtherToolText& t) {
   return {
       {.key = "tool.shape", .value = &t.shape, .stage = "model",
        .help = "what touches beside the tool, as --tool has it: sphere:RADIUS, ..., FILE.stl"},
@@ -329,7 +329,7 @@ std::vector<Option> options_of(Config::OtherTool& t) {
   };
 }
 
-std::vector<Option> options_of(Config::Step& s) {
+std::vector<Option> options_of(StepText& s) {
   return {
       {.key = "step.moves", .value = &s.moves, .stage = "solve",
        .help = "what moves in this step: tool, or the name of a support or of a further tool"},

@@ -1,4 +1,4 @@
-#include "apps/run/option_word.hpp"
+#include "apps/scene/option_word.hpp"
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -6,7 +6,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "apps/run/config.hpp"
+#include "apps/scene/config.hpp"
 #include "io/digits.hpp"
 #include "io/error.hpp"
 #include "io/surface_mesh.hpp"

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "apps/run/option_word.hpp"
+#include "apps/scene/option_word.hpp"
 #include "preprocess/model.hpp"
 
 namespace dimple {

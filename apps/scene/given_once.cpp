@@ -1,8 +1,8 @@
-#include "apps/run/given_once.hpp"
+#include "apps/scene/given_once.hpp"
 
 #include <fmt/format.h>
 
-#include "apps/run/config.hpp"
+#include "apps/scene/config.hpp"
 #include "io/error.hpp"
 
 namespace dimple {

@@ -1,0 +1,14 @@
+#pragma once
+
+#include "apps/run/band.hpp"
+#include "apps/scene/scene.hpp"
+
+namespace dimple {
+
+/// Choices of the nodes and points of a scene's model.
+ModelOptions model_options(const Scene& scene);
+
+/// Smallest error that can be told of what is asked for: see FloorOfBand.
+FloorOfBand band_floor(const Scene& scene);
+
+}  // namespace dimple

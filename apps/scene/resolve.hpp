@@ -1,0 +1,12 @@
+#pragma once
+
+#include "apps/scene/config.hpp"
+
+namespace dimple {
+
+/// The scene that options describe, once resolve_material() has completed them. The only function of a run
+/// that reads them. Throws UsageError: a word is not understood, or parts of the scene contradict each other;
+/// InputError: a file of a tool, a wall or a cut. What of a scene goes together is checked by check_pairs().
+Scene resolve(const Config& config);
+
+}  // namespace dimple

@@ -1,0 +1,259 @@
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "apps/scene/config.hpp"
+#include "io/error.hpp"
+
+namespace dimple {
+
+std::vector<std::pair<std::string, StepText>> steps_in_order(const Config& config) {
+  std::vector<std::pair<std::string, StepText>> steps(config.step.begin(), config.step.end());
+  std::sort(steps.begin(), steps.end(),
+            [](const auto& a, const auto& b) { return a.second.order < b.second.order; });
+  return steps;
+}
+
+std::vector<std::pair<std::string, StepText>> moving_steps(const Config& config) {
+  auto steps = steps_in_order(config);
+  std::erase_if(steps, [](const auto& step) { return !step.second.cut.empty(); });
+  return steps;
+}
+
+namespace {
+
+// What a name of one's own stands for, below a section: "load.pressure.csf.on".
+template <class Named>
+struct NamedSection {
+  std::map<std::string, Named>& named;
+  std::string_view section, what, example;
+
+  // Of a key that is one of those; the name need not be there yet.
+  std::optional<Option> option_of(const std::string& key, const std::string& source) const {
+    const auto dot = key.rfind('.');
+    if (!key.starts_with(section) || dot < section.size()) return std::nullopt;
+    const std::string name = key.substr(section.size(), dot - section.size()), own(what);
+    if (name.empty())
+      throw UsageError({.fact = fmt::format("'{}' names no option of a {}", key, what),
+                        .where = source,
+                        .why = fmt::format("keys are {}name.option", section),
+                        .remedy = std::string(example)});
+    if (name.find('.') != std::string::npos)
+      throw UsageError(
+          {.fact = fmt::format("a {} is called '{}', and a name holds no dot", own, name),
+           .where = source,
+           .why = fmt::format("dots part keys: {}name.option, here and in summary.json's own paths", section),
+           .remedy = std::string(example)});
+    std::vector<Option> options = options_of(named[name]);
+    Option* option = find_option(options, own + key.substr(dot));
+    if (!option) {
+      for (Option& one : options) one.key = fmt::format("{}{}{}", section, name, one.key.substr(own.size()));
+      refuse_key(options, key, source);
+    }
+    return *option;
+  }
+  // The key of each option as it is written, and the option.
+  std::vector<std::pair<std::string, Option>> all() const {
+    std::vector<std::pair<std::string, Option>> result;
+    for (auto& [name, its] : named)
+      for (const Option& option : options_of(its))
+        result.emplace_back(fmt::format("{}{}{}", section, name, option.key.substr(option.key.find('.'))),
+                            option);
+    return result;
+  }
+};
+
+NamedSection<PressureText> pressures_of(Config& config) {
+  return {config.pressure, "load.pressure.", "pressure",
+          "for instance --set load.pressure.csf.pressure=500Pa"};
+}
+NamedSection<FilmText> membranes_of(Config& config) {
+  return {config.membrane, "membrane.", "membrane", "for instance --set membrane.pia.thickness=0.1mm"};
+}
+NamedSection<WallText> walls_of(Config& config) {
+  return {config.wall, "wall.", "wall", "for instance --set wall.skull.shape=label:skull"};
+}
+NamedSection<SupportText> supports_of(Config& config) {
+  return {config.held, "support.", "support", "for instance --set support.retractor.on=left"};
+}
+
+NamedSection<FurtherToolText> tools_of(Config& config) {
+  return {config.other_tool, "tool.", "tool", "for instance --set tool.left.shape=sphere:4mm"};
+}
+
+NamedSection<StepText> steps_of(Config& config) {
+  return {config.step, "step.", "step", "for instance --set step.press.move=4mm"};
+}
+
+std::optional<Option> named_option(Config& config, const std::string& key, const std::string& source) {
+  if (auto option = pressures_of(config).option_of(key, source)) return option;
+  if (auto option = membranes_of(config).option_of(key, source)) return option;
+  if (auto option = walls_of(config).option_of(key, source)) return option;
+  if (auto option = supports_of(config).option_of(key, source)) return option;
+  if (auto option = tools_of(config).option_of(key, source)) return option;
+  const int before = static_cast<int>(config.step.size());
+  auto option = steps_of(config).option_of(key, source);
+  if (static_cast<int>(config.step.size()) > before)
+    config.step[key.substr(5, key.rfind('.') - 5)].order = before;
+  return option;
+}
+
+std::vector<std::pair<std::string, Option>> named_options(Config& config) {
+  auto all = pressures_of(config).all(), membranes = membranes_of(config).all(),
+       walls = walls_of(config).all(), supports = supports_of(config).all(), tools = tools_of(config).all(),
+       steps = steps_of(config).all();
+  for (const auto* further : {&membranes, &walls, &supports, &tools, &steps})
+    all.insert(all.end(), further->begin(), further->end());
+  return all;
+}
+
+// A file of all options holds both in one table.
+void refuse_names_of_options(const Config& config, const std::string& source) {
+  if (config.held.contains("radius_factor"))
+    throw UsageError({.fact = "a support is named 'radius_factor'",
+                      .where = source,
+                      .why = "support.radius_factor is an option of the moving least squares",
+                      .remedy = "give it another name, such as support.retractor"});
+  for (const char* taken : {"shape", "friction"})
+    if (config.other_tool.contains(taken))
+      throw UsageError({.fact = fmt::format("a further tool is named '{}'", taken),
+                        .where = source,
+                        .why = fmt::format("tool.{} is an option of the tool itself", taken),
+                        .remedy = "give it another name, such as tool.left"});
+}
+
+// "tissue.2.mu" -> label "2" and "material.mu_Pa", checked as that option is.
+bool set_tissue(Config& config, const std::string& key, const std::string& text, const std::string& source) {
+  if (!key.starts_with("tissue.")) return false;
+  const auto dot = key.rfind('.');
+  if (dot <= 7)
+    throw UsageError({.fact = fmt::format("'{}' names no option of a tissue", key),
+                      .where = source,
+                      .why = "keys are tissue.label.option",
+                      .remedy = "for instance --set tissue.2.mu=900Pa"});
+  const std::string label = key.substr(7, dot - 7);
+  Config scratch;
+  set_option(scratch, "material." + key.substr(dot + 1), text, source);
+  if (scratch.material.mu_spread_percent > 0.0)
+    throw UsageError({.fact = fmt::format("tissue '{}' is given a modulus with an uncertainty", label),
+                      .where = source,
+                      .why = "the force of several tissues is proportional to no single modulus, so its "
+                             "uncertainty would take several runs",
+                      .remedy = "run it once with the smallest and once with the largest modulus"});
+  std::vector<Option> options = options_of(scratch);
+  config.tissue[label][find_option(options, "material." + key.substr(dot + 1))->key] = text;
+  return true;
+}
+
+}  // namespace
+
+void set_option(Config& config, const std::string& key, const std::string& text, const std::string& source) {
+  if (set_tissue(config, key, text, source)) return;
+  if (const auto named = named_option(config, key, source)) {
+    set_value(*named, text, source);
+    return refuse_names_of_options(config, source);
+  }
+  std::vector<Option> options = options_of(config);
+  Option* option = find_option(options, key);
+  if (!option) refuse_key(options, key, source);
+  if (const auto spread = text.find("+-"); spread != std::string::npos && option->key == "material.mu_Pa") {
+    set_option(config, "material.mu_spread_percent", text.substr(spread + 2), source);
+    return set_option(config, key, text.substr(0, spread), source);
+  }
+  // A modulus given anew is not known as another in a file was.
+  if (option->key == "material.mu_Pa" && is_of_caller(source))
+    if (const auto before = config.source.find("material.mu_spread_percent");
+        before != config.source.end() && !is_of_caller(before->second))
+      config.material.mu_spread_percent = 0.0;
+  const bool place = option->key == "boundary.indent_at" && text.find(',') != std::string::npos;
+  set_value(*option, place ? place_in_mm(text) : text, source);
+  config.source[option->key] = source;
+}
+
+std::string full_key(const std::string& key, const std::string& source) {
+  const auto name_ends = key.rfind('.');
+  const auto without_section = [](const std::string& whole) { return whole.substr(whole.rfind('.')); };
+  if (key.starts_with("tissue.") && name_ends > 7)
+    return key.substr(0, name_ends) + without_section(full_key("material" + key.substr(name_ends), source));
+  Config scratch;
+  if (const auto named = named_option(scratch, key, source))
+    return key.substr(0, name_ends) + without_section(named->key);
+  std::vector<Option> options = options_of(scratch);
+  const Option* option = find_option(options, key);
+  if (!option) refuse_key(options, key, source);
+  return option->key;
+}
+
+std::string option_named(const std::string& name, const std::string& source,
+                         const std::vector<std::string>& others) {
+  Config config;
+  if (named_option(config, name, source)) return name;
+  if (name.starts_with("tissue.") && name.rfind('.') > 7) {
+    option_named("material." + name.substr(name.rfind('.') + 1), source, others);
+    return name;
+  }
+  std::vector<Option> options = options_of(config);
+  const auto in_words = [](std::string text) {  // "--indent-at" and "indent_at" are one
+    text.erase(0, text.find_first_not_of('-'));
+    std::replace(text.begin(), text.end(), '-', '_');
+    return text;
+  };
+  const auto without_section = [](const std::string& key) { return key.substr(key.find('.') + 1); };
+  const std::string wanted = in_words(name);
+  std::vector<std::string> known = others;
+  const Option* by_its_end = nullptr;
+  for (const Option& option : options) {
+    const std::string flag = in_words(option.flag), bare = without_unit(option);
+    if (wanted == option.key || wanted == bare || (!flag.empty() && wanted == flag)) return option.key;
+    if (wanted == without_section(option.key) || wanted == without_section(bare)) by_its_end = &option;
+    known.push_back(flag.empty() ? without_section(bare) : flag);
+    known.push_back(without_section(option.key));
+  }
+  if (by_its_end) return by_its_end->key;
+  refuse_key(options, name, source, std::move(known));
+}
+
+std::map<std::string, std::string> option_values(const Config& config) {
+  Config copy = config;
+  std::map<std::string, std::string> values;
+  for (const Option& option : options_of(copy))
+    if (option.key != "image.file") values[option.key] = toml_value(option);
+  for (const auto& [label, differing] : config.tissue)
+    for (const auto& [key, value] : differing)
+      values[fmt::format("tissue.{}.{}", label, key.substr(key.find('.') + 1))] = value;
+  for (const auto& [key, option] : named_options(copy)) values[key] = toml_value(option);
+  return values;
+}
+
+std::string option_reference() {
+  Config config;
+  config.pressure["NAME"];
+  config.membrane["NAME"];
+  config.wall["NAME"];
+  config.held["NAME"];
+  config.other_tool["NAME"];
+  config.step["NAME"];
+  std::string text =
+      "Options, as `--set key=value` or in a TOML file given with --config. Bare numbers are in the unit "
+      "shown.\n\n";
+  std::vector<std::pair<std::string, Option>> all;
+  for (const Option& option : options_of(config)) all.emplace_back(option.key, option);
+  const auto named = named_options(config);
+  all.insert(all.end(), named.begin(), named.end());
+  for (const auto& [key, option] : all) {
+    std::string range;
+    if (!option.choices.empty())
+      range = fmt::format("{}", fmt::join(option.choices, " | "));
+    else if (std::holds_alternative<double*>(option.value) ||
+             std::holds_alternative<std::int64_t*>(option.value))
+      range = fmt::format("{} {} ... {}{}", option.least_excluded ? "above" : "from", option.least,
+                          option.most, option.unit.empty() ? "" : " " + option.unit);
+    text += fmt::format("  {:<32} = {:<14} {}{}\n", key, toml_value(option), option.help,
+                        range.empty() ? "" : fmt::format(" ({})", range));
+  }
+  return text;
+}
+
+}  // namespace dimple

@@ -1,0 +1,184 @@
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <toml++/toml.h>
+
+#include <algorithm>
+#include <array>
+#include <sstream>
+
+#include "apps/scene/config.hpp"
+#include "apps/scene/given_once.hpp"
+#include "io/error.hpp"
+#include "io/file.hpp"
+#include "io/text.hpp"
+
+namespace dimple {
+
+namespace {
+
+// A value as --set would have it.
+std::string text_of_value(const toml::node& value) {
+  std::ostringstream shown;
+  if (const auto word = value.value_exact<std::string>())
+    shown << *word;
+  else if (const toml::array* list = value.as_array())
+    for (std::size_t k = 0; k < list->size(); ++k) {
+      shown << (k ? "," : "");
+      (*list)[k].visit([&](auto&& v) { shown << v; });
+    }
+  else
+    value.visit([&](auto&& v) { shown << v; });
+  return shown.str();
+}
+
+// The options of a section that has a name of its own.
+void set_all(Config& config, const std::string& section, const toml::node& node,
+             const std::filesystem::path& file, GivenOnce& given) {
+  const toml::table* table = node.as_table();
+  std::vector<Option> options = options_of(config);
+  if (!table) refuse_key(options, section, file.string());
+  if (table->empty())
+    throw UsageError({.fact = fmt::format("the section [{}] is empty", section),
+                      .where = fmt::format("{}, line {}", file.string(), table->source().begin.line),
+                      .why = "it would change nothing, and what it is to be is not known",
+                      .remedy = "give it its options (`dimple options`), or leave it out"});
+  for (const auto& [name, value] : *table) {
+    const std::string key = fmt::format("{}.{}", section, name.str()), text = text_of_value(value),
+                      place = fmt::format("{}, line {}", file.string(), value.source().begin.line);
+    given.add(key, text, place);
+    set_option(config, key, text, place);
+  }
+}
+
+// A table of TOML has no order of its own: the lines have, and the places in them.
+void read_steps(Config& config, const toml::table& table, const std::filesystem::path& file,
+                GivenOnce& given) {
+  const toml::node* section = table.get("step");
+  if (!section) return;
+  std::vector<Option> options = options_of(config);
+  if (!section->is_table()) refuse_key(options, "step", file.string());
+  std::vector<std::pair<std::string, const toml::node*>> steps;
+  for (const auto& [name, node] : *section->as_table()) steps.emplace_back(name.str(), &node);
+  std::sort(steps.begin(), steps.end(), [](const auto& a, const auto& b) {
+    const toml::source_position x = a.second->source().begin, y = b.second->source().begin;
+    return std::pair(x.line, x.column) < std::pair(y.line, y.column);
+  });
+  for (const auto& [name, node] : steps) set_all(config, "step." + name, *node, file, given);
+}
+
+}  // namespace
+
+void read_config(Config& config, const std::filesystem::path& file) {
+  toml::table table;
+  try {
+    table = toml::parse(read_file(file, most_bytes_of_text), file.string());
+  } catch (const toml::parse_error& error) {
+    throw UsageError(
+        {.fact = fmt::format("{} is not valid TOML: {}", file.string(), error.description()),
+         .where = fmt::format("line {}, column {}", error.source().begin.line, error.source().begin.column),
+         .why = "the file cannot be read as a configuration",
+         .remedy = "correct that line; strings need quotes, tables look like [material]"});
+  }
+  std::vector<Option> options = options_of(config);
+  GivenOnce given;
+  for (const auto& [section, node] : table) {
+    const toml::table* entries = node.as_table();
+    if (!entries) refuse_key(options, std::string(section.str()), file.string());
+    for (const auto& [name, value] : *entries) {
+      if (section.str() == "tissue") {
+        set_all(config, "tissue." + std::string(name.str()), value, file, given);
+        continue;
+      }
+      if (section.str() == "membrane" || section.str() == "wall" ||
+          ((section.str() == "support" || section.str() == "tool") && value.is_table())) {
+        set_all(config, fmt::format("{}.{}", section.str(), name.str()), value, file, given);
+        continue;
+      }
+      if (section.str() == "step") continue;  // below, in the order of their lines
+      if (section.str() == "load" && name.str() == "pressure") {
+        const toml::table* pressures = value.as_table();
+        if (!pressures) refuse_key(options, "load.pressure", file.string());
+        for (const auto& [of, its] : *pressures)
+          set_all(config, "load.pressure." + std::string(of.str()), its, file, given);
+        continue;
+      }
+      const std::string key = std::string(section.str()) + "." + std::string(name.str());
+      const std::string place = fmt::format("{}, line {}", file.string(), value.source().begin.line);
+      Option* option = find_option(options, key);
+      if (!option) refuse_key(options, key, place);
+      given.add(key, text_of_value(value), place);
+      const bool is_text = !std::holds_alternative<double*>(option->value) &&
+                           !std::holds_alternative<std::int64_t*>(option->value);
+      if (const auto text = value.value_exact<std::string>()) {
+        set_option(config, option->key, *text, place);
+      } else if (const toml::array* list = value.as_array(); list && is_text) {
+        std::vector<std::string> items;
+        for (const auto& item : *list) {
+          if (const auto word = item.value_exact<std::string>())
+            items.push_back(*word);
+          else if (const auto number = item.value_exact<std::int64_t>())
+            items.push_back(std::to_string(*number));
+          else if (const auto real = item.value_exact<double>())
+            items.push_back(fmt::format("{}", *real));
+          else
+            refuse_value(*option, "a list with something other than words and numbers", place,
+                         "it cannot be read");
+        }
+        set_value(*option, fmt::format("{}", fmt::join(items, ",")), place);
+      } else if (const auto number = value.value<double>(); number && !value.is_boolean() && !is_text) {
+        set_number(*option, *number, fmt::format("{}", *number), place);
+      } else {
+        std::ostringstream shown;
+        value.visit([&](auto&& v) { shown << v; });
+        refuse_value(*option, shown.str(), place,
+                     is_text ? "it must be a word in quotes"
+                             : "it must be a number, or a number with its unit in quotes");
+      }
+      config.source[option->key] = place;
+    }
+  }
+  read_steps(config, table, file, given);
+}
+
+namespace {
+
+std::string as_table(const char* section, const std::string& name, const std::vector<Option>& options) {
+  std::string text = fmt::format("\n[{}.{}]\n", section, toml_string(name));
+  for (const Option& option : options)
+    text += fmt::format("{} = {}\n", option.key.substr(option.key.find('.') + 1), toml_value(option));
+  return text;
+}
+
+}  // namespace
+
+std::string to_toml(const Config& config, const std::map<std::string, std::string>& notes) {
+  Config copy = config;
+  std::string text = "# Every option of this run. `dimple run --config THIS -o OUT` repeats it bit by bit.\n";
+  std::string section;
+  for (const Option& option : options_of(copy)) {
+    const auto dot = option.key.find('.');
+    if (option.key.substr(0, dot) != section) {
+      section = option.key.substr(0, dot);
+      text += fmt::format("\n[{}]\n", section);
+    }
+    const auto source = config.source.find(option.key);
+    std::string comment = source == config.source.end() ? "default" : source->second;
+    if (const auto note = notes.find(option.key); note != notes.end()) comment += "; " + note->second;
+    text +=
+        fmt::format("{} = {}  # {}\n", option.key.substr(dot + 1), toml_value(option), printable(comment));
+  }
+  for (const auto& [label, differing] : config.tissue) {
+    text += fmt::format("\n[tissue.{}]\n", toml_string(label));
+    for (const auto& [key, value] : differing)
+      text += fmt::format("{} = {}\n", key.substr(key.find('.') + 1), toml_string(value));
+  }
+  for (auto [name, pressure] : config.pressure) text += as_table("load.pressure", name, options_of(pressure));
+  for (auto [name, film] : config.membrane) text += as_table("membrane", name, options_of(film));
+  for (auto [name, wall] : config.wall) text += as_table("wall", name, options_of(wall));
+  for (auto [name, held] : config.held) text += as_table("support", name, options_of(held));
+  for (auto [name, tool] : config.other_tool) text += as_table("tool", name, options_of(tool));
+  for (auto [name, step] : steps_in_order(config)) text += as_table("step", name, options_of(step));
+  return text;
+}
+
+}  // namespace dimple
