@@ -12,7 +12,6 @@
 #include <new>
 #include <utility>
 
-#include "apps/scene/compatibility.hpp"
 #include "apps/run/folds.hpp"
 #include "apps/run/pipeline.hpp"
 #include "apps/run/run_words.hpp"
@@ -21,6 +20,7 @@
 #include "apps/run/tool.hpp"
 #include "apps/run/tool_band.hpp"
 #include "apps/run/unless_stopped.hpp"
+#include "apps/scene/compatibility.hpp"
 #include "io/error.hpp"
 #include "io/stop.hpp"
 
@@ -119,8 +119,7 @@ std::string why_no_band(const Scene& scene, const std::vector<Material>& tissues
   if (const std::string none = why_no_band(tissues); !none.empty()) return none;
   if (scene.solver.tolerance > usual.solver.tolerance)
     return fmt::format("not calibrated for a tolerance above {:g}", usual.solver.tolerance);
-  if (const double usual_step = longest_step(scene.tool.has_value());
-      longest_step_radii(scene) > usual_step)
+  if (const double usual_step = longest_step(scene.tool.has_value()); longest_step_radii(scene) > usual_step)
     return fmt::format("not calibrated for load steps above {:g} radii", usual_step);
   if (scene.cloud.rim != usual.cloud.rim || scene.cloud.jitter != usual.cloud.jitter ||
       scene.grid.points != usual.grid.points || scene.grid.ratio != usual.grid.ratio ||

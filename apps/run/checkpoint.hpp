@@ -5,8 +5,8 @@
 #include <string>
 #include <vector>
 
-#include "apps/scene/scene.hpp"
 #include "apps/run/model_files.hpp"
+#include "apps/scene/scene.hpp"
 
 namespace dimple {
 

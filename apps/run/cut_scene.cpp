@@ -36,8 +36,7 @@ double area_of(const std::vector<TriangleMesh>& sheets) {
 }
 
 // The blade where it lies in the body at rest [mm, LPS].
-std::vector<TriangleMesh> sheets_at_rest(const CutText& cut, double step, const Model& model,
-                                         const Nodal& u) {
+std::vector<TriangleMesh> sheets_at_rest(const Cut& cut, double step, const Model& model, const Nodal& u) {
   const bool at_rest = u.isZero(0.0);
   const Points places = u.topRows<3>();
   const BodySurface now = deformed_surface(model, places);
@@ -145,10 +144,10 @@ void CutScene::make_again(const RunLog& log, Result& result) {
 }
 
 void CutScene::cut(std::size_t k, const ScenePart& part, const RunLog& log, Result& result, ScenePart& next) {
-  const CutText cut = cut_of_step(steps_[k].name, steps_[k].cut);
+  const Cut& cut = steps_[k].cut;
   log.doing("cutting");
   CutMade made{.name = steps_[k].name,
-               .text = steps_[k].cut,
+               .text = cut.text,
                .after = steps_[k].after,
                .toughness_J_m2 = steps_[k].toughness_J_m2};
   made.sheets = sheets_at_rest(cut, whole_.body->report.step_mm, result.model, part.ended.u);

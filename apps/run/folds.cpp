@@ -14,20 +14,13 @@ namespace {
 // Of the tool's way: both banks may come towards each other.
 constexpr double widest = 2.0;
 
-bool has_inertia(const Scene& scene) {
-  return scene.solver.time == Scene::Numerics::Time::explicit_;
-}
-
-bool converges(const Scene& scene) {
-  return scene.scheme == Scene{}.scheme.name;
-}
-
 }  // namespace
 
 bool folds_touch(const Scene& scene, double facing_share) {
-  if (scene.self_contact != Scene::SelfContact::automatic) return scene.self_contact == Scene::SelfContact::on;
-  return facing_share > most_facing && !has_inertia(scene) && converges(scene) &&
-         MixedIteration::serves(materials_of(scene));
+  if (scene.self_contact != Scene::SelfContact::automatic)
+    return scene.self_contact == Scene::SelfContact::on;
+  return facing_share > most_facing && scene.solver.time != Scene::Numerics::Time::explicit_ &&
+         converges(scene) && MixedIteration::serves(materials_of(scene));
 }
 
 std::shared_ptr<const FoldBanks> folds_of(const Scene& scene, double facing_share, const Model& model,

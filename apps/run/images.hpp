@@ -8,8 +8,8 @@
 #include <string>
 #include <vector>
 
-#include "apps/scene/scene.hpp"
 #include "apps/run/simulate.hpp"
+#include "apps/scene/scene.hpp"
 #include "io/volume_image.hpp"
 #include "preprocess/output/deformation_map.hpp"
 #include "solver/march.hpp"

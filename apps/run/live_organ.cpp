@@ -3,15 +3,16 @@
 
 #include <algorithm>
 
-#include "apps/scene/compatibility.hpp"
 #include "apps/run/cuts.hpp"
 #include "apps/run/live.hpp"
 #include "apps/run/live_making.hpp"
 #include "apps/run/loads.hpp"
+#include "apps/run/model_options.hpp"
 #include "apps/run/steps.hpp"
 #include "apps/run/supports.hpp"
 #include "apps/run/tool.hpp"
 #include "apps/run/tool_band.hpp"
+#include "apps/scene/compatibility.hpp"
 #include "io/error.hpp"
 #include "preprocess/output/carry_back.hpp"
 
@@ -22,9 +23,6 @@ LiveOrgan read_live_organ(const Scene& scene, const RunObserver& observer) {
   const RunLog log{observer, live.result};
   check_pairs(scene, Feature::by_hand);
   if (scene.tool) check_pairs(scene, Feature::touching_by_hand);
-  check_loads(scene);
-  check_supports(scene);
-  check_tool(scene);
   live.scene.self_contact = Scene::SelfContact::off;
   live.organ.emplace(read_organ({.scene = live.scene}, model_options(scene), log, live.result));
   live.materials = materials_of(scene);

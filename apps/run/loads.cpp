@@ -13,12 +13,11 @@ namespace {
 std::vector<Index> triangles_on(const Scene::Pressure& pressure, const Surface& surface) {
   std::vector<Index> chosen = triangles_on(pressure.on, surface);
   if (chosen.empty())
-    throw UsageError(
-        {.fact = fmt::format("the pressure '{}' on '{}' meets no part of the surface", pressure.name,
-                             pressure.on_words),
-         .where = fmt::format("load.pressure.{}.on", pressure.name),
-         .why = "it would act on nothing",
-         .remedy = "give all, a side, or a larger ball on the surface"});
+    throw UsageError({.fact = fmt::format("the pressure '{}' on '{}' meets no part of the surface",
+                                          pressure.name, pressure.on_words),
+                      .where = fmt::format("load.pressure.{}.on", pressure.name),
+                      .why = "it would act on nothing",
+                      .remedy = "give all, a side, or a larger ball on the surface"});
   return chosen;
 }
 
@@ -49,8 +48,7 @@ void check_loads(const Scene& scene, const Surface& surface) {
 
 Loads loads_of(const Scene& scene, const Model& model, const Surface& chosen_on) {
   check_loads(scene, chosen_on);
-  Loads loads{
-      .gravity = scene.gravity, .pressure = {}, .membrane = membranes_on(scene, model, chosen_on)};
+  Loads loads{.gravity = scene.gravity, .pressure = {}, .membrane = membranes_on(scene, model, chosen_on)};
   if (const auto& fluid = scene.fluid_lost) {
     const Eigen::VectorXd height = model.X.transpose() * fluid->up;
     loads.fluid = FluidLost{

@@ -2,8 +2,8 @@
 
 #include <optional>
 
-#include "apps/scene/scene.hpp"
 #include "apps/scene/option_word.hpp"
+#include "apps/scene/scene.hpp"
 #include "solver/terms/loads.hpp"
 
 namespace dimple {

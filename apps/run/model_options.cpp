@@ -25,7 +25,8 @@ ModelOptions model_options(const Scene& scene) {
     options.boundary.indenter_diameter_mm = 2e3 * tool->radius;
     options.boundary.contact_radius_mm = 1e3 * contact_radius(*tool, 1e-3 * scene.depth_mm);
     // What a step goes along the push, which is not known yet, needs no other nodes.
-    for (const Vec3& come : way_of_tool(scene, Vec3::Zero())) options.boundary.way_of_tool.push_back(1e3 * come);
+    for (const Vec3& come : way_of_tool(scene, Vec3::Zero()))
+      options.boundary.way_of_tool.push_back(1e3 * come);
     if (turns(scene))
       options.boundary.way_of_turning_tool = [scene](const Vec3& push, const Vec3& place_mm) {
         std::vector<Vec3> way;
@@ -50,8 +51,7 @@ ModelOptions model_options(const Scene& scene) {
 
 FloorOfBand band_floor(const Scene& scene) {
   if (scene.followed) return floor_of_displacement();
-  return floor_of_force(
-      {2.0 * scene.depth_mm / scene.boundary.indenter_diameter_mm, !scene.tissues.empty()});
+  return floor_of_force({2.0 * scene.depth_mm / scene.boundary.indenter_diameter_mm, !scene.tissues.empty()});
 }
 
 }  // namespace dimple

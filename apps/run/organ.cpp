@@ -7,10 +7,10 @@
 #include <cmath>
 #include <limits>
 
-#include "apps/scene/compatibility.hpp"
 #include "apps/run/cuts.hpp"
 #include "apps/run/folds.hpp"
 #include "apps/run/grading.hpp"
+#include "apps/run/model_options.hpp"
 #include "apps/run/places.hpp"
 #include "apps/run/results.hpp"
 #include "apps/run/stopwatch.hpp"
@@ -18,6 +18,7 @@
 #include "apps/run/tool.hpp"
 #include "apps/run/walls.hpp"
 #include "apps/run/words.hpp"
+#include "apps/scene/compatibility.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/label_names.hpp"
@@ -128,9 +129,9 @@ Taken take_labels(const RunLog& log, const Scene& scene, const LabelImage& image
     return std::any_of(labels.begin(), labels.end(), [&](const auto& m) { return m.value == value; });
   };
   std::map<std::string, std::string> asked_for;  // where -> label
-  for (const auto& [label, differing] : scene.tissues) asked_for["tissue." + label] = label;
-  for (const auto& [name, label] : labels_of_supports(scene))
-    asked_for[fmt::format("support.{}.on", name)] = label;
+  for (const TissueOfLabel& tissue : scene.tissues) asked_for["tissue." + tissue.label] = tissue.label;
+  for (const Scene::Support& support : scene.supports)
+    if (!support.part) asked_for[fmt::format("support.{}.on", support.name)] = support.label;
   for (const auto& [where, label] : asked_for)
     if (const int value = number_of_label(label, names); !has(taken.labels, value))
       throw InputError(
@@ -149,8 +150,9 @@ void say_labels(const RunLog& log, const Scene& scene, const std::vector<int>& c
   log.say(fmt::format("labels   {}: {}", chosen.empty() ? "all" : "chosen", in_words(taken)));
   std::vector<LabelMeasure> alike;  // of the one material that scene.material is
   for (const LabelMeasure& label : taken)
-    if (std::none_of(scene.tissues.begin(), scene.tissues.end(),
-                     [&](const auto& tissue) { return number_of_label(tissue.first, names) == label.value; }))
+    if (std::none_of(scene.tissues.begin(), scene.tissues.end(), [&](const TissueOfLabel& tissue) {
+          return number_of_label(tissue.label, names) == label.value;
+        }))
       alike.push_back(label);
   if (chosen.empty() && alike.size() > 1)
     log.warn(
@@ -161,8 +163,8 @@ void say_labels(const RunLog& log, const Scene& scene, const std::vector<int>& c
 }
 
 // The image as its gaps are closed, where that is asked for; what was done goes into `sentence`.
-std::optional<ClosedImage> closed(const Scene& scene, const LabelImage& image,
-                                  const std::vector<int>& labels, const RunLog& log, std::string& sentence) {
+std::optional<ClosedImage> closed(const Scene& scene, const LabelImage& image, const std::vector<int>& labels,
+                                  const RunLog& log, std::string& sentence) {
   const double width = scene.image.close_mm;
   if (!(width > 0.0)) return std::nullopt;
   log.doing("closing gaps");
@@ -187,7 +189,7 @@ void warn_of_narrow_gaps(const Scene& scene, double share, const RunLog& log) {
       "the two forces, which may differ much",
       100.0 * share, narrow_gap_mm,
       folds_touch(scene, share) ? "touch here in equilibrium, without friction"
-                                 : "move freely here and pass through each other",
+                                : "move freely here and pass through each other",
       narrow_gap_mm));
 }
 
@@ -217,14 +219,14 @@ Work work_of(const Scene& scene, const Result& result) {
   return {
       .voxels = static_cast<double>(size[0]) * static_cast<double>(size[1]) * static_cast<double>(size[2]),
       .nodes = nodes,
-      .points = placed ? static_cast<double>(result.model.point_count())
-                       : nodes * scheme_of(scene).points_per_node,
-      .depths = std::max(
-          static_cast<double>(scene.solver.frames),
-          scene.depth_mm / (0.5 * longest_step_radii(scene) * scene.boundary.indenter_diameter_mm)),
+      .points =
+          placed ? static_cast<double>(result.model.point_count()) : nodes * scheme_of(scene).points_per_node,
+      .depths =
+          std::max(static_cast<double>(scene.solver.frames),
+                   scene.depth_mm / (0.5 * longest_step_radii(scene) * scene.boundary.indenter_diameter_mm)),
       .picture = wanted.picture,
       .band = scene.band,
-      .refinement = !scene.accuracy.goal.empty() || scene.accuracy.budget_s > 0.0};
+      .refinement = scene.goal.has_value()};
 }
 
 void say_default_stiffness(const RunLog& log, const Scene& scene) {
@@ -240,7 +242,8 @@ TissueOptions tissues_of(const Scene& scene, const std::map<std::string, int>& l
   TissueOptions tissues{.of_label = {}, .density = {}};
   for (const Material& material : materials_of(scene)) tissues.density.push_back(material.density);
   int number = 0;
-  for (const auto& [label, differing] : scene.tissues) {
+  for (const TissueOfLabel& tissue : scene.tissues) {
+    const std::string& label = tissue.label;
     const int value = number_of_label(label, label_names);
     if (!tissues.of_label.emplace(value, ++number).second)
       throw UsageError({.fact = fmt::format("label {} is given two tissues", value),
@@ -282,7 +285,6 @@ Organ read_organ(const Case& given, const ModelOptions& options, const RunLog& l
                       .remedy = "give one: dimple run IMAGE -o OUT"});
   check_materials(scene, options.scheme);
   check_words(options.boundary);
-  check_cuts(scene);
   const Stopwatch reading;
   log.begin(Part::reading, scene);
   result.image = given.image ? *given.image : read_label_image(scene.image.file, scene.image.label_names);
@@ -398,8 +400,8 @@ constexpr double widest_over_gap = 25.0;  // node spacings: see sees() of sight.
 
 std::string sentence_of(const Scene& scene, const ImageFacts::Cut& cut) {
   std::string sentence;
-  for (const CutText& text : cuts_at_rest(scene))
-    sentence += fmt::format("{}'{}'", sentence.empty() ? "" : ", ", text.text);
+  for (const Cut& one : cuts_at_rest(scene))
+    sentence += fmt::format("{}'{}'", sentence.empty() ? "" : ", ", one.text);
   if (cut.area_mm2 > 0.0)
     sentence +=
         fmt::format(": {:.4g} cm2, its banks {:.4g} mm apart", cut.area_mm2 / 1e2, scene.image.cut_gap_mm);

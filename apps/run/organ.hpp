@@ -79,7 +79,7 @@ std::shared_ptr<const ReadOrgan::Made> made_in(const Scene& scene, const Result&
 
 /// What a model in memory was made from, and what else its clouds are made from.
 struct Origin {
-  Scene scene;
+  ModelChoices choices;
   Organ organ;
   LabelImage image;  ///< of the labels, where tissues differ
   ImageFacts facts;

@@ -75,7 +75,8 @@ std::vector<Vec3> ways_of(const Scene& scene, const Scene::FurtherTool& tool, co
   std::vector<Vec3> way;
   Vec3 come = Vec3::Zero();
   for (const Scene::Step& step : scene.steps)
-    if (step.moves == tool.name && !step.move_mm.empty()) way.push_back(come += 1e-3 * way_of(step.move_mm, push));
+    if (step.moves == tool.name && !step.move_mm.empty())
+      way.push_back(come += 1e-3 * way_of(step.move_mm, push));
   if (scene.steps.empty() && !stands(tool)) way.push_back(1e-3 * way_of(tool.move_mm, push));
   return way;
 }
@@ -124,9 +125,8 @@ OtherTools other_tools_of(const Scene& scene, const Model& model, const std::vec
     touch.name = name;
     touch.is_tool = true;
     require_free_under(touch, depth, supports, model);
-    touch.motion = scene.steps.empty()
-                       ? Vec3(1e-3 * way_of(tool.move_mm, at.push) / (1e-3 * scene.depth_mm))
-                       : Vec3::Zero();
+    touch.motion = scene.steps.empty() ? Vec3(1e-3 * way_of(tool.move_mm, at.push) / (1e-3 * scene.depth_mm))
+                                       : Vec3::Zero();
     result.words.push_back(fmt::format(
         "{}: {}, {}; its tip at first touch at {}, pointing along ({:.2f}, {:.2f}, {:.2f}){}", name,
         in_words(touch.shape), friction_in_words(touch.friction), in_words(1e3 * touch.pose.tip),

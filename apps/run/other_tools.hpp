@@ -14,9 +14,9 @@ namespace dimple {
 /// Where they are to touch [mm, LPS]: nodes are as fine there as under the tool.
 std::vector<Vec3> places_of_other_tools(const Scene& scene);
 
-/// Each where it first touches the model, and a sentence on it. Its way is that of scene.further_tools for each
-/// metre of the tool's, or what the steps say. Throws ModelError: the surface is far from the place that was
-/// asked for, or the tool stands in another one.
+/// Each where it first touches the model, and a sentence on it. Its way is that of scene.further_tools for
+/// each metre of the tool's, or what the steps say. Throws ModelError: the surface is far from the place that
+/// was asked for, or the tool stands in another one.
 struct OtherTools {
   std::vector<Touch> touch;
   std::vector<std::string> words;

@@ -6,13 +6,13 @@
 
 #include "apps/run/bending.hpp"
 #include "apps/run/closing_cut.hpp"
-#include "apps/scene/compatibility.hpp"
 #include "apps/run/cut_scene.hpp"
 #include "apps/run/cuts.hpp"
 #include "apps/run/folds.hpp"
 #include "apps/run/grading.hpp"
 #include "apps/run/loads.hpp"
 #include "apps/run/membranes.hpp"
+#include "apps/run/model_options.hpp"
 #include "apps/run/other_tools.hpp"
 #include "apps/run/rocking.hpp"
 #include "apps/run/run_words.hpp"
@@ -24,6 +24,7 @@
 #include "apps/run/unloaded.hpp"
 #include "apps/run/walls.hpp"
 #include "apps/run/words.hpp"
+#include "apps/scene/compatibility.hpp"
 #include "io/digits.hpp"
 #include "io/error.hpp"
 #include "io/memory.hpp"
@@ -39,42 +40,46 @@ using Line = RunObserver::Line;
 
 // Where nobody has chosen, a folded body takes as many as its band needs, and a punch as its edge does.
 void take_nodes_for_band(const Scene& scene, const RunLog& log, ModelOptions& options, Result& result) {
-  const Index of_tool = fewest_nodes_under_tool(scene),
-              of_body = fewest_nodes_with_band(result.facing_share), fewest = std::max(of_tool, of_body);
+  const Index of_tool = fewest_nodes_under_tool(scene), of_body = fewest_nodes_with_band(result.facing_share),
+              fewest = std::max(of_tool, of_body);
   if (scene.given.nodes || !options.scheme.pressure_patches || options.cloud.count >= fewest) return;
   log.say(of_tool >= of_body ? nodes_for_edge_in_words(fewest, options.cloud.count)
                              : nodes_for_band_in_words(fewest, options.cloud.count, result.facing_share));
   options.cloud.count = result.nodes_for_band = fewest;
 }
 
-// Whether both have the same options, but for those whose keys begin so.
-bool are_same_but_for(const Scene& a, const Scene& b, const std::vector<std::string>& beginnings) {
-  std::map<std::string, std::string> of_a = option_values(a), of_b = option_values(b);
-  for (auto* values : {&of_a, &of_b})
-    std::erase_if(*values, [&](const auto& option) {
-      return std::any_of(beginnings.begin(), beginnings.end(),
-                         [&](const std::string& beginning) { return option.first.starts_with(beginning); });
-    });
-  return of_a == of_b;
+template <class Named, class Same>
+bool are_same(const std::vector<Named>& a, const std::vector<Named>& b, const Same& same) {
+  return std::equal(a.begin(), a.end(), b.begin(), b.end(), same);
 }
 
-// What no place of a node depends on. How deep the tool goes says how much of it touches; a circle does
-// whole.
-std::vector<std::string> beside_places(const Scene& scene) {
-  std::vector<std::string> keys = {"material.",         "solver.",   "load.rate",     "load.contact",
-                                   "load.self_contact", "accuracy.", "tool.friction", "output."};
-  if (!scene.tool && scene.supports.empty()) keys.emplace_back("load.depth_mm");
-  return keys;
+bool move_alike(const Scene::Step& a, const Scene::Step& b) {
+  return a.moves == b.moves && a.move_mm == b.move_mm && a.turn_deg == b.turn_deg &&
+         a.about_mm == b.about_mm && a.cut.text == b.cut.text;
 }
 
-bool asks_for_same_places(const Scene& a, const Scene& b) {
-  return are_same_but_for(a, b, beside_places(a));
-}
-
+// All that a place for the tool and the base depends on. How deep the tool goes says how much of it touches;
+// a circle does whole.
 bool asks_for_same_site(const Scene& a, const Scene& b) {
-  std::vector<std::string> keys = beside_places(a);
-  for (const char* key : {"cloud.nodes", "cloud.seed", "cloud.jitter", "grid."}) keys.emplace_back(key);
-  return are_same_but_for(a, b, keys);
+  ModelChoices::Image image = a.image;
+  image.file = b.image.file;
+  const bool depth_counts = a.tool || !a.supports.empty();
+  return image == b.image && a.cut.text == b.cut.text && a.scheme == b.scheme &&
+         a.cloud.spacing_mm == b.cloud.spacing_mm && a.cloud.rim == b.cloud.rim &&
+         a.support_radius_factor == b.support_radius_factor && a.boundary == b.boundary &&
+         a.base_is_held == b.base_is_held && a.tool_words.shape == b.tool_words.shape &&
+         (!depth_counts || a.depth_mm == b.depth_mm) &&
+         are_same(a.tissues, b.tissues, [](const auto& x, const auto& y) { return x.label == y.label; }) &&
+         are_same(a.supports, b.supports,
+                  [](const auto& x, const auto& y) { return x.on_words == y.on_words; }) &&
+         are_same(a.further_tools, b.further_tools,
+                  [](const auto& x, const auto& y) { return x.at_mm == y.at_mm; }) &&
+         are_same(a.steps, b.steps, move_alike);
+}
+
+// And what nodes and points depend on besides.
+bool asks_for_same_places(const Scene& a, const Scene& b) {
+  return asks_for_same_site(a, b) && a.cloud == b.cloud && a.grid == b.grid;
 }
 
 // The organ that was read before, under the options of this case.
@@ -171,8 +176,7 @@ TimeMode time_of(const Scene& scene, const RunLog& log, const Result& result) {
   std::erase_if(at_the_rate.steps, [](const Step& step) { return step.lasts > 0.0; });
   TimeMode mode = choose_time(result.model, result.tissues, at_the_rate);
   // Whoever names no speed asks for the force of equilibrium.
-  if (!scene.given.rate ||
-      (!result.loading.steps.empty() && at_the_rate.steps.empty()))
+  if (!scene.given.rate || (!result.loading.steps.empty() && at_the_rate.steps.empty()))
     mode = TimeMode::quasi_static;
   if (mode != TimeMode::quasi_static && result.loading.touch)
     throw UsageError({.fact = "the tool is too fast for its contact to be solved for in equilibrium",
@@ -363,8 +367,8 @@ Placed place(const Case& given, const std::optional<Organ>& organ, const RunLog&
   return placed;
 }
 
-Placed place(Index nodes, const Scene& scene, const Organ& organ, const LabelImage& image,
-             const RunLog& log, Result& result) {
+Placed place(Index nodes, const Scene& scene, const Organ& organ, const LabelImage& image, const RunLog& log,
+             Result& result) {
   ModelOptions options = organ.options;
   options.cloud.count = nodes;
   options.cloud.spacing_mm = 0.0;
@@ -446,8 +450,8 @@ void make_ready(const Case& given, Placed placed, const RunLog& log, Result& res
     result.model.base.clear();
     log.say("base     is not held: the body lies on its walls, by contact alone");
   }
-  take_loads_off(scene, supports.sets, tissues_of(scene, names, result.model, result.cut.labels).density,
-                 log, result);
+  take_loads_off(scene, supports.sets, tissues_of(scene, names, result.model, result.cut.labels).density, log,
+                 result);
   const Model& model = result.model;
   const Loading& loading = result.loading = loading_of(scene);
   result.loading.further = std::move(supports.sets);
@@ -484,7 +488,7 @@ void make_ready(const Case& given, Placed placed, const RunLog& log, Result& res
   auto own = scene.tissues.begin();
   for (std::size_t t = 0; t < result.tissues.material.size(); ++t) {
     const Material& m = result.tissues.material[t];
-    const std::string label = t == 0 ? "" : (own++)->first;
+    const std::string label = t == 0 ? "" : (own++)->label;
     // The stiffness that nobody has chosen was told of before.
     log.line(t == 0 && !scene.given.stiffness ? Line::detail : Line::said,
              describe(result.tissues, t, label));
@@ -499,7 +503,7 @@ void make_ready(const Case& given, Placed placed, const RunLog& log, Result& res
             (relaxes(result.tissues.material) ? ", as tissue that has relaxed" : ""));
   log.detail(fmt::format("load     {} at {} mm/s: {} s, {}, {}", length_in_words(scene.depth_mm),
                          plain(scene.rate_mm_per_s), three_digits(loading.duration()),
-                         !loading.touch                   ? scene.load.contact
+                         !loading.touch                   ? std::string(name_of(scene.contact))
                          : loading.touch->friction == 0.0 ? "frictionless"
                                                           : friction_in_words(loading.touch->friction),
                          result.time == TimeMode::quasi_static
@@ -654,9 +658,9 @@ std::unique_ptr<ForceSystem> march_cut(const Scene& scene, const SolverOptions& 
 
 }  // namespace
 
-std::unique_ptr<ForceSystem> march(const Scene& scene, const SolverOptions& options,
-                                   const Observer& observer, const MarchState* from, const RunLog& log,
-                                   Result& result, CutScene* cuts, const RunObserver* watching) {
+std::unique_ptr<ForceSystem> march(const Scene& scene, const SolverOptions& options, const Observer& observer,
+                                   const MarchState* from, const RunLog& log, Result& result, CutScene* cuts,
+                                   const RunObserver* watching) {
   std::optional<Watched> watched;
   std::unique_ptr<ForceSystem> system;
   if (!cuts) {
@@ -704,7 +708,7 @@ std::shared_ptr<const ReadOrgan::Made> made_in(const Scene& scene, const Result&
 
 std::shared_ptr<Origin> origin_of(const Scene& scene, Organ organ, const Result& result) {
   const auto of_image = result.warnings.begin() + static_cast<std::ptrdiff_t>(result.image_warnings);
-  return std::make_shared<Origin>(Origin{.scene = scene,
+  return std::make_shared<Origin>(Origin{.choices = scene,
                                          .organ = std::move(organ),
                                          .image = {},
                                          .facts = result,
@@ -712,14 +716,9 @@ std::shared_ptr<Origin> origin_of(const Scene& scene, Organ organ, const Result&
                                          .boundary = result.report.boundary});
 }
 
-Scene with_model_of(const Scene& scene, const Scene& made) {
+Scene with_model_of(const Scene& scene, const ModelChoices& made) {
   Scene result = scene;
-  result.image = made.image;
-  result.scheme = made.scheme;
-  result.cloud = made.cloud;
-  result.grid = made.grid;
-  result.support = made.support;
-  result.boundary = made.boundary;
+  static_cast<ModelChoices&>(result) = made;
   return result;
 }
 

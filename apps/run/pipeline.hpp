@@ -26,8 +26,8 @@ Organ organ_of(const Case& given, const RunLog& log, Result& result,
 /// Places for the tool and for the case's own number of nodes. `organ`: nothing where it began with a model.
 Placed place(const Case& given, const std::optional<Organ>& organ, const RunLog& log, Result& result);
 /// As many nodes as that, whatever the case has chosen.
-Placed place(Index nodes, const Scene& scene, const Organ& organ, const LabelImage& image,
-             const RunLog& log, Result& result);
+Placed place(Index nodes, const Scene& scene, const Organ& organ, const LabelImage& image, const RunLog& log,
+             Result& result);
 
 /// From places to a model that is complete.
 void complete(const Scene& scene, Placed placed, const RunLog& log, Result& result);
@@ -43,14 +43,13 @@ class CutScene;  // cut_scene.hpp
 /// is followed. Where the scene has steps that cut, `cuts` makes them, and the result's model is then
 /// another. Asked to stop it returns what there is, `interrupted`. What is returned is to outlive the frames'
 /// forces.
-std::unique_ptr<ForceSystem> march(const Scene& scene, const SolverOptions& options,
-                                   const Observer& observer, const MarchState* from, const RunLog& log,
-                                   Result& result, CutScene* cuts = nullptr,
-                                   const RunObserver* watching = nullptr);
+std::unique_ptr<ForceSystem> march(const Scene& scene, const SolverOptions& options, const Observer& observer,
+                                   const MarchState* from, const RunLog& log, Result& result,
+                                   CutScene* cuts = nullptr, const RunObserver* watching = nullptr);
 
 /// What else the clouds of the result's organ are made from, but for the image.
 std::shared_ptr<Origin> origin_of(const Scene& scene, Organ organ, const Result& result);
 /// As it is, but with the nodes, points, base and circle that the model was made with.
-Scene with_model_of(const Scene& scene, const Scene& made);
+Scene with_model_of(const Scene& scene, const ModelChoices& made);
 
 }  // namespace dimple

@@ -5,10 +5,10 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
-#include "apps/scene/compatibility.hpp"
 #include "apps/run/organ.hpp"
 #include "apps/run/summary.hpp"
 #include "apps/run/tool.hpp"
+#include "apps/scene/compatibility.hpp"
 #include "io/words.hpp"
 
 namespace dimple {
@@ -44,7 +44,6 @@ PlacesOfImage places_of_image(const Scene& scene, const LabelImage* image, const
   Result result;
   const RunLog log{observer, result};
   check_pairs(scene, Feature::places);
-  check_tool(scene);
   const Organ organ = read_organ({.scene = scene, .image = image}, model_options(scene), log, result);
   found.places = usable_places(organ.body->surface, organ.options.boundary);
   found.warnings = result.warnings;

@@ -3,8 +3,8 @@
 #include <string>
 #include <vector>
 
-#include "apps/scene/scene.hpp"
 #include "apps/run/simulate.hpp"
+#include "apps/scene/scene.hpp"
 #include "preprocess/scene/usable_places.hpp"
 
 namespace dimple {

@@ -8,7 +8,6 @@
 #include <nlohmann/json.hpp>
 
 #include "apps/run/checkpoint.hpp"
-#include "apps/scene/compatibility.hpp"
 #include "apps/run/images.hpp"
 #include "apps/run/organ.hpp"
 #include "apps/run/other_tools.hpp"
@@ -21,6 +20,7 @@
 #include "apps/run/view.hpp"
 #include "apps/run/walls.hpp"
 #include "apps/run/words.hpp"
+#include "apps/scene/compatibility.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/stop.hpp"

@@ -12,9 +12,9 @@
 
 #include "apps/run/band.hpp"
 #include "apps/run/compare.hpp"
-#include "apps/scene/scene.hpp"
 #include "apps/run/image_error.hpp"
 #include "apps/run/report.hpp"
+#include "apps/scene/scene.hpp"
 #include "io/draw/picture.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"

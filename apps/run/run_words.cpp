@@ -29,7 +29,7 @@ std::string moduli_in_words(const Scene& scene, const Tissues& tissues) {
   auto own = scene.tissues.begin();
   for (std::size_t t = 0; t < tissues.material.size(); ++t) {
     const Material& m = tissues.material[t];
-    words.push_back(fmt::format("{}{}, mu {}, nu {}", t == 0 ? "" : fmt::format("label {}: ", (own++)->first),
+    words.push_back(fmt::format("{}{}, mu {}, nu {}", t == 0 ? "" : fmt::format("label {}: ", (own++)->label),
                                 words_of(m).title, stress_in_words(m.mu), plain(poisson_ratio(m), 4)));
   }
   return fmt::format("{}", fmt::join(words, "; "));
@@ -80,7 +80,8 @@ std::vector<std::string> scene_in_words(const Scene& scene, const Result& result
     if (!words.empty()) lines.push_back(fmt::format("{}: {}", name, words));
   };
   add("material", moduli_in_words(scene, result.tissues));
-  add("contact", loading.touch ? friction_in_words(loading.touch->friction) : scene.load.contact);
+  add("contact",
+      loading.touch ? friction_in_words(loading.touch->friction) : std::string(name_of(scene.contact)));
   add("loads", loads_and_films_in_words(result));
   add("supports", supports_in_words(loading.further));
   add("cut", cuts_in_words(result));

@@ -6,7 +6,6 @@
 #include <utility>
 
 #include "apps/run/band_of_run.hpp"
-#include "apps/scene/compatibility.hpp"
 #include "apps/run/cut_scene.hpp"
 #include "apps/run/cuts.hpp"
 #include "apps/run/folds.hpp"
@@ -24,6 +23,7 @@
 #include "apps/run/tool.hpp"
 #include "apps/run/unloaded.hpp"
 #include "apps/run/walls.hpp"
+#include "apps/scene/compatibility.hpp"
 #include "io/error.hpp"
 #include "io/stop.hpp"
 
@@ -47,7 +47,7 @@ std::pair<Placed, std::shared_ptr<Origin>> placed_by(const Case& given, const Ru
 // The band is the error of the result by its discretisation, from a march on a coarser cloud, which begins
 // here beside the finer one. Null: there can be none, and the result says why.
 std::unique_ptr<CoarserMarch> begin_band(const Case& given, Result& result) {
-  const Scene scene = given.origin ? with_model_of(given.scene, given.origin->scene) : given.scene;
+  const Scene scene = given.origin ? with_model_of(given.scene, given.origin->choices) : given.scene;
   result.band.unknown = why_no_band_after(scene, result);
   if (!result.band.known()) return {};
   result.band.unknown = "the run ended first";  // what stays if find_band() is never reached
@@ -78,10 +78,9 @@ void find_image_error(const Scene& scene, const RunLog& log, Result& result) {
 Case with_origin(const Case& given) {
   Case result = given;
   if (!given.origin) return result;
-  const Scene usual;
-  result.scene = with_model_of(given.scene, given.origin->scene);
-  result.scene.cloud.nodes = usual.cloud.nodes;  // else goal_of() would take them for a wish
-  result.scene.cloud.spacing_mm = usual.cloud.spacing_mm;
+  result.scene = with_model_of(given.scene, given.origin->choices);
+  result.scene.cloud.nodes = Scene::Cloud{}.nodes;
+  result.scene.cloud.spacing_mm = Scene::Cloud{}.spacing_mm;
   return result;
 }
 
@@ -94,7 +93,7 @@ std::shared_ptr<Origin> origin_of_levels(const Case& given, const RunLog& log, R
     return origin;
   }
   auto origin = std::make_shared<Origin>(*given.origin);
-  origin->scene = given.scene;
+  origin->choices = given.scene;
   refuse_without_band(why_no_labels(given.scene, *origin));
   check_materials(given.scene, given.model->scheme);
   static_cast<ImageFacts&>(result) = origin->facts;
@@ -105,16 +104,14 @@ std::shared_ptr<Origin> origin_of_levels(const Case& given, const RunLog& log, R
   return origin;
 }
 
-void tell_how_it_ended(const Scene& scene, const Goal& goal, Refinement& found,
-                       const RunObserver& observer) {
+void tell_how_it_ended(const Scene& scene, const Goal& goal, Refinement& found, const RunObserver& observer) {
   Result& finest = found.finest->result;
   const RunLog log{observer, finest};
   const bool known = finest.band.known();
   const std::string why = found.stopped_short ? in_words(*found.stopped_short, goal) : "";
   if (found.stopped_short && (goal.share > 0.0 || goal.absolute > 0.0)) {
     const auto [value, half] = asked_for(found.levels.back(), finest);
-    log.warn(
-        shortfall_in_words(scene.accuracy.goal, known ? std::optional(half / value) : std::nullopt, why));
+    log.warn(shortfall_in_words(goal.text, known ? std::optional(half / value) : std::nullopt, why));
   } else if (found.stopped_short) {
     log.say("refine   " + why);
   }
@@ -161,9 +158,9 @@ void simulate_to(const Goal& goal, const Case& given, const RunObserver& observe
 // Steps that cut before anything has moved, which the model has from the start.
 void list_cuts_at_rest(const Scene& scene, Result& result) {
   const std::size_t all = cuts_at_rest(scene).size();
-  for (const auto& [name, step] : scene.steps) {
-    if (step.cut.empty()) return;
-    CutMade made{.name = name, .text = step.cut, .toughness_J_m2 = step.toughness_J_m2};
+  for (const Scene::Step& step : scene.steps) {
+    if (!step.cut) return;
+    CutMade made{.name = step.name, .text = step.cut.text, .toughness_J_m2 = step.toughness_J_m2};
     // Of several blades at rest the area is known of all together, and is told of the run, not of a step.
     if (all == 1) made.area_mm2 = result.cut.area_mm2, made.removed_mm3 = result.cut.removed_mm3;
     made.nodes = result.model.node_count();
@@ -185,14 +182,8 @@ void build_case(const Case& given, const RunObserver& observer, Result& result) 
 
 void simulate(const Case& given, const RunObserver& observer, Result& result) {
   check_pairs(given.scene, !given.model    ? Feature::run
-                            : !given.origin ? Feature::solve
-                                            : Feature::solve_in_memory);
-  check_loads(given.scene);
-  check_supports(given.scene);
-  check_steps(given.scene);
-  check_tool(given.scene);
-  check_other_tools(given.scene);
-  check_walls(given.scene);
+                           : !given.origin ? Feature::solve
+                                           : Feature::solve_in_memory);
   check_imaged(given.scene, given.model ? &*given.model : nullptr);
   if (given.model) {
     if (!given.origin && given.model->provenance.contains("cut") && !given.scene.membranes.empty())

@@ -9,10 +9,10 @@
 #include <vector>
 
 #include "apps/run/band.hpp"
-#include "apps/scene/scene.hpp"
 #include "apps/run/image_error.hpp"
 #include "apps/run/model_files.hpp"
 #include "apps/run/work.hpp"
+#include "apps/scene/scene.hpp"
 #include "preprocess/build_model.hpp"
 #include "preprocess/surface/cut.hpp"
 #include "preprocess/surface/label_surface.hpp"

@@ -67,9 +67,9 @@ void require_near(const std::vector<Step>& steps, const Points& body) {
   for (const Step& step : steps)
     if (!step.holds() && step.length() > furthest * size)
       throw UsageError(
-          {.fact = fmt::format("the step '{}' goes {} far, more than {:g} times the body's size of {}",
-                               step.name, length_in_words(1e3 * step.length()), furthest,
-                               length_in_words(1e3 * size)),
+          {.fact =
+               fmt::format("the step '{}' goes {} far, more than {:g} times the body's size of {}", step.name,
+                           length_in_words(1e3 * step.length()), furthest, length_in_words(1e3 * size)),
            .where = fmt::format("step.{}.{}", step.name, step.turns() ? "about_mm" : "move_mm"),
            .why = step.turns() ? "a turn about a far place is a long way" : "nothing of the body is there",
            .remedy = "give lengths and places in mm, LPS, near the body"});

@@ -207,7 +207,7 @@ Json materials_json(const Scene& scene, const Tissues& tissues) {
   auto own = scene.tissues.begin();
   for (std::size_t t = 0; t < tissues.material.size(); ++t) {
     const auto points = (tissues.of_point.array() == static_cast<int>(t)).count();
-    result.push_back(material_json(tissues.material[t], t == 0 ? "" : (own++)->first, points,
+    result.push_back(material_json(tissues.material[t], t == 0 ? "" : (own++)->label, points,
                                    t == 0 && !scene.given.stiffness));
   }
   return result;
@@ -519,11 +519,10 @@ void add_run(Json& summary, const Scene& scene, const Result& result, const RunT
   summary["scheme"] = model.scheme.name;
   summary["time"] = name_of(result.time);
   summary["precision"] = scene.solver.precision;
-  summary["requested"] = {{"depth_mm", scene.depth_mm},
-                          {"rate_mm_per_s", scene.rate_mm_per_s},
-                          {"frames", scene.solver.frames}};
+  summary["requested"] = {
+      {"depth_mm", scene.depth_mm}, {"rate_mm_per_s", scene.rate_mm_per_s}, {"frames", scene.solver.frames}};
   summary["contact"] = result.loading.touch ? "touching, " + friction_in_words(result.loading.touch->friction)
-                                            : scene.load.contact;
+                                            : std::string(name_of(scene.contact));
   add_loads_and_supports(summary, result);
   summary["material"] = materials_json(scene, result.tissues);
   summary["counts"] = counts_json(model);

@@ -17,7 +17,7 @@
 namespace dimple {
 namespace {
 
-constexpr double on_surface = 0.1;         // spacings
+constexpr double on_surface = 0.1;  // spacings
 
 Report report_on(const std::string& name, const char* key, const std::string& fact, const std::string& why,
                  const std::string& remedy) {
@@ -83,7 +83,8 @@ bool has(const std::vector<Index>& ascending, Index a) {
   return std::binary_search(ascending.begin(), ascending.end(), a);
 }
 
-void check_nodes(const Scene::Support& held, const Chosen& chosen, const Discretisation& places, const std::vector<Index>& base) {
+void check_nodes(const Scene::Support& held, const Chosen& chosen, const Discretisation& places,
+                 const std::vector<Index>& base) {
   const std::vector<Index>& nodes = chosen.node;
   const std::string& name = held.name;
   const bool of_label = !held.part;

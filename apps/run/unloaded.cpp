@@ -6,11 +6,11 @@
 #include <algorithm>
 #include <limits>
 
-#include "apps/scene/scene.hpp"
 #include "apps/run/folds.hpp"
 #include "apps/run/loads.hpp"
-#include "apps/scene/surface_part.hpp"
 #include "apps/run/words.hpp"
+#include "apps/scene/scene.hpp"
+#include "apps/scene/surface_part.hpp"
 #include "io/error.hpp"
 #include "io/stop.hpp"
 #include "preprocess/make_model.hpp"
@@ -37,12 +37,13 @@ bool was_loaded(const Scene& scene) {
 
 // Whether a load, a film or a support is on a side or in a ball.
 bool names_parts(const Scene& scene) {
-  const auto named = [](const auto& all) {
-    return std::any_of(all.begin(), all.end(), [](const auto& one) {
-      return one.second.on != "all" && !one.second.on.starts_with("label:");
-    });
-  };
-  return named(scene.pressures) || named(scene.membranes) || named(scene.supports);
+  const auto is_part = [](const SurfacePart& part) { return part.side || part.ball; };
+  return std::any_of(scene.pressures.begin(), scene.pressures.end(),
+                     [&](const Scene::Pressure& one) { return is_part(one.on); }) ||
+         std::any_of(scene.membranes.begin(), scene.membranes.end(),
+                     [&](const Scene::Film& one) { return is_part(one.on); }) ||
+         std::any_of(scene.supports.begin(), scene.supports.end(),
+                     [&](const Scene::Support& one) { return one.part && is_part(*one.part); });
 }
 
 [[noreturn]] void refuse(const std::string& fact, const std::string& why, const std::string& remedy) {
@@ -68,8 +69,8 @@ Equilibrium under_loads(const Scene& scene, const std::vector<HeldSet>& further,
                         const Surface& imaged) {
   const Model& model = result.model;
   const ForceSystem tissue(model, result.tissues, scene.solver.precision);
-  const auto system = make_system(tissue, model, scene.contact, further,
-                                  loads_of(scene, model, imaged), scene.solver.tolerance);
+  const auto system = make_system(tissue, model, scene.contact, further, loads_of(scene, model, imaged),
+                                  scene.solver.tolerance);
   Equilibrium found;
   found.u = system->step_start().u;
   const Points u = found.u.topRows<3>();

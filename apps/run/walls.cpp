@@ -8,12 +8,12 @@
 #include <limits>
 #include <numbers>
 
-#include "apps/scene/option_word.hpp"
 #include "apps/run/steps.hpp"
 #include "apps/run/supports.hpp"
 #include "apps/run/tool.hpp"
 #include "apps/run/view.hpp"
 #include "apps/run/words.hpp"
+#include "apps/scene/option_word.hpp"
 #include "io/digits.hpp"
 #include "io/error.hpp"
 #include "io/surface_mesh.hpp"
@@ -80,8 +80,7 @@ WallShape wall_shape_of(const Scene::Wall& wall, const Model& model, const Label
     for (const std::string& label : wall.labels) labels.push_back(number_of_label(label, organ->label_names));
     const SegmentedBody solid = make_body_surface(*image, labels);
     take(solid.surface, false, voxel);
-    result.words =
-        fmt::format("{} {}", labels.size() == 1 ? "label" : "labels", fmt::join(wall.labels, ","));
+    result.words = fmt::format("{} {}", labels.size() == 1 ? "label" : "labels", fmt::join(wall.labels, ","));
     if (solid.report.dropped_volume_mm3 > 0.0)
       result.words += fmt::format(", the largest of its {} pieces (without {})", solid.report.pieces,
                                   volume_in_words(solid.report.dropped_volume_mm3));
@@ -109,7 +108,8 @@ void check_walls(const Scene& scene, const LabelImage& image, const std::vector<
       if (there && !of_body.empty() && std::find(of_body.begin(), of_body.end(), value) == of_body.end())
         continue;
       throw InputError(
-          {.fact = there ? fmt::format("label '{}' is both the wall '{}' and a part of the body", label, wall.name)
+          {.fact = there ? fmt::format("label '{}' is both the wall '{}' and a part of the body", label,
+                                       wall.name)
                          : fmt::format("the image has no label '{}' for the wall '{}'", label, wall.name),
            .where = wall_key(wall.name, "shape"),
            .why = there ? "a wall is rigid, and what is soft is another label" : "no voxel has it",

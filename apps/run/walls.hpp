@@ -4,8 +4,8 @@
 #include <string>
 #include <vector>
 
-#include "apps/scene/scene.hpp"
 #include "apps/run/organ.hpp"
+#include "apps/scene/scene.hpp"
 #include "io/draw/zero_pieces.hpp"
 #include "solver/march.hpp"
 
