@@ -10,6 +10,7 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
+#include "apps/scene/resolve.hpp"
 #include "apps/commands/command.hpp"
 #include "apps/commands/terminal.hpp"
 #include "apps/run/simulate.hpp"
@@ -131,7 +132,7 @@ Check check_force() {
     config.cloud.nodes = 600;
     config.load.depth_mm = depth_mm;
     config.solver.frames = depth_mm;
-    const Result result = simulate({.config = config});
+    const Result result = simulate({.scene = resolve(config)});
     if (result.history.interrupted) throw Stopped(stop_asked());
     const double force = result.history.force.back().force;
     return {std::abs(force - known) < reference_of_600_nodes * known, what,

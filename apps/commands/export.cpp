@@ -4,6 +4,7 @@
 #include <fstream>
 #include <string>
 
+#include "apps/scene/resolve.hpp"
 #include "apps/commands/command.hpp"
 #include "apps/commands/log.hpp"
 #include "apps/studies/export_mesh.hpp"
@@ -56,7 +57,7 @@ Command add_export(CLI::App& app, Invocation& shared) {
                                 .remedy = "leave --elements out, or give --elements tetrahedra"});
             try_file(shared.out);
             if (!shared.force) require_no_file_of_others(shared.out);
-            return finish(shared, export_model(options->flags.config(*command, shared.image), options->format,
+            return finish(shared, export_model(resolve(options->flags.config(*command, shared.image)), options->format,
                                                shared.out, {.line = to_log().line}));
           }};
 }

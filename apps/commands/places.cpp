@@ -1,3 +1,4 @@
+#include "apps/scene/resolve.hpp"
 #include "apps/run/places.hpp"
 
 #include <fmt/format.h>
@@ -31,10 +32,10 @@ void print_place(const UsablePlace& place) {
 }
 
 // "a circle of 10 mm", or "the tool sphere:6mm, pressed in by 3.00 mm".
-std::string tool_in_words(const Config& config) {
-  if (!tool_of(config)) return fmt::format("a circle of {:.4g} mm", config.boundary.indenter_diameter_mm);
-  return fmt::format("the tool {}, pressed in by {}", config.tool.shape,
-                     length_in_words(config.load.depth_mm));
+std::string tool_in_words(const Scene& scene) {
+  if (!scene.tool) return fmt::format("a circle of {:.4g} mm", scene.boundary.indenter_diameter_mm);
+  return fmt::format("the tool {}, pressed in by {}", scene.tool_words.shape,
+                     length_in_words(scene.depth_mm));
 }
 
 void print_places(const UsablePlaces& places, const std::string& tool) {
@@ -67,13 +68,13 @@ Command add_places(CLI::App& app, Invocation& shared) {
   flags->add(*command, "places");
   add_common(*command, shared);
   return {command, [&shared, command, flags] {
-            const Config config = flags->config(*command, shared.image);
-            const PlacesOfImage found = places_of_image(config, nullptr, {.line = to_log().line});
+            const Scene scene = resolve(flags->config(*command, shared.image));
+            const PlacesOfImage found = places_of_image(scene, nullptr, {.line = to_log().line});
             clear_stage_line();
             if (shared.json)
-              print_json(places_json(config, found) + "\n");
+              print_json(places_json(scene, found) + "\n");
             else
-              print_places(found.places, tool_in_words(config));
+              print_places(found.places, tool_in_words(scene));
             return 0;
           }};
 }

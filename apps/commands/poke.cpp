@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <optional>
 
+#include "apps/scene/resolve.hpp"
 #include "apps/commands/command.hpp"
 #include "apps/commands/log.hpp"
 #include "apps/commands/terminal.hpp"
@@ -352,7 +353,7 @@ std::optional<double> take_scalpel(Flags& flags) {
   for (auto& [key, text] : flags.given)
     if (key == "tool.shape" && text->starts_with("scalpel")) {
       const OptionWord scalpel = parse_word(words, *text, "--tool scalpel:12mm");
-      *text = Config().tool.shape;
+      *text = ToolWords().shape;
       return scalpel.number.front();
     }
   return {};
@@ -373,11 +374,11 @@ int poke(const Invocation& shared, const CLI::App& command, PokeArguments& optio
                       .remedy = "add --window, or give --strokes"});
   std::optional<ResultFolder> folder;  // to the end: it lists what is written and keeps others out
   if (!options.record.empty()) folder.emplace(options.record, shared.existing()).prepare();
-  const LiveOrgan organ = read_live_organ(config, {.line = to_log().line});
+  const LiveOrgan organ = read_live_organ(resolve(config), {.line = to_log().line});
   // A count that was not asked for is what this machine can follow; with a limit in evaluations nothing
   // depends on it.
   const bool asked =
-      command.count("--nodes") > 0 || config.cloud.nodes != Config().cloud.nodes || options.evaluations > 0;
+      command.count("--nodes") > 0 || config.cloud.nodes != Scene::Cloud().nodes || options.evaluations > 0;
   const Index nodes =
       asked ? config.cloud.nodes : nodes_for_rate(organ, options.rate / (windowed ? for_solving : 1.0));
   LiveTool tool = make_live_tool(organ, nodes);

@@ -3,6 +3,7 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
+#include "apps/scene/resolve.hpp"
 #include "apps/commands/command.hpp"
 #include "apps/commands/log.hpp"
 #include "apps/commands/slicer.hpp"
@@ -22,17 +23,17 @@ struct RunArguments {
 };
 
 // After a run: what its force depends on.
-Outcome explained(const Config& config, const Invocation& shared, Outcome outcome) {
+Outcome explained(const Scene& scene, const Invocation& shared, Outcome outcome) {
   const Stopwatch comparing;
   Explanation explanation =
-      explain(config, 0, [](const std::string& line) { to_log().line(RunObserver::Line::said, line); });
+      explain(scene, 0, [](const std::string& line) { to_log().line(RunObserver::Line::said, line); });
   const std::filesystem::path out = shared.out;
   const FileList list(out);
   const Json summary = Json::parse(outcome.summary_json);
   explanation.run =
       fmt::format("{} with {} nodes", force_title(summary.at("force_N"), summary.at("indentation_mm")),
                   summary.at("counts").at("nodes").get<Index>());
-  write_explanation(out, explanation, std::filesystem::path(config.image.file).filename().string());
+  write_explanation(out, explanation, std::filesystem::path(scene.image.file).filename().string());
   add_explained(outcome, out, comparing.seconds(), explanation.ended_by);
   return outcome;
 }
@@ -55,10 +56,10 @@ Command add_run(CLI::App& app, Invocation& shared) {
             options->flags.defaults_are_unsaid = shared.slicer;
             const Config config = options->flags.config(*command, shared.image);
             into_folder(shared, config.image.file);
-            if (options->explain) check_pairs(config, Feature::explain);
+            if (options->explain) check_pairs(resolve(config), Feature::explain);
             Outcome outcome = record_run(config, shared.out, shared.existing(), to_log());
             if (options->explain && !outcome.interrupted)
-              outcome = explained(config, shared, std::move(outcome));
+              outcome = explained(resolve(config), shared, std::move(outcome));
             if (!options->return_parameters.empty())
               write_return_parameters(options->return_parameters, outcome.summary_json);
             return finish(shared, outcome);

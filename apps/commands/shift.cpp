@@ -1,3 +1,4 @@
+#include "apps/scene/resolve.hpp"
 #include "apps/studies/shift.hpp"
 
 #include <filesystem>
@@ -17,14 +18,14 @@ struct ShiftArguments {
 };
 
 // After a shift: what it depends on.
-Outcome explained(const Config& config, const ShiftOptions& options, const Invocation& shared,
+Outcome explained(const Scene& scene, const ShiftOptions& options, const Invocation& shared,
                   Outcome outcome) {
   const Stopwatch comparing;
   const ShiftExplanation explanation = explain_shift(
-      config, options, [](const std::string& line) { to_log().line(RunObserver::Line::said, line); });
+      scene, options, [](const std::string& line) { to_log().line(RunObserver::Line::said, line); });
   const std::filesystem::path out = shared.out;
   const FileList list(out);
-  write_explanation(out, explanation, std::filesystem::path(config.image.file).filename().string());
+  write_explanation(out, explanation, std::filesystem::path(scene.image.file).filename().string());
   add_explained(outcome, out, comparing.seconds(), explanation.ended_by);
   return outcome;
 }
@@ -77,7 +78,7 @@ Command add_shift(CLI::App& app, Invocation& shared) {
             into_folder(shared, config.image.file);
             Outcome outcome = shift(config, options->shift, shared.out, shared.existing(), to_log());
             if (options->explain && !outcome.interrupted)
-              outcome = explained(config, options->shift, shared, std::move(outcome));
+              outcome = explained(resolve(config), options->shift, shared, std::move(outcome));
             return finish(shared, outcome);
           }};
 }

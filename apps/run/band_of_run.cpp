@@ -123,7 +123,7 @@ std::string why_no_band(const Scene& scene, const std::vector<Material>& tissues
     return fmt::format("not calibrated for load steps above {:g} radii", usual_step);
   if (scene.cloud.rim != usual.cloud.rim || scene.cloud.jitter != usual.cloud.jitter ||
       scene.grid.points != usual.grid.points || scene.grid.ratio != usual.grid.ratio ||
-      scene.support_radius_factor != usual.support.radius_factor)
+      scene.support_radius_factor != usual.support_radius_factor)
     return "calibrated for the default rim, points and supports only";
   if (const std::optional<ToolShape> tool = scene.tool) {
     if (tool->mesh) return "not calibrated for drawn tools";

@@ -21,6 +21,7 @@
 #include "apps/run/walls.hpp"
 #include "apps/run/words.hpp"
 #include "apps/scene/compatibility.hpp"
+#include "apps/scene/resolve.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/stop.hpp"
@@ -84,7 +85,7 @@ std::vector<std::pair<std::string, double>> times_of(const Result& result, doubl
 
 // What an earlier run of the same image or model, by the same options, has left finished. Throws UsageError:
 // it was another run.
-Outcome finished_already(const fs::path& folder, const Config& config, const std::string& input_key,
+Outcome finished_already(const fs::path& folder, const Config& options, const std::string& input_key,
                          const std::string& input_sha256, const RecordObserver& observer) {
   Outcome outcome;
   outcome.summary_json = read_file(folder / "summary.json", most_bytes_of_text);
@@ -92,11 +93,11 @@ Outcome finished_already(const fs::path& folder, const Config& config, const std
   read_config(before, folder / "config.resolved.toml");
   const Json summary = Json::parse(outcome.summary_json, nullptr, false);
   // As many as its folds asked for, not somebody.
-  if (default_nodes(config) &&
+  if (default_nodes(options) &&
       summary.value("model", Json::object()).value("nodes_for_band", Index{0}) == before.cloud.nodes)
-    before.cloud.nodes = config.cloud.nodes;
+    before.cloud.nodes = options.cloud.nodes;
   require_same_run({summary.value("version", ""), option_values(before), summary.value(input_key, "")},
-                   {DIMPLE_VERSION, option_values(config), input_sha256});
+                   {DIMPLE_VERSION, option_values(options), input_sha256});
   std::error_code ignored;
   fs::remove(folder / checkpoint_file, ignored);  // if it was killed between the last file and this
   remove_temporaries_in(folder);
@@ -126,8 +127,8 @@ std::optional<Checkpoint> resumed_in(const ResultFolder& folder, const RunIdenti
 }
 
 // What is wrong with the curve is said before anything is computed.
-std::optional<MeasuredCurve> compared_curve(const Config& config) {
-  const std::string& name = config.output.compare;
+std::optional<MeasuredCurve> compared_curve(const Scene& scene) {
+  const std::string& name = scene.output.compare;
   if (name.empty()) return std::nullopt;
   if (name != paper_word) return read_measured_curve(name);
   return paper_curve();
@@ -136,6 +137,7 @@ std::optional<MeasuredCurve> compared_curve(const Config& config) {
 // What differs between a run from an image and one from a model's files.
 struct Recording {
   fs::path folder;
+  Config options;  ///< of which the folder gets a file
   RunIdentity identity;
   std::optional<Checkpoint> resumed = {};
   std::function<void(Result&)> write_model =
@@ -219,11 +221,11 @@ class Recorder {
     for (const LabelMeasure& label : now.labels) labels.push_back(label.value);
     if (!labels.empty()) label_at = label_finder(image, Eigen::Isometry3d::Identity(), labels);
     // A refinement that was stopped has little time to write what it has.
-    writer_.emplace(how_.folder, now.model, now.history.interrupted ? tables_alone : wanted_of(given_.config),
+    writer_.emplace(how_.folder, now.model, now.history.interrupted ? tables_alone : wanted_of(given_.scene),
                     label_at, now.loading.further, now.loading.duration(), now.loading.touch);
     show_beside(now.loading);
     if (!now.loading.steps.empty()) writer_->show_over_time();
-    if (wanted_of(given_.config).report)
+    if (wanted_of(given_.scene).report)
       slices_ = slices_through(1e3 * (now.model.tool.centre + 0.5 * now.loading.depth * now.model.tool.push),
                                now.model, image);
     if (how_.images.any() && !now.history.interrupted)
@@ -344,7 +346,7 @@ class Recorder {
 };
 
 Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reason) {
-  const Config& config = given_.config;
+  const Scene& scene = given_.scene;
   const History& history = result.history;
   // Stopped before there was anything to keep.
   if (history.interrupted &&
@@ -352,7 +354,7 @@ Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reas
     throw Stopped(stop_asked());
   const double solve_s = result.solve_s - writing_s_;
   const Stopwatch ending;
-  if (observer_.part) observer_.part(Part::writing, work_of(config, result));
+  if (observer_.part) observer_.part(Part::writing, work_of(scene, result));
   writer_->tables(history, result.band, result.image_error, result.spread);
 
   const Report stopped = history.interrupted ? Stopped(stop_asked()).report : Report{};
@@ -362,7 +364,7 @@ Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reas
   const Json image = image_error_json(result.image_error);
   outcome.headline = headline_of(end.title, end.force, result.band.unknown, image, result.spread);
   if (history.interrupted) outcome.ended_by = ended_by(stopped, end);
-  Config taken = config;  // a run of that file takes these nodes again
+  Config taken = how_.options;  // a run of that file takes these nodes again
   if (result.nodes_for_band > 0) taken.cloud.nodes = result.nodes_for_band;
   const std::string options = to_toml(taken, result.chosen);
   write_file(how_.folder / "config.resolved.toml", options);
@@ -374,7 +376,7 @@ Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reas
     if (how_.beside) comparison = compare_with_measured();
     show_walls();
     draw_overview(end, comparison);
-    if (wanted_of(config).report)
+    if (wanted_of(scene).report)
       page = writer_->report(history, result.band, result.image_error, comparison, slices_, options,
                              !history.interrupted);
     if (!page.is_null() && !how_.command.empty()) page["command"] = run_again(how_.command, how_.folder);
@@ -383,7 +385,7 @@ Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reas
   const double write_s = writing_s_ + before_march_s_ + finishing_s_ + ending.seconds();
   outcome.times = times_here(solve_s, write_s);
   Json summary = how_.summary(result);
-  add_run(summary, config, result, times_in_all(outcome.times, end.solve_s, write_s), end.status,
+  add_run(summary, scene, result, times_in_all(outcome.times, end.solve_s, write_s), end.status,
           failure               ? code_of(failure)
           : history.interrupted ? ExitCode::interrupted
                                 : ExitCode::ok,
@@ -429,7 +431,7 @@ std::string Recorder::ended_by(const Report& stopped, const End& end) const {
   const Loading& loading = result.loading;
   const std::string come = loading.steps.empty() || result.history.force.empty()
                                ? fmt::format("{} of {}", length_in_words(end.reached_mm),
-                                             length_in_words(given_.config.load.depth_mm))
+                                             length_in_words(given_.scene.depth_mm))
                                : fmt::format("{:.4g} s of the {:.4g} s of its steps",
                                              result.history.force.back().t, loading.duration());
   return fmt::format(
@@ -448,7 +450,7 @@ void Recorder::tell_end(const End& end) {
   const Written written = force_written(end.force == 0.0 ? end.largest : end.force);
   const std::string base = written(history.force.back().base_force);
   facts_ = how_.facts(result);
-  for (std::string& line : scene_in_words(given_.config, result)) facts_.push_back(std::move(line));
+  for (std::string& line : scene_in_words(given_.scene, result)) facts_.push_back(std::move(line));
   if (result.time == TimeMode::quasi_static) {
     facts_.push_back(
         fmt::format("equilibrium at {} depths: {:.0f} force evaluations, {:.2f} ms each, {:.1f} s",
@@ -521,7 +523,7 @@ void Recorder::show_beside(const Loading& loading) {
 
 // Where they stand, for picture and page, and what they bear.
 void Recorder::show_walls() {
-  writer_->show_walls(gap_to_walls(given_.config, result.loading));
+  writer_->show_walls(gap_to_walls(given_.scene, result.loading));
   for (std::size_t k = 0; k < result.history.walls.size(); ++k) {
     const Touch& rigid = result.loading.walls[k];
     const TouchingTool::Touched& now = result.history.walls[k];
@@ -602,32 +604,34 @@ Outcome record(Case given, Recording how, const RecordObserver& observer) {
 
 }  // namespace
 
-Outcome record_run(const Config& config, const fs::path& folder, Existing existing,
+Outcome record_run(const Config& options, const fs::path& folder, Existing existing,
                    const RecordObserver& observer, const LabelImage* image) {
   const Stopwatch whole(observer.waited_s);
   ResultFolder results(folder, existing);
-  RunIdentity identity{DIMPLE_VERSION, option_values(config), ""};
+  const Scene scene = resolve(options);
+  RunIdentity identity{DIMPLE_VERSION, option_values(options), ""};
   Recording how{.folder = folder,
+                .options = options,
                 .identity = identity,
-                .beside = compared_curve(config),
-                .images = images_asked_for(config),
+                .beside = compared_curve(scene),
+                .images = images_asked_for(scene),
                 .whole = whole};
-  if (existing == Existing::resume && !config.image.file.empty() &&
+  if (existing == Existing::resume && !scene.image.file.empty() &&
       (results.finished() || results.resumable())) {
-    identity.input_sha256 = sha256_of_file(config.image.file);
+    identity.input_sha256 = sha256_of_file(scene.image.file);
     if (results.finished())
-      return finished_already(folder, config, "image_sha256", identity.input_sha256, observer);
+      return finished_already(folder, options, "image_sha256", identity.input_sha256, observer);
     how.resumed = resumed_in(results, identity);
   }
   how.write_model = [&](Result& result) {
     results.prepare();
-    const Wanted wanted = result.history.interrupted ? tables_alone : wanted_of(config);
+    const Wanted wanted = result.history.interrupted ? tables_alone : wanted_of(scene);
     if (wanted.model)
       write_model(folder / "model", result.model, result.model.scheme, result.provenance,
                   result.facing_share);
     if (wanted.label) write_vti(folder / "label.vti", result.image);
   };
-  how.summary = [&](const Result& result) { return summary_of_image(config, result); };
+  how.summary = [&](const Result& result) { return summary_of_image(scene, result); };
   how.facts = [](const Result& result) {
     const ModelReport& report = result.report;
     const Model& model = result.model;
@@ -641,9 +645,9 @@ Outcome record_run(const Config& config, const fs::path& folder, Existing existi
             : fmt::format("circle: {} nodes at {}, {}", report.circle_nodes,
                           in_words(model.tool.centre * 1e3), report.boundary.circle_reason)};
   };
-  how.subject = fs::path(name_of_image(config)).filename().string();
+  how.subject = fs::path(name_of_image(scene)).filename().string();
   if (!image) how.command = {"run"};
-  return record({.config = config, .image = image, .band = config.accuracy.band == "on"}, std::move(how),
+  return record({.scene = scene, .image = image, .band = scene.band}, std::move(how),
                 observer);
 }
 
@@ -665,29 +669,31 @@ void add_explained(Outcome& outcome, const fs::path& folder, double seconds, con
   write_file(folder / "summary.json", outcome.summary_json);
 }
 
-Outcome record_solve(const Config& config, const fs::path& model, const fs::path& folder, Existing existing,
+Outcome record_solve(const Config& options, const fs::path& model, const fs::path& folder, Existing existing,
                      const RecordObserver& observer) {
   const Stopwatch whole(observer.waited_s), reading;
   fs::path model_folder = fs::is_directory(model) ? model : model.parent_path();
   if (model_folder.empty()) model_folder = ".";
   ResultFolder results(folder, existing, model_folder);
-  check_pairs(config, Feature::solve);
-  Case given{.config = config, .model = read_model(model)};
+  const Scene scene = resolve(options);
+  check_pairs(scene, Feature::solve);
+  Case given{.scene = scene, .model = read_model(model)};
   const ModelFiles& files = *given.model;
   Recording how{
       .folder = folder,
-      .identity = {DIMPLE_VERSION, option_values(config), sha256_of_model(files.places, files.scheme)},
-      .beside = compared_curve(config),
-      .images = images_asked_for(config),
+      .options = options,
+      .identity = {DIMPLE_VERSION, option_values(options), sha256_of_model(files.places, files.scheme)},
+      .beside = compared_curve(scene),
+      .images = images_asked_for(scene),
       .read_s = reading.seconds(),
       .whole = whole};
   if (existing == Existing::resume && results.finished())
-    return finished_already(folder, config, "model_sha256", how.identity.input_sha256, observer);
+    return finished_already(folder, options, "model_sha256", how.identity.input_sha256, observer);
   how.resumed = resumed_in(results, how.identity);
   how.write_model = [&](Result&) {
     results.prepare();
     const fs::path label = model_folder / "label.vti";
-    if (wanted_of(config).label && fs::exists(label) && !fs::equivalent(folder, model_folder))
+    if (wanted_of(scene).label && fs::exists(label) && !fs::equivalent(folder, model_folder))
       write_file(folder / "label.vti", read_file(label));
   };
   how.summary = [&, sha256 = how.identity.input_sha256](const Result&) {
@@ -709,13 +715,14 @@ Outcome record_solve(const Config& config, const fs::path& model, const fs::path
   return record(given, std::move(how), observer);
 }
 
-Outcome record_model(const Config& config, const fs::path& folder, Existing existing,
+Outcome record_model(const Config& options, const fs::path& folder, Existing existing,
                      const RecordObserver& observer) {
   const Stopwatch whole;
-  check_pairs(config, Feature::model);
+  const Scene scene = resolve(options);
+  check_pairs(scene, Feature::model);
   ResultFolder results(folder, existing);
   Result result;
-  build_case({.config = config}, {.line = observer.line, .part = observer.part}, result);
+  build_case({.scene = scene}, {.line = observer.line, .part = observer.part}, result);
   stop_if_asked();
   const double before_writing_s = whole.seconds();
   doing(observer, "writing the model");
@@ -724,7 +731,7 @@ Outcome record_model(const Config& config, const fs::path& folder, Existing exis
   write_model(folder, result.model, result.model.scheme, result.provenance, result.facing_share);
   auto times = times_of(result, 0.0);
   times.emplace_back("writing", whole.seconds() - before_writing_s);
-  return {.summary_json = as_text(summary_of_model(config, result)),
+  return {.summary_json = as_text(summary_of_model(scene, result)),
           .headline = fmt::format("{} nodes, {} integration points", result.model.node_count(),
                                   result.model.point_count()),
           .times = std::move(times)};

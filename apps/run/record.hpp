@@ -8,6 +8,7 @@
 #include "apps/run/result_folder.hpp"
 #include "apps/run/results.hpp"
 #include "apps/run/simulate.hpp"
+#include "apps/scene/config.hpp"
 
 namespace dimple {
 

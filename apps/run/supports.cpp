@@ -104,7 +104,7 @@ void check_nodes(const Scene::Support& held, const Chosen& chosen, const Discret
   if (of_tool > 0)
     throw ModelError(
         report_on(name, "on",
-                  fmt::format("on '{}' takes {} of the {} nodes of the tool's circle", held.on, of_tool,
+                  fmt::format("on '{}' takes {} of the {} nodes of the tool's circle", held.on_words, of_tool,
                               places.circle.size()),
                   fmt::format("the circle's middle is at {}, and its nodes move with the tool",
                               in_words(1e3 * places.tool.centre)),

@@ -13,6 +13,8 @@
 #include <sstream>
 #include <thread>
 
+#include "apps/run/model_options.hpp"
+#include "apps/scene/resolve.hpp"
 #include "apps/run/checkpoint.hpp"
 #include "apps/run/compare.hpp"
 #include "apps/scene/compatibility.hpp"
@@ -263,9 +265,9 @@ Config case_of(const Cohort& cohort, std::size_t row, Config config) {
                       .why = "the field is empty",
                       .remedy = "write the path of its label image there"});
   require_regular_file(config.image.file);
-  goal_of(config);
-  check_pairs(config, Feature::run);
-  check_words(model_options(config).boundary);
+  const Scene scene = resolve(config);
+  check_pairs(scene, Feature::run);
+  check_words(model_options(scene).boundary);
   if (!config.output.compare.empty() && config.output.compare != paper_word)
     read_measured_curve(config.output.compare);
   return config;

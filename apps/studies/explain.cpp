@@ -129,21 +129,22 @@ Vec3 centre_in_image(const Result& found) {
 }
 
 // The scene as it was found, with its places as numbers: a change of the body does not move the tool.
-Config pinned(Config config, const Result& found, const Vec3& down) {
+Scene pinned(Scene scene, const Result& found, const Vec3& down) {
   const auto& tool = found.model.tool;
-  config.boundary.indent_at = vector_text(1e3 * centre_in_image(found));
-  config.boundary.direction = vector_text(tool.push);
-  config.boundary.base = vector_text(down);
-  if (config.solver.time == "auto")
-    config.solver.time = found.time == TimeMode::quasi_static ? "quasi-static" : "explicit";
-  if (config.load.self_contact == "auto") config.load.self_contact = found.loading.folds ? "on" : "off";
-  return config;
+  scene.boundary.indent_at = vector_text(1e3 * centre_in_image(found));
+  scene.boundary.direction = vector_text(tool.push);
+  scene.boundary.base = vector_text(down);
+  if (scene.solver.time == Scene::Numerics::Time::automatic)
+    scene.solver.time = found.time == TimeMode::quasi_static ? Scene::Numerics::Time::quasi_static
+                                                              : Scene::Numerics::Time::explicit_;
+  if (scene.self_contact == Scene::SelfContact::automatic) scene.self_contact = found.loading.folds ? Scene::SelfContact::on : Scene::SelfContact::off;
+  return scene;
 }
 
 // What trials are made from: the case, the same with its places as numbers, and what was found with it.
 struct Unchanged {
-  const Config& config;
-  const Config& held;
+  const Scene& scene;
+  const Scene& held;
   const Result& found;
   Vec3 down;
 
@@ -156,55 +157,55 @@ struct Unchanged {
 template <class Change>
 void add(std::vector<Trial>& trials, const Unchanged& u, const std::string& what, const std::string& all,
          const std::string& instead, Kind kind, Change change) {
-  Trial trial{what, instead, all.empty() ? instead : all, kind, {.config = u.held}};
+  Trial trial{what, instead, all.empty() ? instead : all, kind, {.scene = u.held}};
   change(trial.given);
   trials.push_back(std::move(trial));
 }
 
 // Which only say how finely the same case is computed.
 void add_discretisation(std::vector<Trial>& trials, const Unchanged& u) {
-  const Config& config = u.config;
+  const Scene& scene = u.scene;
   for (const int more : {1, 2})
     add(trials, u, "cloud", "two other random clouds",
-        fmt::format("seed {} instead of {}", config.cloud.seed + more, config.cloud.seed), Kind::cloud,
-        [&](Case& c) { c.config.cloud.seed += more; });
+        fmt::format("seed {} instead of {}", scene.cloud.seed + more, scene.cloud.seed), Kind::cloud,
+        [&](Case& c) { c.scene.cloud.seed += more; });
   add(trials, u, "number of nodes", "",
-      fmt::format("{} instead of {}", 2 * config.cloud.nodes, config.cloud.nodes), Kind::cloud,
-      [](Case& c) { c.config.cloud.nodes *= 2; });
+      fmt::format("{} instead of {}", 2 * scene.cloud.nodes, scene.cloud.nodes), Kind::cloud,
+      [](Case& c) { c.scene.cloud.nodes *= 2; });
 
-  const double ratio = scheme_of(config).points_per_node;
+  const double ratio = scheme_of(scene).points_per_node;
   add(trials, u, "integration points", "",
       fmt::format("{} per node instead of {}", plain(2.0 * ratio), plain(ratio)), Kind::cloud, [&](Case& c) {
-        c.config.grid.points = 0;
-        c.config.grid.ratio = 2.0 * ratio;
+        c.scene.grid.points = 0;
+        c.scene.grid.ratio = 2.0 * ratio;
       });
-  const double tolerance = config.solver.tolerance;
+  const double tolerance = scene.solver.tolerance;
   add(trials, u, "equilibrium", "",
       fmt::format("to {} of the reactions instead of {}", plain(0.1 * tolerance), plain(tolerance)),
-      Kind::cloud, [&](Case& c) { c.config.solver.tolerance = std::max(0.1 * tolerance, 1e-8); });
-  const double step = longest_step_radii(config);
+      Kind::cloud, [&](Case& c) { c.scene.solver.tolerance = std::max(0.1 * tolerance, 1e-8); });
+  const double step = longest_step_radii(scene);
   add(trials, u, "steps of the load", "",
       fmt::format("{:g} instead of {:g} radii of the {}", 0.5 * step, step, u.tool_name()), Kind::cloud,
-      [&](Case& c) { c.config.solver.step_radii = std::max(0.5 * step, 0.001); });
+      [&](Case& c) { c.scene.solver.step_radii = std::max(0.5 * step, 0.001); });
 }
 
 void add_contact(std::vector<Trial>& trials, const Unchanged& u) {
-  const bool bonded = u.config.load.contact == "bonded";
+  const bool bonded = u.scene.contact == Contact::bonded;
   if (const Touch* touch = u.touch())
     for (const ToolChoice& choice : tool_choices(touch->shape, touch->friction))
       add(trials, u, choice.what, choice.all, choice.instead, Kind::doubt, [&](Case& c) {
         c.change.tool = choice.shape;
-        c.config.tool.friction = choice.friction;
+        c.scene.friction = choice.friction;
       });
   else
     add(trials, u, "contact", "",
         bonded ? "frictionless instead of bonded" : "bonded instead of frictionless", Kind::doubt,
-        [&](Case& c) { c.config.load.contact = bonded ? "frictionless" : "bonded"; });
+        [&](Case& c) { c.scene.contact = bonded ? Contact::frictionless : Contact::bonded; });
 }
 
 // How far up the body is held.
 void add_base(std::vector<Trial>& trials, const Unchanged& u) {
-  if (!has_base(u.config)) return;
+  if (!u.scene.base_is_held) return;
   const Boundary& boundary = u.found.report.boundary;
   const std::vector<double> heights =
       boundary.flat_base ? std::vector<double>{boundary.height / 6.0}
@@ -215,7 +216,7 @@ void add_base(std::vector<Trial>& trials, const Unchanged& u) {
                            : fmt::format("held to {:.1f} or {:.1f} mm instead of {:.1f} mm", heights[0],
                                          heights[1], boundary.base_depth),
         fmt::format("held to {:.1f} mm instead of {:.1f} mm", height, boundary.base_depth), Kind::doubt,
-        [&](Case& c) { c.config.boundary.base_depth_mm = height; });
+        [&](Case& c) { c.scene.boundary.base_depth_mm = height; });
 }
 
 void add_tool_place(std::vector<Trial>& trials, const Unchanged& unchanged) {
@@ -231,7 +232,7 @@ void add_tool_place(std::vector<Trial>& trials, const Unchanged& unchanged) {
         fmt::format("moved by {:g} mm along ({:+.1f}, {:+.1f}, {:+.1f})", tool_step_mm, shown.x(), shown.y(),
                     shown.z()),
         Kind::doubt,
-        [&](Case& c) { c.config.boundary.indent_at = vector_text(1e3 * centre + tool_step_mm * step); });
+        [&](Case& c) { c.scene.boundary.indent_at = vector_text(1e3 * centre + tool_step_mm * step); });
   }
 }
 
@@ -255,13 +256,13 @@ void add_shape(std::vector<Trial>& trials, const Unchanged& u) {
 void add_folds(std::vector<Trial>& trials, const Unchanged& u) {
   const auto change = [&](double close_mm) {
     return [&u, close_mm](Case& c) {
-      c.config.image.close_mm = close_mm;
+      c.scene.image.close_mm = close_mm;
       // Whether they touch is decided by the folds that are left; a body that was imaged under its loads has
       // them pass.
-      if (!u.found.unloaded) c.config.load.self_contact = u.config.load.self_contact;
+      if (!u.found.unloaded) c.scene.self_contact = u.scene.self_contact;
     };
   };
-  if (const double closed_mm = u.config.image.close_mm; closed_mm > 0.0)
+  if (const double closed_mm = u.scene.image.close_mm; closed_mm > 0.0)
     add(trials, u, "folds", "",
         fmt::format("open instead of closed below {} mm, at the same place", plain(closed_mm)), Kind::doubt,
         change(0.0));
@@ -272,19 +273,19 @@ void add_folds(std::vector<Trial>& trials, const Unchanged& u) {
   const bool touch = u.found.loading.folds != nullptr;
   add(trials, u, "walls of folds", "",
       touch ? "pass through each other" : "touch where they close, without friction", Kind::doubt,
-      [touch](Case& c) { c.config.load.self_contact = touch ? "off" : "on"; });
+      [touch](Case& c) { c.scene.self_contact = touch ? Scene::SelfContact::off : Scene::SelfContact::on; });
 }
 
 void add_small_strain(std::vector<Trial>& trials, const Unchanged& u) {
-  const double depth_mm = u.config.load.depth_mm, small_mm = small_depth_radii * u.radius_mm();
+  const double depth_mm = u.scene.depth_mm, small_mm = small_depth_radii * u.radius_mm();
   // The force of a tool that touches is not proportional to its depth at small strain either.
   if (u.touch() || !(small_mm < depth_mm) || u.found.time != TimeMode::quasi_static) return;
   add(trials, u, "strain", "", "small instead of large", Kind::simplification, [&](Case& c) {
     // Supports come as far as they have when the tool is there.
-    for (auto& [name, support] : c.config.held)
+    for (Scene::Support& support : c.scene.supports)
       for (double& way : support.move_mm) way *= small_mm / depth_mm;
-    c.config.load.depth_mm = small_mm;
-    c.config.solver.frames = 1;
+    c.scene.depth_mm = small_mm;
+    c.scene.solver.frames = 1;
   });
   trials.back().linear = true;
 }
@@ -300,7 +301,7 @@ void add_far_tissue(std::vector<Trial>& trials, const Unchanged& u) {
         const LabelImage near = without_far_tissue(u.found.image, centre, push, away);
         // Without its lowest part the body is held as far up as before.
         if (!boundary.flat_base)
-          c.config.boundary.base_depth_mm = std::max(
+          c.scene.boundary.base_depth_mm = std::max(
               boundary.base_depth - reach_of(u.found.image, labels, u.down) + reach_of(near, labels, u.down),
               0.1);
         c.change.image = [=](const LabelImage& image) {
@@ -310,37 +311,37 @@ void add_far_tissue(std::vector<Trial>& trials, const Unchanged& u) {
 }
 
 void add_poisson_ratio(std::vector<Trial>& trials, const Unchanged& u) {
-  if (u.config.material.preset != "none") return;
+  if (u.scene.material.preset != "none") return;
   constexpr double nearly = 0.49, more_nearly = 0.499;
-  const double nu = u.config.material.nu > 0.5 * (nearly + more_nearly) ? nearly : more_nearly;
+  const double nu = u.scene.material.nu > 0.5 * (nearly + more_nearly) ? nearly : more_nearly;
   add(trials, u, "Poisson's ratio", "",
-      fmt::format("{} instead of {}", plain(nu), plain(u.config.material.nu)), Kind::simplification,
-      [&](Case& c) { c.config.material.nu = nu; });
+      fmt::format("{} instead of {}", plain(nu), plain(u.scene.material.nu)), Kind::simplification,
+      [&](Case& c) {
+        c.scene.material.nu = nu;
+        for (TissueOfLabel& tissue : c.scene.tissues)
+          if (!tissue.has_own_nu) tissue.numbers.nu = nu;
+      });
 }
 
 // What is rigid beside the body: not there, and with friction.
 void add_walls(std::vector<Trial>& trials, const Unchanged& u) {
-  if (!has_walls(u.config)) return;
-  add(trials, u, "walls", "", "none", Kind::simplification, [](Case& c) {
-    c.config.wall.clear();
-    c.config.load.wall = "none";
-  });
-  const std::string friction = "0.3";
-  add(trials, u, "walls' friction", "", friction, Kind::doubt, [&](Case& c) {
-    for (const auto& [name, wall] : walls_named(c.config)) c.config.wall[name].friction = friction;
+  if (u.scene.walls.empty()) return;
+  add(trials, u, "walls", "", "none", Kind::simplification, [](Case& c) { c.scene.walls.clear(); });
+  add(trials, u, "walls' friction", "", "0.3", Kind::doubt, [](Case& c) {
+    for (Scene::Wall& wall : c.scene.walls) wall.friction = 0.3;
   });
 }
 
 void add_inertia(std::vector<Trial>& trials, const Unchanged& u) {
   if (u.found.time == TimeMode::quasi_static) return;
   add(trials, u, "inertia", "", "neglected", Kind::simplification,
-      [](Case& c) { c.config.solver.time = "quasi-static"; });
+      [](Case& c) { c.scene.solver.time = Scene::Numerics::Time::quasi_static; });
 }
 
 void add_one_material(std::vector<Trial>& trials, const Unchanged& u) {
-  if (u.config.tissue.empty()) return;
+  if (u.scene.tissues.empty()) return;
   add(trials, u, "tissues", "", "all of one material", Kind::simplification,
-      [](Case& c) { c.config.tissue.clear(); });
+      [](Case& c) { c.scene.tissues.clear(); });
 }
 
 // In the order in which they are run.
@@ -363,10 +364,10 @@ std::vector<Trial> trials_of(const Unchanged& unchanged) {
 
 // Whether the change has changed nothing: then it has nothing to say.
 std::string left_out(const Trial& trial, const Result& now, const Result& found) {
-  if (trial.what == "folds" && trial.given.config.image.close_mm > 0.0 && now.closed_mm3 == 0.0)
+  if (trial.what == "folds" && trial.given.scene.image.close_mm > 0.0 && now.closed_mm3 == 0.0)
     return "no gap is that narrow";
-  if (const Config& config = trial.given.config;
-      trial.what == "far tissue" && !(config.held.empty() && config.pressure.empty() && !has_walls(config)))
+  if (const Scene& scene = trial.given.scene;
+      trial.what == "far tissue" && !(scene.supports.empty() && scene.pressures.empty() && scene.walls.empty()))
     return "supports, pressures and walls would lie where it is cut";
   if (trial.what == "far tissue" && now.segment.voxel_volume_mm3 == found.segment.voxel_volume_mm3)
     return "no tissue lies that far away";
@@ -403,14 +404,13 @@ const char* word_of(Kind kind) {
   return kind == Kind::cloud ? "discretisation" : kind == Kind::doubt ? "doubt" : "simplification";
 }
 
-Index nodes_to_explain(const Config& config, double facing_share) {
-  return std::max(fewest_nodes_under_tool(config),
-                  facing_share > most_facing ? Index{2000} : Config{}.cloud.nodes);
+Index nodes_to_explain(const Scene& scene, double facing_share) {
+  return std::max(fewest_nodes_under_tool(scene),
+                  facing_share > most_facing ? Index{2000} : Scene::Cloud{}.nodes);
 }
 
 std::vector<ToolChoice> tool_choices(const ToolShape& shape, double friction) {
   std::vector<ToolChoice> choices;
-  const std::string same = std::isinf(friction) ? "stick" : fmt::format("{}", friction);
   constexpr double any = std::numeric_limits<double>::infinity(), rounding = 1e-9;
   const std::vector<ToolLength> lengths = lengths_of(shape);
   for (std::size_t k = 0; k < lengths.size(); ++k)
@@ -421,12 +421,11 @@ std::vector<ToolChoice> tool_choices(const ToolShape& shape, double friction) {
       choices.push_back(
           {"tool's " + length.name, fmt::format("{:g} % larger or smaller", 100.0 * length.doubt),
            fmt::format("{} instead of {}", length_in_words(1e3 * other), length_in_words(1e3 * length.value)),
-           with_length(shape, k, other), same});
+           with_length(shape, k, other), friction});
     }
 
   std::vector<std::string> others;
-  for (const auto& [value, text, word] :
-       {std::tuple{0.0, "0", "none"}, {0.3, "0.3", "0.3"}, {any, "stick", "stuck"}})
+  for (const auto& [value, word] : {std::pair{0.0, "none"}, {0.3, "0.3"}, {any, "stuck"}})
     if (value != friction) {
       others.emplace_back(word);
       choices.push_back(
@@ -434,7 +433,7 @@ std::vector<ToolChoice> tool_choices(const ToolShape& shape, double friction) {
            {},
            fmt::format("{} instead of {}", friction_in_words(value), friction_in_words(friction)),
            shape,
-           text});
+           value});
     }
   const std::string last = others.back();
   others.pop_back();
@@ -446,20 +445,22 @@ std::vector<ToolChoice> tool_choices(const ToolShape& shape, double friction) {
 namespace {
 
 // The case that is explained, with so many nodes.
-Config config_to_explain(Config config, Index nodes) {
-  config.accuracy = {};
-  config.material.mu_spread_percent = 0.0;
-  config.cloud.spacing_mm = 0.0;
-  config.cloud.nodes = nodes;
-  config.source["cloud.nodes"] = "explain";
-  config.solver.frames = frames;
-  return config;
+Scene config_to_explain(Scene scene, Index nodes) {
+  scene.goal.reset();
+  scene.followed.reset();
+  scene.band = true;
+  scene.material.mu_spread = 0.0;
+  scene.cloud.spacing_mm = 0.0;
+  scene.cloud.nodes = nodes;
+  scene.given.nodes = true;
+  scene.solver.frames = frames;
+  return scene;
 }
 
 // What a trial is compared with.
 struct ForceReference {
   const std::vector<double>& depths_mm;
-  const Config& held;
+  const Scene& held;
   const ReadOrgan& organ;  // of the case as it was given, and what was made of it with its places as numbers
   const Tried& found;      // as the case was given
   const Tried& as_it_is;   // the same with its places as numbers
@@ -487,10 +488,10 @@ std::vector<double> proportional(const Tried& now, double depth_mm, const std::v
 std::size_t average_with_another_cloud(Tried& now, const Case& given, const std::vector<double>& depths_mm,
                                        std::size_t depths) {
   ReadOrgan same = *given.organ;
-  same.made = made_in(given.config, now.result);
+  same.made = made_in(given.scene, now.result);
   Case again = given;
   again.organ = &same;
-  ++again.config.cloud.seed;
+  ++again.scene.cloud.seed;
   const auto other = run(again, depths_mm);
   if (other.force.size() < depths) now.deeper = other.deeper;
   depths = std::min(depths, other.force.size());
@@ -520,10 +521,10 @@ void compare(Alternative& alternative, const Trial& trial, const Case& given, Tr
 using Say = std::function<void(const std::string&)>;
 
 // Whether a case has the body of another: its image is read no other way, and its surface laid likewise.
-bool has_same_body(const Case& a, const Config& b) {
+bool has_same_body(const Case& a, const Scene& b) {
   const BodyChange& change = a.change;
   return !change.image && change.smoothing == 1.0 && change.outward_voxels == 0.0 &&
-         a.config.image.close_mm == b.image.close_mm;
+         a.scene.image.close_mm == b.image.close_mm;
 }
 
 // Runs it and compares; of a trial that fails, why. Nothing, where it has nothing to say.
@@ -532,7 +533,7 @@ std::optional<Alternative> try_out(const Trial& trial, ForceReference& reference
   Alternative alternative{trial.what, trial.instead, trial.all, trial.kind};
   const Stopwatch trying;
   try {
-    const double depth_mm = trial.given.config.load.depth_mm;
+    const double depth_mm = trial.given.scene.depth_mm;
     Case given = trial.given;
     std::optional<ReadOrgan> changed;
     if (!has_same_body(given, reference.held)) unless_stopped([&] { changed = read_once(given, {}); });
@@ -561,24 +562,24 @@ void say_alternative(const Alternative& a, const Explanation& explanation, const
 
 // All comparisons with so many nodes; nothing, where these are too few: on a folded body, or because another
 // random cloud has more effect than is to matter. Then `more` is how many to take, if it is asked for.
-std::optional<Explanation> explain_with(Index nodes, Index* more, const Config& given, const Say& progress) {
+std::optional<Explanation> explain_with(Index nodes, Index* more, const Scene& given, const Say& progress) {
   const Stopwatch whole;
-  const Config config = config_to_explain(given, nodes);
+  const Scene scene = config_to_explain(given, nodes);
   const Say say = [&](const std::string& text) {
     if (progress) progress(text);
   };
   std::vector<double> depths_mm;
-  for (int k = 1; k <= frames; ++k) depths_mm.push_back(config.load.depth_mm * k / frames);
+  for (int k = 1; k <= frames; ++k) depths_mm.push_back(scene.depth_mm * k / frames);
 
-  ReadOrgan organ = read_once({.config = config}, {});
-  Tried found = run({.config = config, .organ = &organ}, depths_mm);
+  ReadOrgan organ = read_once({.scene = scene}, {});
+  Tried found = run({.scene = scene, .organ = &organ}, depths_mm);
   found.result.image = organ.read.image;  // which simulate() lets go of
-  if (const Index least = nodes_to_explain(config, found.result.facing_share); more && nodes < least) {
+  if (const Index least = nodes_to_explain(scene, found.result.facing_share); more && nodes < least) {
     *more = least;
     return std::nullopt;
   }
   const Vec3 down = found.result.model.axes * found.result.report.boundary.down;
-  Explanation explanation{.nodes = config.cloud.nodes,
+  Explanation explanation{.nodes = scene.cloud.nodes,
                           .depth_mm = depths_mm[found.force.size() - 1],
                           .force = found.force.back(),
                           .seconds = found.seconds};
@@ -589,8 +590,8 @@ std::optional<Explanation> explain_with(Index nodes, Index* more, const Config& 
   try {
     // Numbers in place of words can move the tool by a last digit, and a cloud with it: changes are measured
     // from there.
-    const Config held = pinned(config, found.result, down);
-    const Tried as_it_is = run({.config = held, .organ = &organ}, depths_mm);
+    const Scene held = pinned(scene, found.result, down);
+    const Tried as_it_is = run({.scene = held, .organ = &organ}, depths_mm);
     organ.made = made_in(held, as_it_is.result);
     ForceReference reference{.depths_mm = depths_mm,
                              .held = held,
@@ -598,7 +599,7 @@ std::optional<Explanation> explain_with(Index nodes, Index* more, const Config& 
                              .found = found,
                              .as_it_is = as_it_is,
                              .mean = as_it_is.force};
-    for (const Trial& trial : trials_of({config, held, found.result, down})) {
+    for (const Trial& trial : trials_of({scene, held, found.result, down})) {
       std::optional<Alternative> alternative = try_out(trial, reference, explanation.noise, say);
       if (!alternative) continue;
       if (trial.what == "cloud" && alternative->failed.empty()) {
@@ -624,15 +625,15 @@ std::optional<Explanation> explain_with(Index nodes, Index* more, const Config& 
 
 }  // namespace
 
-Explanation explain(const Config& config, Index nodes,
+Explanation explain(const Scene& scene, Index nodes,
                     const std::function<void(const std::string&)>& progress) {
-  check_pairs(config, Feature::explain);
-  if (nodes > 0) return *explain_with(nodes, nullptr, config, progress);
+  check_pairs(scene, Feature::explain);
+  if (nodes > 0) return *explain_with(nodes, nullptr, scene, progress);
   const Stopwatch whole;
-  for (Index more = nodes_to_explain(config, 0.0);;) {
+  for (Index more = nodes_to_explain(scene, 0.0);;) {
     nodes = more;
     if (std::optional<Explanation> explanation =
-            explain_with(nodes, nodes < most_nodes_to_explain ? &more : nullptr, config, progress)) {
+            explain_with(nodes, nodes < most_nodes_to_explain ? &more : nullptr, scene, progress)) {
       explanation->total_s = whole.seconds();
       return *std::move(explanation);
     }

@@ -7,7 +7,7 @@
 #include <utility>
 #include <vector>
 
-#include "apps/scene/config.hpp"
+#include "apps/scene/scene.hpp"
 #include "io/types.hpp"
 #include "solver/terms/tool_shape.hpp"
 
@@ -55,19 +55,19 @@ inline double threshold(const Explanation& e) {
 
 /// Nodes with which choices are compared at first: as many as a run has by itself, and more on a folded body
 /// and under a tool that takes more.
-Index nodes_to_explain(const Config& config, double facing_share);
+Index nodes_to_explain(const Scene& scene, double facing_share);
 
 /// A tool that touches, changed in one of its choices: a length, on the nodes of the unchanged one, or its
 /// friction. What is not known of it: a radius to 2 %, the radius of an edge to 20 %.
 struct ToolChoice {
   std::string what, all, instead;
   ToolShape shape;
-  std::string friction;
+  double friction;
 };
 /// None that the tool cannot have: see tool_of().
 std::vector<ToolChoice> tool_choices(const ToolShape& shape, double friction);
 
-/// Runs the scene of `config` and then with one choice at a time changed: other clouds, the contact (of a
+/// Runs the scene of `scene` and then with one choice at a time changed: other clouds, the contact (of a
 /// tool that touches its friction, its radius and the radius of its edge, on the same nodes), the base's
 /// height, the circle's place, the segmentation's border, the surface's smoothing, the voxels' size, folds
 /// that are narrow, and what a model may leave out: large strain, far tissue, incompressibility, inertia,
@@ -81,7 +81,7 @@ std::vector<ToolChoice> tool_choices(const ToolShape& shape, double friction);
 /// accuracy that was asked for plays no part. `progress` hears a line about each run. Throws what simulate()
 /// throws where the scene as it is has no force, and what check_pairs() throws; a choice that has none
 /// is listed with why. Stopped: before the first comparison; after it, what there is is returned.
-Explanation explain(const Config& config, Index nodes,
+Explanation explain(const Scene& scene, Index nodes,
                     const std::function<void(const std::string&)>& progress);
 
 /// By `what` the largest effect first, those that failed last.

@@ -28,7 +28,7 @@ constexpr double tilt_degrees_of_up = 15.0, share_of_fluid = 0.2, opening_mm = 5
 struct ShiftTrial {
   std::string what, instead, all;
   Kind kind;
-  Config config;
+  Scene scene;
 };
 
 // Of one shift: at the opening, and at the targets and places in depth [3 x M] mm.
@@ -40,16 +40,16 @@ struct Measured {
 };
 
 // `places`: of Measured::elsewhere; none yet: they are found on this one.
-Measured measured(const Config& config, const ShiftScene& scene, Points& places) {
+Measured measured(const Scene& scene, const ShiftScene& asked, Points& places) {
   Shifted now;
-  unless_stopped([&] { come_to_rest(config, scene, {}, now); });
+  unless_stopped([&] { come_to_rest(scene, asked, {}, now); });
   Measured result;
-  result.at_opening = now.surface_mm.col(now.largest_in(scene.opening)).norm();
+  result.at_opening = now.surface_mm.col(now.largest_in(asked.opening)).norm();
   if (places.cols() == 0) {
-    places.resize(3, now.line.cols() + static_cast<Index>(scene.targets.size()));
+    places.resize(3, now.line.cols() + static_cast<Index>(asked.targets.size()));
     for (Index k = 0; k < places.cols(); ++k)
       places.col(k) = k < now.line.cols() ? Vec3(now.line.col(k))
-                                          : scene.targets[static_cast<std::size_t>(k - now.line.cols())];
+                                          : asked.targets[static_cast<std::size_t>(k - now.line.cols())];
   }
   result.elsewhere = now.at(places);
   result.nodes = now.result.model.X;
@@ -65,10 +65,15 @@ std::string side_of(const Vec3& v) {
   return names[static_cast<std::size_t>(axis)][v[axis] > 0.0 ? 1 : 0];
 }
 
+Scene::Wall& skull_in(Scene& scene) {
+  return *std::find_if(scene.walls.begin(), scene.walls.end(),
+                       [](const Scene::Wall& wall) { return wall.name == skull_name; });
+}
+
 class Trials {
  public:
-  Trials(const Config& config, const ShiftScene& scene, const ShiftOptions& options, double base_depth)
-      : config_(config), scene_(scene), options_(options) {
+  Trials(const Scene& scene, const ShiftScene& asked, const ShiftOptions& options, double base_depth)
+      : unchanged_(scene), asked_(asked), options_(options) {
     discretisation();
     skull();
     load();
@@ -80,18 +85,18 @@ class Trials {
   template <class Change>
   void add(const char* what, const std::string& all, const std::string& instead, Kind kind,
            const Change& change) {
-    ShiftTrial trial{what, instead, all.empty() ? instead : all, kind, config_};
-    change(trial.config);
+    ShiftTrial trial{what, instead, all.empty() ? instead : all, kind, unchanged_};
+    change(trial.scene);
     list.push_back(std::move(trial));
   }
 
   void discretisation() {
     for (const int more : {1, 2})
       add("cloud", "two other random clouds",
-          fmt::format("seed {} instead of {}", config_.cloud.seed + more, config_.cloud.seed), Kind::cloud,
-          [&](Config& c) { c.cloud.seed += more; });
-    add("number of nodes", "", fmt::format("{} instead of {}", 2 * config_.cloud.nodes, config_.cloud.nodes),
-        Kind::cloud, [](Config& c) { c.cloud.nodes *= 2; });
+          fmt::format("seed {} instead of {}", unchanged_.cloud.seed + more, unchanged_.cloud.seed), Kind::cloud,
+          [&](Scene& c) { c.cloud.seed += more; });
+    add("number of nodes", "", fmt::format("{} instead of {}", 2 * unchanged_.cloud.nodes, unchanged_.cloud.nodes),
+        Kind::cloud, [](Scene& c) { c.cloud.nodes *= 2; });
   }
 
   void skull() {
@@ -102,36 +107,33 @@ class Trials {
         add("gap",
             fmt::format("{} or {} mm instead of {} mm", plain(0.5 * gap), plain(2.0 * gap), plain(gap)),
             fmt::format("{} mm instead of {} mm", plain(other), plain(gap)), Kind::doubt,
-            [&](Config& c) { c.wall[skull_name].shape = fmt::format("around:{}mm", plain(other)); });
+            [&](Scene& c) { skull_in(c).around = 1e-3 * other; });
     else
       for (const double other : {0.0, gap_of_label_mm})
         add("gap", fmt::format("0 or {} mm at the nearest place", plain(gap_of_label_mm)),
             fmt::format("{} mm at the nearest place", plain(other)), Kind::doubt,
-            [&](Config& c) { c.wall[skull_name].gap = plain(other); });
+            [&](Scene& c) { skull_in(c).gap = 1e-3 * other; });
     add("friction at the skull", "", "0.3 instead of none", Kind::doubt,
-        [](Config& c) { c.wall[skull_name].friction = "0.3"; });
-    const Eigen::Vector4d& o = scene_.opening;
+        [](Scene& c) { skull_in(c).friction = 0.3; });
+    const Eigen::Vector4d& o = asked_.opening;
     for (const double sign : {1.0, -1.0}) {
       const double radius = std::max(o[3] + sign * opening_mm, 0.5 * o[3]);
       add("opening", fmt::format("radius {} mm larger or smaller", plain(opening_mm)),
           fmt::format("radius {} mm instead of {} mm", plain(radius), plain(o[3])), Kind::doubt,
-          [&](Config& c) {
-            c.wall[skull_name].opening = fmt::format("{},{},{},{}", o[0], o[1], o[2], radius);
+          [&](Scene& c) {
+            skull_in(c).opening = Eigen::Vector4d(o[0], o[1], o[2], radius);
           });
     }
   }
 
   void load() {
-    const FluidWords fluid = *fluid_lost_of(config_);
-    const auto lost = [](const Vec3& up, double share) {
-      return fmt::format("{},{},{},{}%", up.x(), up.y(), up.z(), 100.0 * share);
-    };
+    const Scene::Fluid fluid = unchanged_.fluid_lost.value();
     for (const double sign : {1.0, -1.0}) {
       const double share = std::clamp(fluid.share + sign * share_of_fluid, 0.05, 1.0);
       if (share == fluid.share) continue;
       add("fluid lost", fmt::format("{:g} points more or less of the height", 100.0 * share_of_fluid),
           fmt::format("{:.0f} % instead of {:.0f} %", 100.0 * share, 100.0 * fluid.share), Kind::doubt,
-          [&](Config& c) { c.load.fluid_lost = lost(fluid.up, share); });
+          [&](Scene& c) { c.fluid_lost->share = share; });
     }
     Index axis = 0;
     fluid.up.cwiseAbs().minCoeff(&axis);
@@ -140,38 +142,38 @@ class Trials {
     for (const Vec3& way : {u, Vec3(-u), v, Vec3(-v)})
       add("direction of up", fmt::format("tilted by {:g} degrees four ways", tilt_degrees_of_up),
           fmt::format("tilted by {:g} degrees, {}", tilt_degrees_of_up, side_of(way)), Kind::doubt,
-          [&](Config& c) {
-            c.load.fluid_lost = lost(std::cos(angle) * fluid.up + std::sin(angle) * way, fluid.share);
+          [&](Scene& c) {
+            c.fluid_lost->up = (std::cos(angle) * fluid.up + std::sin(angle) * way).normalized();
           });
   }
 
   void body(double base_depth) {
-    if (config_.material.preset == "none")
+    if (unchanged_.material.preset == "none")
       for (const double factor : {0.5, 2.0})
         add("shear modulus", "half or twice",
-            fmt::format("{} instead of {}", stress_in_words(factor * config_.material.mu_Pa),
-                        stress_in_words(config_.material.mu_Pa)),
-            Kind::doubt, [&](Config& c) { c.material.mu_Pa *= factor; });
+            fmt::format("{} instead of {}", stress_in_words(factor * unchanged_.material.mu_Pa),
+                        stress_in_words(unchanged_.material.mu_Pa)),
+            Kind::doubt, [&](Scene& c) { c.material.mu_Pa *= factor; });
     for (const double factor : {0.5, 1.5})
       add("held part",
           fmt::format("{:.1f} or {:.1f} mm instead of {:.1f} mm", 0.5 * base_depth, 1.5 * base_depth,
                       base_depth),
           fmt::format("held to {:.1f} mm instead of {:.1f} mm", factor * base_depth, base_depth), Kind::doubt,
-          [&](Config& c) { c.boundary.base_depth_mm = factor * base_depth; });
-    if (!(config_.image.close_mm > 0.0)) return;
+          [&](Scene& c) { c.boundary.base_depth_mm = factor * base_depth; });
+    if (!(unchanged_.image.close_mm > 0.0)) return;
     const std::string all =
-        fmt::format("open instead of filled below {} mm, touching or not", plain(config_.image.close_mm));
+        fmt::format("open instead of filled below {} mm, touching or not", plain(unchanged_.image.close_mm));
     for (const bool touch : {false, true})
       add("sulci", all,
           touch ? "open, and their walls touch" : "open, and their walls pass through each other",
-          Kind::doubt, [touch](Config& c) {
+          Kind::doubt, [touch](Scene& c) {
             c.image.close_mm = 0.0;
-            c.load.self_contact = touch ? "on" : "off";
+            c.self_contact = touch ? Scene::SelfContact::on : Scene::SelfContact::off;
           });
   }
 
-  const Config& config_;
-  const ShiftScene& scene_;
+  const Scene& unchanged_;
+  const ShiftScene& asked_;
   const ShiftOptions& options_;
 };
 
@@ -212,25 +214,25 @@ void compare(const Measured& now, const ShiftTrial& trial, Reference& reference,
 
 }  // namespace
 
-ShiftExplanation explain_shift(const Config& config, const ShiftOptions& options,
+ShiftExplanation explain_shift(const Scene& scene, const ShiftOptions& options,
                                const std::function<void(const std::string&)>& progress) {
   const Stopwatch whole;
-  const ShiftScene scene = scene_of(options);
+  const ShiftScene asked = scene_of(options);
   ShiftExplanation e;
-  e.nodes = config.cloud.nodes;
+  e.nodes = scene.cloud.nodes;
   Reference reference;
   Points places(3, 0);
-  reference.as_it_is = measured(config, scene, places);
+  reference.as_it_is = measured(scene, asked, places);
   e.seconds = whole.seconds();
   reference.mean = e.shift_mm = reference.as_it_is.at_opening;
   reference.mean_elsewhere = reference.as_it_is.elsewhere;
-  const Trials trials(config, scene, options, reference.as_it_is.base_depth);
+  const Trials trials(scene, asked, options, reference.as_it_is.base_depth);
   try {
     for (const ShiftTrial& trial : trials.list) {
       Alternative alternative{trial.what, trial.instead, trial.all, trial.kind};
       const Stopwatch trying;
       try {
-        compare(measured(trial.config, scene, places), trial, reference, alternative, e);
+        compare(measured(trial.scene, asked, places), trial, reference, alternative, e);
       } catch (const Stopped&) {
         throw;
       } catch (const Error& error) {

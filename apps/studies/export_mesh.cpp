@@ -38,17 +38,17 @@ std::string chosen_format(const std::string& format, const fs::path& file) {
                     .remedy = "name it so, or give --format calculix or --format febio"});
 }
 
-ElementMesh tetrahedra(const Config& config, const BodySurface& surface, const Boundary& boundary,
+ElementMesh tetrahedra(const Scene& scene, const BodySurface& surface, const Boundary& boundary,
                        ModelOptions options) {
   // The paper's even cloud would need a hundred thousand tetrahedra to follow the rim.
-  if (config.cloud.rim <= 0.0) options.cloud.grading.rim = 0.15;
+  if (scene.cloud.rim <= 0.0) options.cloud.grading.rim = 0.15;
   options.cloud.grading.reach = 3.0;
   options.cloud.grading.load_exponent = 0.0;
   const Sizing sizing(surface, boundary, options.cloud.grading);
   ElementMesh mesh;
   mesh.rim = options.cloud.grading.rim;
-  mesh.spacing_mm = config.cloud.spacing_mm > 0.0
-                        ? config.cloud.spacing_mm
+  mesh.spacing_mm = scene.cloud.spacing_mm > 0.0
+                        ? scene.cloud.spacing_mm
                         : tetrahedra_spacing_for_count(surface, options.cloud.count, sizing);
   TetrahedralMesh made = make_tetrahedra(surface, boundary, sizing, mesh.spacing_mm);
   mesh.model.X = std::move(made.X);
@@ -61,18 +61,18 @@ ElementMesh tetrahedra(const Config& config, const BodySurface& surface, const B
 
 }  // namespace
 
-ElementModel element_model(const Config& config, const RunObserver& observer, const FillBody& fill) {
-  check_pairs(config, Feature::export_mesh);
-  const Material material = material_of(config);
+ElementModel element_model(const Scene& scene, const RunObserver& observer, const FillBody& fill) {
+  check_pairs(scene, Feature::export_mesh);
+  const Material material = material_of(scene);
   Result unused;
   const RunLog log{observer, unused};
-  Config passing = config;
+  Scene passing = scene;
   passing.load.self_contact = "off";  // the file knows no folds that touch
-  const Organ organ = read_organ({.config = passing}, model_options(config), log, unused);
+  const Organ organ = read_organ({.scene = passing}, model_options(scene), log, unused);
   const BodySurface& surface = organ.body->surface;
   const Boundary boundary = find_boundary(surface, organ.options.boundary);
-  const ElementMesh mesh = fill ? fill(config, surface, boundary, organ.options)
-                                : tetrahedra(config, surface, boundary, organ.options);
+  const ElementMesh mesh = fill ? fill(scene, surface, boundary, organ.options)
+                                : tetrahedra(scene, surface, boundary, organ.options);
   for (const std::string& warning : boundary.warnings) log.warn(warning);
   if (const double off = mesh.volume_mm3 / surface.volume() - 1.0; std::abs(off) > 0.03)
     log.warn(
@@ -80,22 +80,22 @@ ElementModel element_model(const Config& config, const RunObserver& observer, co
                     "use more --nodes",
                     volume_in_words(mesh.volume_mm3), volume_in_words(surface.volume()),
                     100.0 * std::abs(off), off > 0.0 ? "more" : "less"));
-  if (!fill && config.material.nu > nu_that_locks)
+  if (!fill && scene.material.nu > nu_that_locks)
     log.warn(fmt::format(
         "ten-node tetrahedra lock at nu {:g}: with up to 18,000 nodes their force was 14 to 76 % too "
         "large; take a mixed element of the other program's, such as C3D10H of Abaqus",
-        config.material.nu));
+        scene.material.nu));
   ElementModel model = mesh.model;
   model.X = surface.to_world() * model.X.colwise().homogeneous();
   model.mu = material.mu;
   model.kappa = material.kappa;
   model.push = surface.to_world().linear() * boundary.push + Vec3::Zero();
-  model.depth_mm = config.load.depth_mm;
-  model.bonded = loading_of(config).contact == Contact::bonded;
-  model.frames = static_cast<int>(config.solver.frames);
+  model.depth_mm = scene.depth_mm;
+  model.bonded = scene.contact == Contact::bonded;
+  model.frames = static_cast<int>(scene.solver.frames);
   model.remarks = {
-      fmt::format("{}, indented by {:.6g} mm ({}); {} {}", fs::path(config.image.file).filename().string(),
-                  config.load.depth_mm, config.load.contact, written_by, DIMPLE_VERSION),
+      fmt::format("{}, indented by {:.6g} mm ({}); {} {}", fs::path(scene.image.file).filename().string(),
+                  scene.depth_mm, name_of(scene.contact), written_by, DIMPLE_VERSION),
       fmt::format("{} nodes, {} {}, edges of {:.4g} mm, {:.4g} mm at the circle's rim; {}, the "
                   "surface's {}",
                   model.X.cols(), model.elements.cols(), mesh.elements, mesh.spacing_mm,
@@ -106,7 +106,7 @@ ElementModel element_model(const Config& config, const RunObserver& observer, co
   return model;
 }
 
-Outcome export_model(const Config& config, const std::string& format, const fs::path& file,
+Outcome export_model(const Scene& scene, const std::string& format, const fs::path& file,
                      const RunObserver& observer) {
   std::vector<std::string> warnings;
   const RunObserver keeping = {.line = [&](RunObserver::Line kind, const std::string& text) {
@@ -114,7 +114,7 @@ Outcome export_model(const Config& config, const std::string& format, const fs::
     if (observer.line) observer.line(kind, text);
   }};
   const std::string known = chosen_format(format, file);
-  const ElementModel model = element_model(config, keeping);
+  const ElementModel model = element_model(scene, keeping);
   for (const std::string& line : model.remarks)
     keeping.line(RunObserver::Line::said, fmt::format("export   {}", line));
   stop_if_asked();

@@ -17,15 +17,15 @@ struct ElementMesh {
   double spacing_mm = 0.0, rim = 1.0;  ///< edges far from the circle; those at its rim, as a part of them
   double volume_mm3 = 0.0;
 };
-using FillBody = std::function<ElementMesh(const Config&, const BodySurface&, const Boundary&, ModelOptions)>;
+using FillBody = std::function<ElementMesh(const Scene&, const BodySurface&, const Boundary&, ModelOptions)>;
 
-/// The scene of `config` as a finite-element model: the surface, base and circle that `dimple run` finds,
+/// The scene of `scene` as a finite-element model: the surface, base and circle that `dimple run` finds,
 /// filled with ten-node tetrahedra that are graded towards the circle's rim, or by `fill`. Throws what they
 /// throw, and UsageError for what other programs are not given: several tissues, Ogden, viscoelastic.
-ElementModel element_model(const Config& config, const RunObserver& observer, const FillBody& fill = {});
+ElementModel element_model(const Scene& scene, const RunObserver& observer, const FillBody& fill = {});
 
 /// Writes it. `format` may be empty: from the file's name (.inp, .feb). Throws UsageError.
-Outcome export_model(const Config& config, const std::string& format, const std::filesystem::path& file,
+Outcome export_model(const Scene& scene, const std::string& format, const std::filesystem::path& file,
                      const RunObserver& observer = {});
 
 }  // namespace dimple

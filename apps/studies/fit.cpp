@@ -10,6 +10,7 @@
 
 #include "apps/scene/compatibility.hpp"
 #include "apps/run/organ.hpp"
+#include "apps/scene/resolve.hpp"
 #include "apps/run/results.hpp"
 #include "apps/run/simulate.hpp"
 #include "apps/run/summary.hpp"
@@ -54,7 +55,7 @@ bool takes_one_run(const std::string& of) {
 }
 
 void require_long_tool(const Config& config, const MeasuredCurve& curve) {
-  const std::optional<ToolShape> tool = tool_of(config);
+  const std::optional<ToolShape> tool = tool_named(config.tool.shape, "--tool (tool.shape)");
   if (const double length = tool ? tool->length : std::numeric_limits<double>::infinity();
       1e-3 * config.load.depth_mm > length)
     throw InputError(
@@ -68,7 +69,7 @@ void require_long_tool(const Config& config, const MeasuredCurve& curve) {
 
 // The case that the curve belongs to, but for the numbers that are sought.
 Config case_of(const Config& config, const FitOptions& options, const MeasuredCurve& curve) {
-  check_pairs(config, Feature::fit);
+  check_pairs(resolve(config), Feature::fit);
   refuse_given(config, {"load.depth_mm"}, "the run is as deep as the curve");
   refuse_given(config, {"material.mu_Pa", "material.young_Pa", "material.mu_spread_percent"},
                "the modulus is what is looked for");
@@ -145,7 +146,7 @@ Result march(Config config, bool band) {
     stop_if_asked();
     return true;
   };
-  Result result = simulate({.config = config, .band = band}, observer);
+  Result result = simulate({.scene = resolve(config), .band = band}, observer);
   if (result.history.interrupted) throw Stopped(stop_asked());
   return result;
 }
@@ -259,7 +260,7 @@ std::vector<double> unit_forces(Runs& runs, const MeasuredCurve& curve, const st
     runs.progress(
         fmt::format("run {:>3}  {} {:.4g}", runs.count, runs.of.substr(3), fmt::join(numbers, ", ")));
   const double touch_mm = runs.of == mu_and_touch ? numbers[0] : 0.0;
-  return scaled(forces_later(runs.last, curve.depth, 1e-3 * touch_mm), 1.0 / material_of(one).mu);
+  return scaled(forces_later(runs.last, curve.depth, 1e-3 * touch_mm), 1.0 / material_of(resolve(one)).mu);
 }
 
 // From each start, the best first. Where one of them finds no equilibrium, another may.
@@ -291,7 +292,7 @@ void require_no_inertia(const Config& given, const FoundFit& found) {
   // A tool that touches is slow where nobody has said how fast it is.
   if (given.solver.time != "auto" ||
       (result.loading.touch && !was_given(found.config, "load.rate_mm_per_s")) ||
-      choose_time(result.model, {materials_of(found.config), result.tissues.of_point}, result.loading) ==
+      choose_time(result.model, {materials_of(resolve(found.config)), result.tissues.of_point}, result.loading) ==
           TimeMode::quasi_static)
     return;
   require_proportional(
@@ -305,7 +306,7 @@ FoundFit found_with(Runs& runs, const CurveFit& best) {
   for (std::size_t k = 1; k < best.number.size(); ++k) numbers.push_back(best.number[k].value);
   FoundFit found{.config = with_numbers(runs.own, runs.of, numbers), .fit = best};
   if (!takes_one_run(runs.of)) march(runs, found.config, with_band(runs.own));
-  found.stiffer = best.number[0].value / material_of(found.config).mu;
+  found.stiffer = best.number[0].value / material_of(resolve(found.config)).mu;
   multiply(found.config, found.stiffer);
   found.result = std::move(runs.last);
   found.runs = runs.count;
@@ -376,7 +377,7 @@ Outcome fit(const Config& config, const FitOptions& options, const fs::path& fol
   add_errors(found, curve, options.of);
   const double touch = first_touch_of(found, options.of);
   if (options.of == mu_and_touch) found.config.load.depth_mm = 1e3 * (curve.depth.back() - touch);
-  found.check = half_space_check(found.result, curve, touch, poisson_ratio(material_of(found.config)));
+  found.check = half_space_check(found.result, curve, touch, poisson_ratio(material_of(resolve(found.config))));
 
   if (!found.fit.converged)
     found.warnings.push_back(

@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <numeric>
 
+#include "apps/scene/resolve.hpp"
 #include "apps/run/images.hpp"
 #include "apps/run/report.hpp"
 #include "apps/run/result_folder.hpp"
@@ -119,26 +120,26 @@ void write_fields(const fs::path& folder, const Shifted& now) {
             {.position_mm = 1e3 * model.X, .fields = {field(u_mm)}, .even_if_stopped = true}, 0.0);
 }
 
-Json shift_json(const ShiftOptions& options, const ShiftScene& scene, const Config& config,
+Json shift_json(const ShiftOptions& options, const ShiftScene& asked, const Scene& scene,
                 const Shifted& now, const ShiftBand& band) {
-  const Index largest = now.largest_in(scene.opening);
-  const Vec3 middle = now.at_middle(scene.opening), most = now.surface_mm.col(largest);
-  const Points targets = points_of(scene.targets);
+  const Index largest = now.largest_in(asked.opening);
+  const Vec3 middle = now.at_middle(asked.opening), most = now.surface_mm.col(largest);
+  const Points targets = points_of(asked.targets);
   return {{"middle_mm", middle.norm()},
-          {"middle_along_gravity_mm", -middle.dot(scene.up)},
+          {"middle_along_gravity_mm", -middle.dot(asked.up)},
           {"largest_at_opening_mm", most.norm()},
-          {"along_gravity_mm", -most.dot(scene.up)},
+          {"along_gravity_mm", -most.dot(asked.up)},
           {"components_mm", json_of(most)},
           {"at_mm", json_of(Vec3(now.result.model.surface.vertex_mm.col(largest)))},
           {"largest_of_all_mm", now.surface_mm.colwise().norm().maxCoeff()},
-          {"targets", json_of(targets, now.targets_mm, scene.up, false)},
-          {"profile", json_of(now.line, now.line_mm, scene.up, true)},
-          {"up", json_of(scene.up)},
+          {"targets", json_of(targets, now.targets_mm, asked.up, false)},
+          {"profile", json_of(now.line, now.line_mm, asked.up, true)},
+          {"up", json_of(asked.up)},
           {"fluid_lost", options.fluid_lost},
           {"fluid_level_mm", 1e3 * now.result.loading.loads.fluid->level},
           {"skull", options.skull},
-          {"opening_mm", {scene.opening[0], scene.opening[1], scene.opening[2], scene.opening[3]}},
-          {"mu_Pa", config.material.mu_Pa},
+          {"opening_mm", {asked.opening[0], asked.opening[1], asked.opening[2], asked.opening[3]}},
+          {"mu_Pa", scene.material.mu_Pa},
           {"base", now.result.report.boundary.base_reason},
           {"band", in_words(band)},
           {"band_mm", band.known() ? Json(band.half_mm) : Json()},
@@ -146,10 +147,10 @@ Json shift_json(const ShiftOptions& options, const ShiftScene& scene, const Conf
 }
 
 // The shift at the targets, and along a line into the brain.
-void write_tables(const fs::path& folder, const Shifted& now, const ShiftScene& scene,
+void write_tables(const fs::path& folder, const Shifted& now, const ShiftScene& asked,
                   const ShiftBand& band) {
-  write_csv(folder / "targets.csv", table_of(points_of(scene.targets), now.targets_mm, scene.up, band));
-  write_csv(folder / "profile.csv", table_of(now.line, now.line_mm, scene.up, band));
+  write_csv(folder / "targets.csv", table_of(points_of(asked.targets), now.targets_mm, asked.up, band));
+  write_csv(folder / "profile.csv", table_of(now.line, now.line_mm, asked.up, band));
 }
 
 void warp_images(const RunLog& log, const ImageTask& task, const fs::path& folder, Shifted& now, Json& told) {
@@ -181,10 +182,10 @@ std::string command_of(const ShiftOptions& options, const fs::path& folder) {
   return run_again(words, folder);
 }
 
-std::string title_of(const Config& config, const Json& shift) {
+std::string title_of(const Scene& scene, const Json& shift) {
   const auto length = [&](const char* key) { return length_in_words(shift[key].get<double>()); };
   return fmt::format("{}: {} at the middle of the opening, {} of it along gravity; largest at the opening {}",
-                     fs::path(name_of_image(config)).filename().string(), length("middle_mm"),
+                     fs::path(name_of_image(scene)).filename().string(), length("middle_mm"),
                      length("middle_along_gravity_mm"), length("largest_at_opening_mm"));
 }
 
@@ -227,14 +228,15 @@ Json times_json(const Shifted& now, double band_s, double images_s, double pictu
 Outcome shift(const Config& config, const ShiftOptions& options, const fs::path& folder, Existing existing,
               const RecordObserver& observer) {
   const Stopwatch whole;
-  const ShiftScene scene = scene_of(options);
+  const Scene scene = resolve(config);
+  const ShiftScene asked = scene_of(options);
   ResultFolder results(folder, existing);
-  const ImageTask task = images_asked_for(config);
+  const ImageTask task = images_asked_for(scene);
   Shifted now;
   const RunObserver hears{.line = observer.line, .part = observer.part};
   const RunLog log{hears, now.result};
   come_to_rest(
-      config, scene,
+      scene, asked,
       {.observer = hears, .placed = [&](const Discretisation& places) { require_overlap(task, places); }},
       now);
   Result& result = now.result;
@@ -242,29 +244,29 @@ Outcome shift(const Config& config, const ShiftOptions& options, const fs::path&
     log.say("wall     " + in_words(result.loading.walls[k].name, result.history.walls[k]));
 
   const Stopwatch comparing;
-  const ShiftBand band = band_of_shift(config, scene, now);
+  const ShiftBand band = band_of_shift(scene, asked, now);
   const double band_s = comparing.seconds();
   const bool tables_alone = options.tables_alone || band.stopped;
 
   results.prepare();
   write_fields(folder, now);
-  write_tables(folder, now, scene, band);
+  write_tables(folder, now, asked, band);
   Json images;
   const Stopwatch warping;
   if (!tables_alone) warp_images(log, task, folder, now, images);
   const double images_s = warping.seconds();
   const Stopwatch drawing;
-  Json summary = summary_of_image(config, result);
+  Json summary = summary_of_image(scene, result);
   summary["status"] = band.stopped ? "interrupted" : "finished";
   summary["version"] = DIMPLE_VERSION;
-  Json told = shift_json(options, scene, config, now, band);
-  warn_of_narrow_opening(log, now, scene.opening);
+  Json told = shift_json(options, asked, scene, now, band);
+  warn_of_narrow_opening(log, now, asked.opening);
   warn_of_shift(log, now, told["largest_at_opening_mm"]);
   const std::vector<std::string> assumed = assumptions_of(config, options);
   log.say("assumed  " + fmt::format("{}", fmt::join(assumed, "; ")));
   told["assumed"] = assumed;
   log.say(std::string("shift    ") + shift_leaves_out);
-  add_scene(summary, config, result);
+  add_scene(summary, scene, result);
   summary["images"] = images;
   const std::string options_text = to_toml(config, result.chosen);
   write_file(folder / "config.resolved.toml", options_text);
@@ -272,10 +274,10 @@ Outcome shift(const Config& config, const ShiftOptions& options, const fs::path&
   if (!tables_alone) {
     std::string pictured;
     const std::string picture =
-        before_and_after(now, scene, config, task, folder, title_of(config, told), pictured);
+        before_and_after(now, asked, scene, task, folder, title_of(scene, told), pictured);
     told["pictured"] = pictured;
     write_file(folder / "overview.png", picture);
-    page = page_of_shift(now, scene, config, options_text, command_of(options, folder), picture);
+    page = page_of_shift(now, asked, scene, options_text, command_of(options, folder), picture);
   }
   summary["shift"] = told;
   summary["solve_wall_s"] = now.solve_s;

@@ -20,7 +20,7 @@ struct ShiftOptions {
   bool tables_alone = false;        ///< no images, pictures and page
 };
 
-/// `config` with a skull around the brain that is open there, fluid lost down to that share of its height,
+/// `scene` with a skull around the brain that is open there, fluid lost down to that share of its height,
 /// its lowest part held, and no tool. Throws UsageError: one of the options is not understood.
 Config config_of_shift(Config config, const ShiftOptions& options);
 
@@ -28,7 +28,7 @@ Config config_of_shift(Config config, const ShiftOptions& options);
 Config defaults_of_shift();
 
 /// The equilibrium after it: displacement and deformed images, targets.csv, profile.csv, surface.vtp,
-/// nodes.vtu, summary.json. `config`: as config_of_shift() returns it. Throws as simulate() does.
+/// nodes.vtu, summary.json. `scene`: as config_of_shift() returns it. Throws as simulate() does.
 Outcome shift(const Config& config, const ShiftOptions& options, const std::filesystem::path& folder,
               Existing existing, const RecordObserver& observer);
 

@@ -19,60 +19,59 @@ namespace {
 constexpr double least_share = 0.25;
 constexpr Index fewest_nodes = 4000;
 
-double largest_at_opening(const ShiftScene& scene, const Shifted& shifted) {
-  return shifted.surface_mm.col(shifted.largest_in(scene.opening)).norm();
+double largest_at_opening(const ShiftScene& asked, const Shifted& shifted) {
+  return shifted.surface_mm.col(shifted.largest_in(asked.opening)).norm();
 }
 
 // What it was measured with, but for the brain, the opening, the gap and the fluid.
-std::string why_unknown(const Config& config) {
-  const Config usual;
-  if (config.accuracy.band == "off") return "accuracy.band is off";
-  if (config.scheme.name != usual.scheme.name) return "calibrated for the converging scheme only";
-  if (!config.tissue.empty() || has_membranes(config) || config.material.nu != usual.material.nu)
+std::string why_unknown(const Scene& scene) {
+  const Scene usual;
+  if (!scene.band) return "accuracy.band is off";
+  if (scene.scheme != usual.scheme) return "calibrated for the converging scheme only";
+  if (!scene.tissues.empty() || !scene.membranes.empty() || scene.material.nu != usual.material.nu)
     return "calibrated for one tissue with the default nu, without membranes";
-  if (config.wall.size() != 1 || config.load.wall != usual.load.wall ||
-      config.wall.begin()->second.friction != Config::Wall{}.friction)
+  if (scene.walls.size() != 1 || scene.walls.front().name != skull_name || scene.walls.front().friction > 0.0)
     return "calibrated for a frictionless skull only";
-  if (config.cloud.jitter != usual.cloud.jitter || config.grid.points != usual.grid.points ||
-      config.grid.ratio != usual.grid.ratio || config.support.radius_factor != usual.support.radius_factor ||
-      config.solver.tolerance > usual.solver.tolerance)
+  if (scene.cloud.jitter != usual.cloud.jitter || scene.grid.points != usual.grid.points ||
+      scene.grid.ratio != usual.grid.ratio || scene.support_radius_factor != usual.support_radius_factor ||
+      scene.solver.tolerance > usual.solver.tolerance)
     return "calibrated for the default points, supports and tolerance only";
   return {};
 }
 
-std::string why_unknown(const Config& config, const ShiftScene& scene, const Shifted& shifted) {
-  if (const std::string why = why_unknown(config); !why.empty()) return why;
+std::string why_unknown(const Scene& scene, const ShiftScene& asked, const Shifted& shifted) {
+  if (const std::string why = why_unknown(scene); !why.empty()) return why;
   if (const Index nodes = shifted.result.model.node_count(); nodes < fewest_nodes)
     return fmt::format("not calibrated below {} nodes", fewest_nodes);
   if (shifted.result.facing_share > most_facing) return "not calibrated for open sulci";
   if (shifted.sweep.inverted > 0) return "integration points are inverted";
-  if (largest_at_opening(scene, shifted) > most_measured_mm)
+  if (largest_at_opening(asked, shifted) > most_measured_mm)
     return fmt::format("not calibrated for shifts above {:g} mm", most_measured_mm);
   return {};
 }
 
-Points places_of(const ShiftScene& scene, const Shifted& shifted) {
-  Points places(3, shifted.line.cols() + static_cast<Index>(scene.targets.size()));
+Points places_of(const ShiftScene& asked, const Shifted& shifted) {
+  Points places(3, shifted.line.cols() + static_cast<Index>(asked.targets.size()));
   places.leftCols(shifted.line.cols()) = shifted.line;
-  places.rightCols(places.cols() - shifted.line.cols()) = points_of(scene.targets);
+  places.rightCols(places.cols() - shifted.line.cols()) = points_of(asked.targets);
   return places;
 }
 
 }  // namespace
 
-ShiftBand band_of_shift(const Config& config, const ShiftScene& scene, const Shifted& shifted) {
-  ShiftBand band{.unknown = why_unknown(config, scene, shifted)};
+ShiftBand band_of_shift(const Scene& scene, const ShiftScene& asked, const Shifted& shifted) {
+  ShiftBand band{.unknown = why_unknown(scene, asked, shifted)};
   if (!band.known()) return band;
   band.coarser_nodes = shifted.result.model.node_count() / 2;
-  Config coarse = config;
+  Scene coarse = scene;
   coarse.cloud.nodes = band.coarser_nodes;
   coarse.cloud.spacing_mm = 0.0;
-  const Points places = places_of(scene, shifted);
+  const Points places = places_of(asked, shifted);
   Shifted other;
   Points there_mm;
   try {
     unless_stopped([&] {
-      come_to_rest(coarse, scene, {}, other);
+      come_to_rest(coarse, asked, {}, other);
       there_mm = other.at(places);
     });
   } catch (const Stopped&) {
@@ -87,8 +86,8 @@ ShiftBand band_of_shift(const Config& config, const ShiftScene& scene, const Shi
         fmt::format("the comparison with {} nodes failed: {}", band.coarser_nodes, error.report.fact);
     return band;
   }
-  const double here = largest_at_opening(scene, shifted);
-  band.change_mm = std::abs(here - largest_at_opening(scene, other));
+  const double here = largest_at_opening(asked, shifted);
+  band.change_mm = std::abs(here - largest_at_opening(asked, other));
   if (places.cols() > 0) {
     Points here_mm(3, places.cols());
     here_mm.leftCols(shifted.line_mm.cols()) = shifted.line_mm;

@@ -20,10 +20,10 @@ struct ShiftBand {
   bool known() const { return unknown.empty(); }
 };
 
-/// From the same shift with half as many nodes, which takes about half as long again. `config`: as
+/// From the same shift with half as many nodes, which takes about half as long again. `scene`: as
 /// config_of_shift() returns it. Unknown, too, where it is
 /// stopped.
-ShiftBand band_of_shift(const Config& config, const ShiftScene& scene, const Shifted& shifted);
+ShiftBand band_of_shift(const Scene& scene, const ShiftScene& asked, const Shifted& shifted);
 
 /// A sentence's end: "at most 2.3 mm: ..." or "unknown: ...".
 std::string in_words(const ShiftBand& band);

@@ -143,8 +143,8 @@ std::array<double, 2> window_of(const std::vector<Sampled>& planes) {
 // Planes cross so deep below the opening: a plane at the opening itself may pass above the brain.
 constexpr double planes_below_mm = 20.0;
 
-std::vector<Slice> slices_of(const Shifted& now, const ShiftScene& scene) {
-  Vec3 through = scene.opening.head<3>();
+std::vector<Slice> slices_of(const Shifted& now, const ShiftScene& asked) {
+  Vec3 through = asked.opening.head<3>();
   for (Index k = 0; k < now.line.cols(); ++k) {
     through = now.line.col(k);
     if ((now.line.col(k) - now.line.col(0)).norm() >= planes_below_mm) break;
@@ -178,12 +178,12 @@ SurfaceFile ring(const Vec3& centre, const Vec3& normal, double radius) {
 
 }  // namespace
 
-std::string before_and_after(const Shifted& now, const ShiftScene& scene, const Config& config,
+std::string before_and_after(const Shifted& now, const ShiftScene& asked, const Scene& scene,
                              const ImageTask& written, const fs::path& folder, const std::string& title,
                              std::string& told) {
   const Shown shown = shown_of(written, folder);
   const VolumeImage before(shown.before), after(shown.after);
-  const std::vector<Slice> slices = slices_of(now, scene);
+  const std::vector<Slice> slices = slices_of(now, asked);
   double longest = 0.0;
   for (const Slice& slice : slices) longest = std::max({longest, slice.width_mm, slice.height_mm});
   const double pixel_mm = std::max(before.grid().spacing().minCoeff(), longest / most_pixels);
@@ -197,7 +197,7 @@ std::string before_and_after(const Shifted& now, const ShiftScene& scene, const 
     return shown.how == Sampling::linear ? greys(on.value, low, high) : tints(on.value, now.result.labels);
   };
   const Surface& surface = now.result.model.surface;
-  const GapAt gap = gap_to_walls(config, now.result.loading);
+  const GapAt gap = gap_to_walls(scene, now.result.loading);
   BeforeAfter picture{.title = title, .warnings = now.result.warnings, .wall = "skull"};
   for (std::size_t k = 0; k < slices.size(); ++k) {
     const Slice& slice = slices[k];
@@ -216,7 +216,7 @@ std::string before_and_after(const Shifted& now, const ShiftScene& scene, const 
     plane.rest = flat(crossings(on_plane(surface.vertex_mm), surface.triangles));
     plane.moved = flat(crossings(on_plane(surface.vertex_mm + now.surface_mm), surface.triangles));
     plane.wall = wall_on(slice, gap);
-    mark_targets(now, scene.targets, slice, plane);
+    mark_targets(now, asked.targets, slice, plane);
   }
   told = fmt::format(
       "{} in three planes through a place below the opening, before and after; targets within {:g} mm of a "
@@ -226,21 +226,21 @@ std::string before_and_after(const Shifted& now, const ShiftScene& scene, const 
   return before_after_png(picture);
 }
 
-nlohmann::ordered_json page_of_shift(Shifted& now, const ShiftScene& scene, const Config& config,
+nlohmann::ordered_json page_of_shift(Shifted& now, const ShiftScene& asked, const Scene& scene,
                                      const std::string& options, const std::string& command,
                                      const std::string& picture) {
   // Seen from above, the opening in front.
   Model& model = now.result.model;
   const ToolPlace was = model.tool;
-  model.tool = {1e-3 * scene.opening.head<3>(), -scene.up, 1e-3 * scene.opening[3]};
+  model.tool = {1e-3 * asked.opening.head<3>(), -asked.up, 1e-3 * asked.opening[3]};
   const ReducedSurface reduced = reduced_surface(model.surface, model.tool, most_triangles_shown);
   BodyFrames frames;
   frames.body = {model.surface.vertex_mm(Eigen::all, reduced.vertex), reduced.triangles};
   const Points moved = now.surface_mm(Eigen::all, reduced.vertex);
   frames.frame = {{0, 0.0, Eigen::Matrix3Xf::Zero(3, moved.cols())}, {1, 1.0, moved.cast<float>()}};
-  const Vec3 out = (scene.opening.head<3>() - 1e3 * model.X.rowwise().mean()).normalized();
-  const SurfaceFile tool = ring(scene.opening.head<3>(), out, scene.opening[3]);
-  const std::vector<Slice> slices = slices_of(now, scene);
+  const Vec3 out = (asked.opening.head<3>() - 1e3 * model.X.rowwise().mean()).normalized();
+  const SurfaceFile tool = ring(asked.opening.head<3>(), out, asked.opening[3]);
+  const std::vector<Slice> slices = slices_of(now, asked);
   const std::optional<Comparison> nothing;
   const Band band;
   nlohmann::ordered_json page = report_data({.model = model,
@@ -254,7 +254,7 @@ nlohmann::ordered_json page_of_shift(Shifted& now, const ShiftScene& scene, cons
                                              .surface_displacement_mm = moved,
                                              .options = options,
                                              .picture = {},
-                                             .walls = gap_to_walls(config, now.result.loading)});
+                                             .walls = gap_to_walls(scene, now.result.loading)});
   page["command"] = command;
   page["before_after"] = "data:image/png;base64," + base64(picture);
   model.tool = was;

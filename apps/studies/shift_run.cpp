@@ -8,8 +8,8 @@
 #include "apps/scene/compatibility.hpp"
 #include "apps/run/folds.hpp"
 #include "apps/run/loads.hpp"
-#include "apps/run/membranes.hpp"
-#include "apps/scene/option_word.hpp"
+#include "apps/run/model_options.hpp"
+#include "apps/scene/resolve_parts.hpp"
 #include "apps/run/pipeline.hpp"
 #include "apps/run/steps.hpp"
 #include "apps/run/stopwatch.hpp"
@@ -76,11 +76,11 @@ std::string from_middle(const BodySurface& surface, const Vec3& place) {
   return text.empty() ? "at the brain's middle" : text + " of the brain's middle";
 }
 
-void say_places(const RunLog& log, const BodySurface& surface, const ShiftScene& scene) {
-  const Vec3 opening = scene.opening.head<3>();
+void say_places(const RunLog& log, const BodySurface& surface, const ShiftScene& asked) {
+  const Vec3 opening = asked.opening.head<3>();
   log.say(fmt::format("opening  {}, of {} radius: {}", dimple::in_words(opening),
-                      length_in_words(scene.opening[3]), from_middle(surface, opening)));
-  for (const Vec3& target : scene.targets)
+                      length_in_words(asked.opening[3]), from_middle(surface, opening)));
+  for (const Vec3& target : asked.targets)
     log.say(fmt::format("target   {}: {}", dimple::in_words(target), from_middle(surface, target)));
 }
 
@@ -181,35 +181,32 @@ Points Shifted::at(const Points& places_mm) const {
   return 1e3 * inner_interpolation(result.model, 1e-3 * places_mm)(u().topRows<3>());
 }
 
-void come_to_rest(const Config& config, const ShiftScene& scene, const ShiftHooks& hooks, Shifted& now) {
-  check_pairs(config, Feature::shift);
-  check_loads(config);
-  check_supports(config);
-  check_walls(config);
+void come_to_rest(const Scene& scene, const ShiftScene& asked, const ShiftHooks& hooks, Shifted& now) {
+  check_pairs(scene, Feature::shift);
   Result& result = now.result;
   const RunLog log{hooks.observer, result};
-  const Case given{.config = config, .change = hooks.change};
-  Organ organ = read_organ(given, model_options(config), log, result);
-  require_on_brain(organ, scene.opening, scene.targets);
-  say_places(log, organ.body->surface, scene);
+  const Case given{.scene = scene, .change = hooks.change};
+  Organ organ = read_organ(given, model_options(scene), log, result);
+  require_on_brain(organ, asked.opening, asked.targets);
+  say_places(log, organ.body->surface, asked);
   spread_evenly(organ);
-  result.provenance = {{"image", name_of_image(config)},
-                       {"image_sha256", sha256_of_image(config, result.image)}};
-  find_site(config, log, organ, result);
+  result.provenance = {{"image", name_of_image(scene)},
+                       {"image_sha256", sha256_of_image(scene, result.image)}};
+  find_site(scene, log, organ, result);
   const std::optional<Organ> brain = std::move(organ);
   Placed placed = place(given, brain, log, result);
   if (hooks.placed) hooks.placed(placed.places);
-  now.line = line_into(brain->body->surface, scene.opening.head<3>());
+  now.line = line_into(brain->body->surface, asked.opening.head<3>());
   result.origin = std::make_shared<Origin>(Origin{
-      .config = config, .organ = *brain, .image = {}, .facts = result, .image_warnings = {}, .boundary = {}});
+      .choices = scene, .organ = *brain, .image = {}, .facts = result, .image_warnings = {}, .boundary = {}});
   make_ready(given, std::move(placed), log, result);
   stop_if_asked();
-  log.begin(Part::solving, config);
+  log.begin(Part::solving, scene);
   const Stopwatch solving;
-  now.tissue = std::make_unique<ForceSystem>(result.model, result.tissues, precision_of(config));
+  now.tissue = std::make_unique<ForceSystem>(result.model, result.tissues, scene.solver.precision);
   const Loading& loading = result.loading;
   now.system = make_system(*now.tissue, result.model, loading.contact, loading.further, loading.loads,
-                           config.solver.tolerance, nullptr, loading.folds, loading.walls);
+                           scene.solver.tolerance, nullptr, loading.folds, loading.walls);
   const Rest& rest = now.system->step_start();
   now.f.setZero(4, rest.u.cols());
   now.system->set({});
@@ -217,7 +214,7 @@ void come_to_rest(const Config& config, const ShiftScene& scene, const ShiftHook
   now.surface_mm = 1e3 * surface_interpolation(result.model)(rest.u.topRows<3>());
   result.history.settled = 1e-3 * now.surface_mm.colwise().norm().maxCoeff();
   now.line_mm = now.at(now.line);
-  now.targets_mm = now.at(points_of(scene.targets));
+  now.targets_mm = now.at(points_of(asked.targets));
   for (const TouchingTool* wall : now.system->walls()) {
     TouchingTool::Touched& touched = result.history.walls.emplace_back(wall->touched());
     touched.penetration = std::max(touched.penetration, wall->audit(rest.u, now.system->now()).penetration);
@@ -272,14 +269,14 @@ Config config_of_shift(Config config, const ShiftOptions& options) {
   const auto [opening, up, targets] = scene_of(options);
   check_fluid_lost(options);
   if (!options.brain.empty()) set_option(config, "image.label", options.brain, "--brain");
-  Config::Wall& skull = config.wall[skull_name];
+  WallText& skull = config.wall[skull_name];
   const double gap = gap_of_skull(options);
   const bool derived = options.skull == "derived";
   skull.shape = derived ? fmt::format("around:{}mm", plain(gap)) : "label:" + options.skull;
   if (!derived && !options.gap.empty()) skull.gap = plain(gap);
   skull.opening = fmt::format("{},{},{},{}", opening[0], opening[1], opening[2], opening[3]);
   config.load.fluid_lost = fmt::format("{},{},{},{}", up.x(), up.y(), up.z(), options.fluid_lost);
-  fluid_lost_of(config);
+  fluid_named(config.load.fluid_lost);
   config.source["load.fluid_lost"] = "--up, --fluid-lost";
   if (!was_given(config, "boundary.base"))
     set_option(config, "boundary.base", defaults.boundary.base, by_shift);

@@ -34,7 +34,7 @@ struct Shifted {
   ForceSystem::Sweep sweep;
   Points surface_mm;           ///< [3xV] the shift of the surface's vertices
   Points line;                 ///< [3xL] LPS mm, from the brain's surface at the opening towards its middle
-  Points line_mm, targets_mm;  ///< the shift there and at the scene's targets
+  Points line_mm, targets_mm;  ///< the shift there and at the targets that were asked for
   double solve_s = 0.0;
 
   const Nodal& u() const { return system->step_start().u; }
@@ -55,9 +55,9 @@ struct ShiftHooks {
   std::function<void(const Discretisation&)> placed = {};
   BodyChange change = {};
 };
-/// `config`: as config_of_shift() returns it. Throws as simulate() does; UsageError: the opening or a target
+/// `scene`: as config_of_shift() returns it. Throws as simulate() does; UsageError: the opening or a target
 /// is not where the brain is.
-void come_to_rest(const Config& config, const ShiftScene& scene, const ShiftHooks& hooks, Shifted& result);
+void come_to_rest(const Scene& scene, const ShiftScene& asked, const ShiftHooks& hooks, Shifted& result);
 
 /// What nobody has said, a sentence each.
 std::vector<std::string> assumptions_of(const Config& config, const ShiftOptions& options);
