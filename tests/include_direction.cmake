@@ -1,5 +1,5 @@
 # Who may include whom: io <- preprocess <- solver (its plain headers only) <- apps; and within apps
-# run <- studies <- commands. Run as
+# scene <- run <- studies <- commands. Run as
 #   cmake -D SOURCE=<root> -P include_direction.cmake
 set(forbidden_io "^(preprocess|solver|apps)/")
 set(forbidden_preprocess "^(solver|apps)/")
@@ -8,6 +8,7 @@ set(forbidden_solver "^(apps/|itk|vtk|CGAL/|nanoflann|fmt/|toml|nlohmann/|CLI/)"
 # reaches it, but for the macro that both clone their hot loops with.
 set(allowed_solver "^(solver/.*|preprocess/(model|scheme|clones|supports/interpolation|scene/tool_mesh|supports/(surface_patch|contact_surface|fold_banks|wall_surface))\\.hpp|io/(digits|error|stop|types)\\.hpp)$")
 # What computes prints nothing: the log and the command line are known to the commands alone.
+set(forbidden_apps/scene "^(apps/(run|studies|commands|ending|examples)|CLI/)")
 set(forbidden_apps/run "^(apps/(studies|commands|ending|examples)|CLI/)")
 set(forbidden_apps/studies "^(apps/(commands|examples)/|CLI/)")
 set(forbidden_apps/commands "^apps/examples/")
@@ -15,7 +16,7 @@ set(forbidden_apps/examples "^apps/")
 set(forbidden_apps/python "^(apps/(studies|commands|examples)/|CLI/)")
 
 set(wrong "")
-foreach(folder io preprocess solver apps/run apps/studies apps/commands apps/examples apps/python)
+foreach(folder io preprocess solver apps/scene apps/run apps/studies apps/commands apps/examples apps/python)
   file(GLOB_RECURSE files ${SOURCE}/${folder}/*.cpp ${SOURCE}/${folder}/*.hpp)
   if(NOT files)
     list(APPEND wrong "no sources in ${SOURCE}/${folder}")
@@ -39,7 +40,7 @@ foreach(folder io preprocess solver apps/run apps/studies apps/commands apps/exa
   endforeach()
 endforeach()
 # Names that others have given reach a terminal through one place that takes control characters out of them.
-file(GLOB files ${SOURCE}/apps/*.cpp ${SOURCE}/apps/commands/*.cpp ${SOURCE}/apps/run/*.cpp ${SOURCE}/apps/studies/*.cpp)
+file(GLOB files ${SOURCE}/apps/*.cpp ${SOURCE}/apps/commands/*.cpp ${SOURCE}/apps/scene/*.cpp ${SOURCE}/apps/run/*.cpp ${SOURCE}/apps/studies/*.cpp)
 foreach(file IN LISTS files)
   file(RELATIVE_PATH name ${SOURCE} ${file})
   if(name MATCHES "^apps/commands/(terminal|log)\\.cpp$")

@@ -340,18 +340,22 @@ std::string scheme_named_in(const fs::path& file, const toml::table& table, cons
 
 // With its supports as the file has them.
 Scheme scheme_in(const fs::path& file, const toml::table& table, const std::string& name) {
-  Scene words;
+  ModelChoices choices;
   if (const auto node = table["support"]["radius_factor"]; node) {
     std::ostringstream shown;
     node.visit([&](auto&& v) { shown << v; });
-    set_option(words, "support.radius_factor", shown.str(), file.string());
+    set_value({.key = "support.radius_factor",
+               .value = &choices.support_radius_factor,
+               .most = 10.0,
+               .help = "support radius in spacings; 0: as the scheme has it"},
+              shown.str(), file.string());
   }
   for (const auto& [key, word] : {std::pair{"basis", "linear"}, std::pair{"weight", "quartic"}})
     if (table["support"][key].value_or(std::string(word)) != word)
       refuse(file, fmt::format("support.{} is not '{}'", key, word),
              "earlier versions had others, which are no more", fmt::format("remove support.{}", key));
-  words.scheme.name = name;
-  Scheme scheme = scheme_of(words);
+  choices.scheme = name;
+  Scheme scheme = scheme_of(choices);
   double& interpolation = scheme.support.interpolation;
   interpolation = table["support"]["interpolation"].value_or(0.0);
   if (!(interpolation >= 0.0 && interpolation <= 1.0))

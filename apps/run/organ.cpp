@@ -19,6 +19,7 @@
 #include "apps/run/walls.hpp"
 #include "apps/run/words.hpp"
 #include "apps/scene/compatibility.hpp"
+#include "apps/scene/option.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/label_names.hpp"

@@ -188,6 +188,9 @@ std::string to_toml(const Config& config, const std::map<std::string, std::strin
 /// Each option as it stands in that file, by key, but for the path of the image.
 std::map<std::string, std::string> option_values(const Config& config);
 
+/// The same of such a file. Throws UsageError, InputError.
+std::map<std::string, std::string> option_values_in(const std::filesystem::path& file);
+
 /// The reference of all options: key, unit, default, range, meaning.
 std::string option_reference();
 

@@ -227,6 +227,12 @@ std::map<std::string, std::string> option_values(const Config& config) {
   return values;
 }
 
+std::map<std::string, std::string> option_values_in(const std::filesystem::path& file) {
+  Config config;
+  read_config(config, file);
+  return option_values(config);
+}
+
 std::string option_reference() {
   Config config;
   config.pressure["NAME"];

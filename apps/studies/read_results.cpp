@@ -249,9 +249,7 @@ FinishedRun read_finished_run(const std::string& given) {
   FinishedRun run;
   run.folder = printable(given);
   run.summary = finished_summary(folder, run.folder);
-  Config config;
-  read_config(config, folder / "config.resolved.toml");
-  run.options = option_values(config);
+  run.options = option_values_in(folder / "config.resolved.toml");
   read_curve(folder, run);
   read_energy(folder, run);
   if (run.half.empty()) {
