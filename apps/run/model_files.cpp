@@ -9,6 +9,8 @@
 #include <numeric>
 #include <sstream>
 
+#include "apps/scene/option.hpp"
+#include "apps/scene/scene.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/table.hpp"
