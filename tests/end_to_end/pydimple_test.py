@@ -746,6 +746,7 @@ NOT_IN_PYTHON = {
     "--elements": "of `dimple export`",
     "--format": "of `dimple export`",
     "--socket": "of `dimple poke`",
+    "--explain": "of `dimple run`",
 }
 
 
