@@ -3,15 +3,12 @@
 #include <fmt/format.h>
 #include <tbb/parallel_for.h>
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <functional>
-#include <limits>
 #include <map>
 #include <numeric>
-#include <optional>
 
 #include "io/error.hpp"
 #include "io/stop.hpp"
@@ -25,7 +22,7 @@
 namespace dimple {
 namespace {
 
-constexpr double farthest_grown = 2.5;   // radii that a support is enlarged to at most, see find_supports()
+constexpr double farthest_grown = 2.5;  // radii that a support is enlarged to at most, see find_supports()
 
 [[noreturn]] void refuse(const std::string& fact, const std::string& why, const std::string& remedy) {
   throw ModelError({.fact = fact, .where = "cut", .why = why, .remedy = remedy, .code = "cut"});

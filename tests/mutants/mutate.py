@@ -252,7 +252,7 @@ MUTANTS = {
           "const double keeps = {n} ? 0.999 : std::exp(-std::max(0.0, now - b.now) / b.fade);"),
     104: ("solver/live/between_frames.cpp", "    said.tool = newest.tool;", "    said.tool = {n} ? Tool::lags : newest.tool;"),
     # ---- a sheet between the nodes of a live body
-    174: ("preprocess/supports/sheet_cut.cpp", "put(model, second, its[1], before.volume[q]);",
+    174: ("preprocess/supports/divide_cells.cpp", "put(model, second, its[1], before.volume[q]);",
           "put(model, second, its[{n} ? 0 : 1], before.volume[q]);"),
     175: ("preprocess/surface/sheet.cpp", "void triangle(int t) { found = found || sheet.passes(t, x, y); }",
           "void triangle(int t) { found = found || (sheet.passes(t, x, y) && !{n}); }"),
@@ -262,7 +262,7 @@ MUTANTS = {
           "its.add(less, then_number[k], {n} ? 1.0 : -1.0, [&](int b) {"),
     179: ("preprocess/output/carry_back.cpp", "into.normalized(), above + 0.1 * step",
           "({n} ? -1.0 : 1.0) * into.normalized(), above + 0.1 * step"),
-    180: ("preprocess/supports/sheet_cut.cpp", "if (!place || distance_to(ends", "if (!place || {n} || distance_to(ends"),
+    180: ("preprocess/supports/divide_cells.cpp", "if (!place || distance_to(ends", "if (!place || {n} || distance_to(ends"),
     192: ("apps/run/unloaded.cpp", "places.X -= share * beside.node;", "places.X -= ({n} ? -0.2 : 1.0) * share * beside.node;"),
     193: ("apps/run/unloaded.cpp", "places.volume[q] = imaged.volume[q] / J;", "places.volume[q] = imaged.volume[q] / ({n} ? 1.0 : J);"),
     188: ("solver/terms/fold_contact.cpp", "way_[s] = (way - way.dot(n) * n).norm();",
