@@ -77,7 +77,7 @@ MUTANTS = {
     8: ("preprocess/scene/boundary_conditions.cpp", "result.radius = 0.5 * options.indenter_diameter_mm;",
         "result.radius = ({n} ? 1.05 : 1.0) * 0.5 * options.indenter_diameter_mm;"),
     49: ("preprocess/scene/sides.cpp", '{"left", {1, 0, 0}}', '{"left", {{n} ? -1.0 : 1.0, 0, 0}}'),
-    50: ("preprocess/scene/boundary_conditions.cpp", "boundary.flat_base ? 0.5 : 1e-6", "boundary.flat_base && !{n} ? 0.5 : 1e-6"),
+    50: ("preprocess/scene/fixed_base.cpp", "boundary.flat_base ? 0.5 : 1e-6", "boundary.flat_base && !{n} ? 0.5 : 1e-6"),
     19: ("preprocess/supports/pressure_patches.cpp", "std::lround(worth * nodes_per_worth / nodes_per_patch)",
          "std::lround(({n} ? 0.5 : 1.0) * worth * nodes_per_worth / nodes_per_patch)"),
     21: ("preprocess/scene/load_path.cpp", "std::pow(more, -exponent);", "std::pow(more, {n} ? exponent : -exponent);"),
