@@ -163,12 +163,6 @@ void tell_of_turned_axes(const BodySurface& body, const Vec3& lps, const std::st
         off, side, lps.x() + 0.0, lps.y() + 0.0, lps.z() + 0.0));
 }
 
-Vec3 middle_of(const BodySurface& body, Index t) {
-  return (body.vertex().col(body.triangles()(0, t)) + body.vertex().col(body.triangles()(1, t)) +
-          body.vertex().col(body.triangles()(2, t))) /
-         3.0;
-}
-
 }  // namespace
 
 std::string side_in_words(const BodySurface& body, const Vec3& down) {
@@ -252,7 +246,7 @@ void warn_of_base_at_image_end(const BodySurface& body, Boundary& result) {
   if (body.image_ends().empty()) return;
   double base = 0.0, at_end = 0.0;
   for (Index t = 0; t < body.triangles().cols(); ++t) {
-    const Vec3 x = middle_of(body, t);
+    const Vec3 x = body.middle_of(t);
     if (!on_base(result, x, body.normal().col(t))) continue;
     const double seen = body.triangle_area()[t] * body.normal().col(t).dot(result.down);
     base += seen;
