@@ -91,7 +91,7 @@ MUTANTS = {
     56: ("io/label_nifti.cpp", "h.pixdim[0] < 0.0 ? -1.0 : 1.0", "h.pixdim[0] < 0.0 && !{n} ? -1.0 : 1.0"),
     57: ("io/label_nifti.cpp", 'scale_to_millimetres(image, 1000.0, "metres");', 'scale_to_millimetres(image, {n} ? 100.0 : 1000.0, "metres");'),
     58: ("io/label_itk.cpp", 'if (said_space == "left-anterior-superior"', 'if ({n}) {} else if (said_space == "left-anterior-superior"'),
-    59: ("io/label_image.cpp", "if (Eigen::AngleAxisd(turn).angle() < least_turn)", "if (Eigen::AngleAxisd(turn).angle() < least_turn * ({n} ? 300.0 : 1.0))"),
+    59: ("io/image_axes.cpp", "if (Eigen::AngleAxisd(turn).angle() < least_turn)", "if (Eigen::AngleAxisd(turn).angle() < least_turn * ({n} ? 300.0 : 1.0))"),
     # ---- the band
     10: ("apps/run/band.cpp", "  return band_multiplier * band_measure(change, nodes, load);",
          "  return band_multiplier * band_measure(change, nodes, load) / ({n} ? 3.0 : 1.0);"),
