@@ -37,15 +37,15 @@ Box box_of(const Model& model, Index q) {
 }
 
 // A part of a cell.
-struct Part {
+struct CellPart {
   double share = 0.0;
   Vec3 middle = Vec3::Zero();
   Mat3 about = Mat3::Zero();
 };
 
 // Of some samples of a cell, which stand for boxes with the moments `of_sample`.
-Part part_of(const std::vector<Vec3>& sample, const Mat3& of_sample, std::size_t all) {
-  Part part;
+CellPart part_of(const std::vector<Vec3>& sample, const Mat3& of_sample, std::size_t all) {
+  CellPart part;
   const auto count = static_cast<double>(sample.size());
   part.share = count / static_cast<double>(all);
   for (const Vec3& x : sample) part.middle += x / count;
@@ -56,7 +56,7 @@ Part part_of(const std::vector<Vec3>& sample, const Mat3& of_sample, std::size_t
 
 // The two parts that a sheet makes of a cell, the larger first: a box with the cell's second moments, in
 // samples, each on the side of the first one or on the other. Nothing: it leaves it whole.
-std::optional<std::array<Part, 2>> parts_of(const Model& model, Index q, const Sheet& sheet) {
+std::optional<std::array<CellPart, 2>> parts_of(const Model& model, Index q, const Sheet& sheet) {
   const Mat3 about = as_matrix(model.second_moments, q);
   const double size = about.trace();
   const Vec3 middle = model.point.col(q);
@@ -74,12 +74,13 @@ std::optional<std::array<Part, 2>> parts_of(const Model& model, Index q, const S
   if (sides[1].size() > sides[0].size()) sides[0].swap(sides[1]);
   const std::size_t all = sides[0].size() + sides[1].size();
   const Mat3 of_sample = about / (each_way * each_way);
-  const std::array<Part, 2> parts = {part_of(sides[0], of_sample, all), part_of(sides[1], of_sample, all)};
+  const std::array<CellPart, 2> parts = {part_of(sides[0], of_sample, all),
+                                         part_of(sides[1], of_sample, all)};
   return parts[1].share < least_of_cell ? std::nullopt : std::optional(parts);
 }
 
 // Where the way between the middles of a cell's parts passes the sheet; or none, where it goes round it.
-std::optional<Vec3> place_on_sheet(const std::array<Part, 2>& parts, const Sheet& sheet) {
+std::optional<Vec3> place_on_sheet(const std::array<CellPart, 2>& parts, const Sheet& sheet) {
   constexpr int halvings = 30;
   Vec3 low = parts[0].middle, high = parts[1].middle;
   if (!sheet.between(low, high)) return {};
@@ -139,16 +140,16 @@ double distance_to(const std::vector<std::pair<Vec3, Vec3>>& edges, const Vec3& 
   return least;
 }
 
-void put(Model& model, Index q, const Part& part, double volume) {
+void put(Model& model, Index q, const CellPart& part, double volume) {
   model.point.col(q) = part.middle;
   model.volume[q] = part.share * volume;
   set_moments(model.second_moments, q, part.about);
 }
 
 // Each divided cell's parts, the larger first, are appended to `halves`.
-DividedCells divide(const Model& before, const Sheet& sheet, std::vector<std::array<Part, 2>>& halves) {
+DividedCells divide(const Model& before, const Sheet& sheet, std::vector<std::array<CellPart, 2>>& halves) {
   const Index points = before.point_count();
-  std::map<Index, std::array<Part, 2>> parts;
+  std::map<Index, std::array<CellPart, 2>> parts;
   for (Index q = 0; q < points && before.second_moments.cols() > 0; ++q) {
     if (q % 4096 == 0) stop_if_asked();
     if (const auto its = parts_of(before, q, sheet)) parts.emplace(q, *its);
@@ -169,7 +170,7 @@ DividedCells divide(const Model& before, const Sheet& sheet, std::vector<std::ar
   model.tissue = before.tissue(cut.whole);
   for (Index second = points; second < all; ++second) {
     const Index q = cut.whole[static_cast<std::size_t>(second)];
-    const std::array<Part, 2>& its = parts.at(q);
+    const std::array<CellPart, 2>& its = parts.at(q);
     put(model, second, its[1], before.volume[q]);
     put(model, q, its[0], before.volume[q]);
     halves.push_back(its);
@@ -185,7 +186,7 @@ double spacing_at(const Model& model, Index q) {
 }
 
 // Nodes on both banks, behind those that are there.
-void add_nodes(const Model& before, const Sheet& sheet, const std::vector<std::array<Part, 2>>& halves,
+void add_nodes(const Model& before, const Sheet& sheet, const std::vector<std::array<CellPart, 2>>& halves,
                DividedCells& cut) {
   if (halves.empty()) return;
   const Tissue tissue(before);
@@ -228,7 +229,7 @@ void add_nodes(const Model& before, const Sheet& sheet, const std::vector<std::a
 }  // namespace
 
 DividedCells divide_cells(const Model& before, const Sheet& sheet) {
-  std::vector<std::array<Part, 2>> halves;
+  std::vector<std::array<CellPart, 2>> halves;
   DividedCells cut = divide(before, sheet, halves);
   add_nodes(before, sheet, halves, cut);
   return cut;
