@@ -104,20 +104,10 @@ void warn_of_surplus(StoredImage& image, std::uintmax_t bytes) {
 }
 
 void swap_bytes(StoredImage& image) {
-  const auto swap = [&]<std::size_t width>(std::integral_constant<std::size_t, width>) {
-    for (std::size_t n = 0; n + width <= image.data.size(); n += width)
-      std::reverse(image.data.data() + n, image.data.data() + n + width);
-  };
-  switch (bytes_of(image.type)) {
-    case 2:
-      return swap(std::integral_constant<std::size_t, 2>{});
-    case 4:
-      return swap(std::integral_constant<std::size_t, 4>{});
-    case 8:
-      return swap(std::integral_constant<std::size_t, 8>{});
-    default:
-      return;
-  }
+  with_type(image.type, [&]<class T>(T) {
+    for (std::size_t n = 0; n + sizeof(T) <= image.data.size(); n += sizeof(T))
+      std::reverse(image.data.data() + n, image.data.data() + n + sizeof(T));
+  });
 }
 
 bool is_at_right_angles(const Mat3& axes) {

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <cstring>
 #include <fstream>
@@ -50,17 +51,7 @@ const char* fault(double label) {
 template <class T>
 constexpr Number number_type() {
   if constexpr (std::is_floating_point_v<T>) return sizeof(T) == 4 ? Number::real32 : Number::real64;
-  constexpr bool is_signed = std::is_signed_v<T>;
-  switch (sizeof(T)) {
-    case 1:
-      return is_signed ? Number::int8 : Number::uint8;
-    case 2:
-      return is_signed ? Number::int16 : Number::uint16;
-    case 4:
-      return is_signed ? Number::int32 : Number::uint32;
-    default:
-      return is_signed ? Number::int64 : Number::uint64;
-  }
+  return static_cast<Number>(2 * std::countr_zero(sizeof(T)) + (std::is_signed_v<T> ? 0 : 1));
 }
 
 /// How many numbers apart neighbours along each stored axis are.

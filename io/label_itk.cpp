@@ -53,32 +53,16 @@ std::string words_of(const std::exception& error) {
 
 Number number_type(const itk::ImageIOBase& io, const fs::path& file) {
   using itk::IOComponentEnum;
-  switch (io.GetComponentType()) {
-    case IOComponentEnum::CHAR:
-      return Number::int8;
-    case IOComponentEnum::UCHAR:
-      return Number::uint8;
-    case IOComponentEnum::SHORT:
-      return Number::int16;
-    case IOComponentEnum::USHORT:
-      return Number::uint16;
-    case IOComponentEnum::INT:
-      return Number::int32;
-    case IOComponentEnum::UINT:
-      return Number::uint32;
-    case IOComponentEnum::LONG:
-    case IOComponentEnum::LONGLONG:
-      return Number::int64;
-    case IOComponentEnum::ULONG:
-    case IOComponentEnum::ULONGLONG:
-      return Number::uint64;
-    case IOComponentEnum::FLOAT:
-      return Number::real32;
-    case IOComponentEnum::DOUBLE:
-      return Number::real64;
-    default:
-      throw unreadable(file, "a label image", "the type of its voxels is unknown");
-  }
+  static const std::map<IOComponentEnum, Number> types = {
+      {IOComponentEnum::CHAR, Number::int8},      {IOComponentEnum::UCHAR, Number::uint8},
+      {IOComponentEnum::SHORT, Number::int16},    {IOComponentEnum::USHORT, Number::uint16},
+      {IOComponentEnum::INT, Number::int32},      {IOComponentEnum::UINT, Number::uint32},
+      {IOComponentEnum::LONG, Number::int64},     {IOComponentEnum::ULONG, Number::uint64},
+      {IOComponentEnum::LONGLONG, Number::int64}, {IOComponentEnum::ULONGLONG, Number::uint64},
+      {IOComponentEnum::FLOAT, Number::real32},   {IOComponentEnum::DOUBLE, Number::real64}};
+  const auto found = types.find(io.GetComponentType());
+  if (found == types.end()) throw unreadable(file, "a label image", "the type of its voxels is unknown");
+  return found->second;
 }
 
 /// Holds back what a library prints: its reader has no other way to say what is wrong.

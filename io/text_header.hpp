@@ -32,7 +32,7 @@ struct TextHeader {
   }
 };
 
-/// [bytes]
+/// What of a file is searched for the end of its header [bytes].
 constexpr std::uintmax_t longest_header = 1 << 22;
 
 /// Ends at an empty line (NRRD) or after the line with `last_key` (MetaImage).

@@ -1,27 +1,17 @@
 #include "apps/python/binding.hpp"
 
+#include <map>
 #include <mutex>
 
 namespace dimple {
 namespace {
 
 const char* class_of(ExitCode code) {
-  switch (code) {
-    case ExitCode::usage:
-      return "UsageError";
-    case ExitCode::input:
-      return "InputError";
-    case ExitCode::model:
-      return "ModelError";
-    case ExitCode::solve:
-      return "SolveError";
-    case ExitCode::output:
-      return "OutputError";
-    case ExitCode::interrupted:
-      return "Stopped";
-    default:
-      return "Error";
-  }
+  static const std::map<ExitCode, const char*> classes = {
+      {ExitCode::usage, "UsageError"}, {ExitCode::input, "InputError"},   {ExitCode::model, "ModelError"},
+      {ExitCode::solve, "SolveError"}, {ExitCode::output, "OutputError"}, {ExitCode::interrupted, "Stopped"}};
+  const auto found = classes.find(code);
+  return found == classes.end() ? "Error" : found->second;
 }
 
 void raise(const Error& error) {
