@@ -73,6 +73,15 @@ struct Crowded {
   }
 };
 
+[[noreturn]] void refuse_crowd(std::size_t candidates) {
+  throw ModelError(
+      {.fact = fmt::format("{} candidate places for nodes have over {} neighbours each", candidates,
+                           crowd_per_candidate),
+       .where = "node cloud",
+       .why = "the spacing changes too steeply beside the circle, or the body is folded too finely for it",
+       .remedy = "ask for more nodes (--nodes), a coarser --rim or a larger --indenter-diameter"});
+}
+
 }  // namespace
 
 std::vector<Vec3> thin_out(const std::vector<Vec3>& candidates, const std::vector<Vec3>& fixed, Index count,
@@ -113,15 +122,7 @@ std::vector<Vec3> thin_out(const std::vector<Vec3>& candidates, const std::vecto
     here.other.shrink_to_fit();
   });
 
-  if (crowd > crowd_per_candidate * m)
-    throw ModelError({.fact = fmt::format("{} candidate places for nodes have over {} neighbours each", m,
-                                          crowd_per_candidate),
-                      .where = "node cloud",
-                      .why = "the spacing changes too steeply beside the circle, or the body is folded too "
-                             "finely for it",
-                      .remedy = "ask for more nodes (--nodes), a coarser --rim or a larger "
-                                "--indenter-diameter"});
-
+  if (crowd > crowd_per_candidate * m) refuse_crowd(m);
   Heap heap(crowding);
   std::vector<bool> gone(m, false);
   for (Index left = static_cast<Index>(m); left > count; --left) {

@@ -102,6 +102,31 @@ std::string from_its_side(const BodySurface& body, const Vec3& asked, const Boun
                      side_towards(lps), side_towards(-lps), along[0] + 0.0, along[1] + 0.0, along[2] + 0.0);
 }
 
+// `room`: from the place, `touch`, to an edge; `least_room`: what the tool needs [mm].
+[[noreturn]] void refuse_edge(const BodySurface& body, const Vec3& asked, const Vec3& touch, double room,
+                              double least_room, bool touches, const Boundary& boundary) {
+  if (touches)
+    throw ModelError(
+        {.fact = fmt::format("the tool of {:.4g} mm diameter at {} would touch the organ over an edge, which "
+                             "is not modelled",
+                             2.0 * boundary.radius, words(body, touch)),
+         .where = "--indent-at (boundary.indent_at) and --tool (tool.shape)",
+         .why = fmt::format("it may touch out to {:.1f} mm from its middle, and {:.1f} mm from there the "
+                            "surface ends or drops by more than a radius",
+                            least_room, room),
+         .remedy = "move it with --indent-at, or give it a smaller radius; for a plate take a sphere that is "
+                   "nearly flat, such as --tool sphere:1000mm",
+         .code = "tool-too-wide"});
+  throw ModelError(
+      {.fact = fmt::format("the tool's circle of {:.4g} mm diameter at {} hangs over the organ's edge",
+                           2.0 * boundary.radius, words(body, touch)),
+       .where = "--indent-at (boundary.indent_at)",
+       .why = fmt::format("{:.1f} mm from its middle the surface ends or drops by more than a radius", room),
+       .remedy = from_its_side(body, asked, boundary) +
+                 "move it with --indent-at, make it smaller with --indenter-diameter, or leave "
+                 "the place to --indent-at opposite"});
+}
+
 // `least_room`: around the place, without an edge [mm]. `touches`: a tool that is not bonded.
 void place_as_asked(const BodySurface& body, const std::string& asked_for, const Asked& place,
                     const View& view, double least_room, bool touches, Boundary& result) {
@@ -148,28 +173,7 @@ void place_as_asked(const BodySurface& body, const std::string& asked_for, const
         asked_for, moved, words(body, *touch)));
   const Room room = room_around(view, view.flat(*touch), result.radius);
   result.room = room.even;
-  if (room.whole < least_room && touches)
-    throw ModelError(
-        {.fact = fmt::format("the tool of {:.4g} mm diameter at {} would touch the organ over an edge, which "
-                             "is not modelled",
-                             2.0 * result.radius, words(body, *touch)),
-         .where = "--indent-at (boundary.indent_at) and --tool (tool.shape)",
-         .why = fmt::format("it may touch out to {:.1f} mm from its middle, and {:.1f} mm from there the "
-                            "surface ends or drops by more than a radius",
-                            least_room, room.whole),
-         .remedy = "move it with --indent-at, or give it a smaller radius; for a plate take a sphere that is "
-                   "nearly flat, such as --tool sphere:1000mm",
-         .code = "tool-too-wide"});
-  if (room.whole < least_room)
-    throw ModelError(
-        {.fact = fmt::format("the tool's circle of {:.4g} mm diameter at {} hangs over the organ's edge",
-                             2.0 * result.radius, words(body, *touch)),
-         .where = "--indent-at (boundary.indent_at)",
-         .why = fmt::format("{:.1f} mm from its middle the surface ends or drops by more than a radius",
-                            room.whole),
-         .remedy = from_its_side(body, asked, result) +
-                   "move it with --indent-at, make it smaller with --indenter-diameter, or leave "
-                   "the place to --indent-at opposite"});
+  if (room.whole < least_room) refuse_edge(body, asked, *touch, room.whole, least_room, touches, result);
 }
 
 // The way that the tool goes. `known`: of the same body, for a place that does not say it.
