@@ -2,7 +2,7 @@
 
 #include "apps/commands/command_line.hpp"
 
-// Of the program `dimple_all`.
+// Of the whole program.
 
 namespace dimple {
 

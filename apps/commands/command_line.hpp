@@ -6,8 +6,8 @@
 
 namespace dimple {
 
-/// What a program is made of. There are two: `dimple`, with what one run needs, and `dimple_all`, with all
-/// commands, which `dimple` starts in its place when it is asked for one of the others.
+/// What a program is made of. There are two, see whole_program.hpp: one with what one run needs, one with
+/// all commands.
 struct ProgramParts {
   std::vector<Command (*)(CLI::App&, Invocation&)> commands;  ///< in the order of the help
   Outcome (*explain)(const Config&, const Invocation&,

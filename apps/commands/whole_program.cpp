@@ -20,7 +20,7 @@ constexpr WholeCommand whole_commands[] = {whole::poke,        whole::batch, who
 std::filesystem::path path_of_whole_program() {
   std::error_code unknown;
   const std::filesystem::path here = std::filesystem::read_symlink("/proc/self/exe", unknown);
-  return unknown ? std::filesystem::path() : here.parent_path() / "dimple_all";
+  return unknown ? std::filesystem::path() : here.parent_path() / "whole" / "dimple";
 }
 
 }  // namespace
