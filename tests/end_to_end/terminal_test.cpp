@@ -290,6 +290,25 @@ std::string said_by(const std::string& shell, const std::string& script) {
   return text_of(out) + (code == 0 ? "" : "\nended with an error");
 }
 
+// `make demo` builds it so.
+TEST_F(Terminal, AProgramOfOneRunSaysHowTheOtherCommandsAreBuilt) {
+  const fs::path alone = folder / "alone";
+  fs::copy_file(DIMPLE_PROGRAM, alone);
+  const auto ran = [&](const std::string& words) {
+    return Program(folder, words_of(words), alone.string()).wait();
+  };
+  EXPECT_EQ(ran("--help").out, good("--help").out);
+  for (const std::string words : {"fit --help", "export brain.nrrd -o brain.inp", "poke brain.nrrd --fps 25",
+                                  "run brain.nrrd -o out --explain", "man run"}) {
+    const Ran refused = ran(words);
+    EXPECT_EQ(refused.code, 2) << words;
+    EXPECT_THAT(refused.err, HasSubstr("has not been built")) << words;
+    EXPECT_THAT(refused.err, HasSubstr("`make build` builds all of them")) << words;
+  }
+  EXPECT_EQ(ran("run --no-such-option").code, 2);
+  EXPECT_FALSE(fs::exists(folder / "out"));
+}
+
 TEST_F(Terminal, PagesOfTheManualAreWholeAndRight) {
   good("man -o pages");
   for (const std::string& command : commands) {
