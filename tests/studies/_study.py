@@ -226,13 +226,12 @@ def shortest(value):
     return text_of(float(value))
 
 
-def program(of="program"):
-    """Of the command `dimple`: DIMPLE_PROGRAM, or on the path; or that of tests/bench/peer: DIMPLE_PEER."""
-    usual, variable = {"program": "dimple", "peer": "dimple_peer"}[of], f"DIMPLE_{of.upper()}"
-    name = os.environ.get(variable, usual)
+def program():
+    """Of the command `dimple`: DIMPLE_PROGRAM, or on the path."""
+    name = os.environ.get("DIMPLE_PROGRAM", "dimple")
     found = shutil.which(name)
     if not found:
-        refuse(f"there is no program {name}", "PATH", "the study starts it", f"build it, and say where: {variable}=build/release/{usual}")
+        refuse(f"there is no program {name}", "PATH", "the study starts it", "build it, and say where: DIMPLE_PROGRAM=build/release/dimple")
     return os.path.abspath(found)
 
 
