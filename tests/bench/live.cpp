@@ -1,12 +1,10 @@
 // A body under a tool that is followed in bounded time: how far the forces are from those of equilibrium.
 //
-//   dimple_live FOLDER IMAGE...      [--seconds 60] [--jerks 1000] [--again]
+//   dimple_live FOLDER IMAGE...      [--seconds 60] [--jerks 1000]
 //
-// For each image, into FOLDER/live.csv: three ways to follow (and the iteration alone) by the error of the
-// force over the evaluations of a frame; a scripted minute with 2000 nodes at 25 frames a second and with
-// 1000 at 60; random jerks; how long a touch at a new place takes; a minute of 200 questions a second through
-// the socket. Then live.png and .svg;
-// --again draws these alone. Nothing else should run on the machine.
+// For each image, into FOLDER/live.csv: the error of the force over the evaluations of a frame; a scripted
+// minute with 2000 nodes at 25 frames a second and with 1000 at 60; random jerks; how long a touch at a new
+// place takes; a minute of 200 questions a second through the socket. Nothing else should run on the machine.
 
 #include "apps/run/live.hpp"
 
@@ -17,13 +15,11 @@
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
-#include <Eigen/Dense>
 #include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <cstring>
 #include <functional>
-#include <map>
 #include <random>
 #include <thread>
 
@@ -31,20 +27,13 @@
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/label_image.hpp"
-#include "io/table.hpp"
 #include "preprocess/build_model.hpp"
-#include "solver/equilibrium/mixed_iteration.hpp"
-#include "solver/march/quasi_static.hpp"
 #include "solver/session.hpp"
-#include "solver/solve.hpp"
-#include "tests/bench/picture.hpp"
-#include "tests/helpers/band_scenes.hpp"
 
 namespace dimple {
 namespace {
 
 namespace fs = std::filesystem;
-using Nodal = ForceSystem::Nodal;
 
 double wall() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
@@ -210,141 +199,18 @@ void tell(const std::string& what, const Measured& m) {
   std::fflush(stdout);
 }
 
-// -------------------------------------------------------------------------------------------------------
-// ways
-
-struct Body {
-  explicit Body(const Model& m)
-      : model(m),
-        system(model, {{brain}, model.tissue}, Precision::single_),
-        body(system, model, make_constraints(model, Contact::bonded)),
-        mixed(body) {}
-  double along_push(const Nodal& f) const {
-    double sum = 0.0;
-    for (const Index a : model.circle) sum += f.col(a).head<3>().dot(model.tool.push);
-    return sum;
-  }
-  const Model& model;
-  ForceSystem system;
-  System body;
-  MixedIteration mixed;
-};
-
-// The iteration alone, from the line through the last two states; it goes on where it stopped.
-struct Plain : Body {
-  explicit Plain(const Model& m)
-      : Body(m),
-        u(Nodal::Zero(4, m.node_count())),
-        before(u),
-        f(u),
-        lambda(Eigen::VectorXd::Zero(m.patches.count())),
-        lambda_before(lambda) {}
-  Nodal u, before, f;
-  Eigen::VectorXd lambda, lambda_before;
-  double depth = 0.0, depth_before = 0.0;
-  bool anew = true;
-  LiveFrame follow(double to, std::int64_t evaluations) {
-    if (to == 0.0) return {};
-    Nodal v = u;
-    Eigen::VectorXd l = lambda;
-    if (depth == 0.0) {
-      first_guess(model, model.tool.push, to, v);
-    } else if (depth != depth_before) {
-      const double share = std::clamp((to - depth) / (depth - depth_before), -2.0, 2.0);
-      v += share * (u - before);
-      l += share * (lambda - lambda_before);
-    }
-    body.set({.depth = to}, v);
-    MixedIteration::Left left;
-    const Relaxed found = mixed.within(v, l, f, {.evaluations = evaluations}, anew, left);
-    if (to != depth) before = u, lambda_before = lambda, depth_before = depth;
-    u = v, lambda = l, depth = to;
-    return {.asked = to,
-            .depth = to,
-            .force = along_push(f),
-            .residual = found.residual,
-            .evaluations = found.evaluations};
-  }
-};
-
-// Galerkin's method in the span of equilibria that were computed beforehand, by Broyden's method.
-struct Reduced : Body {
-  Reduced(const Model& m, double deepest, int snapshots, int modes) : Body(m) {
-    Session session(m, {brain}, {.tolerance = 1e-5});
-    Eigen::MatrixXd all(4 * m.node_count(), snapshots);
-    for (int k = 0; k < snapshots; ++k) {
-      at.push_back(deepest * (k + 1) / snapshots);
-      session.equilibrate(at.back());
-      const Nodal u = to_nodal(session.nodal_parameters());
-      all.col(k) = Eigen::Map<const Eigen::VectorXd>(u.data(), u.size()) / at.back();
-    }
-    mean = all.rowwise().mean();
-    Eigen::MatrixXd rest = all.colwise() - mean;
-    const Eigen::BDCSVD<Eigen::MatrixXd> svd(rest, Eigen::ComputeThinU);
-    basis = svd.matrixU().leftCols(modes);
-    f.setZero(4, m.node_count());
-    a.setZero(modes);
-  }
-  std::vector<double> at;
-  Eigen::VectorXd mean, a;
-  Eigen::MatrixXd basis, jacobian;
-  Nodal f;
-  double depth = 0.0;
-  Nodal state_of(double to, const Eigen::VectorXd& c) {
-    const Eigen::VectorXd u = to * (mean + basis * c);
-    Nodal v = Eigen::Map<const Nodal>(u.data(), 4, model.node_count());
-    body.set({.depth = to}, v);
-    return v;
-  }
-  Eigen::VectorXd unbalanced(double to, const Eigen::VectorXd& c) {
-    body.force(state_of(to, c), f);
-    return basis.transpose() * Eigen::Map<const Eigen::VectorXd>(f.data(), f.size());
-  }
-  LiveFrame follow(double to, std::int64_t evaluations) {
-    if (to == 0.0) return {};
-    body.tissue().hold_pressures({});
-    std::int64_t spent = 1;
-    Eigen::VectorXd r = unbalanced(to, a);
-    if (jacobian.size() == 0 || std::abs(to - depth) > 0.25e-3) {  // as the tangent goes with the depth
-      jacobian.resize(a.size(), a.size());
-      for (Index k = 0; k < a.size(); ++k) {
-        Eigen::VectorXd c = a;
-        c[k] += 1e-3;
-        jacobian.col(k) = (unbalanced(to, c) - r) / 1e-3;
-        ++spent;
-      }
-      depth = to;
-    }
-    for (; spent < std::max<std::int64_t>(evaluations, 2); ++spent) {
-      const Eigen::VectorXd step = -jacobian.fullPivLu().solve(r);
-      const Eigen::VectorXd next = unbalanced(to, a + step);
-      jacobian += (next - r - jacobian * step) * step.transpose() / std::max(step.squaredNorm(), 1e-300);
-      a += step;
-      r = next;
-      if (step.norm() < 1e-5 * a.norm()) break;
-    }
-    return {.asked = to, .depth = to, .force = along_push(f), .evaluations = spent};
-  }
-};
-
-void ways(const fs::path& image, Index nodes, std::vector<Row>& rows) {
+void limits(const fs::path& image, Index nodes, std::vector<Row>& rows) {
   const Model model = model_of(image, nodes);
   const double deepest = model.tool.radius;
   const Converged converged(model, deepest);
   const double rate = 25.0;
   const Script script = stops_and_ways(20.0, rate, deepest, 0.01, 1);
-  const auto add = [&](const std::string& way, std::int64_t n, const Follow& follow) {
-    const Measured m = measure(script, converged, follow, 1.0 / rate);
-    tell(fmt::format("{} {}", way, n), m);
-    rows.push_back({image.stem().string(), "ways", way, model.node_count(), rate, n, m});
-  };
   for (const std::int64_t n : {2, 3, 4, 6, 8, 12, 16, 24}) {
     Session session(model, {brain});
-    add("known states", n, [&](double d) { return session.follow(d, {.evaluations = n}); });
-    Plain plain(model);
-    add("iteration alone", n, [&](double d) { return plain.follow(d, n); });
-    Reduced reduced(model, deepest, 12, 5);
-    add("reduced space", n, [&](double d) { return reduced.follow(d, n); });
+    const Measured m = measure(
+        script, converged, [&](double d) { return session.follow(d, {.evaluations = n}); }, 1.0 / rate);
+    tell(fmt::format("known states {}", n), m);
+    rows.push_back({image.stem().string(), "ways", "known states", model.node_count(), rate, n, m});
   }
 }
 
@@ -521,46 +387,6 @@ std::string socket(const fs::path& image, Index nodes, double rate, double secon
 }  // namespace
 }  // namespace dimple
 
-namespace dimple {
-namespace {
-
-// Published, and not measured here: tetrahedra 10 x 40 x 10 on a processor; no error of a force is stated
-// there.
-constexpr double sofa_frames = 23.0;
-
-void draw(const fs::path& folder) {
-  Plot chart{
-      .title = "Force of a live organ: error in motion of 10 mm/s against the time of a frame",
-      .subtitle = {"2000 nodes, two threads; each point a limit of 2 to 24 evaluations of the force a frame;",
-                   "left out where above 100 %, or never in touch. SOFA's rate is published, without an "
-                   "error of the force"},
-      .x_label = "time within which 99 % of the frames are done [ms]",
-      .y_label = "error of the force in 95 % of the moving frames [%]",
-      .log_x = true,
-      .log_y = true,
-      .y_range = std::array{1e-4, 100.0}};
-  std::map<std::string, PlotSeries> series;
-  for (const std::vector<std::string>& row : rows_of(folder / "live.csv")) {
-    if (row[1] != "ways") continue;
-    const double error = std::stod(row[8]);
-    if (error > 100.0 || !std::isfinite(std::stod(row[10])))
-      continue;  // without a frame in touch there is no error
-    PlotSeries& one = series[row[2] + ", " + row[0]];
-    one.x.push_back(std::stod(row[14]));
-    one.y.push_back(std::max(error, 1e-4));
-  }
-  for (auto& [name, one] : series) {
-    one.name = name;
-    chart.series.push_back(std::move(one));
-  }
-  chart.lines.push_back(
-      {.vertical = true, .at = 1e3 / sofa_frames, .text = "SOFA, 23 frames a second (published)"});
-  write_plots(folder, "live", {chart});
-}
-
-}  // namespace
-}  // namespace dimple
-
 int main(int count, char** argument) {
   namespace fs = std::filesystem;
   CLI::App app("A tool that is followed in bounded time.");
@@ -568,19 +394,17 @@ int main(int count, char** argument) {
   std::vector<std::string> images;
   double seconds = 60.0;
   int jerks = 1000;
-  bool again = false;
   app.add_option("FOLDER", folder)->required();
   app.add_option("IMAGE", images);
   app.add_option("--seconds", seconds);
   app.add_option("--jerks", jerks);
-  app.add_flag("--again", again);
   CLI11_PARSE(app, count, argument);
   try {
     std::vector<dimple::Row> rows;
     std::string words = "Jerks, touches at new places and the socket, beside live.csv.\n";
     for (const std::string& image : images) {
       fmt::print("{}\n", image);
-      dimple::ways(image, 2000, rows);
+      dimple::limits(image, 2000, rows);
       dimple::minute(image, 2000, 25.0, seconds, rows);
       dimple::minute(image, 1000, 60.0, seconds, rows);
       words += fmt::format("\n{}:\n\n", fs::path(image).stem().string());
@@ -592,13 +416,10 @@ int main(int count, char** argument) {
       for (const dimple::Index nodes : {1000, 2000}) say(dimple::moves(image, nodes, 12));
       say(dimple::socket(image, 2000, 25.0, seconds));
     }
-    if (!again) {
-      std::string csv = dimple::header;
-      for (const dimple::Row& row : rows) csv += dimple::line_of(row);
-      dimple::write_file(folder / "live.csv", csv);
-      dimple::write_file(folder / "live.md", words);
-    }
-    dimple::draw(folder);
+    std::string csv = dimple::header;
+    for (const dimple::Row& row : rows) csv += dimple::line_of(row);
+    dimple::write_file(folder / "live.csv", csv);
+    dimple::write_file(folder / "live.md", words);
   } catch (const dimple::Error& error) {
     fmt::print(stderr, "error: {}: {}\n", error.what(), error.report.where);
     return 1;
