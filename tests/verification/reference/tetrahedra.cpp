@@ -1,6 +1,6 @@
 // Reference force for pressing a bonded circle into the body of a label image, or into a block with a slit.
 //
-// Static, nearly incompressible neo-Hooke, as in hexahedra.cpp:
+// Static, nearly incompressible neo-Hooke:
 //   W = mu/2 (J^(-2/3) I1 - 3) + bulk/2 (J - 1)^2
 // CGAL's Mesh_3 fills the body with tetrahedra; displacement is quadratic, pressure linear and continuous
 // (Taylor-Hood), faces are flat. Full Newton on displacement and pressure, MUMPS, load steps that halve when
@@ -62,22 +62,18 @@ struct Options {
       {"x", 0},             // of the circle on the ellipsoid, or on an image's organ, LPS mm
       {"y", std::nan("")},  // likewise on an organ; without it the highest place
       {"z", std::nan("")},
-      {"mu", 210e-6},        // N/mm^2
-      {"nu", 0.499},         // Poisson's ratio
-      {"lame", 0},           // 1: bulk = lambda instead of the bulk modulus, as in hexahedra.cpp
-      {"extend", 0.2},       // below this J, J^(-2/3) goes on as its quadratic Taylor polynomial
-      {"slit", 1},           // width
-      {"gap", 3},            // from the rim to the slit's near wall
-      {"slit_depth", 25},    // from the top
-      {"growth", 0.3},       // of the wanted edge by the distance from the rim
-      {"far", 6},            // largest wanted edge
-      {"near", 0.08},        // distance allowed between mesh and surface / wanted edge
-      {"farthest", 1},       // the same, largest, mm
-      {"share", 0},          // wanted edge / width of body or air gap where that is narrow; 0: not asked for
-      {"least", 1},          // the edge that narrow places do not go below
-      {"manifold", 1},       // 0: do not ask CGAL for a manifold surface
-      {"mesh_only", 0},      // 1: nothing is solved
-      {"first_depth", 0.5},  // reported before the others
+      {"mu", 210e-6},           // N/mm^2
+      {"nu", 0.499},            // Poisson's ratio
+      {"extend", 0.2},          // below this J, J^(-2/3) goes on as its quadratic Taylor polynomial
+      {"slit", 1},              // width
+      {"gap", 3},               // from the rim to the slit's near wall
+      {"slit_depth", 25},       // from the top
+      {"growth", 0.3},          // of the wanted edge by the distance from the rim
+      {"far", 6},               // largest wanted edge
+      {"near", 0.08},           // distance allowed between mesh and surface / wanted edge
+      {"farthest", 1},          // the same, largest, mm
+      {"manifold", 1},          // 0: do not ask CGAL for a manifold surface
+      {"first_depth", 0.5},     // reported before the others
       {"smallest_step", 0.01},  // mm
   };
   double operator[](const char* name) const { return named.at(name); }
@@ -206,62 +202,6 @@ struct Mesh {
   int euler = 0;  // characteristic of its surface
 };
 
-// An upper bound of the wanted edge on a lattice, which grows by a fixed share of the distance.
-class Widths {
- public:
-  Widths(const BodySurface& body, double share, double least, double far, double growth) {
-    low_ = body.lower();
-    const Vec3 size = body.upper() - body.lower();
-    step_ = size.maxCoeff() / 150;
-    for (int axis = 0; axis < 3; ++axis) count_[axis] = static_cast<int>(size[axis] / step_) + 2;
-    value_.assign(size_t(count_[0]) * count_[1] * count_[2], far);
-    for (Eigen::Index t = 0; t < body.triangles().cols(); ++t) {
-      Vec3 centre = Vec3::Zero();
-      for (int k = 0; k < 3; ++k) centre += body.vertex().col(body.triangles()(k, t)) / 3;
-      const Vec3 normal = body.normal().col(t);
-      double width = far / share;
-      for (const double crossing : body.crossings(centre, normal))
-        if (std::abs(crossing) > 1e-6) width = std::min(width, std::abs(crossing));
-      double& here = value_[at(centre)];
-      here = std::min(here, std::max(least, share * width));
-    }
-    for (int sweep = 0; sweep < 4; ++sweep) {
-      for (int k = 0; k < count_[2]; ++k)
-        for (int j = 0; j < count_[1]; ++j)
-          for (int i = 0; i < count_[0]; ++i) relax(i, j, k, growth);
-      for (int k = count_[2] - 1; k >= 0; --k)
-        for (int j = count_[1] - 1; j >= 0; --j)
-          for (int i = count_[0] - 1; i >= 0; --i) relax(i, j, k, growth);
-    }
-  }
-  double operator()(const Vec3& x) const { return value_[at(x)]; }
-
- private:
-  size_t at(const Vec3& x) const {
-    std::array<int, 3> cell;
-    for (int axis = 0; axis < 3; ++axis)
-      cell[axis] = std::clamp(static_cast<int>((x[axis] - low_[axis]) / step_), 0, count_[axis] - 1);
-    return index(cell[0], cell[1], cell[2]);
-  }
-  size_t index(int i, int j, int k) const { return (size_t(k) * count_[1] + j) * count_[0] + i; }
-  void relax(int i, int j, int k, double growth) {
-    double& here = value_[index(i, j, k)];
-    for (int dk = -1; dk <= 1; ++dk)
-      for (int dj = -1; dj <= 1; ++dj)
-        for (int di = -1; di <= 1; ++di) {
-          if (i + di < 0 || j + dj < 0 || k + dk < 0 || i + di >= count_[0] || j + dj >= count_[1] ||
-              k + dk >= count_[2])
-            continue;
-          const double distance = step_ * std::sqrt(double(di * di + dj * dj + dk * dk));
-          here = std::min(here, value_[index(i + di, j + dj, k + dk)] + growth * distance);
-        }
-  }
-  Vec3 low_;
-  double step_;
-  std::array<int, 3> count_;
-  std::vector<double> value_;
-};
-
 using Sizes = std::function<double(const Vec3&)>;
 
 struct Field {
@@ -300,16 +240,11 @@ Mesh make_mesh(const Scene& scene, const Options& options) {
   }
   domain.add_features(lines.begin(), lines.end());
 
-  std::optional<Widths> widths;
-  if (options["share"] > 0)
-    widths.emplace(body, options["share"], options["least"], options["far"], options["growth"]);
   const double first = options.rim, growth = options["growth"], far = options["far"];
   const Sizes sizes = [&](const Vec3& x) {
     // edges at the rim's own length up to one of them away from it
-    double squared = (rim.colwise() - x).colwise().squaredNorm().minCoeff();
-    double size = std::min(far, first + growth * std::max(0.0, std::sqrt(squared) - first));
-    if (widths) size = std::min(size, std::max(first, (*widths)(x)));
-    return size;
+    const double squared = (rim.colwise() - x).colwise().squaredNorm().minCoeff();
+    return std::min(far, first + growth * std::max(0.0, std::sqrt(squared) - first));
   };
   // The bounds of the circumradii are 0.7 of the wanted edge: equilateral ones have 0.58 and 0.61.
   const Field edges{&sizes, 1.0}, radii{&sizes, 0.7}, distances{&sizes, options["near"], options["farthest"]};
@@ -672,7 +607,7 @@ Body make_body(const Scene& scene, const Options& options) {
   body.mesh = make_mesh(scene, options);
   const double nu = options["nu"], lambda = 2 * nu / (1 - 2 * nu);
   body.mu = options["mu"];
-  body.bulk = options["lame"] > 0 ? lambda : lambda + 2.0 / 3;
+  body.bulk = lambda + 2.0 / 3;
   body.extend = options["extend"];
   for (const auto& nodes : body.mesh.elements) body.elements.push_back(make_element(body.mesh, nodes));
   if (scene.stiffness)
@@ -944,7 +879,6 @@ int main(int count, char** text) {
                         : options.body == "ellipsoid" ? ellipsoid_scene(options)
                                                       : image_scene(options);
     const Body body = make_body(scene, options);
-    if (options["mesh_only"] > 0) return 0;
     if (options.body == "patch")
       run_patch(body);
     else
