@@ -3,27 +3,20 @@
 //   dimple_live FOLDER IMAGE...      [--seconds 60] [--jerks 1000]
 //
 // For each image, into FOLDER/live.csv: the error of the force over the evaluations of a frame; a scripted
-// minute with 2000 nodes at 25 frames a second and with 1000 at 60; random jerks; how long a touch at a new
-// place takes; a minute of 200 questions a second through the socket. Nothing else should run on the machine.
-
-#include "apps/run/live.hpp"
+// minute with 2000 nodes at 25 frames a second and with 1000 at 60; into live.md: random jerks. Nothing else
+// should run on the machine.
 
 #include <fmt/format.h>
-#include <sys/socket.h>
-#include <sys/un.h>
 #include <time.h>
-#include <unistd.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <cstring>
+#include <filesystem>
 #include <functional>
 #include <random>
-#include <thread>
 
-#include "apps/run/live_socket.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/label_image.hpp"
@@ -274,116 +267,6 @@ std::string jerks(const fs::path& image, Index nodes, double rate, std::int64_t 
       1e3 * farthest, 1e3 * slowest);
 }
 
-Config config_of(const fs::path& image) {
-  Config config;
-  config.image.file = image.string();
-  return config;
-}
-
-// From the decision to touch elsewhere to the first frame there.
-std::string moves(const fs::path& image, Index nodes, int count) {
-  const LiveOrgan organ = read_live_organ(config_of(image));
-  LiveTool tool = make_live_tool(organ, nodes);
-  const ToolPlace first = tool.session->model().tool;
-  std::mt19937 random(7);
-  std::uniform_real_distribution<double> unit(-1.0, 1.0);
-  std::vector<double> whole, made;
-  int refused = 0;
-  Vec3 across = first.push.unitOrthogonal(), other = first.push.cross(across);
-  for (int k = 0; k < count; ++k) {
-    const Vec3 place = first.centre + 2.0 * first.radius * (unit(random) * across + unit(random) * other);
-    // Where a tool that comes down there meets the surface.
-    const BodySurface& surface = organ.organ->body->surface;
-    const Eigen::Isometry3d own = surface.to_world().inverse();
-    const Vec3 above = own * (1e3 * place) - 1e3 * (own.linear() * first.push) * 0.1;
-    const std::vector<double> cut = surface.crossings(above, own.linear() * first.push);
-    if (cut.empty()) continue;
-    const Vec3 tip =
-        1e-3 * (surface.to_world() * (above + (cut.front() + 0.3) * (own.linear() * first.push)));
-    if (tool.finer.valid()) tool.finer.wait();
-    move_depth(tool, -1e-3, {.evaluations = 1});
-    const double t = wall();
-    try {
-      LiveFrame frame = move_tip(tool, tip, {.seconds = 0.04});
-      int frames = 1;
-      while (frame.depth == 0.0 && frames++ < 20) frame = move_tip(tool, tip, {.seconds = 0.04});
-      whole.push_back(wall() - t);
-      made.push_back(tool.made_s);
-    } catch (const Error& error) {
-      ++refused;
-      fmt::print("({:.1f}, {:.1f}, {:.1f}) mm: {}\n", 1e3 * tip.x(), 1e3 * tip.y(), 1e3 * tip.z(),
-                 error.report.fact);
-    }
-  }
-  return fmt::format(
-      "{} nodes: first frame at a new place after {:.3f} s at least, {:.3f} in the middle, {:.3f} at most "
-      "(coarse cloud "
-      "{:.3f} at least, {:.3f} in the middle); {} places, {} refused\n",
-      nodes, quantile(whole, 0.0), quantile(whole, 0.5), quantile(whole, 1.0), quantile(made, 0.0),
-      quantile(made, 0.5), whole.size(), refused);
-}
-
-// A program that asks 200 times a second, as a device does.
-std::string socket(const fs::path& image, Index nodes, double rate, double seconds) {
-  const LiveOrgan organ = read_live_organ(config_of(image));
-  LiveTool tool = make_live_tool(organ, nodes);
-  const double deepest = 0.6 * tool.session->model().tool.radius;
-  const fs::path path = fs::temp_directory_path() / fmt::format("dimple_live_{}.sock", getpid());
-  std::vector<double> late_ms, jump;
-  const Vec3 push = tool.session->model().tool.push;
-  std::thread client([&] {
-    sockaddr_un address{};
-    address.sun_family = AF_UNIX;
-    std::strncpy(address.sun_path, path.c_str(), sizeof address.sun_path - 1);
-    int to = -1;
-    for (int tries = 0; tries < 500; ++tries) {
-      to = ::socket(AF_UNIX, SOCK_STREAM, 0);
-      if (connect(to, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0) break;
-      ::close(to);
-      std::this_thread::sleep_for(std::chrono::milliseconds(10));
-    }
-    const double begin = wall();
-    double last = 0.0, largest = 0.0;
-    std::vector<double> change;
-    for (std::int64_t k = 0; wall() - begin < seconds - 0.5; ++k) {
-      const double t = 0.005 * static_cast<double>(k);
-      std::this_thread::sleep_until(std::chrono::steady_clock::time_point(
-          std::chrono::duration_cast<std::chrono::steady_clock::duration>(
-              std::chrono::duration<double>(begin + t))));
-      // A smooth way, at most 10 mm/s.
-      const double depth = 0.5 * deepest * (1.0 - std::cos(0.01 / (0.5 * deepest) * t));
-      const std::string line = fmt::format("{:.6f}\n", 1e3 * depth);
-      const double asked = wall();
-      if (send(to, line.data(), line.size(), MSG_NOSIGNAL) < 0) break;
-      char answer[512];
-      const ssize_t got = recv(to, answer, sizeof answer - 1, 0);
-      if (got <= 0) break;
-      late_ms.push_back(1e3 * (wall() - asked));
-      answer[got] = 0;
-      Vec3 force;
-      std::sscanf(answer, "%lf %lf %lf", &force.x(), &force.y(), &force.z());
-      const double now = -force.dot(push);
-      largest = std::max(largest, now);
-      change.push_back(now - last);
-      last = now;
-    }
-    // What does not come of the way: the change less the mean of those around it.
-    for (std::size_t k = 12; k + 10 < change.size(); ++k)
-      jump.push_back(std::abs(change[k] - 0.5 * (change[k - 1] + change[k + 1])) / largest);
-    ::close(to);
-  });
-  const Served served = serve_forces(tool, path, rate, seconds);
-  client.join();
-  const auto within = std::count_if(late_ms.begin(), late_ms.end(), [](double ms) { return ms <= 5.0; });
-  return fmt::format(
-      "{} nodes: {} answers, {:.3f} % within 5 ms, median {:.3f} ms, slowest {:.2f} ms; {} frames in {:.0f} "
-      "s; jumps "
-      "{:.2f} % of the largest force at most\n",
-      tool.session->model().node_count(), late_ms.size(),
-      100.0 * static_cast<double>(within) / static_cast<double>(late_ms.size()), quantile(late_ms, 0.5),
-      quantile(late_ms, 1.0), served.frames, seconds, 100.0 * quantile(jump, 1.0));
-}
-
 }  // namespace
 }  // namespace dimple
 
@@ -401,7 +284,7 @@ int main(int count, char** argument) {
   CLI11_PARSE(app, count, argument);
   try {
     std::vector<dimple::Row> rows;
-    std::string words = "Jerks, touches at new places and the socket, beside live.csv.\n";
+    std::string words = "Jerks, beside live.csv.\n";
     for (const std::string& image : images) {
       fmt::print("{}\n", image);
       dimple::limits(image, 2000, rows);
@@ -413,8 +296,6 @@ int main(int count, char** argument) {
         words += "- " + line;
       };
       say(dimple::jerks(image, 1000, 25.0, 8, jerks));
-      for (const dimple::Index nodes : {1000, 2000}) say(dimple::moves(image, nodes, 12));
-      say(dimple::socket(image, 2000, 25.0, seconds));
     }
     std::string csv = dimple::header;
     for (const dimple::Row& row : rows) csv += dimple::line_of(row);
