@@ -331,23 +331,16 @@ def _check(case, options):
     _study.known_words(options.time, TIMES, "--time")
     for nodes in options.nodes + options.explicit_nodes:
         if nodes < 100:
-            refuse(f"{nodes} nodes are too few", "--nodes", "a cloud has at least 100", "for instance --nodes 500,1000,2000")
+            refuse(f"{nodes} nodes are too few: a cloud has at least 100")
     for goal in options.goals:
         if not re.fullmatch(r"\d+(\.\d+)?%", goal) or not float(goal[:-1]) > 0:
-            refuse(f"accuracy.goal = {goal} is not allowed", "--goals", "it is no share of the force", "for instance --goals 5%,3%")
+            refuse(f"accuracy.goal = {goal} is not allowed: for instance --goals 5%,3%")
     if not options.nodes or options.repeat < 1:
-        refuse(
-            "a chart needs at least one cloud size and one run of it", "--nodes, --repeat", "there would be no point",
-            "for instance --nodes 500,1000,2000",
-        )  # fmt: skip
-    again = "python3 tests/studies/chart.py IMAGE -o OUT"
+        refuse("a chart needs at least one cloud size and one run of it")
     if not case.image and "image" in options.only:
-        refuse("no label image was given", "--only image", "there is nothing to run", f"give one: {again}")
+        refuse("no label image was given, and --only image takes one")
     if not case.image and options.reference:
-        refuse(
-            "a reference was given, but no label image that it is of", "--reference",
-            "the two scenes have references of their own", f"give the image: {again} --reference FILE",
-        )  # fmt: skip
+        refuse("a reference was given, but no label image that it is of: the two scenes have references of their own")
 
 
 def _how(options, threads):
@@ -442,7 +435,7 @@ def _run_all(subject, options, note):
 def study(case, options, say):
     options.goals = [goal for goal in options.goals if goal != "none"]
     _check(case, options)
-    folder = _study.folder_for(options.out, "chart.csv", "python3 tests/studies/chart.py").absolute()
+    folder = _study.folder_for(options.out, "chart.csv").absolute()
     plt = _study.pyplot()
     known = _study.reference_at(options.reference) if options.reference else []
     threads = options.threads or len(os.sched_getaffinity(0))
