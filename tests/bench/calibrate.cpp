@@ -12,8 +12,8 @@
 // many nodes to scenes that hold one of half as many, --points writes band_points.csv: where a random place
 // of each scene's body goes. --bodies writes band_bodies.csv, what each scene's circle sees of its body, and
 // --held-out N adds to band_held_out.csv: N random lumps (tests/helpers/random_bodies.hpp), with the
-// default's pair of clouds and the truth's. Then band.md, .png and .svg: what the band says against what is
-// true; --again makes these alone.
+// default's pair of clouds and the truth's. Then band.md: what the band says against what is true; --again
+// makes this alone.
 
 #include <fmt/format.h>
 
@@ -39,7 +39,6 @@
 #include "preprocess/supports/support.hpp"
 #include "solver/solve.hpp"
 #include "tests/bench/calibration_scenes.hpp"
-#include "tests/bench/picture.hpp"
 #include "tests/helpers/band_scenes.hpp"
 #include "tests/helpers/draw.hpp"
 #include "tests/helpers/random_bodies.hpp"
@@ -171,13 +170,12 @@ const std::vector<std::string> groups = {"calibration", "first proof", "second p
 // What the band says against what is true, with each number of nodes. A band holds if all that the truth may
 // be lies in it.
 std::string table_of_bands(const std::vector<BandScene>& scenes, const std::vector<std::string>& of_groups,
-                           Plot& stated_against_true, std::string& misses) {
+                           std::string& misses) {
   std::string table =
       "| scenes | depth | nodes | bands | hold the truth | median half width, % | median error, % "
       "|\n|---|---|---:|---:|---:|---:|"
       "---:|\n";
   for (const std::string& group : of_groups) {
-    PlotSeries points{.name = group, .line = false, .hollow = group == "calibration"};
     for (const bool deep : {false, true})
       for (Index nodes = fewest_nodes_with_band(0.0); nodes <= band_finest_truth / band_compared;
            nodes *= 2) {
@@ -201,8 +199,6 @@ std::string table_of_bands(const std::vector<BandScene>& scenes, const std::vect
                          error_most = error_at_most(scene, nodes, k);
             widest = said, largest = std::max(largest, error);
             holds = holds && error_most <= said;
-            points.x.push_back(100.0 * said);
-            points.y.push_back(100.0 * error);
             if (error_most > said)
               missed = fmt::format(
                   "- {}, scene {} ({}), {} nodes, {:.2f} radii deep: {:.2f} % off and {:.2f} % unsure, said "
@@ -222,7 +218,6 @@ std::string table_of_bands(const std::vector<BandScene>& scenes, const std::vect
                         deep ? "1 to 1.7 radii" : "to 1 radius", nodes, halves.size(),
                         100.0 * held / static_cast<double>(halves.size()), median(halves), median(errors));
       }
-    if (!points.x.empty()) stated_against_true.series.push_back(std::move(points));
   }
   return table;
 }
@@ -398,26 +393,12 @@ std::string table_of_points(const std::vector<PointScene>& scenes, double multip
 void report(const fs::path& folder) {
   const std::vector<BandScene> scenes = band_scenes(folder / "band_scenes.csv");
   const BandScores scores = band_scores(scenes);
-  Plot chart{.title = "What the band says against what is true",
-             .subtitle = {fmt::format(
-                 "points below the line: the force of the finest cloud, {} to {} nodes, lies in the band",
-                 band_truth, band_finest_truth)},
-             .x_label = "half the band's width [% of the force]",
-             .y_label = "difference from the finest cloud [%]",
-             .log_x = true,
-             .log_y = true,
-             .x_range = std::array{0.5, 30.0},
-             .y_range = std::array{0.005, 30.0}};
   std::string missed_bands, missed_goals;
-  std::string unlisted;
-  Plot undrawn;
-  std::string missed_further;
-  const std::string further = table_of_bands(scenes, extending, undrawn, missed_further);
-  const std::string bands = table_of_bands(scenes, groups, chart, missed_bands),
+  std::string unlisted, missed_further;
+  const std::string further = table_of_bands(scenes, extending, missed_further);
+  const std::string bands = table_of_bands(scenes, groups, missed_bands),
                     goals = table_of_goals(scenes, 1, missed_goals),
                     second = table_of_goals(scenes, second_proof, unlisted);
-  chart.series.push_back(
-      {.name = "as large as said", .x = {0.5, 30.0}, .y = {0.5, 30.0}, .markers = false, .dashed = true});
   std::string text = fmt::format(
       "Multiplier: {:.3f}, from {}.\n\n{}\nBoth "
       "proofs:\n\n{}\nThe "
@@ -436,7 +417,6 @@ void report(const fs::path& folder) {
   if (const fs::path file = folder / "band_held_out.csv"; fs::exists(file))
     text += "\nHeld out, at the last depth:\n\n" + table_of_held_out(band_scenes(file));
   write_file(folder / "band.md", text);
-  write_plots(folder, "band", {chart});
   fmt::print("{}", text);
 }
 
@@ -448,7 +428,7 @@ int main(int argc, char** argv) try {
   fs::path folder, data, atlases;
   int scenes = 285, first = 1;
   CLI::App app("Scenes at random, from which the band of a force is taken and on which it is proved");
-  app.add_option("folder", folder, "for tables and pictures")->required();
+  app.add_option("folder", folder, "for tables")->required();
   app.add_option("--data", data, "folder of the label images");
   app.add_option("--atlases", atlases, "folder of the folded brains");
   app.add_option("--scenes", scenes, "how many");
@@ -460,7 +440,7 @@ int main(int argc, char** argv) try {
   app.add_flag("--points", points, "displacements of a random place, instead of forces");
   app.add_flag("--bodies", bodies, "what each scene's circle sees of its body, without a run");
   app.add_option("--held-out", held_out, "so many lumps, with the default's pair of clouds");
-  app.add_flag("--again", again, "tables and picture of band_scenes.csv, without a run");
+  app.add_flag("--again", again, "tables of band_scenes.csv, without a run");
   CLI11_PARSE(app, argc, argv);
   dimple::make_folder(folder);
   const fs::path file = folder / (points         ? "band_points.csv"

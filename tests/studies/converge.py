@@ -12,7 +12,6 @@ import itertools
 import sys
 
 import numpy as np
-import pydimple
 
 import _study
 from _study import in_words, refuse, shortest
