@@ -35,7 +35,6 @@
 #include <map>
 #include <numbers>
 #include <optional>
-#include <set>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -198,8 +197,7 @@ struct Mesh {
   int corners = 0;
   std::vector<std::array<int, 10>> elements;
   std::vector<char> on_base, on_circle, on_outside;
-  double volume = 0, base_area = 0, circle_area = 0;
-  int euler = 0;  // characteristic of its surface
+  double volume = 0;
 };
 
 using Sizes = std::function<double(const Vec3&)>;
@@ -225,9 +223,6 @@ Mesh make_mesh(const Scene& scene, const Options& options) {
   for (Eigen::Index t = 0; t < body.triangles().cols(); ++t)
     surface.add_face(vertices[size_t(body.triangles()(0, t))], vertices[size_t(body.triangles()(1, t))],
                      vertices[size_t(body.triangles()(2, t))]);
-  const int surface_euler = static_cast<int>(surface.number_of_vertices()) -
-                            static_cast<int>(surface.number_of_edges()) +
-                            static_cast<int>(surface.number_of_faces());
 
   CGAL::get_default_random() = CGAL::Random(0);
   Domain domain(surface, &CGAL::get_default_random());
@@ -296,23 +291,13 @@ Mesh make_mesh(const Scene& scene, const Options& options) {
 
   const size_t total = mesh.nodes.size();
   mesh.on_base.assign(total, 0), mesh.on_circle.assign(total, 0), mesh.on_outside.assign(total, 0);
-  std::set<int> outside_nodes;
-  std::set<std::pair<int, int>> outside_edges;
-  int outside_faces = 0;
-  std::vector<std::array<int, 6>> outside;
   for (const auto& [sorted, about] : faces) {
     const auto& [times, f] = about;
     if (times != 1) continue;
-    ++outside_faces;
     const std::array<int, 6> all = {
         f[0], f[1], f[2], middle(f[0], f[1]), middle(f[1], f[2]), middle(f[2], f[0])};
-    outside.push_back(all);
-    for (int k = 0; k < 3; ++k) {
-      outside_nodes.insert(f[k]);
-      outside_edges.insert({std::min(f[k], f[(k + 1) % 3]), std::max(f[k], f[(k + 1) % 3])});
-    }
-    const Vec3 twice_area = (mesh.nodes[f[1]] - mesh.nodes[f[0]]).cross(mesh.nodes[f[2]] - mesh.nodes[f[0]]);
-    const Vec3 normal = twice_area.normalized();
+    const Vec3 normal =
+        (mesh.nodes[f[1]] - mesh.nodes[f[0]]).cross(mesh.nodes[f[2]] - mesh.nodes[f[0]]).normalized();
     bool held = true, pressed = normal.dot(boundary.push) < 0;
     for (int k = 0; k < 3; ++k) {
       const Vec3 from = mesh.nodes[f[k]] - boundary.centre;
@@ -321,15 +306,12 @@ Mesh make_mesh(const Scene& scene, const Options& options) {
       pressed = pressed && from.squaredNorm() - along * along <= square * (1 + 1e-3) &&
                 std::abs(along) <= 2 * boundary.radius;
     }
-    if (pressed) mesh.circle_area -= twice_area.dot(boundary.push) / 2;
     for (const int node : all) {
       mesh.on_outside[node] = 1;
       if (held) mesh.on_base[node] = 1;
       if (pressed) mesh.on_circle[node] = 1;
     }
   }
-  mesh.euler =
-      static_cast<int>(outside_nodes.size()) - static_cast<int>(outside_edges.size()) + outside_faces;
   // An image's base ends somewhere in a triangle: each node is asked for itself, with the surface's normal.
   if (!scene.sharp)
     for (size_t node = 0; node < total; ++node)
@@ -337,28 +319,9 @@ Mesh make_mesh(const Scene& scene, const Options& options) {
         const auto closest = body.closest(mesh.nodes[node]);
         mesh.on_base[node] = dimple::on_base(boundary, mesh.nodes[node], body.normal().col(closest.triangle));
       }
-  for (const auto& all : outside) {
-    int held = 0;
-    for (int k = 0; k < 6; ++k) held += mesh.on_base[all[k]];
-    mesh.base_area +=
-        (scene.sharp ? held / 6 : held / 6.0) *
-        (mesh.nodes[all[1]] - mesh.nodes[all[0]]).cross(mesh.nodes[all[2]] - mesh.nodes[all[0]]).norm() / 2;
-  }
-  double base_area = 0;
-  for (Eigen::Index t = 0; t < body.triangles().cols(); ++t) {
-    bool held = true;
-    for (int k = 0; k < 3; ++k)
-      held =
-          held && dimple::on_base(boundary, body.vertex().col(body.triangles()(k, t)), body.normal().col(t));
-    if (held) base_area += body.triangle_area()[t];
-  }
-  std::fprintf(
-      stderr,
-      "%zu tetrahedra, %zu nodes, %d corners; volume %.1f of %.1f mm^3 (%+.3f %%), base %.1f of %.1f mm^2, "
-      "circle %.3f mm^2 along the push, Euler characteristic %d (surface %d)\n",
-      mesh.elements.size(), total, mesh.corners, mesh.volume, body.volume(),
-      100 * (mesh.volume / body.volume() - 1), mesh.base_area, base_area, mesh.circle_area, mesh.euler,
-      surface_euler);
+  std::fprintf(stderr, "%zu tetrahedra, %zu nodes, %d corners; volume %.1f of %.1f mm^3 (%+.3f %%)\n",
+               mesh.elements.size(), total, mesh.corners, mesh.volume, body.volume(),
+               100 * (mesh.volume / body.volume() - 1));
   return mesh;
 }
 
