@@ -35,6 +35,15 @@ constexpr std::array<Organ, 3> organs_to_prove = {{{"heart", "heart_ct_1.5mm.nii
 // matter alone.
 constexpr std::array folded = {"brodmann.nii.gz", "natbrainlab.nii.gz", "inia19-NeuroMaps.nii.gz"};
 
+void set_organ(Draw& draw, Scene& scene, const Organ& organ, const fs::path& data) {
+  scene.body = organ.name, scene.image = data / organ.file;
+  scene.surface = [=] {
+    return make_body_surface(read_label_image(data / organ.file),
+                             organ.label > 0 ? std::vector<int>{organ.label} : std::vector<int>{});
+  };
+  scene.boundary.base = draw.of(std::array{"organ", "inferior", "posterior", "left", "right"});
+}
+
 Scene first_scene_of(int number, const fs::path& data, const fs::path& atlases) {
   Draw draw{std::mt19937_64(static_cast<std::uint64_t>(number))};
   Scene scene;
@@ -96,13 +105,7 @@ Scene first_scene_of(int number, const fs::path& data, const fs::path& atlases) 
       break;
     }
     default: {
-      const Organ organ = proves(number) ? draw.of(organs_to_prove) : draw.of(organs_to_calibrate);
-      scene.body = organ.name, scene.image = data / organ.file;
-      scene.surface = [=] {
-        return make_body_surface(read_label_image(data / organ.file),
-                                 organ.label > 0 ? std::vector<int>{organ.label} : std::vector<int>{});
-      };
-      scene.boundary.base = draw.of(std::array{"organ", "inferior", "posterior", "left", "right"});
+      set_organ(draw, scene, proves(number) ? draw.of(organs_to_prove) : draw.of(organs_to_calibrate), data);
     }
   }
   scene.boundary.indenter_diameter_mm = diameter;
@@ -179,15 +182,6 @@ void set_lump(Scene& scene, double larger, double higher) {
   scene.boundary.indent_at = fmt::format("{:.2f},{:.2f},top", scale * x, scale * y);
   scene.boundary.voxel_mm = spacing.maxCoeff();
   scene.surface = [image] { return make_body_surface(image, {}); };
-}
-
-void set_organ(Draw& draw, Scene& scene, const Organ& organ, const fs::path& data) {
-  scene.body = organ.name, scene.image = data / organ.file;
-  scene.surface = [=] {
-    return make_body_surface(read_label_image(data / organ.file),
-                             organ.label > 0 ? std::vector<int>{organ.label} : std::vector<int>{});
-  };
-  scene.boundary.base = draw.of(std::array{"organ", "inferior", "posterior", "left", "right"});
 }
 
 // A body of the two groups that extend the range: a solid, or an organ or a lump.

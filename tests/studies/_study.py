@@ -95,22 +95,6 @@ def text_of(value):
     return value if isinstance(value, str) else repr(value)
 
 
-def _from_file(file):
-    import tomllib
-
-    with open(file, "rb") as opened:
-        table = tomllib.load(opened)
-
-    def flat(table, before):
-        for name, value in table.items():
-            if isinstance(value, dict):
-                yield from flat(value, f"{before}{name}.")
-            else:
-                yield before + name, str(value).lower() if isinstance(value, bool) else text_of(value)
-
-    return dict(flat(table, ""))
-
-
 def words(text):
     return [word for word in text.split(",") if word]
 
@@ -124,7 +108,6 @@ def parser(name, description, flags=False):
     result = argparse.ArgumentParser(prog=f"python3 tests/studies/{name}.py", description=description, allow_abbrev=False)
     result.add_argument("image", nargs="?", default="", metavar="IMAGE", help="label image")
     result.add_argument("-o", "--out", default="", metavar="FOLDER", help="for the results")
-    result.add_argument("--config", metavar="FILE", help="TOML file with options; see `dimple options`")
     result.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="any option, as section.key=value")
     result.add_argument("--threads", type=int, help="at most this many; results do not depend on it")
     result.add_argument("-q", "--quiet", action="store_true", help="errors only")
@@ -142,11 +125,6 @@ def known_words(given, known, where):
 
 def _case(options):
     given = {}
-    if options.config:
-        try:
-            given = {key_of(key): text for key, text in _from_file(options.config).items()}
-        except (OSError, ImportError, ValueError) as error:
-            refuse(f"{options.config} cannot be read: {error}", 3)
     for pair in options.set:
         key, equals, text = pair.partition("=")
         if not equals:

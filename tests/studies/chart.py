@@ -1,7 +1,7 @@
 """Error of the force against wall time: schemes, sizes of clouds, accuracies asked for.
 
     python3 tests/studies/chart.py -o OUT                                   two scenes whose force is known
-    python3 tests/studies/chart.py IMAGE -o OUT [--reference known.csv]     and an image of yours; --set and --config are its
+    python3 tests/studies/chart.py IMAGE -o OUT [--reference known.csv]     and an image of yours; --set is its
 
 chart.csv, chart.png and chart.svg. Scenes A and B are made here as 1 mm images, left in the folder. An image without a
 reference of its own is shown by the difference from the finest of its runs, without a front. Times are those of the whole,

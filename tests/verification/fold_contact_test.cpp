@@ -289,6 +289,31 @@ struct BesideASlit {
   }
 };
 
+// Displacements of the lobe on the left of the slit alone.
+Nodal left_moved(const BesideASlit& scene, const Vec3& way) {
+  Nodal u = Nodal::Zero(4, scene.model.node_count());
+  for (Index a = 0; a < u.cols(); ++a)
+    if (scene.model.X(0, a) < 0.15e-3) u.col(a).head<3>() = way;
+  return u;
+}
+
+// Displacements of a body that moves as a whole.
+Nodal rigid(const Model& model, const Mat3& turn, const Vec3& way) {
+  return to_nodal(((turn - Mat3::Identity()) * model.X).colwise() + way);
+}
+
+// The gaps in a state that is not accepted, and those after it is.
+Eigen::VectorXd gaps_in(FoldContact& folds, const Nodal& u) {
+  Nodal f = Nodal::Zero(4, u.cols());
+  folds.add_force(u, {}, f);
+  return folds.gaps();
+}
+Eigen::VectorXd gaps_after(FoldContact& folds, const Nodal& u) {
+  gaps_in(folds, u);
+  folds.accept(u, {});
+  return gaps_in(folds, u);
+}
+
 TEST(FoldsThatClose, MakeABlockWithASlitStifferThanItsOpenSlitAndSofterThanTheWholeBlock) {
   const History open = BesideASlit(false).solved(), touching = BesideASlit(true).solved();
   const Model whole = pushed_on_one_side(block_surface({-15, -15, 0}, {15, 15, 20}));
@@ -354,16 +379,8 @@ TEST(FoldsThatClose, OfBanksThatBulgeHaveThePartsThatAreNearest) {
   const auto banks = std::make_shared<const FoldBanks>(fold_banks(model, 12e-3));
   ASSERT_GT(banks->part_end.back(), banks->count());
   FoldContact folds(banks, tissue);
-  const auto gaps_at = [&](FoldContact& of, const Mat3& turn, const Vec3& way) {
-    const Nodal u = to_nodal(((turn - Mat3::Identity()) * model.X).colwise() + way);
-    Nodal f = Nodal::Zero(4, u.cols());
-    of.add_force(u, {}, f);
-    return of.gaps();
-  };
   const Nodal at_rest = Nodal::Zero(4, model.node_count());
-  const Eigen::VectorXd wholes = gaps_at(folds, Mat3::Identity(), Vec3::Zero());
-  folds.accept(at_rest, {});
-  const Eigen::VectorXd parts = gaps_at(folds, Mat3::Identity(), Vec3::Zero());
+  const Eigen::VectorXd wholes = gaps_in(folds, at_rest), parts = gaps_after(folds, at_rest);
   Index nearer = 0;
   for (Index s = 0; s < parts.size(); ++s) {
     EXPECT_LE(parts[s], wholes[s]) << s;
@@ -371,11 +388,11 @@ TEST(FoldsThatClose, OfBanksThatBulgeHaveThePartsThatAreNearest) {
   }
   EXPECT_GT(nearer, 10);
   const Mat3 turn = Eigen::AngleAxisd(1.0, Vec3(1.0, 2.0, -1.0).normalized()).toRotationMatrix();
-  EXPECT_LT((gaps_at(folds, turn, {0.01, -0.02, 0.03}) - parts).cwiseAbs().maxCoeff(), 1e-9)
+  EXPECT_LT((gaps_in(folds, rigid(model, turn, {0.01, -0.02, 0.03})) - parts).cwiseAbs().maxCoeff(), 1e-9)
       << "no rigid motion changes them";
   FoldContact again(banks, tissue);
   again.restore_past(folds.past());
-  EXPECT_EQ(gaps_at(again, Mat3::Identity(), Vec3::Zero()), parts);
+  EXPECT_EQ(gaps_in(again, at_rest), parts);
 }
 
 TEST(FoldsThatClose, AreWatchedWhereTheSurfaceFacesItselfAndNowhereElse) {
@@ -394,14 +411,9 @@ TEST(FoldsThatClose, DoNotBeginToTouchDeepInsideAnotherBankUnlessTheyTouchedBefo
   const auto deepest_after = [&](double force) {
     FoldContact folds(scene.loading.folds, scene.tissue);
     folds.set_forces(Eigen::VectorXd::Constant(folds.count(), force));
-    Nodal u = Nodal::Zero(4, scene.model.node_count()), f = u;
     const double spacing = scene.loading.folds->spacing.maxCoeff();
-    for (Index a = 0; a < u.cols(); ++a)
-      if (scene.model.X(0, a) < 0.15e-3) u.col(a) << 0.3e-3 + 0.1 * spacing, spacing, 0.0, 0.0;
-    folds.add_force(u, {}, f);
-    folds.accept(u, {});
-    folds.add_force(u, {}, f);
-    return folds.gaps().minCoeff() / spacing;
+    const Nodal u = left_moved(scene, {0.3e-3 + 0.1 * spacing, spacing, 0.0});
+    return gaps_after(folds, u).minCoeff() / spacing;
   };
   EXPECT_GT(deepest_after(0.0), -0.05);
   EXPECT_LT(deepest_after(1e-3), -0.09);
@@ -410,15 +422,10 @@ TEST(FoldsThatClose, DoNotBeginToTouchDeepInsideAnotherBankUnlessTheyTouchedBefo
 TEST(FoldsThatClose, HaveGapsThatNoRigidMotionChanges) {
   const BesideASlit scene(true);
   FoldContact folds(scene.loading.folds, scene.tissue);
-  const auto gaps_after = [&](const Mat3& turn, const Vec3& way) {
-    Nodal u = to_nodal(((turn - Mat3::Identity()) * scene.model.X).colwise() + way),
-          f = Nodal::Zero(4, u.cols());
-    folds.add_force(u, {}, f);
-    return folds.gaps();
-  };
-  const Eigen::VectorXd at_rest = gaps_after(Mat3::Identity(), Vec3::Zero());
+  const Eigen::VectorXd at_rest = gaps_in(folds, Nodal::Zero(4, scene.model.node_count()));
   const Mat3 turn = Eigen::AngleAxisd(1.0, Vec3(1.0, 2.0, -1.0).normalized()).toRotationMatrix();
-  EXPECT_LT((gaps_after(turn, {0.01, -0.02, 0.03}) - at_rest).cwiseAbs().maxCoeff(), 1e-9);
+  const Nodal moved = rigid(scene.model, turn, {0.01, -0.02, 0.03});
+  EXPECT_LT((gaps_in(folds, moved) - at_rest).cwiseAbs().maxCoeff(), 1e-9);
   EXPECT_NEAR(at_rest.minCoeff(), 0.3e-3, 1e-6);
 }
 
@@ -471,11 +478,7 @@ TEST(FoldsThatClose, PushBothBanksAlongOneLineAndAsTheGapChanges) {
   const Eigen::VectorXd here = folds.gaps();
   const Points normal = folds.normals();
   const Points moves = folds.moves()(du.topRows<3>());
-  Nodal none = Nodal::Zero(4, u.cols());
-  folds.add_force(u + du, {}, none);
-  const Eigen::VectorXd after = folds.gaps();
-  folds.add_force(u - du, {}, none);
-  const Eigen::VectorXd change = 0.5 * (after - folds.gaps());
+  const Eigen::VectorXd after = gaps_in(folds, u + du), change = 0.5 * (after - gaps_in(folds, u - du));
   int compared = 0;
   for (Index s = 0; s < folds.count(); ++s) {
     if (here[s] == scene.loading.folds->spacing[s]) continue;  // touches nothing
@@ -490,13 +493,8 @@ TEST(FoldsThatClose, MeetTheNextPartOfTheWallThatTheySlideAlong) {
   const auto open_after =
       [&](double way) {  // the share of places with the gap of rest, the left lobe slid along y
         FoldContact folds(scene.loading.folds, scene.tissue);
-        Nodal u = Nodal::Zero(4, scene.model.node_count()), f = u;
-        for (Index a = 0; a < u.cols(); ++a)
-          if (scene.model.X(0, a) < 0.15e-3) u(1, a) = way;
-        folds.add_force(u, {}, f);
-        folds.accept(u, {});
-        folds.add_force(u, {}, f);
-        return static_cast<double>(((folds.gaps().array() - 0.3e-3).abs() < 1e-5).count()) /
+        const Eigen::VectorXd gaps = gaps_after(folds, left_moved(scene, way * Vec3::UnitY()));
+        return static_cast<double>(((gaps.array() - 0.3e-3).abs() < 1e-5).count()) /
                static_cast<double>(folds.count());
       };
   EXPECT_GT(open_after(0.0), 0.95);
@@ -504,9 +502,8 @@ TEST(FoldsThatClose, MeetTheNextPartOfTheWallThatTheySlideAlong) {
   // And whoever marches accepts that step for them.
   const auto system =
       make_system(scene.tissue, scene.model, Contact::bonded, {}, {}, 1e-4, nullptr, scene.loading.folds);
-  Nodal u = Nodal::Zero(4, scene.model.node_count()), f = u;
-  for (Index a = 0; a < u.cols(); ++a)
-    if (scene.model.X(0, a) < 0.15e-3) u(1, a) = 6e-3;
+  const Nodal u = left_moved(scene, 6e-3 * Vec3::UnitY());
+  Nodal f = u;
   system->force(u, f);
   const int before = system->folds()->pairing();
   system->accept_step(u);

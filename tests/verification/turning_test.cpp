@@ -129,16 +129,8 @@ TEST(RigidWay, ItsSpeedIsTheDerivativeOfItsPlaceAndItsTurnGoesOnEvenly) {
 
 // A box of 8 x 4 x 12 mm, which no turn about its axis leaves as it was.
 ToolShape drawn_box() {
-  Points vertex(3, 8);
-  for (int k = 0; k < 8; ++k)
-    vertex.col(k) = Vec3(k % 2 == 0 ? -4.0 : 4.0, k / 2 % 2 == 0 ? -2.0 : 2.0, k < 4 ? 0.0 : 12.0);
-  const int face[6][4] = {{0, 1, 3, 2}, {4, 5, 7, 6}, {0, 1, 5, 4}, {2, 3, 7, 6}, {0, 2, 6, 4}, {1, 3, 7, 5}};
-  Triangles triangles(3, 12);
-  for (int k = 0; k < 6; ++k) {
-    triangles.col(2 * k) << face[k][0], face[k][1], face[k][2];
-    triangles.col(2 * k + 1) << face[k][0], face[k][2], face[k][3];
-  }
-  return drawn_shape(std::make_shared<const ToolMesh>(tool_mesh(vertex, triangles, "box.stl")));
+  const BodySurface box = block_surface({-4.0, -2.0, 0.0}, {4.0, 2.0, 12.0});
+  return drawn_shape(std::make_shared<const ToolMesh>(tool_mesh(box.vertex(), box.triangles(), "box.stl")));
 }
 
 TEST(TurningTool, IsTheSameBodyWhereverItHasTurned) {
