@@ -29,6 +29,18 @@ inline Model standing(const BodySurface& body, const OnTop& wanted) {
   return build_model(body, options).model;
 }
 
+/// Triangles of a model's surface that face a direction.
+inline std::vector<Index> triangles_facing(const Model& model, const Vec3& direction) {
+  std::vector<Index> chosen;
+  const Surface& surface = model.surface;
+  for (Index t = 0; t < surface.triangles.cols(); ++t) {
+    const auto corner = [&](int i) { return Vec3(surface.vertex_mm.col(surface.triangles(i, t))); };
+    if ((corner(1) - corner(0)).cross(corner(2) - corner(0)).normalized().dot(direction) > 0.9)
+      chosen.push_back(t);
+  }
+  return chosen;
+}
+
 /// What a quasi-static march gives.
 inline History marched(const ForceSystem& tissue, const Model& model, const Loading& loading,
                        const SolverOptions& how = {.frames = 1}, const Observer& observer = {},

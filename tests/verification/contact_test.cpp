@@ -641,9 +641,9 @@ std::vector<Vec3> forces_after(const std::vector<Vec3>& ways, double friction, c
   Vec3 come = Vec3::Zero();
   std::vector<Vec3> along, along_mm;
   for (const Vec3& way : ways) along.push_back(come += way), along_mm.push_back(1e3 * come);
-  const std::string at = std::to_string(place.x()) + "," + std::to_string(place.y()) + ",top";
+  const std::string begins = std::to_string(place.x()) + "," + std::to_string(place.y()) + ",top";
   const Model model = standing(block_surface({-20, -20, 0}, {20, 20, 20}),
-                               {.nodes = nodes, .contact_radius = 2.7, .at = at, .way = along_mm});
+                               {.nodes = nodes, .contact_radius = 2.7, .at = begins, .way = along_mm});
   const auto touch = touching(sphere_shape(5e-3), model, contact_surface(model, 7e-3, along), friction);
   Loading loading;
   loading.touch = touch;

@@ -21,12 +21,12 @@ constexpr double strain = 1e-5;           // so small that squares of it do not 
 constexpr double width_of_gap = 0.1;      // between a crack's banks, in spacings
 
 // 1.8 to an interval of nodes; even in number, so that a crack lies between cells.
-Eigen::Array3i cells_of(const Box& box) {
+Eigen::Array3i cells_of(const LatticeBox& box) {
   return 2 * (0.9 * box.intervals.cast<double>()).round().cast<int>();
 }
 
 // Moves each node by up to a fifth of a spacing along each axis; what lies on a face stays on it.
-void scatter(const Box& box, Points& X) {
+void scatter(const LatticeBox& box, Points& X) {
   std::mt19937 random(1);
   // Not std::uniform_real_distribution, whose numbers differ from one library to the next.
   const auto noise = [&] { return 0.2 * (static_cast<double>(random()) / 2147483648.0 - 1.0); };
@@ -75,7 +75,8 @@ double young(double nu) {
 double released_by_penny(double per_spacing, double nu, bool scattered) {
   const double side = 1.6 * a;
   const int n = static_cast<int>(std::lround(side / a * per_spacing));
-  const Box box{{0.0, -side, -side}, Vec3::Constant(side), {n, 2 * n, 2 * n - 1}};  // z = 0 between nodes
+  const LatticeBox box{
+      {0.0, -side, -side}, Vec3::Constant(side), {n, 2 * n, 2 * n - 1}};  // z = 0 between nodes
   Discretisation places = even_lattice(box, cells_of(box));
   if (scattered) scatter(box, places.X);
   const double gap = width_of_gap * side / n;
@@ -148,7 +149,7 @@ struct Edge {
 Edge opened_from_the_face(int rows, double nu) {
   const double wide = 6.0 * a, h = a / (rows + 0.5), E = young(nu) / (1.0 - nu * nu), stress = E * strain;
   const int n = 6 * rows + 3;
-  const Box box{{-wide, -h, 0.0}, {wide, h, wide}, {2 * n - 1, 2, n}};
+  const LatticeBox box{{-wide, -h, 0.0}, {wide, h, wide}, {2 * n - 1, 2, n}};
   Discretisation places = even_lattice(box, cells_of(box));
   const BodySurface body = slit_block_surface(1e3 * Vec3(2.0 * wide, 2.0 * h, wide),
                                               -0.5e3 * width_of_gap * h, 1e3 * width_of_gap * h, 1e3 * a);

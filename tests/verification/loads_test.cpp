@@ -5,8 +5,10 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <numeric>
 
 #include "preprocess/supports/support.hpp"
+#include "tests/helpers/marched.hpp"
 #include "tests/verification/verify_bodies.hpp"
 
 namespace dimple {
@@ -154,17 +156,9 @@ TEST(Gravity, MakesABondedLayerThatHangsLoseItsStabilityWhereItIsKnownTo) {
   EXPECT_NEAR(critical, 6.2229, 0.02 * 6.2229) << stiffness[0] << " " << stiffness[1] << " " << stiffness[2];
 }
 
-// Triangles of the surface: all, or those of the upper face.
-SurfacePatch part_of(const Model& model, bool top_alone) {
-  const double top = model.surface.vertex_mm.row(2).maxCoeff();
-  std::vector<Index> chosen;
-  for (Index t = 0; t < model.surface.triangles.cols(); ++t) {
-    bool up = true;
-    for (int c = 0; c < 3; ++c)
-      up = up && model.surface.vertex_mm(2, model.surface.triangles(c, t)) > top - 1e-6;
-    if (up || !top_alone) chosen.push_back(t);
-  }
-  return surface_patch(model, chosen);
+// The surface's upper face.
+SurfacePatch top_of(const Model& model) {
+  return surface_patch(model, triangles_facing(model, Vec3::UnitZ()));
 }
 
 // A cube on three walls, free at its other sides. Pressed along z its stretches are l and twice a: sides free
@@ -197,7 +191,7 @@ TEST(Pressure, DeadAndFollowingPressesACubeAsItsClosedFormsSay) {
   for (const bool follows : {false, true}) {
     Loads loads;
     loads.pressure.push_back(
-        {.name = "top", .patch = part_of(cube.model(), true), .pressure = p, .follows = follows});
+        {.name = "top", .patch = top_of(cube.model()), .pressure = p, .follows = follows});
     const Equilibrium found = cube.under(make_terms(cube.model(), loads), 8);
     const Pressed exact = pressed(tissue, p, follows);
     const double shorter = (1.0 - exact.l) * size, wider = (exact.a - 1.0) * size;
@@ -225,7 +219,9 @@ TEST(Pressure, OnAllSidesOfABodyPushesItNowhereAndDoesTheWorkOfItsChangeOfVolume
   const LoadedBox cube(box_lattice(Vec3::Constant(10e-3), 8, 0.1), {.at = {}, .clamped = {}},
                        neo_hookean(210.0, 0.45, 1000.0));
   const Model& model = cube.model();
-  const SurfacePatch all = part_of(model, false);
+  std::vector<Index> every(static_cast<std::size_t>(model.surface.triangles.cols()));
+  std::iota(every.begin(), every.end(), Index{0});
+  const SurfacePatch all = surface_patch(model, every);
   const auto terms =
       make_terms(model, {.gravity = Vec3::Zero(),
                          .pressure = {{.name = "all", .patch = all, .pressure = 50.0, .follows = true}}});
@@ -267,8 +263,7 @@ TEST(ForceTerms, OfLoadsThatDoNotFollowAreTheSlopeOfTheirEnergy) {
   for (const auto& term : make_terms(
            model,
            {.gravity = Vec3(1.0, -2.0, 9.0),
-           .pressure = {
-               {.name = "side", .patch = part_of(model, true), .pressure = 50.0, .follows = false}}})) {
+           .pressure = {{.name = "side", .patch = top_of(model), .pressure = 50.0, .follows = false}}})) {
     Nodal f = Nodal::Zero(4, model.node_count());
     term->add_force(u, half, f);
     const double e = 1e-4,

@@ -43,14 +43,7 @@ BodySurface body_of(const Scene& scene) {
 Loads loads_of(const Scene& scene, const Model& model) {
   Loads loads{.gravity = {0.0, 0.0, -scene.gravity}, .pressure = {}};
   if (scene.film == 0.0) return loads;
-  std::vector<Index> top;
-  const Surface& surface = model.surface;
-  for (Index t = 0; t < surface.triangles.cols(); ++t) {
-    double lowest = 1e9;
-    for (const int v : surface.triangles.col(t)) lowest = std::min(lowest, surface.vertex_mm(2, v));
-    if (lowest > scene.height_mm - 1e-6) top.push_back(t);
-  }
-  loads.membrane.push_back({.patch = surface_patch(model, top),
+  loads.membrane.push_back({.patch = surface_patch(model, triangles_facing(model, Vec3::UnitZ())),
                             .thickness = 1e-4,
                             .shear_modulus = 1e4 * scene.film,
                             .wrinkles = false});

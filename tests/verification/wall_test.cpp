@@ -362,16 +362,6 @@ TEST_P(ABodyUnderLoads, IsPressedByTheSameBitsWhetherItComesToRestOnceOrTwice) {
   Material material = neo_hookean(2100.0, 0.49, 1000.0);
   if (GetParam()) material.prony = {{.g = 0.4, .tau = 0.5}};
   const ForceSystem tissue(model, {{material}, model.tissue}, Precision::double_);
-  const auto side = [&](const Vec3& towards) {
-    std::vector<Index> chosen;
-    const Surface& surface = model.surface;
-    for (Index t = 0; t < surface.triangles.cols(); ++t) {
-      const auto corner = [&](int i) { return Vec3(surface.vertex_mm.col(surface.triangles(i, t))); };
-      if ((corner(1) - corner(0)).cross(corner(2) - corner(0)).normalized().dot(towards) > 0.9)
-        chosen.push_back(t);
-    }
-    return chosen;
-  };
   Touch ball{
       .shape = sphere_shape(5e-3),
       .pose = {Vec3(0.0, 0.0, 20e-3), -Vec3::UnitZ()},
@@ -384,8 +374,9 @@ TEST_P(ABodyUnderLoads, IsPressedByTheSameBitsWhetherItComesToRestOnceOrTwice) {
   loading.touch = std::make_shared<const Touch>(ball);
   loading.walls = {beside};
   loading.loads.gravity = {2.0, 0.0, -9.81};
-  loading.loads.pressure = {
-      {.patch = surface_patch(model, side(-Vec3::UnitY())), .pressure = 50.0, .follows = true}};
+  loading.loads.pressure = {{.patch = surface_patch(model, triangles_facing(model, -Vec3::UnitY())),
+                             .pressure = 50.0,
+                             .follows = true}};
   rest_under_loads(tissue, model, loading);
   ASSERT_TRUE(loading.settled);
   Loading anew = loading;
