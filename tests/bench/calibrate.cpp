@@ -10,10 +10,8 @@
 // 2001 on have large bodies and those from 3001 on thin ones (--from 2001 --scenes 2016). A scene that
 // the file holds is not computed again, so that a study that was stopped goes on. --finer adds a cloud of so
 // many nodes to scenes that hold one of half as many, --points writes band_points.csv: where a random place
-// of each scene's body goes. --bodies writes band_bodies.csv, what each scene's circle sees of its body, and
-// --held-out N adds to band_held_out.csv: N random lumps (tests/helpers/random_bodies.hpp), with the
-// default's pair of clouds and the truth's. Then band.md: what the band says against what is true; --again
-// makes this alone.
+// of each scene's body goes, --bodies writes band_bodies.csv, what each scene's circle sees of its body. Then
+// band.md: what the band says against what is true; --again makes this alone.
 
 #include <fmt/format.h>
 
@@ -41,7 +39,6 @@
 #include "tests/bench/calibration_scenes.hpp"
 #include "tests/helpers/band_scenes.hpp"
 #include "tests/helpers/draw.hpp"
-#include "tests/helpers/random_bodies.hpp"
 #include "tests/helpers/shapes.hpp"
 
 namespace dimple {
@@ -262,32 +259,6 @@ void write_bodies(const fs::path& folder, const fs::path& data, const fs::path& 
   write_file(folder / "band_bodies.csv", csv);
 }
 
-// The default's pair of clouds, on bodies that nothing was chosen by.
-std::string table_of_held_out(const std::vector<BandScene>& scenes) {
-  std::string table =
-      "| scene | body | radii deep | said, % | off, % | off and unsure, % "
-      "|\n|---:|---|---:|---:|---:|---:|\n";
-  int held = 0, held_alone = 0;
-  std::vector<double> halves;
-  for (const BandScene& scene : scenes) {
-    const std::vector<HeldOut> errors = held_out_errors(scene);
-    const HeldOut last = errors.back();
-    const bool holds = holds_the_truth(errors);
-    held += holds;
-    held_alone += last.error <= last.half;
-    halves.push_back(100.0 * last.half);
-    table += fmt::format("| {} | {} | {:.2f} | {:.2f} | {:.2f} | {:.2f} |{}\n", scene.number, scene.body,
-                         scene.forces.at(scene.truth).back().depth / scene.radius, 100.0 * last.half,
-                         100.0 * last.error, 100.0 * last.error_most, holds ? "" : " missed");
-  }
-  return fmt::format(
-      "{} of {} bands of {} and {} nodes hold all that the truth may be, at all depths; {} hold the truth's "
-      "own number at "
-      "the last. Half a band's width there, median: {:.1f} %.\n\n{}",
-      held, scenes.size(), default_nodes_of_band, default_nodes_of_band / 2, held_alone, median(halves),
-      table);
-}
-
 // What asking for an accuracy comes to: the program's refinement over the recorded clouds, up to the finest
 // of them.
 std::string table_of_goals(const std::vector<BandScene>& scenes, int first, std::string& misses) {
@@ -414,8 +385,6 @@ void report(const fs::path& folder) {
     text += fmt::format("\nDisplacement of a random place: multiplier {:.3f}, from {}.\n\n{}", multiplier,
                         counted(of_points, least_points), table_of_points(points, multiplier));
   }
-  if (const fs::path file = folder / "band_held_out.csv"; fs::exists(file))
-    text += "\nHeld out, at the last depth:\n\n" + table_of_held_out(band_scenes(file));
   write_file(folder / "band.md", text);
   fmt::print("{}", text);
 }
@@ -434,18 +403,14 @@ int main(int argc, char** argv) try {
   app.add_option("--scenes", scenes, "how many");
   app.add_option("--from", first, "the first to be computed");
   bool again = false, points = false, bodies = false;
-  int held_out = 0;
   dimple::Index finer = 0;
   app.add_option("--finer", finer, "a cloud of so many nodes, on scenes that hold one of half as many");
   app.add_flag("--points", points, "displacements of a random place, instead of forces");
   app.add_flag("--bodies", bodies, "what each scene's circle sees of its body, without a run");
-  app.add_option("--held-out", held_out, "so many lumps, with the default's pair of clouds");
   app.add_flag("--again", again, "tables of band_scenes.csv, without a run");
   CLI11_PARSE(app, argc, argv);
   dimple::make_folder(folder);
-  const fs::path file = folder / (points         ? "band_points.csv"
-                                  : held_out > 0 ? "band_held_out.csv"
-                                                 : "band_scenes.csv");
+  const fs::path file = folder / (points ? "band_points.csv" : "band_scenes.csv");
   std::string csv = fs::exists(file) ? dimple::read_file(file)
                     : points         ? dimple::points_header
                                      : dimple::header;
@@ -456,11 +421,6 @@ int main(int argc, char** argv) try {
     sizes.insert(sizes.begin(), dimple::finest);
   if (first >= dimple::first_large)  // the truth, and those that the default's number lies between
     sizes = {dimple::finest, dimple::finest / 2, 500, 1000, 2000};
-  if (held_out > 0) {
-    sizes = {dimple::finest, dimple::finest / 2, dimple::default_nodes_of_band,
-             dimple::default_nodes_of_band / 2};
-    first = dimple::first_held_out, scenes = first + held_out - 1;
-  }
   if (bodies) dimple::write_bodies(folder, data, atlases);
   again = again || bodies;
   std::set<int> done;  // also by the finer cloud

@@ -120,19 +120,6 @@ Scene first_scene_of(int number, const fs::path& data, const fs::path& atlases) 
   return scene;
 }
 
-Scene held_out_scene(int number) {
-  Draw draw{std::mt19937_64(static_cast<std::uint64_t>(number) + 5'000)};
-  const RandomBody body = random_body(number);
-  Scene scene{.number = number, .body = "lump " + body.name, .surface = {}};
-  scene.boundary = body.boundary;
-  scene.boundary.voxel_mm = body.image.spacing().maxCoeff();
-  scene.surface = [image = body.image] { return make_body_surface(image, {}); };
-  scene.depth_mm = 0.5 * body.boundary.indenter_diameter_mm * draw.between(0.3, 1.7);
-  scene.nu = body.nu;
-  scene.law = draw.of(std::array{"neo-Hookean", "neo-Hookean", "Mooney-Rivlin", "Ogden"});
-  return scene;
-}
-
 // Length between two bounds, evenly distributed over its logarithm.
 double log_between(Draw& draw, double low, double high) {
   return low * std::pow(high / low, draw.between(0.0, 1.0));
@@ -233,12 +220,11 @@ Material material_of(const Scene& scene, double mu) {
 
 Scene scene_of(int number, const fs::path& data, const fs::path& atlases) {
   if (number >= first_large) return extension_scene(number, data);
-  return number >= first_held_out ? held_out_scene(number) : first_scene_of(number, data, atlases);
+  return first_scene_of(number, data, atlases);
 }
 
 std::string set_of(const Scene& scene) {
   if (scene.number >= first_large) return scene.number < first_thin ? "large" : "thin";
-  if (scene.number >= first_held_out) return "held out";
   if (proves(scene.number)) return "proof";
   // The tracts of white matter are no body that anybody can touch: as thin as their own nodes, so that 8000
   // of these are not enough.
