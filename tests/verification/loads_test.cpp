@@ -80,15 +80,6 @@ double confined_stress(const Material& m, double l) {
   return m.mu * std::pow(l, -2.0 / 3.0) * (l - (2.0 + l * l) / (3.0 * l)) + m.kappa * (l - 1.0);
 }
 
-template <class Function>
-double root(const Function& f, double lower, double upper) {
-  for (int k = 0; k < 200; ++k) {
-    const double middle = 0.5 * (lower + upper);
-    ((f(middle) > 0.0) == (f(upper) > 0.0) ? upper : lower) = middle;
-  }
-  return 0.5 * (lower + upper);
-}
-
 // P(l(Z)) = -rho g (H - Z), whatever the strain: here the lowest tissue is pressed to 0.62 of its height.
 TEST(Gravity, ShortensAConfinedColumnAsItsWeightAboveEachPlaceSays) {
   const double H = 20e-3, g = 18.0;
@@ -98,7 +89,7 @@ TEST(Gravity, ShortensAConfinedColumnAsItsWeightAboveEachPlaceSays) {
   const Equilibrium found =
       column.under(make_terms(column.model(), {.gravity = Vec3(0.0, 0.0, -g), .pressure = {}}), 4);
   const auto stretch = [&](double Z) {
-    return root([&](double l) { return confined_stress(sponge, l) + 1000.0 * g * (H - Z); }, 0.2, 1.2);
+    return root(0.2, 1.2, [&](double l) { return confined_stress(sponge, l) + 1000.0 * g * (H - Z); });
   };
   EXPECT_LT(stretch(0.0), 0.63);
   const auto sinks = [&](double Z) {
@@ -151,7 +142,7 @@ TEST(Gravity, MakesABondedLayerThatHangsLoseItsStabilityWhereItIsKnownTo) {
     }
     return sum;
   };
-  const double critical = root([&](double x) { return -at(x); }, 5.0, 8.0);
+  const double critical = root(5.0, 8.0, [&](double x) { return -at(x); });
   RecordProperty("critical", std::to_string(critical));
   EXPECT_NEAR(critical, 6.2229, 0.02 * 6.2229) << stiffness[0] << " " << stiffness[1] << " " << stiffness[2];
 }
@@ -171,14 +162,12 @@ Pressed pressed(const Material& m, double p, bool follows) {
     Mat3 F = Vec3(a, a, l).asDiagonal();
     return pk1_stress(m, F)(0, 0);
   };
-  const auto free_side = [&](double l) { return root([&](double a) { return side(a, l); }, 0.5, 2.0); };
-  const double l = root(
-      [&](double x) {
-        const double a = free_side(x);
-        Mat3 F = Vec3(a, a, x).asDiagonal();
-        return pk1_stress(m, F)(2, 2) + p * (follows ? a * a : 1.0);
-      },
-      0.4, 1.0);
+  const auto free_side = [&](double l) { return root(0.5, 2.0, [&](double a) { return side(a, l); }); };
+  const double l = root(0.4, 1.0, [&](double x) {
+    const double a = free_side(x);
+    Mat3 F = Vec3(a, a, x).asDiagonal();
+    return pk1_stress(m, F)(2, 2) + p * (follows ? a * a : 1.0);
+  });
   return {free_side(l), l};
 }
 

@@ -108,6 +108,9 @@ inline double hayes_factor(double a_over_h, double nu) {
   return PunchOnLayer(a_over_h, nu).factor();
 }
 
+/// Where a growing function passes through zero.
+double root(double low, double high, const std::function<double(double)>& value);
+
 /// Rows.
 VerifyCase compared(std::string name, std::string what, double ours, double reference, double tolerance,
                     std::string unit, std::string source);

@@ -81,15 +81,6 @@ Mat3 nominal_stress(const Material& m, const Mat3& F) {
   return m.mu * std::pow(J, -2.0 / 3.0) * (F - F.squaredNorm() / 3.0 * T) + m.kappa * J * (J - 1.0) * T;
 }
 
-// Where a growing function passes through zero.
-double root(double low, double high, const std::function<double(double)>& value) {
-  for (int k = 0; k < 100; ++k) {
-    const double middle = 0.5 * (low + high);
-    (value(middle) < 0.0 ? low : high) = middle;
-  }
-  return 0.5 * (low + high);
-}
-
 }  // namespace
 
 // Closed forms of the law above; stretches that are left free follow from their stress being zero.
