@@ -78,7 +78,7 @@ wheel: bootstrap
 # How far a force can be trusted, where a scene survives, error against wall time: with the wheel, in an environment of its own.
 IMAGE :=
 STUDY :=
-STUDIES := DIMPLE_PROGRAM=$(DIMPLE) DIMPLE_PEER=$(BUILD)/dimple_peer build/studies/bin/python tests/studies
+STUDIES := DIMPLE_PROGRAM=$(DIMPLE) build/studies/bin/python tests/studies
 
 converge: studies
 	@mkdir -p out
@@ -93,7 +93,7 @@ chart: studies
 
 studies: wheel
 	@./bootstrap python3-matplotlib
-	cmake --build $(BUILD) --target dimple dimple_all dimple_peer
+	cmake --build $(BUILD) --target dimple dimple_all
 	/usr/bin/python3 -m venv --clear --system-site-packages build/studies
 	build/studies/bin/python -m pip install --quiet --disable-pip-version-check --no-index build/wheel/pydimple-*.whl
 

@@ -87,22 +87,6 @@ TEST(Export, CalculixGivesTheForceOfTissueThatDoesNotLock) {
   EXPECT_NEAR(forces[0], 0.5 * forces[1], 0.0003);
 }
 
-TEST(Export, CalculixsHexahedraDoNotLock) {
-  if (std::system("command -v ccx > /dev/null 2>&1") != 0)
-    GTEST_SKIP() << "CalculiX is not installed (Debian: calculix-ccx)";
-  const fs::path folder = fresh_folder();
-  good(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3");
-  const std::string scene =
-      " block.nrrd block.inp --set cloud.nodes=1000 --set solver.frames=1 --set load.depth=1mm --set "
-      "boundary.indent_at=0,0,top --set boundary.base=inferior > mesh.json";
-  ASSERT_EQ(std::system(("cd '" + folder.string() + "' && '" DIMPLE_PEER "'" + scene).c_str()), 0);
-  EXPECT_THAT(text_of(folder / "mesh.json"), HasSubstr("\"nodes\": "));
-  ASSERT_EQ(std::system(("cd '" + folder.string() + "' && ccx block > words.txt 2>&1").c_str()), 0);
-  const auto forces = forces_in(folder / "block.dat");
-  ASSERT_EQ(forces.size(), 1u);
-  EXPECT_NEAR(forces[0], 0.00975, 0.10 * 0.00975);
-}
-
 TEST(Export, ReplacesNoFileOfOthersUnlessForced) {
   const fs::path folder = fresh_folder();
   good(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3 -q");

@@ -1,6 +1,6 @@
-"""Draws what a program of this folder measured: panels as JSON on stdin, FILE.png and FILE.svg.
+"""Draws what pia.py measured: panels as JSON on stdin, FILE.png and FILE.svg.
 
-    draw.py FILE < panels.json        picture.cpp says what they hold
+    draw.py FILE < panels.json        pia.py says what they hold
 """
 
 import json
