@@ -20,7 +20,6 @@ const Loading short_push = {.depth = 0.5e-3, .rate = 10e-3};
 TEST(Simulate, GivesAFrameAtTheStartAndAfterEverySegmentAndEndsAtTheDepthAskedFor) {
   const Model model = block(4);
   const ForceSystem system(model, tissue);
-  ForceState forces(system);
   std::vector<int> numbers;
   std::vector<double> depths;
   const Observer observer = {.frame =
@@ -50,7 +49,6 @@ TEST(Simulate, GivesAFrameAtTheStartAndAfterEverySegmentAndEndsAtTheDepthAskedFo
 TEST(Simulate, SamplesAtTheRateAskedFor) {
   const Model model = block(4);
   const ForceSystem system(model, tissue);
-  ForceState forces(system);
   History history;
   solve(TimeMode::explicit_, system, model, short_push,
         {.frames = 2, .sample_rate = 400.0, .energy_rate = 100.0}, {}, history);
@@ -64,7 +62,6 @@ TEST(Simulate, SamplesAtTheRateAskedFor) {
 TEST(Simulate, StopsWhenTheObserverSaysSoAndKeepsWhatThereIs) {
   const Model model = block(4);
   const ForceSystem system(model, tissue);
-  ForceState forces(system);
   int last_frame = -1;
   double last_t = 0.0;
   const Observer observer = {

@@ -418,7 +418,6 @@ const Loading push = {.depth = 1e-3, .rate = 5e-3};
 TEST(Recovery, OfALongTimeStepBeginsWithinAHundredStepsAndEndsAtTheForceOfAShortOne) {
   const Model model = block(5);
   const ForceSystem system(model, tissue);
-  ForceState forces(system);
   History undisturbed;
   solve(TimeMode::explicit_, system, model, push, {.damping = 60.0, .frames = 4}, {}, undisturbed);
   EXPECT_TRUE(undisturbed.retries.empty());
@@ -445,7 +444,6 @@ TEST(Recovery, OfALongTimeStepBeginsWithinAHundredStepsAndEndsAtTheForceOfAShort
 TEST(Recovery, GoesBackToTheLastFrameWhenTheStableStepShrinksUnderTheLoad) {
   const Model model = block(8);
   const ForceSystem system(model, tissue);
-  ForceState forces(system);
   const Loading deep = {.depth = 8e-3, .rate = 40e-3};
   History undisturbed;
   solve(TimeMode::explicit_, system, model, deep, {.safety = 0.3, .damping = 60.0, .frames = 2}, {},
@@ -481,7 +479,6 @@ TEST(Recovery, GoesBackToTheLastFrameWhenTheStableStepShrinksUnderTheLoad) {
 TEST(Recovery, IsNotTriedForModesThatNothingResists) {
   const Model model = block(8, 0.2, 1.15, {.radius_factor = 2.5});
   const ForceSystem system(model, tissue);
-  ForceState forces(system);
   History history;
   const Report report = report_of<SolveError>([&] {
     solve(TimeMode::explicit_, system, model, {.depth = 12e-3, .rate = 40e-3}, {.damping = 60.0, .frames = 6},
@@ -496,7 +493,6 @@ TEST(Recovery, IsNotTriedForModesThatNothingResists) {
 TEST(Recovery, IsOfNoUseOnceTheToolHasPassedTheBody) {
   const Model model = block(5);
   const ForceSystem system(model, tissue);
-  ForceState forces(system);
   History history;
   const Report report = report_of<SolveError>([&] {
     solve(TimeMode::explicit_, system, model, {.depth = 60e-3, .rate = 1.0}, {.frames = 4}, {},
@@ -531,7 +527,6 @@ TEST(Recovery, RemembersWhatViscoelasticTissueRemembered) {
 TEST(Recovery, EndsInAFailureThatSaysHowOftenItWasTried) {
   const Model model = block(6, 0.2, 2.2);
   const ForceSystem system(model, tissue);
-  ForceState forces(system);
   History history;
   int last_frame = -1;
   double last_depth = -1.0;
@@ -558,7 +553,6 @@ TEST(Recovery, EndsInAFailureThatSaysHowOftenItWasTried) {
 TEST(Recovery, FindsAnEquilibriumByShorterStepsOfTheLoad) {
   const Model model = averaged_block(5);
   const ForceSystem system(model, brain);
-  ForceState forces(system);
   const Loading load = {.depth = 4e-3, .rate = 1e-3};
   History undisturbed;
   solve(TimeMode::quasi_static, system, model, load, {.frames = 2}, {}, undisturbed);
@@ -588,7 +582,6 @@ TEST(Recovery, FindsAnEquilibriumByShorterStepsOfTheLoad) {
 TEST(Guards, ChangeNoBitOfARunInWhichNoneFires) {
   const Model model = averaged_block(4);
   const ForceSystem system(model, brain);
-  ForceState forces(system);
   const Loading load = {.depth = 1e-3, .rate = 20e-3};
   for (const TimeMode time : {TimeMode::explicit_, TimeMode::quasi_static}) {
     History with, without;

@@ -45,7 +45,6 @@ double error_of_gradient(const ForceSystem& system, const Nodal& u) {
 TEST(ProjectedKernel, ForceIsTheGradientOfTheEnergy) {
   const Model model = averaged_block();
   const ForceSystem system(model, neo_hookean(210.0, 0.499, 1000.0));
-  ForceState forces(system);
   EXPECT_LT(error_of_gradient(system, random_displacement(model, 0.3e-3)), 1e-7);
   EXPECT_LT(error_of_gradient(system, affine(model, Vec3(1.3, 1.1, 0.6).asDiagonal())), 1e-7);
 }
@@ -63,7 +62,6 @@ TEST(ProjectedKernel, ForceIsTheGradientOfTheEnergyWherePointsAreInsideOut) {
 TEST(ProjectedKernel, ForceIsTheGradientOfTheEnergyOfTwoTissues) {
   const Model model = averaged_block(6, 0.2, 1.8, upper_half);
   const ForceSystem system(model, soft_and_ogden(model));
-  ForceState forces(system);
   EXPECT_LT(error_of_gradient(system, random_displacement(model, 0.3e-3)), 1e-7);
 }
 
@@ -201,7 +199,6 @@ TEST(Kernel, RefusesSupportsThatMeetMoreNodesThanItCanNumber) {
   model.dphi = Points::Zero(3, nodes);
   const Report report = report_of<SolveError>([&] {
     const ForceSystem system(model, neo_hookean(210.0, 0.499, 1000.0), Precision::single_);
-    ForceState forces(system);
   });
   EXPECT_EQ(report.fact, "the supports of " + std::to_string(points) + " neighbouring points hold " +
                              std::to_string(nodes) + " nodes, of 32768 that have a number");

@@ -22,7 +22,6 @@ using Nodal = ForceSystem::Nodal;
 TEST(Relaxation, EndsInEquilibriumWithWhatIsHeldInPlace) {
   const Model model = averaged_block();
   const ForceSystem system(model, neo_hookean(210.0, 0.49, 1000.0));
-  ForceState forces(system);
   const Constraints constraints = make_constraints(model, Contact::bonded);
   Nodal u = Nodal::Zero(4, model.node_count()), f = u;
   constraints.prescribe(u, 1e-3);
@@ -45,7 +44,6 @@ TEST(Relaxation, EndsInEquilibriumWithWhatIsHeldInPlace) {
 TEST(Relaxation, OfADeadLoadHangsItOnTheBase) {
   const Model model = averaged_block();
   const ForceSystem system(model, neo_hookean(210.0, 0.45, 1000.0));
-  ForceState forces(system);
   const Constraints constraints(model.node_count(), {{.name = "base", .node = model.base}});
   Nodal u = Nodal::Zero(4, model.node_count()), f = u, weight = u;
   for (Index a = 0; a < model.node_count(); ++a) weight(2, a) = 0.05 * 9.81 * model.mass[a];
@@ -63,7 +61,6 @@ TEST(Relaxation, OfADeadLoadHangsItOnTheBase) {
 TEST(Relaxation, SaysWhereItGaveUp) {
   const Model model = averaged_block();
   const ForceSystem system(model, neo_hookean(210.0, 0.499, 1000.0));
-  ForceState forces(system);
   const Constraints constraints = make_constraints(model, Contact::bonded);
   Nodal u = Nodal::Zero(4, model.node_count()), f = u;
   constraints.prescribe(u, 1e-3);
@@ -76,7 +73,6 @@ TEST(Relaxation, SaysWhereItGaveUp) {
 TEST(LoadSlowly, GivesTheForceThatSlowDampedMotionEndsIn) {
   const Model model = averaged_block(5);
   const ForceSystem system(model, neo_hookean(210.0, 0.45, 1000.0));
-  ForceState forces(system);
   const Loading loading = {.depth = 1e-3, .rate = 1e-3};
   History still, moving;
   solve(TimeMode::quasi_static, system, model, loading, {.frames = 2}, {}, still);
@@ -106,7 +102,6 @@ TEST(LoadSlowly, NeedsFewEvaluationsHoweverIncompressibleTheTissueIs) {
   const Model model = averaged_block();
   for (const double nu : {0.45, 0.49, 0.499, 0.4999}) {
     const ForceSystem system(model, neo_hookean(210.0, nu, 1000.0));
-    ForceState forces(system);
     History history;
     solve(TimeMode::quasi_static, system, model, {.depth = 1e-3, .rate = 1e-3}, {.frames = 2}, {}, history);
     EXPECT_LT(history.evaluations, 80) << "nu " << nu;
@@ -172,7 +167,6 @@ TEST(LoadSlowly, GivesTheSameBitsForAnyNumberOfThreads) {
   for (const std::size_t threads : {1, 2, 3}) {
     const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
     const ForceSystem system(model, neo_hookean(210.0, 0.499, 1000.0), Precision::single_);
-    ForceState forces(system);
     History history;
     solve(TimeMode::quasi_static, system, model, {.depth = 1e-3, .rate = 1e-3}, {.frames = 2}, {}, history);
     force.push_back(history.force.back().force);
@@ -186,10 +180,8 @@ TEST(LoadSlowly, LetsAViscoelasticBlockRelax) {
   Material material = neo_hookean(210.0, 0.45, 1000.0);
   material.kappa = 1e5;
   const ForceSystem elastic(model, material);
-  ForceState elastic_forces(elastic);
   material.prony = {{0.5, 1e-3}};
   const ForceSystem relaxing(model, material);
-  ForceState relaxing_forces(relaxing);
   const Loading slow = {.depth = 0.5e-3, .rate = 1e-4};  // thousands of relaxation times
   History a, b;
   solve(TimeMode::quasi_static, elastic, model, slow, {.frames = 2}, {}, a);
@@ -232,7 +224,6 @@ TEST(Predictor, FollowsACubicThroughEvenPointsAndIsNotLedAstrayByShortOnes) {
 TEST(LoadSlowly, PassesALimitPointToTheBranchOfTheMotionAndSaysWhere) {
   const Model model = arch_under_a_pad();
   const ForceSystem system(model, stiff_arch_soft_pad(model));
-  ForceState forces(system);
   const Loading loading = {.depth = 14e-3, .rate = 1e-3};
   History moving;
   // Damped, so that what vibrates after the snap has come to rest at the end; the drag itself is 1e-3 of the
@@ -261,7 +252,6 @@ TEST(LoadSlowly, PassesALimitPointToTheBranchOfTheMotionAndSaysWhere) {
 TEST(LoadSlowly, FindsNoLimitPointWhereThereIsNone) {
   const Model model = arch_under_a_pad();
   const ForceSystem system(model, stiff_arch_soft_pad(model));
-  ForceState forces(system);
   History history;
   solve(TimeMode::quasi_static, system, model, {.depth = 11.5e-3, .rate = 1e-3}, {.frames = 23}, {}, history);
   EXPECT_EQ(with_code(history, "limit-point"), nullptr) << "the force falls, but the path goes on";
@@ -272,7 +262,6 @@ TEST(LoadSlowly, FindsNoLimitPointWhereThereIsNone) {
 TEST(LoadSlowly, EndsWithinItsBoundWhereItGetsNoFurther) {
   const Model model = arch_under_a_pad();
   const ForceSystem system(model, stiff_arch_soft_pad(model));
-  ForceState forces(system);
   const Loading loading = {.depth = 14e-3, .rate = 1e-3};
   const SolverOptions options = {.frames = 14, .evaluations = 150};
   History history;
@@ -290,7 +279,6 @@ TEST(LoadSlowly, EndsWithinItsBoundWhereOneLayerIsAThousandTimesStifferThanTheOt
     const ForceSystem system(
         model,
         Tissues{{neo_hookean(1000.0 / soft, 0.499, 1000.0), neo_hookean(soft, 0.499, 1000.0)}, model.label});
-    ForceState forces(system);
     History history;
     solve(TimeMode::quasi_static, system, model, {.depth = 4e-3, .rate = 1e-3}, {.frames = 8}, {}, history);
     EXPECT_LT(history.evaluations, 1000) << soft;
@@ -301,7 +289,6 @@ TEST(LoadSlowly, EndsWithinItsBoundWhereOneLayerIsAThousandTimesStifferThanTheOt
 TEST(EveryMarch, AskedToStopKeepsWhatItHas) {
   const Model model = averaged_block(4);
   const ForceSystem system(model, neo_hookean(210.0, 0.49, 1000.0));
-  ForceState forces(system);
   for (const TimeMode time : {TimeMode::quasi_static, TimeMode::explicit_}) {
     for (const std::size_t after : {0, 3}) {
       forget_stop();
