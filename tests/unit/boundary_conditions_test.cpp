@@ -69,14 +69,6 @@ struct Differences {
     std::sort(of.begin(), of.end());
     return of[static_cast<std::size_t>(std::ceil(part * static_cast<double>(of.size()))) - 1];
   }
-  void print(const std::string& what) const {
-    for (const double part : {0.5, 0.95, 1.0})
-      fmt::print(
-          "{}: of {} rotations {:.0f} %: base within {:.2f} degrees and {:.3f} mm, its depth within {:.2f} "
-          "%, circle within {:.3f} radii\n",
-          what, angle.size(), 100.0 * part, within(angle, part), within(plane, part),
-          100.0 * within(depth, part), within(circle, part));
-  }
 };
 
 TEST(Boundary, OfABlockIsItsBroadSideAndTheMiddleOfTheOtherOne) {
@@ -135,15 +127,12 @@ TEST(Boundary, OfALopsidedBrainTurnsWithItInTheScannerAndInTheLattice) {
   const Mat3 lattice = Eigen::AngleAxisd(0.5, Vec3(1, 2, 3).normalized()).toRotationMatrix();
   const SegmentedBody body = make_body_surface(image_of(brain, 56.0, 2.0, lattice), {});
   const Found first = find(body.surface);
-  fmt::print("({:.2f} {:.2f} {:.2f}) {}\n", first.centre.x(), first.centre.y(), first.centre.z(),
-             first.words);
   std::mt19937 random(11);
   Differences with_voxels;
   for (int k = 0, many = rotations(40); k < many; ++k) {
     const Mat3 R = random_rotation(random);
     with_voxels.add(first, find(turned(body.surface, R)), R, 5.0);
   }
-  with_voxels.print("the organ and its voxels");
   EXPECT_LT(Differences::within(with_voxels.angle, 1.0), 1e-5);
   EXPECT_LT(Differences::within(with_voxels.plane, 1.0), 1e-9);
   EXPECT_LT(Differences::within(with_voxels.depth, 1.0), 1e-12);
@@ -180,7 +169,6 @@ TEST(Boundary, OfALopsidedBrainIsWhereItWasHoweverItLiesInItsVoxels) {
     usual.depth = Differences::within(place[3], 0.5);
     Differences differences;
     for (const auto& [found, R] : all) differences.add(usual, found, R, 5.0);
-    differences.print(fmt::format("the organ within voxels of {} mm", voxel));
     EXPECT_LT(Differences::within(differences.angle, 0.95), 0.5);
     EXPECT_LT(Differences::within(differences.plane, 0.95), 0.15 * voxel);
     EXPECT_LT(Differences::within(differences.depth, 0.95), 0.03);
@@ -210,7 +198,6 @@ TEST(Boundary, OfACutOrganIsItsCutFaceWhicheverWayItWasCut) {
     EXPECT_LT((world.centre - world.centre.dot(out) * out).norm(), 30.0);
     EXPECT_LT(world.centre.dot(out), 0.0);
   }
-  fmt::print("{} cut planes found within {:.2f} degrees and {:.2f} mm\n", count, angle, plane);
   EXPECT_LT(angle, 2.0);
   EXPECT_LT(plane, 1.0);  // half a voxel: where between its voxels a plane along them lies is not known
 }
@@ -227,7 +214,6 @@ TEST(Boundary, OfATriangulatedBodyIsItsFlatFaceHoweverItIsTurned) {
     const Mat3 R = random_rotation(random);
     differences.add(first, find(BodySurface(R * dome.vertex(), dome.triangles())), R, 5.0);
   }
-  differences.print("a dome");
   EXPECT_LT(Differences::within(differences.angle, 1.0), 0.3);
   EXPECT_LT(Differences::within(differences.plane, 1.0), 1e-3);
   EXPECT_LT(Differences::within(differences.depth, 1.0), 1e-3);
@@ -244,7 +230,6 @@ TEST(Boundary, OfABodyWithoutAFlatFaceIsItsBroadestSideHoweverItIsTurnedWhereTha
   const Mat3 lattice = Eigen::AngleAxisd(0.5, Vec3(1, 2, 3).normalized()).toRotationMatrix();
   const SegmentedBody body = make_body_surface(image_of(bean, 50.0, 2.0, lattice), {});
   const Found first = find(body.surface, on_its_own);
-  fmt::print("{}\n", first.words);
   EXPECT_FALSE(find_boundary(body.surface, on_its_own).flat_base);
   EXPECT_LT(std::min(degrees_between(first.down, Vec3::UnitZ()), degrees_between(first.down, -Vec3::UnitZ())),
             10.0);
@@ -255,7 +240,6 @@ TEST(Boundary, OfABodyWithoutAFlatFaceIsItsBroadestSideHoweverItIsTurnedWhereTha
     const Mat3 R = random_rotation(random);
     with_voxels.add(first, find(turned(body.surface, R), on_its_own), R, 5.0);
   }
-  with_voxels.print("the organ and its voxels");
   EXPECT_LT(Differences::within(with_voxels.circle, 1.0), 1e-9);
   for (int k = 0; k < few; ++k) {
     const Mat3 R = random_rotation(random);
@@ -267,7 +251,6 @@ TEST(Boundary, OfABodyWithoutAFlatFaceIsItsBroadestSideHoweverItIsTurnedWhereTha
       fmt::print("({:.2f} {:.2f} {:.2f}) room {:.2f}; {}\n", c.x(), c.y(), c.z(), f.room, f.words);
     within_voxels.add(first, f, R, 5.0);
   }
-  within_voxels.print("the organ within its voxels");
   EXPECT_LT(Differences::within(within_voxels.angle, 1.0), 1.0);
   EXPECT_LT(Differences::within(within_voxels.plane, 1.0), 0.5);
   EXPECT_LT(Differences::within(within_voxels.circle, 1.0), 0.25);
@@ -354,7 +337,6 @@ TEST(Circle, OfHalfAMillimetreIsFoundAsQuicklyAsALargeOne) {
     const std::clock_t begin = std::clock();
     const Boundary found = find_boundary(body.surface, {.indenter_diameter_mm = diameter});
     const double s = static_cast<double>(std::clock() - begin) / CLOCKS_PER_SEC;
-    fmt::print("{} mm: {:.2f} s of CPU, room {:.2f} radii\n", diameter, s, found.room / found.radius);
     EXPECT_LT(s, 2.0);  // of processors' time; hours for the smallest when each was a lattice of its own
   }
 }

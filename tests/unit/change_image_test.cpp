@@ -73,24 +73,6 @@ TEST(FarTissue, IsCutAwayOutsideOfACylinderAroundTheTool) {
   EXPECT_NEAR(reach_of(image, {2}, Vec3::UnitX()), middle.x() + 0.5 * half_lengths.x(), 1.0);
 }
 
-TEST(Surface, DrawnHalfAVoxelFurtherOutIsThatFurtherOutEverywhere) {
-  const LabelImage image = ellipsoid(Vec3::Ones());
-  const SegmentedBody as_it_is = make_body_surface(image, {});
-  for (const double outward : {0.5, -0.5}) {
-    const SegmentedBody moved = make_body_surface(image, {}, {.outward_mm = outward});
-    EXPECT_NEAR((moved.surface.volume() - as_it_is.surface.volume()) / as_it_is.surface.area(), outward,
-                0.06);
-    double least = 1e9, most = -1e9;
-    for (Index v = 0; v < moved.surface.vertex().cols(); ++v) {
-      const Vec3 x = moved.surface.vertex().col(v);
-      const double d = as_it_is.surface.closest(x).distance * (as_it_is.surface.contains(x) ? -1.0 : 1.0);
-      least = std::min(least, d), most = std::max(most, d);
-    }
-    EXPECT_GT(least, outward - 0.3);  // each is relaxed by up to half a voxel
-    EXPECT_LT(most, outward + 0.3);
-  }
-}
-
 TEST(Surface, SmoothedTwiceAsMuchStillEnclosesTheVoxels) {
   const LabelImage image = ellipsoid();
   const SegmentedBody once = make_body_surface(image, {}),

@@ -7,6 +7,7 @@
 #include "io/error.hpp"
 #include "solver/solve.hpp"
 #include "tests/helpers/block.hpp"
+#include "tests/helpers/system.hpp"
 
 namespace dimple::explicit_test {
 namespace {
@@ -48,10 +49,8 @@ TEST(Simulate, GivesAFrameAtTheStartAndAfterEverySegmentAndEndsAtTheDepthAskedFo
 
 TEST(Simulate, SamplesAtTheRateAskedFor) {
   const Model model = block(4);
-  const ForceSystem system(model, tissue);
-  History history;
-  solve(TimeMode::explicit_, system, model, short_push,
-        {.frames = 2, .sample_rate = 400.0, .energy_rate = 100.0}, {}, history);
+  const History history = marched(TimeMode::explicit_, model, tissue, short_push,
+                                  {.frames = 2, .sample_rate = 400.0, .energy_rate = 100.0});
   EXPECT_EQ(history.force.size(), 21u);  // 0.05 s: 0 ... 19 at the rate, and the end
   EXPECT_EQ(history.energy.size(), 6u);
   for (std::size_t k = 0; k + 1 < history.force.size(); ++k)

@@ -72,11 +72,10 @@ TEST(Relaxation, SaysWhereItGaveUp) {
 
 TEST(LoadSlowly, GivesTheForceThatSlowDampedMotionEndsIn) {
   const Model model = averaged_block(5);
-  const ForceSystem system(model, neo_hookean(210.0, 0.45, 1000.0));
+  const Material tissue = neo_hookean(210.0, 0.45, 1000.0);
   const Loading loading = {.depth = 1e-3, .rate = 1e-3};
-  History still, moving;
-  solve(TimeMode::quasi_static, system, model, loading, {.frames = 2}, {}, still);
-  solve(TimeMode::explicit_, system, model, loading, {.damping = 20.0, .frames = 2}, {}, moving);
+  const History still = marched(TimeMode::quasi_static, model, tissue, loading, {.frames = 2}),
+                moving = marched(TimeMode::explicit_, model, tissue, loading, {.damping = 20.0, .frames = 2});
   ASSERT_EQ(still.force.back().depth, loading.depth);
   EXPECT_NEAR(still.force.back().force, moving.force.back().force, 0.01 * moving.force.back().force);
   EXPECT_NEAR(still.energy.back().external, still.energy.back().stored, 0.01 * still.energy.back().stored);
@@ -86,10 +85,8 @@ TEST(LoadSlowly, GivesTheForceThatSlowDampedMotionEndsIn) {
 // large where the force grows as the square of the depth, and by parabolas bent the wrong way a whole one.
 TEST(LoadSlowly, DoesTheWorkThatStiffeningTissueStores) {
   const Model model = averaged_block();
-  const ForceSystem system(model, ogden({{210.0, -30.0}}, 0.49, 1000.0));
-  History history;
-  solve(TimeMode::quasi_static, system, model, {.depth = 2.5e-3, .rate = 1e-3},
-        {.frames = 1, .step_radii = 0.05}, {}, history);
+  const History history = marched(TimeMode::quasi_static, model, ogden({{210.0, -30.0}}, 0.49, 1000.0),
+                                  {.depth = 2.5e-3, .rate = 1e-3}, {.frames = 1, .step_radii = 0.05});
   ASSERT_EQ(history.force.back().depth, 2.5e-3);
   const EnergySample& end = history.energy.back();
   EXPECT_GT(history.force.back().force * 2.5e-3, 2.3 * end.stored)
@@ -101,9 +98,8 @@ TEST(LoadSlowly, DoesTheWorkThatStiffeningTissueStores) {
 TEST(LoadSlowly, NeedsFewEvaluationsHoweverIncompressibleTheTissueIs) {
   const Model model = averaged_block();
   for (const double nu : {0.45, 0.49, 0.499, 0.4999}) {
-    const ForceSystem system(model, neo_hookean(210.0, nu, 1000.0));
-    History history;
-    solve(TimeMode::quasi_static, system, model, {.depth = 1e-3, .rate = 1e-3}, {.frames = 2}, {}, history);
+    const History history = marched(TimeMode::quasi_static, model, neo_hookean(210.0, nu, 1000.0),
+                                    {.depth = 1e-3, .rate = 1e-3}, {.frames = 2});
     EXPECT_LT(history.evaluations, 80) << "nu " << nu;
     EXPECT_LT(history.residual, 1e-4) << "nu " << nu;
   }
@@ -112,7 +108,6 @@ TEST(LoadSlowly, NeedsFewEvaluationsHoweverIncompressibleTheTissueIs) {
 TEST(LoadSlowly, EndsWhereDynamicRelaxationDoes) {
   const Model model = averaged_block();
   const ForceSystem system(model, neo_hookean(210.0, 0.499, 1000.0));
-  ForceState forces(system);
   const Constraints constraints = make_constraints(model, Contact::bonded);
   History mixed;
   solve(TimeMode::quasi_static, system, model, {.depth = 1e-3, .rate = 1e-3},
@@ -136,9 +131,8 @@ TEST(LoadSlowly, SinglePrecisionFindsTheForceOfMovesOfTwoMicrometres) {
   const Model model = averaged_block();
   std::vector<double> force;
   for (const Precision precision : {Precision::double_, Precision::single_}) {
-    const ForceSystem system(model, neo_hookean(210.0, 0.499, 1000.0), precision);
-    History history;
-    solve(TimeMode::quasi_static, system, model, {.depth = 1e-5, .rate = 1e-6}, {.frames = 5}, {}, history);
+    const History history = marched(TimeMode::quasi_static, model, neo_hookean(210.0, 0.499, 1000.0),
+                                    {.depth = 1e-5, .rate = 1e-6}, {.frames = 5}, precision);
     EXPECT_LT(history.evaluations, 200);
     force.push_back(history.force.back().force);
   }
@@ -151,10 +145,10 @@ TEST(LoadSlowly, SinglePrecisionFindsTheForceOfLayersAThousandTimesAsStiff) {
     const Material soft = neo_hookean(210.0, 0.499, 1000.0), stiff = neo_hookean(210e3, 0.499, 1000.0);
     std::vector<double> force;
     for (const Precision precision : {Precision::double_, Precision::single_}) {
-      const ForceSystem system(
-          model, {{stiff_below ? stiff : soft, stiff_below ? soft : stiff}, model.tissue}, precision);
-      History history;
-      solve(TimeMode::quasi_static, system, model, {.depth = 1e-3, .rate = 1e-4}, {.frames = 2}, {}, history);
+      const History history =
+          marched(TimeMode::quasi_static, model,
+                  Tissues{{stiff_below ? stiff : soft, stiff_below ? soft : stiff}, model.tissue},
+                  {.depth = 1e-3, .rate = 1e-4}, {.frames = 2}, precision);
       force.push_back(history.force.back().force);
     }
     EXPECT_NEAR(force[1], force[0], 1e-3 * force[0]);
@@ -166,9 +160,8 @@ TEST(LoadSlowly, GivesTheSameBitsForAnyNumberOfThreads) {
   std::vector<double> force;
   for (const std::size_t threads : {1, 2, 3}) {
     const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
-    const ForceSystem system(model, neo_hookean(210.0, 0.499, 1000.0), Precision::single_);
-    History history;
-    solve(TimeMode::quasi_static, system, model, {.depth = 1e-3, .rate = 1e-3}, {.frames = 2}, {}, history);
+    const History history = marched(TimeMode::quasi_static, model, neo_hookean(210.0, 0.499, 1000.0),
+                                    {.depth = 1e-3, .rate = 1e-3}, {.frames = 2}, Precision::single_);
     force.push_back(history.force.back().force);
   }
   EXPECT_EQ(force[0], force[1]);
@@ -179,14 +172,13 @@ TEST(LoadSlowly, LetsAViscoelasticBlockRelax) {
   const Model model = averaged_block(5);
   Material material = neo_hookean(210.0, 0.45, 1000.0);
   material.kappa = 1e5;
-  const ForceSystem elastic(model, material);
-  material.prony = {{0.5, 1e-3}};
-  const ForceSystem relaxing(model, material);
   const Loading slow = {.depth = 0.5e-3, .rate = 1e-4};  // thousands of relaxation times
-  History a, b;
-  solve(TimeMode::quasi_static, elastic, model, slow, {.frames = 2}, {}, a);
-  solve(TimeMode::quasi_static, relaxing, model, slow, {.frames = 2}, {}, b);
-  EXPECT_NEAR(b.force.back().force, 0.5 * a.force.back().force, 0.02 * a.force.back().force);
+  const auto force = [&] {
+    return marched(TimeMode::quasi_static, model, material, slow, {.frames = 2}).force.back().force;
+  };
+  const double elastic = force();
+  material.prony = {{0.5, 1e-3}};
+  EXPECT_NEAR(force(), 0.5 * elastic, 0.02 * elastic);
 }
 
 Tissues stiff_arch_soft_pad(const Model& model) {
@@ -251,9 +243,8 @@ TEST(LoadSlowly, PassesALimitPointToTheBranchOfTheMotionAndSaysWhere) {
 
 TEST(LoadSlowly, FindsNoLimitPointWhereThereIsNone) {
   const Model model = arch_under_a_pad();
-  const ForceSystem system(model, stiff_arch_soft_pad(model));
-  History history;
-  solve(TimeMode::quasi_static, system, model, {.depth = 11.5e-3, .rate = 1e-3}, {.frames = 23}, {}, history);
+  const History history = marched(TimeMode::quasi_static, model, stiff_arch_soft_pad(model),
+                                  {.depth = 11.5e-3, .rate = 1e-3}, {.frames = 23});
   EXPECT_EQ(with_code(history, "limit-point"), nullptr) << "the force falls, but the path goes on";
   EXPECT_EQ(history.energy.back().dissipated, 0.0);
 }
@@ -276,11 +267,10 @@ TEST(LoadSlowly, EndsWithinItsBoundWhereItGetsNoFurther) {
 TEST(LoadSlowly, EndsWithinItsBoundWhereOneLayerIsAThousandTimesStifferThanTheOther) {
   const Model model = averaged_block(6, 0.2, 1.8, [](const Vec3& x) { return x.z() > 10e-3 ? 1 : 0; });
   for (const double soft : {1.0, 1000.0}) {
-    const ForceSystem system(
-        model,
-        Tissues{{neo_hookean(1000.0 / soft, 0.499, 1000.0), neo_hookean(soft, 0.499, 1000.0)}, model.label});
-    History history;
-    solve(TimeMode::quasi_static, system, model, {.depth = 4e-3, .rate = 1e-3}, {.frames = 8}, {}, history);
+    const History history = marched(
+        TimeMode::quasi_static, model,
+        Tissues{{neo_hookean(1000.0 / soft, 0.499, 1000.0), neo_hookean(soft, 0.499, 1000.0)}, model.label},
+        {.depth = 4e-3, .rate = 1e-3}, {.frames = 8});
     EXPECT_LT(history.evaluations, 1000) << soft;
   }
 }
