@@ -563,7 +563,8 @@ TEST(Places, AreListedWithVerdictsThatARunOfEachConfirms) {
 
 TEST(Boundary, RefusesWordsAndPlacesThatMakeNoSense) {
   const BodySurface block = block_surface({-30, -30, 0}, {30, 30, 30});
-  for (const char* word : {"sideways", "up", "down", "top", "bottom", "above", "below", "under"}) {
+  EXPECT_THROW(find_boundary(block, {.base = "sideways"}), UsageError);
+  for (const char* word : {"up", "down", "top", "bottom", "above", "below", "under"}) {
     SCOPED_TRACE(word);
     expect_error<UsageError>([&] { find_boundary(block, {.base = word}); },
                              {.where = "--base (boundary.base)", .remedy = "superior, inferior, anterior"});
