@@ -18,8 +18,7 @@ const Vec3 half_lengths(14.0, 11.0, 9.0), middle(20.0, 18.0, 15.0);
 // Of two labels, the smaller one in its core; an odd number of voxels along one axis.
 LabelImage ellipsoid(const Vec3& spacing = Vec3(1.0, 1.0, 1.5)) {
   return image_of({41, 36, 20}, spacing, [&](Index i, Index j, Index k) {
-    const Vec3 x =
-        spacing.cwiseProduct(Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k)));
+    const Vec3 x = spacing.cwiseProduct(place_of(i, j, k));
     const double r = (x - middle).cwiseQuotient(half_lengths).norm();
     return r > 1.0 ? 0 : r > 0.5 ? 3 : 2;
   });
@@ -62,9 +61,7 @@ TEST(FarTissue, IsCutAwayOutsideOfACylinderAroundTheTool) {
   for (Index k = 0; k < image.size[2]; ++k)
     for (Index j = 0; j < image.size[1]; ++j)
       for (Index i = 0; i < image.size[0]; ++i) {
-        const Vec3 d =
-            image.to_world * Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k)) -
-            middle;
+        const Vec3 d = image.to_world * place_of(i, j, k) - middle;
         const bool is_near = (d - d.dot(direction) * direction).norm() <= 6.0;
         ASSERT_EQ(near.at(i, j, k), is_near ? image.at(i, j, k) : 0);
       }

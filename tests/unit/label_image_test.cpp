@@ -131,8 +131,7 @@ TEST(LabelImage, KeepsEveryVoxelInItsPlaceUnderAnyTurn) {
     for (Index k = 0; k < image.size[2]; ++k)
       for (Index j = 0; j < image.size[1]; ++j)
         for (Index i = 0; i < image.size[0]; ++i) {
-          const Vec3 s =
-              to_stored * Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k));
+          const Vec3 s = to_stored * place_of(i, j, k);
           ASSERT_LT((s - Vec3(s.array().round())).norm(), 1e-9);
           ASSERT_EQ(image.at(i, j, k), organ.at(std::lround(s[0]), std::lround(s[1]), std::lround(s[2])));
         }
@@ -150,16 +149,12 @@ TEST(LabelImage, KeepsATurnOfAThousandthAndDropsOneOfRounding) {
 
 /// An ellipsoid with a bump, no two extents alike.
 LabelImage bumpy_body(const Vec3& spacing) {
-  LabelImage image;
-  image.size = {23, 19, 14};
-  image.to_world = Eigen::Translation3d(-12.5, 40.25, 7.0) * Eigen::Scaling(spacing);
-  std::vector<std::int32_t> voxel;
-  for (int k = 0; k < 14; ++k)
-    for (int j = 0; j < 19; ++j)
-      for (int i = 0; i < 23; ++i)
-        voxel.push_back(std::hypot((i - 11) / 9.5, (j - 9) / 7.5, (k - 6) / 5.0) < 1.0 ||
-                        std::hypot(i - 15, j - 6, k - 9) < 3.6);
-  set_voxels(image, voxel);
+  LabelImage image = image_of({23, 19, 14}, spacing, [](Index i, Index j, Index k) {
+    const Vec3 x = place_of(i, j, k);
+    return (x - Vec3(11, 9, 6)).cwiseQuotient(Vec3(9.5, 7.5, 5.0)).norm() < 1.0 ||
+           (x - Vec3(15, 6, 9)).norm() < 3.6;
+  });
+  image.to_world = Eigen::Translation3d(-12.5, 40.25, 7.0) * image.to_world;
   return image;
 }
 
@@ -595,9 +590,7 @@ TEST_F(RealLabelImage, Of3DSlicerHasItsNames) {
   for (Index k = 0; k < chest.size[2]; ++k)
     for (Index j = 0; j < chest.size[1]; ++j)
       for (Index i = 0; i < chest.size[0]; ++i) {
-        const double x =
-            (chest.to_world * Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k)))
-                .x();
+        const double x = (chest.to_world * place_of(i, j, k)).x();
         if (chest.at(i, j, k) == 6) left += x, ++n_left;
         if (chest.at(i, j, k) == 5) right += x, ++n_right;
       }

@@ -13,15 +13,7 @@ using Inside = std::function<bool(Index i, Index j, Index k)>;
 constexpr std::array<Index, 3> size = {14, 11, 9};
 
 VoxelSet set_of(const std::array<Index, 3>& n, const Inside& inside) {
-  LabelImage image;
-  image.size = n;
-  image.to_world = Eigen::Affine3d::Identity();
-  std::vector<std::int32_t> voxel;
-  for (Index k = 0; k < n[2]; ++k)
-    for (Index j = 0; j < n[1]; ++j)
-      for (Index i = 0; i < n[0]; ++i) voxel.push_back(inside(i, j, k));
-  set_voxels(image, voxel);
-  return voxels_with(image, {});
+  return voxels_with(image_of(n, Vec3::Ones(), inside), {});
 }
 
 // Lopsided along every axis, most of all along k.

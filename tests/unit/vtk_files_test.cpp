@@ -450,13 +450,9 @@ TEST(VtkFile, RefusesEveryTruncation) {
 
 /// 20 x 16 x 12 voxels of 0.5 x 1 x 2 mm, turned and shifted, with a labelled box inside.
 LabelImage oblique_image(std::int32_t label) {
-  LabelImage image;
-  image.size = {20, 16, 12};
-  std::vector<std::int32_t> voxel(20 * 16 * 12, 0);
-  for (Index k = 4; k <= 7; ++k)
-    for (Index j = 3; j <= 12; ++j)
-      for (Index i = 8; i <= 17; ++i) voxel[static_cast<std::size_t>(i + 20 * (j + 16 * k))] = label;
-  set_voxels(image, voxel);
+  LabelImage image = image_of({20, 16, 12}, Vec3::Ones(), [&](Index i, Index j, Index k) {
+    return i >= 8 && i <= 17 && j >= 3 && j <= 12 && k >= 4 && k <= 7 ? label : 0;
+  });
   image.to_world = Eigen::Translation3d(-31.0, 12.5, 7.0) *
                    Eigen::AngleAxisd(0.4, Vec3(1.0, -2.0, 0.5).normalized()) * Eigen::Scaling(0.5, 1.0, 2.0);
   return image;
@@ -498,9 +494,8 @@ TEST(Vti, PutsEveryVoxelOfAnObliqueImageInItsPlace) {
   for (Index k = 0; k < image.size[2]; ++k)
     for (Index j = 0; j < image.size[1]; ++j)
       for (Index i = 0; i < image.size[0]; ++i) {
-        const Vec3 centre =
-            image.to_world * Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k));
-        ASSERT_EQ(label_at(*grid, centre), image.at(i, j, k)) << i << ' ' << j << ' ' << k;
+        ASSERT_EQ(label_at(*grid, image.to_world * place_of(i, j, k)), image.at(i, j, k))
+            << i << ' ' << j << ' ' << k;
       }
   // Cropped to the foreground and two voxels more, so that the first voxel is voxel (6, 1, 2).
   const Vec3 corner = image.to_world * Vec3(6.0, 1.0, 2.0);
