@@ -1,7 +1,6 @@
 // From a label image to a closed surface: whatever the body's shape and however fine its voxels.
 
 #include <gtest/gtest.h>
-#include <tbb/global_control.h>
 
 #include <algorithm>
 #include <array>
@@ -353,13 +352,6 @@ TEST(Surface, IsLeftWhenTheWorkIsAskedToEnd) {
   ask_to_stop(StopReason::interrupted);
   EXPECT_THROW(make_body_surface(ellipsoid(20, {8.0, 8.0, 8.0}), {}), Stopped);
   forget_stop();
-}
-
-TEST(Surface, IsTheSameForAnyNumberOfThreads) {
-  const LabelImage image = ellipsoid(60, {27.0, 24.0, 22.0});
-  const SegmentedBody all = make_body_surface(image, {}, {.step_mm = 1.7});
-  const tbb::global_control one(tbb::global_control::max_allowed_parallelism, 1);
-  EXPECT_TRUE(make_body_surface(image, {}, {.step_mm = 1.7}).surface.vertex() == all.surface.vertex());
 }
 
 }  // namespace

@@ -166,25 +166,6 @@ TEST_F(Deformed, AsManyVoxelsShowTheBodyAsItsDeformedVolumeHolds) {
   EXPECT_NEAR(counted / volume, 1.0, 0.01);
 }
 
-TEST_F(Deformed, WhatAVoxelShowsHasMovedTheWayTheToolPushed) {
-  for (const auto& [name, grid] : grids()) {
-    SCOPED_TRACE(name);
-    const DeformationMap map(model, field, u, grid);
-    const WayBack back = way_back(map, grid);
-    std::vector<float> forth(static_cast<std::size_t>(3 * grid.slice()));
-    // Under the tool, in the middle of the tissue that is left there.
-    const Vec3 x = (grid.to_world.inverse() * Vec3(15, 15, 11)).array().round();
-    const auto v = static_cast<Index>(x[0] + static_cast<double>(grid.size[0]) *
-                                                 (x[1] + static_cast<double>(grid.size[1]) * x[2]));
-    const Vec3 came = grid.to_world * x - grid.to_world * place(back, v);
-    EXPECT_LT(came.z(), -2.0);  // what it shows came from above
-    EXPECT_LT(came.head<2>().norm(), 0.5);
-    map.displacement(static_cast<Index>(x[2]), forth, {});
-    const float* moves = forth.data() + 3 * (v % grid.slice());
-    EXPECT_LT(moves[2], -1.0f);  // and what was there goes down
-  }
-}
-
 TEST_F(Deformed, AroundTheBodyTheFieldContinuesSmoothlyAndEndsAtZero) {
   const VoxelGrid grid = grid_with(Mat3::Identity(), {1, 1, 1});
   const DeformationMap map(model, field, u, grid);

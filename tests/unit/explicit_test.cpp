@@ -2,8 +2,6 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <Eigen/Geometry>
-
 #include "io/error.hpp"
 #include "solver/solve.hpp"
 #include "tests/helpers/block.hpp"
@@ -77,22 +75,6 @@ TEST(Simulate, StopsWhenTheObserverSaysSoAndKeepsWhatThereIs) {
   EXPECT_EQ(last_t, history.force.back().t);
   EXPECT_GT(history.force.back().t, 0.02);
   EXPECT_LT(history.force.back().t, 0.03);
-}
-
-// The force along the push does not care how the body lies in the room; the sums round differently.
-TEST(Simulate, GivesTheSameForceHoweverTheBodyLies) {
-  const Model model = block(4);
-  Model turned = model;
-  const Mat3 R = Eigen::AngleAxisd(0.8, Vec3(1, -2, 0.5).normalized()).toRotationMatrix();
-  turned.X = R * model.X;
-  turned.point = R * model.point;
-  turned.tool.centre = R * model.tool.centre;
-  turned.tool.push = R * model.tool.push;
-  turned.dphi = R * model.dphi;
-  History one, two;
-  solve(TimeMode::explicit_, ForceSystem(model, tissue), model, short_push, {.frames = 2}, {}, one);
-  solve(TimeMode::explicit_, ForceSystem(turned, tissue), turned, short_push, {.frames = 2}, {}, two);
-  EXPECT_NEAR(one.force.back().force, two.force.back().force, 1e-6 * one.force.back().force);
 }
 
 TEST(Simulate, NothingFreeToMoveIsRefused) {

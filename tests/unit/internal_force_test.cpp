@@ -67,21 +67,6 @@ TEST(InternalForce, IsThePlainFormulaForAnyNumberOfPoints) {
     }
 }
 
-TEST(InternalForce, IsTheGradientOfTheStoredEnergyInRandomDirections) {
-  const Model model = block(4);
-  const ForceSystem system(model, tissue);
-  ForceState forces(system);
-  const Nodal u = random_displacement(model, 2e-4);
-  Nodal f = u;
-  forces.internal_force(u, f);
-  for (const unsigned seed : {1u, 2u, 3u}) {
-    const Nodal w = random_displacement(model, 1.0, seed);
-    const double h = 1e-9;  // m; central differences keep some six digits
-    const double slope = (forces.stored_energy(u + h * w) - forces.stored_energy(u - h * w)) / (2.0 * h);
-    EXPECT_NEAR(f.cwiseProduct(w).sum(), slope, 1e-6 * f.norm() * w.norm());
-  }
-}
-
 TEST(InternalForce, ReportsTheSmallestVolumeRatioAndWhereItIs) {
   const Model model = block(5);
   const ForceSystem system(model, tissue);

@@ -1,7 +1,6 @@
 // A body under a tool that is followed in bounded time.
 
 #include <gtest/gtest.h>
-#include <tbb/global_control.h>
 
 #include <algorithm>
 #include <cmath>
@@ -131,21 +130,6 @@ TEST(Live, TheErrorIsOfTheDepthThatWasAskedForNotOfTheOneThatWasReached) {
     EXPECT_LE(std::abs(frame.force - still.force()), frame.error) << k;
     EXPECT_GE(frame.error, frame.error_at_depth);
   }
-}
-
-TEST(Live, TheSameWayGivesTheSameForcesWithAnyNumberOfThreads) {
-  const Model model = testing_bodies::averaged_block(8);
-  const auto forces = [&](std::size_t threads) {
-    const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
-    Session session(model, {tissue});
-    std::vector<double> force;
-    for (const double depth : way_of_a_hand()) {
-      const LiveFrame frame = session.follow(depth, {.evaluations = 6});
-      force.insert(force.end(), {frame.depth, frame.force, frame.error_at_depth, frame.stiffness});
-    }
-    return force;
-  };
-  EXPECT_EQ(forces(1), forces(4));
 }
 
 TEST(Live, AToolThatJerksAheadIsLaggedBehindAndReachedWhenItStandsStill) {

@@ -1,7 +1,6 @@
 // From a phantom to places: surface, base, circle, cloud, grid; and moving least squares on scattered nodes.
 
 #include <gtest/gtest.h>
-#include <tbb/global_control.h>
 
 #include <filesystem>
 #include <fstream>
@@ -170,14 +169,6 @@ TEST(IntegrationGrid, ThatFollowsTheNodesHasTheBodysVolumeCentroidAndInertia) {
       second += grid.volume[q] * (grid.second_moments(d, q) + std::pow(grid.point(d, q) - centroid[d], 2));
     EXPECT_NEAR(second / grid.volume.sum(), size[d] * size[d] / 12.0, 0.03 * size[d] * size[d] / 12.0);
   }
-}
-
-TEST(NodeCloud, IsTheSameForAnyNumberOfThreads) {
-  const SegmentedBody body = block_body();
-  const Boundary boundary = find_boundary(body.surface, {});
-  const NodeCloud all = make_node_cloud(body.surface, boundary, Sizing{}, {.count = 800});
-  const tbb::global_control one(tbb::global_control::max_allowed_parallelism, 1);
-  EXPECT_EQ(make_node_cloud(body.surface, boundary, Sizing{}, {.count = 800}).X, all.X);
 }
 
 TEST(IntegrationGrid, HasTheBodysVolumeAndCentroidAndAboutTheAskedNumberOfPoints) {

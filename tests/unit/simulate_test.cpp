@@ -184,18 +184,6 @@ TEST(Simulate, TellsItsObserverWhatItDoesInOrder) {
             std::find(heard.begin(), heard.end(), "support"));
 }
 
-TEST(Simulate, AModelFromFilesGivesTheForceOfItsImageToTheBit) {
-  const Case from_image = small_case();
-  Result built;
-  build_case(from_image, {}, built);
-  write_model(test_folder() / "model", built.model, built.model.scheme, built.provenance, 0.0);
-  const Result first = simulate(from_image);
-  const Result second = simulate({.config = from_image.config, .model = read_model(test_folder() / "model")});
-  ASSERT_EQ(first.history.force.size(), second.history.force.size());
-  for (std::size_t k = 0; k < first.history.force.size(); ++k)
-    EXPECT_EQ(first.history.force[k].force, second.history.force[k].force);
-}
-
 TEST(Simulate, AskedToStopAmidTheMarchReturnsWhatThereIs) {
   RunObserver observer;
   observer.march.sample = [](const ForceSample& now, const History&) { return now.depth < 0.4e-3; };
