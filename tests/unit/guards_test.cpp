@@ -477,28 +477,6 @@ TEST(Recovery, IsNotTriedForModesThatNothingResists) {
   EXPECT_THAT(report.why, testing::Not(HasSubstr("retries")));
 }
 
-TEST(Recovery, RemembersWhatViscoelasticTissueRemembered) {
-  const Model model = averaged_block(4);
-  Material relaxing = tissue;
-  relaxing.prony = {{0.5, 0.05}};
-  const ForceSystem system(model, relaxing);
-  ForceState forces(system);
-  Nodal u = affine(model, 1.01 * Mat3::Identity()), one = u, two = u;
-  forces.begin_step(0.01);
-  forces.accept_step(u);
-  const std::vector<double> past = forces.past();
-  forces.begin_step(0.01);
-  forces.internal_force(u, one);
-  forces.accept_step(2.0 * u);  // a wrong way
-  forces.begin_step(0.01);
-  forces.internal_force(u, two);
-  EXPECT_NE((one - two).cwiseAbs().maxCoeff(), 0.0);
-  forces.restore_past(past);
-  forces.begin_step(0.01);
-  forces.internal_force(u, two);
-  EXPECT_EQ((one - two).cwiseAbs().maxCoeff(), 0.0);
-}
-
 TEST(Recovery, EndsInAFailureThatSaysHowOftenItWasTried) {
   const Model model = block(6, 0.2, 2.2);
   const ForceSystem system(model, tissue);

@@ -136,9 +136,6 @@ TEST(Simulate, FindsTheSameShapeWithoutLoadsHoweverTheBodyIsTurned) {
 
 TEST(Simulate, ChoosesWhereLoadsActOnTheImageOfABodyThatWasImagedUnderThem) {
   Case given = small_case();
-  given.config.load.imaged = "loaded";
-  EXPECT_THROW(simulate(given), UsageError) << "nothing acts";
-  given.config.load.imaged = "unloaded";
   given.config.material.mu_Pa = 600.0;
   given.config.load.gravity = "inferior";
   // Half a millimetre of the ball reaches below the image's top, and the top of the shape without loads is
