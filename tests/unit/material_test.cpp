@@ -178,14 +178,6 @@ TEST(Material, KnowsNoDirectionOfSpaceNorOfItself) {
     }
 }
 
-TEST(Material, CauchyStressIsSymmetric) {
-  for (const Material& m : laws) {
-    const Mat3 F = (Mat3() << 0.9, 0.2, -0.1, 0.05, 1.1, 0.15, 0.1, -0.2, 0.97).finished();
-    const Mat3 sigma = cauchy_stress(m, F);
-    EXPECT_LT((sigma - sigma.transpose()).norm(), 1e-12 * sigma.norm());
-  }
-}
-
 TEST(Material, TheSecondStressIsTheFirstPulledBack) {
   for (const Material& m : laws)
     for (const Mat3& F : many_deformation_gradients()) {
