@@ -52,20 +52,6 @@ TEST(Live, AToolThatIsFollowedByAFewEvaluationsFeelsTheForceOfEquilibrium) {
   EXPECT_GE(held, frames - 1);
 }
 
-TEST(Live, AForceIsBetterForWhatIsLeftUnbalancedBeingAccountedFor) {
-  const Model model = testing_bodies::averaged_block();
-  Session live(model, {tissue}), still(model, {tissue}, {.tolerance = 1e-5});
-  live.follow(1e-3, {.evaluations = 200});
-  double with = 0.0, without = 0.0;
-  for (int k = 1; k <= 5; ++k) {
-    const LiveFrame frame = live.follow(1e-3 + 0.4e-3 * k, {.evaluations = 2});
-    still.equilibrate(frame.depth);
-    with += std::abs(frame.force - still.force());
-    without += std::abs(live.force() - still.force());
-  }
-  EXPECT_LT(with, 0.5 * without);
-}
-
 TEST(Live, AFrameHasTheForceAcrossThePushAndTheMomentOfEquilibriumToo) {
   // Ten times as stiff on one side.
   const Model model =
@@ -186,19 +172,6 @@ TEST(Live, RandomJerksShowNoStateThatIsNoneAndNeverHoldTheToolOnItsWayBack) {
       last = frame.depth;
     }
   }
-}
-
-TEST(Live, TissueThatRelaxesResistsLessAndLessUnderAToolThatStands) {
-  Material slow = tissue;
-  slow.prony = {{0.5, 0.2}};
-  Session session(testing_bodies::averaged_block(), {slow});
-  double first = 0.0, force = 0.0;
-  for (int k = 0; k < 40; ++k) {
-    force = session.follow(std::min(1e-3, 0.25e-3 * (k + 1)), {.evaluations = 20}, 0.04).force;
-    if (k == 4) first = force;
-  }
-  EXPECT_LT(force, 0.9 * first);
-  EXPECT_GT(force, 0.4 * first);
 }
 
 TEST(Live, TissueThatRelaxesIsFollowedInAndOutAsEquilibriaInTimeHaveItAndForgetsWhereItIsLifted) {

@@ -27,6 +27,16 @@ bool contains(const VoxelSet& set, Index i, Index j, Index k) {
   return false;
 }
 
+void expect_same(const VoxelSet& a, const VoxelSet& b) {
+  EXPECT_EQ(a.size, b.size);
+  EXPECT_EQ(a.offset, b.offset);
+  ASSERT_EQ(a.stretch.size(), b.stretch.size());
+  for (std::size_t s = 0; s < a.stretch.size(); ++s) {
+    EXPECT_EQ(a.stretch[s].begin, b.stretch[s].begin);
+    EXPECT_EQ(a.stretch[s].end, b.stretch[s].end);
+  }
+}
+
 std::vector<AxisOrder> all_turns() {
   std::vector<AxisOrder> turns;
   for (const std::array<int, 3>& axis :
@@ -74,13 +84,7 @@ TEST(VoxelSet, CroppedHasTheBoxOfItsOwnVoxelsWhateverWasThereBefore) {
   EXPECT_NE(all.size, wanted.size);
   for (const VoxelSet& same : {part, cropped(wanted)}) {
     EXPECT_EQ(same.first, wanted.first);
-    EXPECT_EQ(same.size, wanted.size);
-    EXPECT_EQ(same.offset, wanted.offset);
-    ASSERT_EQ(same.stretch.size(), wanted.stretch.size());
-    for (std::size_t s = 0; s < wanted.stretch.size(); ++s) {
-      EXPECT_EQ(same.stretch[s].begin, wanted.stretch[s].begin);
-      EXPECT_EQ(same.stretch[s].end, wanted.stretch[s].end);
-    }
+    expect_same(same, wanted);
   }
 }
 
@@ -97,13 +101,7 @@ TEST(VoxelSet, InItsOwnOrderIsTheSameHoweverItWasTurned) {
       turned_spacing[static_cast<Index>(d)] = spacing[order.axis[d]];
     }
     const VoxelSet again = reordered(turned, own_order(turned, turned_spacing), turned_size);
-    EXPECT_EQ(again.size, own.size);
-    EXPECT_EQ(again.offset, own.offset);
-    ASSERT_EQ(again.stretch.size(), own.stretch.size());
-    for (std::size_t s = 0; s < own.stretch.size(); ++s) {
-      EXPECT_EQ(again.stretch[s].begin, own.stretch[s].begin);
-      EXPECT_EQ(again.stretch[s].end, own.stretch[s].end);
-    }
+    expect_same(again, own);
   }
 }
 
