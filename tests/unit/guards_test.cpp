@@ -46,11 +46,11 @@ Finding found_in(const std::vector<Finding>& findings, const std::string& code) 
 
 // ------------------------------------------------------------------------------------------ of the model
 
-// A sheet so thin beside its supports that all nodes around a point lie nearly in a plane.
 TEST(Text, HasNoExponent) {
   EXPECT_EQ(text(3.103e-7, " %, ", 1.5e7, ", ", 7, ", ", 0.5f), "0.0000003103 %, 15000000, 7, 0.5");
 }
 
+// A sheet so thin beside its supports that all nodes around a point lie nearly in a plane.
 TEST(ModelGuard, FindsSupportsThatLieNearlyInAPlane) {
   const auto sheet = [](double thinner) {
     Model model = block(4);

@@ -421,25 +421,20 @@ LabelImage with_table(const std::string& table) {
 }
 
 TEST(LabelImage, TakesNamesFromATableOverThoseInTheFile) {
-  const std::map<int, std::string> snap = with_table(
-                                              "################\n# ITK-SnAP Label Description File\n    0    "
-                                              " 0    0    0        0  0  0    \"Clear "
-                                              "Label\"\n"
-                                              "    1   255    0    0        1  1  1    \"grey matter\"\r\n   "
-                                              " 9     0  255    0        1  1  1    "
-                                              "\"vessel 2\"\n")
-                                              .names;
-  EXPECT_EQ(snap.at(1), "grey matter");
-  EXPECT_EQ(snap.at(2), "white matter");  // still from the file
-  EXPECT_EQ(snap.at(9), "vessel 2");
-  EXPECT_FALSE(snap.contains(0));
-  const auto lut =
-      with_table(
-          "#No. Label Name: R G B A\n\n0 Unknown 0 0 0 0\n2 Left-Cerebral-White-Matter 245 245 245 0\n"
-          "3 two words 205 62 78\n")
-          .names;
-  EXPECT_EQ(lut.at(2), "Left-Cerebral-White-Matter");
-  EXPECT_EQ(lut.at(3), "two words");
+  const LabelImage snap = with_table(
+      "################\n# ITK-SnAP Label Description File\n"
+      "    0     0    0    0        0  0  0    \"Clear Label\"\n"
+      "    1   255    0    0        1  1  1    \"grey matter\"\r\n"
+      "    9     0  255    0        1  1  1    \"vessel 2\"\n");
+  EXPECT_EQ(snap.names.at(1), "grey matter");
+  EXPECT_EQ(snap.names.at(2), "white matter");  // still from the file
+  EXPECT_EQ(snap.names.at(9), "vessel 2");
+  EXPECT_FALSE(snap.names.contains(0));
+  const LabelImage lut = with_table(
+      "#No. Label Name: R G B A\n\n0 Unknown 0 0 0 0\n2 Left-Cerebral-White-Matter 245 245 245 0\n"
+      "3 two words 205 62 78\n");
+  EXPECT_EQ(lut.names.at(2), "Left-Cerebral-White-Matter");
+  EXPECT_EQ(lut.names.at(3), "two words");
 
   for (const auto& [table, words] : {std::pair{"1 a 0 0 0 0\nbrain 1\n", "line 2"},
                                      {"1 255 0 0\n", "names no label"},
