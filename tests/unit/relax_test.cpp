@@ -1,7 +1,6 @@
 #include "solver/equilibrium/relax.hpp"
 
 #include <gtest/gtest.h>
-#include <tbb/global_control.h>
 
 #include <Eigen/Geometry>
 
@@ -153,19 +152,6 @@ TEST(LoadSlowly, SinglePrecisionFindsTheForceOfLayersAThousandTimesAsStiff) {
     }
     EXPECT_NEAR(force[1], force[0], 1e-3 * force[0]);
   }
-}
-
-TEST(LoadSlowly, GivesTheSameBitsForAnyNumberOfThreads) {
-  const Model model = averaged_block();
-  std::vector<double> force;
-  for (const std::size_t threads : {1, 2, 3}) {
-    const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
-    const History history = marched(TimeMode::quasi_static, model, neo_hookean(210.0, 0.499, 1000.0),
-                                    {.depth = 1e-3, .rate = 1e-3}, {.frames = 2}, Precision::single_);
-    force.push_back(history.force.back().force);
-  }
-  EXPECT_EQ(force[0], force[1]);
-  EXPECT_EQ(force[0], force[2]);
 }
 
 TEST(LoadSlowly, LetsAViscoelasticBlockRelax) {
