@@ -1,11 +1,9 @@
 #include "io/label_image.hpp"
 
 #include <gtest/gtest.h>
-#include <sys/resource.h>
 
 #include <algorithm>
 #include <cmath>
-#include <csignal>
 #include <cstdlib>
 #include <limits>
 #include <random>
@@ -18,6 +16,7 @@
 #include "tests/helpers/folder.hpp"
 #include "tests/helpers/image.hpp"
 #include "tests/helpers/report.hpp"
+#include "tests/helpers/small_disk.hpp"
 #include "tests/helpers/stored_image.hpp"
 
 namespace dimple {
@@ -299,14 +298,9 @@ TEST(LabelImage, KeepsTheOlderFileWhenTheDiskIsFull) {
     SCOPED_TRACE(name);
     write_label_image(folder / name, body());
     const std::string before = read_file(folder / name);
-    std::signal(SIGXFSZ, SIG_IGN);
-    rlimit limit{};
-    getrlimit(RLIMIT_FSIZE, &limit);
     for (const rlim_t size : {20'000, 262'144}) {  // early, and in the last block
-      const rlimit small{size, limit.rlim_max};
-      setrlimit(RLIMIT_FSIZE, &small);
+      const SmallDisk full(size);
       EXPECT_THROW(write_label_image(folder / name, noise), OutputError);
-      setrlimit(RLIMIT_FSIZE, &limit);
     }
     EXPECT_EQ(read_file(folder / name), before);
   }
