@@ -67,17 +67,28 @@ Case named(std::string name, Files files, std::string name_of_1, Words warnings 
   return c;
 }
 
-Case placed(std::string name, Files files, const Affine3d& to_world, Words warnings = {}) {
-  return {
-      .name = std::move(name), .files = std::move(files), .words = std::move(warnings), .to_world = to_world};
-}
+/// Cases of images that are one file, all of one name.
+struct OneFile {
+  std::string file, prefix;  ///< how the name of each case begins
 
-Case counted(std::string name, Files files, std::map<int, int> counts, Words warnings = {}) {
-  return {.name = std::move(name),
-          .files = std::move(files),
-          .words = std::move(warnings),
-          .counts = std::move(counts)};
-}
+  Case refused(const std::string& name, std::string bytes, Words words) const {
+    return dimple::refused(prefix + name, {{file, std::move(bytes)}}, std::move(words));
+  }
+  Case right(const std::string& name, std::string bytes, Words warnings = {}) const {
+    return dimple::right(prefix + name, {{file, std::move(bytes)}}, std::move(warnings));
+  }
+  Case placed(const std::string& name, std::string bytes, const Affine3d& to_world,
+              Words warnings = {}) const {
+    Case c = right(name, std::move(bytes), std::move(warnings));
+    c.to_world = to_world;
+    return c;
+  }
+  Case counted(const std::string& name, std::string bytes, std::map<int, int> counts) const {
+    Case c = right(name, std::move(bytes));
+    c.counts = std::move(counts);
+    return c;
+  }
+};
 
 Case prepared(std::string name, std::string argument, std::function<void(const fs::path&)> prepare,
               Words words, int code = 3) {
@@ -135,16 +146,6 @@ Affine3d sheared(double shear) {
   return m;
 }
 
-Affine3d left_handed() {
-  Affine3d m = SmallOrgan().to_world;
-  m.linear().col(0) *= -1.0;
-  return m;
-}
-
-Affine3d turned() {
-  return Eigen::AngleAxisd(0.4, Eigen::Vector3d(1, -2, 3).normalized()) * SmallOrgan().to_world;
-}
-
 Affine3d degenerate() {
   Affine3d m = SmallOrgan().to_world;
   m.linear().col(1) = m.linear().col(0);
@@ -162,8 +163,6 @@ Affine3d spaced(double x, double y, double z) {
   m.linear() = Eigen::Vector3d(x, y, z).asDiagonal();
   return m;
 }
-
-const std::map<int, int> doubled_counts = {{2, 206}, {4, 1}, {6, 1}, {8, 1}, {10, 1}};
 
 /// Grey values as of an MRI, in a type that a label image may have.
 std::string grey_values() {
@@ -282,6 +281,7 @@ std::string nifti_2() {
 }
 
 std::vector<Case> nifti_cases() {
+  const OneFile nii{"a.nii", "A NIfTI "}, gz{"a.nii.gz", "A gzipped NIfTI "};
   const std::string whole = Nifti().file(), packed = gzip(whole);
   const std::string voxels = as_bytes<std::uint8_t>(SmallOrgan().voxel);
   const auto of_type = [](int code, int bits, std::string bytes) {
@@ -301,7 +301,6 @@ std::vector<Case> nifti_cases() {
     return Nifti(organ).set(123, unit).file();
   };
   const Affine3d plain = SmallOrgan().to_world;
-  const Affine3d bare = Affine3d(Scaling(1.5, 2.0, 2.5));
 
   const std::string two = nifti_2();
   std::string dicom(2000, '\0');
@@ -310,33 +309,25 @@ std::vector<Case> nifti_cases() {
 
   std::vector<Case> cases = {
       // cut short or damaged
-      refused("An empty NIfTI", {{"a.nii", ""}}, {"ends after 0 of 348 bytes"}),
-      refused("A NIfTI cut in its header", {{"a.nii", first(whole, 200)}}, {"ends after 200 of 348"}),
-      refused("A NIfTI that is all header", {{"a.nii", first(whole, 352)}}, {"0 of 504 bytes", "incomplete"}),
-      refused("A NIfTI cut by one byte", {{"a.nii", without_last(whole, 1)}},
-              {"503 of 504 bytes", "incomplete"}),
-      refused("A gzipped NIfTI cut in its voxels", {{"a.nii.gz", without_last(packed, 20)}}, {"incomplete"}),
-      refused("A gzipped NIfTI cut in its first bytes", {{"a.nii.gz", first(packed, 12)}}, {"incomplete"}),
-      refused("A gzipped NIfTI without its checksum", {{"a.nii.gz", without_last(packed, 8)}}, {"checksum"}),
-      refused("A gzipped NIfTI with another checksum",
-              {{"a.nii.gz", with_flipped_byte(packed, packed.size() - 6)}}, {"damaged"}),
-      refused("A gzipped NIfTI damaged in its middle",
-              {{"a.nii.gz", with_flipped_byte(packed, packed.size() / 2)}}, {"damaged"}),
-      right("A gzipped NIfTI with rubbish after its end", {{"a.nii.gz", packed + "rubbish after the end"}}),
-      right("A NIfTI gzipped in two members",
-            {{"a.nii.gz", gzip(first(whole, 500)) + gzip(whole.substr(500))}}),
+      nii.refused("that is empty", "", {"ends after 0 of 348 bytes"}),
+      nii.refused("cut in its header", first(whole, 200), {"ends after 200 of 348"}),
+      nii.refused("that is all header", first(whole, 352), {"0 of 504 bytes", "incomplete"}),
+      nii.refused("cut by one byte", without_last(whole, 1), {"503 of 504 bytes", "incomplete"}),
+      gz.refused("cut in its voxels", without_last(packed, 20), {"incomplete"}),
+      gz.refused("cut in its first bytes", first(packed, 12), {"incomplete"}),
+      gz.refused("without its checksum", without_last(packed, 8), {"checksum"}),
+      gz.refused("with another checksum", with_flipped_byte(packed, packed.size() - 6), {"damaged"}),
+      gz.refused("damaged in its middle", with_flipped_byte(packed, packed.size() / 2), {"damaged"}),
+      gz.right("with rubbish after its end", packed + "rubbish after the end"),
       right("A gzipped NIfTI under the name of a plain one", {{"a.nii", packed}}),
       right("A plain NIfTI under the name of a gzipped one", {{"a.nii.gz", whole}}),
-      right("A NIfTI that goes on after its voxels", {{"a.nii", whole + std::string(252, '\1')}},
-            {"goes on for 252 bytes after its voxels"}),
-      right("A gzipped NIfTI that goes on after its voxels",
-            {{"a.nii.gz", gzip(whole + std::string(252, '\1'))}}, {"goes on"}),
+      nii.right("that goes on after its voxels", whole + std::string(252, '\1'),
+                {"goes on for 252 bytes after its voxels"}),
+      gz.right("that goes on after its voxels", gzip(whole + std::string(252, '\1')), {"goes on"}),
 
       // sizes
-      refused("A NIfTI of 1500 voxels each way in one kilobyte",
-              {{"a.nii", Nifti().dims({1500, 1500, 1500}).file()}}, {"3.38e+09 voxels"}),
-      refused("A NIfTI of 1200 voxels each way in one kilobyte",
-              {{"a.nii", Nifti().dims({1200, 1200, 1200}).file()}}, {"cannot hold 1728000000 bytes"}),
+      nii.refused("of 1200 voxels each way in one kilobyte", Nifti().dims({1200, 1200, 1200}).file(),
+                  {"cannot hold 1728000000 bytes"}),
       large("A NIfTI of a thousand voxels each way in two megabytes", "a.nii",
             [] {
               return Nifti().dims({1000, 1000, 1000}).data(std::string(2'000'000, '\1')).file();
@@ -352,165 +343,113 @@ std::vector<Case> nifti_cases() {
               return gzip(Nifti().dims({1290, 1290, 1290}).type(64, 64).data(noise(1'000'000)).file());
             },
             {"cannot hold 17173512000 bytes"}),
-      refused("A NIfTI of 32767 voxels each way", {{"a.nii", Nifti().dims({32767, 32767, 32767}).file()}},
-              {"3.52e+13 voxels"}),
+      nii.refused("of 32767 voxels each way", Nifti().dims({32767, 32767, 32767}).file(),
+                  {"3.52e+13 voxels"}),
       large("A gzipped NIfTI of nothing but zeros that unpacks to 216 megabytes", "a.nii.gz",
             [] {
               return gzip(Nifti().dims({600, 600, 600}).data(std::string(216'000'000, '\0')).file());
             },
             {"all 216000000 voxels are background"}),
-      refused("A NIfTI with a negative size", {{"a.nii", Nifti().dims({9, -8, 7}).file()}}, {"-8 voxels"}),
-      refused("A NIfTI with a size of zero", {{"a.nii", Nifti().dims({9, 8, 0}).file()}}, {"0 voxels"}),
-      refused("A NIfTI without axes", {{"a.nii", Nifti().set(40, std::int16_t{0}).file()}}, {"0 axes"}),
-      refused("A NIfTI of nine axes", {{"a.nii", Nifti().set(40, std::int16_t{9}).file()}}, {"9 axes"}),
-      refused("A NIfTI of minus three axes", {{"a.nii", Nifti().set(40, std::int16_t{-3}).file()}},
-              {"-3 axes"}),
-      refused("A flat NIfTI", {{"a.nii", Nifti().dims({24, 21}).file()}}, {"flat: 24 x 21 voxels"}),
-      refused("A NIfTI of one slice", {{"a.nii", Nifti().dims({24, 21, 1}).file()}},
-              {"flat", "one slice", "whole segmented volume"}),
-      refused("A NIfTI of two time frames",
-              {{"a.nii", Nifti().dims({9, 8, 7, 2}).data(voxels + voxels).file()}},
-              {"4 axes (9 x 8 x 7 x 2 voxels)", "time frame"}),
-      refused("A NIfTI of vectors",
-              {{"a.nii", Nifti().dims({9, 8, 7, 1, 3}).data(voxels + voxels + voxels).file()}},
-              {"holds 3 numbers"}),
-      right("A NIfTI with further axes of length 1", {{"a.nii", Nifti().dims({9, 8, 7, 1, 1, 1, 1}).file()}}),
-      right("A NIfTI with a fourth axis of length 0", {{"a.nii", Nifti().dims({9, 8, 7, 0}).file()}}),
+      nii.refused("with a negative size", Nifti().dims({9, -8, 7}).file(), {"-8 voxels"}),
+      nii.refused("with a size of zero", Nifti().dims({9, 8, 0}).file(), {"0 voxels"}),
+      nii.refused("without axes", Nifti().set(40, std::int16_t{0}).file(), {"0 axes"}),
+      nii.refused("of nine axes", Nifti().set(40, std::int16_t{9}).file(), {"9 axes"}),
+      nii.refused("of minus three axes", Nifti().set(40, std::int16_t{-3}).file(), {"-3 axes"}),
+      nii.refused("that is flat", Nifti().dims({24, 21}).file(), {"flat: 24 x 21 voxels"}),
+      nii.refused("of one slice", Nifti().dims({24, 21, 1}).file(),
+                  {"flat", "one slice", "whole segmented volume"}),
+      nii.refused("of two time frames", Nifti().dims({9, 8, 7, 2}).data(voxels + voxels).file(),
+                  {"4 axes (9 x 8 x 7 x 2 voxels)", "time frame"}),
+      nii.refused("of vectors", Nifti().dims({9, 8, 7, 1, 3}).data(voxels + voxels + voxels).file(),
+                  {"holds 3 numbers"}),
+      nii.right("with further axes of length 1", Nifti().dims({9, 8, 7, 1, 1, 1, 1}).file()),
+      nii.right("with a fourth axis of length 0", Nifti().dims({9, 8, 7, 0}).file()),
 
       // types and values
-      right("A NIfTI of the second version", {{"a.nii", two}}),
-      right("A gzipped NIfTI of the second version", {{"a.nii.gz", gzip(two)}}),
-      refused("A NIfTI of the second version cut in its header", {{"a.nii", first(two, 400)}},
-              {"52 of 192 bytes"}),
-      refused("A NIfTI of the second version cut by one byte", {{"a.nii", without_last(two, 1)}},
-              {"503 of 504 bytes"}),
-      refused("A NIfTI of the second version sent as a text", {{"a.nii", with_flipped_byte(two, 8)}},
-              {"not a NIfTI-2 image"}),
-      refused("A NIfTI of the second version with sizes beyond any count",
-              {{"a.nii", std::string(two).replace(24, 8, "\xff\xff\xff\xff\xff\xff\xff\x7f", 8)}},
-              {"e+20 voxels"}),
-      refused("A NIfTI of the second version whose voxels begin nowhere",
-              {{"a.nii", std::string(two).replace(168, 8, "\xff\xff\xff\xff\xff\xff\xff\x7f", 8)}},
-              {"begin at byte"}),
-      refused("A NIfTI of colours", {{"a.nii", of_type(128, 24, voxels + voxels + voxels)}}, {"RGB24"}),
-      refused("A NIfTI of colours with opacity", {{"a.nii", of_type(2304, 32, voxels)}}, {"RGBA32"}),
-      refused("A NIfTI of complex numbers", {{"a.nii", of_type(32, 64, voxels)}}, {"COMPLEX64"}),
-      refused("A NIfTI of single bits", {{"a.nii", of_type(1, 1, voxels)}}, {"BINARY"}),
-      refused("A NIfTI of no type", {{"a.nii", of_type(0, 0, voxels)}}, {"not one number each"}),
-      right("A NIfTI whose type and bits disagree", {{"a.nii", of_type(2, 16, voxels)}},
-            {"16 bits per voxel where its type has 8"}),
-      refused("A probability map in NIfTI", {{"a.nii", floats(0.5)}},
-              {"0.5, which is not a whole number", "probability"}),
-      refused("A NIfTI with a voxel that is not a number", {{"a.nii", floats(nan)}},
-              {"not finite", "(4, 4, 3)"}),
-      refused("A NIfTI with an infinite voxel", {{"a.nii", floats(std::numeric_limits<double>::infinity())}},
-              {"not finite"}),
-      refused("A NIfTI with a negative label",
-              {{"a.nii", of_type(4, 16, as_bytes<std::int16_t>(with_voxel(-1).voxel))}},
-              {"-1, which is negative"}),
-      refused("A NIfTI with a label beyond 32 bits",
-              {{"a.nii", of_type(768, 32, as_bytes<std::uint32_t>(with_voxel(4e9).voxel))}},
-              {"larger than 2147483647"}),
-      refused("A NIfTI with a label beyond 64 bits of precision",
-              {{"a.nii", of_type(1280, 64, as_bytes<std::uint64_t>(with_voxel(9.3e18).voxel))}},
-              {"larger than"}),
-      right("A NIfTI of 64 bits", {{"a.nii", of_type(1024, 64, as_bytes<std::int64_t>(SmallOrgan().voxel))}}),
-      right("A NIfTI of whole doubles", {{"a.nii", of_type(64, 64, as_bytes<double>(SmallOrgan().voxel))}}),
-      counted("A NIfTI with a label above 65535",
-              {{"a.nii", of_type(8, 32, as_bytes<std::int32_t>(with_voxel(70000).voxel))}},
-              {{1, 205}, {2, 1}, {3, 1}, {4, 1}, {5, 1}, {70000, 1}}),
-      right("A NIfTI in the other byte order",
-            {{"a.nii", Nifti()
-                           .type(512, 16)
-                           .data(as_bytes<std::uint16_t>(SmallOrgan().voxel, true))
-                           .swap_header()
-                           .file()}}),
-      right("A NIfTI of floats in the other byte order",
-            {{"a.nii",
-              Nifti().type(16, 32).data(as_bytes<float>(SmallOrgan().voxel, true)).swap_header().file()}}),
-      refused("A NIfTI of nothing but background", {{"a.nii", Nifti().data(std::string(504, '\0')).file()}},
-              {"all 504 voxels are background"}),
-      counted("A NIfTI whose numbers are scaled", {{"a.nii", Nifti().set(112, 2.0f).file()}}, doubled_counts),
-      right("A NIfTI scaled by what is not a number", {{"a.nii", Nifti().set(112, float(nan)).file()}}),
-      refused("A NIfTI scaled to fractions", {{"a.nii", Nifti().set(112, 0.1f).file()}},
-              {"0.2, which is not a whole number"}),
-      refused("A NIfTI shifted by what is not a number",
-              {{"a.nii", Nifti().set(112, 1.0f).set(116, float(nan)).file()}}, {"not finite"}),
+      nii.refused("of the second version cut in its header", first(two, 400), {"52 of 192 bytes"}),
+      nii.refused("of the second version cut by one byte", without_last(two, 1), {"503 of 504 bytes"}),
+      nii.refused("of the second version sent as a text", with_flipped_byte(two, 8), {"not a NIfTI-2 image"}),
+      nii.refused("of the second version with sizes beyond any count",
+                  std::string(two).replace(24, 8, "\xff\xff\xff\xff\xff\xff\xff\x7f", 8), {"e+20 voxels"}),
+      nii.refused("of the second version whose voxels begin nowhere",
+                  std::string(two).replace(168, 8, "\xff\xff\xff\xff\xff\xff\xff\x7f", 8), {"begin at byte"}),
+      nii.refused("of colours", of_type(128, 24, voxels + voxels + voxels), {"RGB24"}),
+      nii.refused("of colours with opacity", of_type(2304, 32, voxels), {"RGBA32"}),
+      nii.refused("of complex numbers", of_type(32, 64, voxels), {"COMPLEX64"}),
+      nii.refused("of single bits", of_type(1, 1, voxels), {"BINARY"}),
+      nii.refused("of no type", of_type(0, 0, voxels), {"not one number each"}),
+      nii.right("whose type and bits disagree", of_type(2, 16, voxels),
+                {"16 bits per voxel where its type has 8"}),
+      nii.refused("that is a probability map", floats(0.5),
+                  {"0.5, which is not a whole number", "probability"}),
+      nii.refused("with a voxel that is not a number", floats(nan), {"not finite", "(4, 4, 3)"}),
+      nii.refused("with an infinite voxel", floats(std::numeric_limits<double>::infinity()), {"not finite"}),
+      nii.refused("with a negative label", of_type(4, 16, as_bytes<std::int16_t>(with_voxel(-1).voxel)),
+                  {"-1, which is negative"}),
+      nii.refused("with a label beyond 32 bits",
+                  of_type(768, 32, as_bytes<std::uint32_t>(with_voxel(4e9).voxel)),
+                  {"larger than 2147483647"}),
+      nii.refused("with a label beyond 64 bits of precision",
+                  of_type(1280, 64, as_bytes<std::uint64_t>(with_voxel(9.3e18).voxel)), {"larger than"}),
+      nii.counted("with a label above 65535", of_type(8, 32, as_bytes<std::int32_t>(with_voxel(70000).voxel)),
+                  {{1, 205}, {2, 1}, {3, 1}, {4, 1}, {5, 1}, {70000, 1}}),
+      nii.refused("of nothing but background", Nifti().data(std::string(504, '\0')).file(),
+                  {"all 504 voxels are background"}),
+      nii.right("scaled by what is not a number", Nifti().set(112, float(nan)).file()),
+      nii.refused("shifted by what is not a number", Nifti().set(112, 1.0f).set(116, float(nan)).file(),
+                  {"not finite"}),
 
       // place in space
-      right("A NIfTI with an sform alone", {{"a.nii", sform_only(plain)}}),
-      placed("A NIfTI with an oblique sform alone", {{"a.nii", sform_only(turned())}}, turned()),
-      placed("A NIfTI with a left-handed sform", {{"a.nii", sform_only(left_handed())}}, left_handed()),
-      placed("A NIfTI skewed by a ten-thousandth", {{"a.nii", sform_only(sheared(1e-4))}}, sheared(1e-4)),
-      placed("A NIfTI skewed by a thousandth", {{"a.nii", sform_only(sheared(1e-3))}}, sheared(1e-3),
-             {"not at right angles"}),
-      placed("A NIfTI skewed by a tenth", {{"a.nii", sform_only(sheared(0.1))}}, sheared(0.1),
-             {"not at right angles"}),
-      right("A NIfTI with a qform alone", {{"a.nii", qform_only().file()}}),
-      right("A NIfTI with an empty sform beside its qform",
-            {{"a.nii", Nifti().sform(1, Affine3d(Scaling(0.0))).file()}}, {"sform"}),
-      placed("A NIfTI that does not say how it lies", {{"a.nii", without_place().file()}}, bare,
-             {"does not say how the image lies"}),
-      placed("A NIfTI whose sform and qform disagree",
-             {{"a.nii", Nifti().sform(1, Eigen::Translation3d(10, 0, 0) * plain).file()}},
-             Eigen::Translation3d(10, 0, 0) * plain, {"sform and qform place the image up to 10"}),
-      placed("A NIfTI whose sform leads to an atlas",
-             {{"a.nii", Nifti().sform(4, Scaling(1.25) * plain).file()}}, Scaling(1.25) * plain,
-             {"sform and qform"}),
-      refused("A NIfTI with NaN in its sform", {{"a.nii", sform_only(not_finite())}}, {"not finite"}),
-      refused("A NIfTI with infinity in its qform",
-              {{"a.nii", qform_only().set(268, std::numeric_limits<float>::infinity()).file()}},
-              {"not finite"}),
-      refused("A NIfTI with an sform of one plane", {{"a.nii", sform_only(degenerate())}}, {"one plane"}),
-      refused("A NIfTI with an sform of zeros", {{"a.nii", sform_only(Affine3d(Scaling(0.0)))}},
-              {"0 x 0 x 0 mm"}),
-      refused("A NIfTI with a spacing of zero in its qform", {{"a.nii", qform_only().pixdim(2, 0.0).file()}},
-              {"1.5 x 0 x 2.5 mm"}),
-      refused("A NIfTI with a negative spacing in its qform",
-              {{"a.nii", qform_only().pixdim(2, -2.0).file()}}, {"1.5 x -2 x 2.5 mm"}),
-      refused("A NIfTI with a spacing that is not a number", {{"a.nii", qform_only().pixdim(3, nan).file()}},
-              {"not finite"}),
-      refused("A NIfTI with a spacing of zero and no place",
-              {{"a.nii", without_place().pixdim(1, 0.0).file()}}, {"0 x 2 x 2.5 mm"}),
-      refused("A NIfTI with a negative spacing and no place",
-              {{"a.nii", without_place().pixdim(1, -1.5).file()}}, {"-1.5 x 2 x 2.5 mm"}),
-      right("A NIfTI whose sform and spacing disagree", {{"a.nii", Nifti().qform(0).pixdim(1, 1.0).file()}},
-            {"1 x 2 x 2.5 mm"}),
-      right("A NIfTI in metres", {{"a.nii", in_unit(1, 1000.0)}}, {"metres"}),
-      right("A NIfTI in microns", {{"a.nii", in_unit(3, 0.001)}}, {"microns"}),
-      right("A NIfTI without a unit", {{"a.nii", in_unit(0, 1.0)}}),
-      right("A NIfTI in an unknown unit", {{"a.nii", in_unit(5, 1.0)}}, {"unit of length 5 is unknown"}),
-      placed("A NIfTI of millimetres that says metres", {{"a.nii", Nifti().set(123, char{1}).file()}},
-             Scaling(1000.0) * plain, {"metres", "unusual for an organ"}),
+      nii.placed("skewed by a ten-thousandth", sform_only(sheared(1e-4)), sheared(1e-4)),
+      nii.placed("skewed by a thousandth", sform_only(sheared(1e-3)), sheared(1e-3), {"not at right angles"}),
+      nii.placed("skewed by a tenth", sform_only(sheared(0.1)), sheared(0.1), {"not at right angles"}),
+      nii.right("with an empty sform beside its qform", Nifti().sform(1, Affine3d(Scaling(0.0))).file(),
+                {"sform"}),
+      nii.placed("whose sform leads to an atlas", Nifti().sform(4, Scaling(1.25) * plain).file(),
+                 Scaling(1.25) * plain, {"sform and qform"}),
+      nii.refused("with NaN in its sform", sform_only(not_finite()), {"not finite"}),
+      nii.refused("with infinity in its qform",
+                  qform_only().set(268, std::numeric_limits<float>::infinity()).file(), {"not finite"}),
+      nii.refused("with an sform of one plane", sform_only(degenerate()), {"one plane"}),
+      nii.refused("with an sform of zeros", sform_only(Affine3d(Scaling(0.0))), {"0 x 0 x 0 mm"}),
+      nii.refused("with a spacing of zero in its qform", qform_only().pixdim(2, 0.0).file(),
+                  {"1.5 x 0 x 2.5 mm"}),
+      nii.refused("with a negative spacing in its qform", qform_only().pixdim(2, -2.0).file(),
+                  {"1.5 x -2 x 2.5 mm"}),
+      nii.refused("with a spacing that is not a number", qform_only().pixdim(3, nan).file(), {"not finite"}),
+      nii.refused("with a spacing of zero and no place", without_place().pixdim(1, 0.0).file(),
+                  {"0 x 2 x 2.5 mm"}),
+      nii.refused("with a negative spacing and no place", without_place().pixdim(1, -1.5).file(),
+                  {"-1.5 x 2 x 2.5 mm"}),
+      nii.right("whose sform and spacing disagree", Nifti().qform(0).pixdim(1, 1.0).file(),
+                {"1 x 2 x 2.5 mm"}),
+      nii.right("without a unit", in_unit(0, 1.0)),
+      nii.right("in an unknown unit", in_unit(5, 1.0), {"unit of length 5 is unknown"}),
+      nii.placed("of millimetres that says metres", Nifti().set(123, char{1}).file(), Scaling(1000.0) * plain,
+                 {"metres", "unusual for an organ"}),
 
       // where the voxels begin
-      refused("A NIfTI whose voxels begin far behind its end", {{"a.nii", Nifti().set(108, 9e8f).file()}},
-              {"begin at byte 900000000"}),
-      refused("A gzipped NIfTI whose voxels begin far behind its end",
-              {{"a.nii.gz", gzip(Nifti().set(108, 9e8f).file())}}, {"ends after"}),
-      refused("A NIfTI whose voxels begin before the file", {{"a.nii", Nifti().set(108, -352.0f).file()}},
-              {"begin at byte -352"}),
-      refused("A NIfTI whose voxels begin nowhere", {{"a.nii", Nifti().set(108, float(nan)).file()}},
-              {"begin at byte nan"}),
-      right("A NIfTI that forgot where its voxels begin", {{"a.nii", Nifti().set(108, 0.0f).file()}}),
-      right("A NIfTI with an extension",
-            {{"a.nii", first(Nifti().set(108, 384.0f).file(), 352) + std::string(32, 'x') + voxels}}),
+      nii.refused("whose voxels begin far behind its end", Nifti().set(108, 9e8f).file(),
+                  {"begin at byte 900000000"}),
+      gz.refused("whose voxels begin far behind its end", gzip(Nifti().set(108, 9e8f).file()),
+                 {"ends after"}),
+      nii.refused("whose voxels begin before the file", Nifti().set(108, -352.0f).file(),
+                  {"begin at byte -352"}),
+      nii.refused("whose voxels begin nowhere", Nifti().set(108, float(nan)).file(), {"begin at byte nan"}),
+      nii.right("that forgot where its voxels begin", Nifti().set(108, 0.0f).file()),
+      nii.right("with an extension",
+                first(Nifti().set(108, 384.0f).file(), 352) + std::string(32, 'x') + voxels),
 
       // something else
-      refused("A text under the name of a NIfTI", {{"a.nii", std::string(600, 'x')}},
-              {"not a NIfTI-1 image"}),
-      refused("A gzipped text under the name of a NIfTI", {{"a.nii.gz", gzip(std::string(600, 'x'))}},
-              {"not a NIfTI-1 image"}),
-      refused("A NIfTI with a wrong magic",
-              {{"a.nii", Nifti().set(344, std::array<char, 4>{'n', '+', '3', 0}).file()}},
-              {"not a NIfTI-1 image"}),
-      refused("A DICOM file under the name of a NIfTI", {{"a.nii", dicom}}, {"DICOM"}),
-      refused("An NRRD under the name of a NIfTI", {{"a.nii", Nrrd().file()}}, {"not a NIfTI-1 image"}),
+      nii.refused("that is a text", std::string(600, 'x'), {"not a NIfTI-1 image"}),
+      gz.refused("that is a text", gzip(std::string(600, 'x')), {"not a NIfTI-1 image"}),
+      nii.refused("with a wrong magic", Nifti().set(344, std::array<char, 4>{'n', '+', '3', 0}).file(),
+                  {"not a NIfTI-1 image"}),
+      nii.refused("that is a DICOM file", dicom, {"DICOM"}),
+      nii.refused("that is an NRRD", Nrrd().file(), {"not a NIfTI-1 image"}),
 
       // header and voxels apart
-      right("A NIfTI in two files", {{"a.hdr", pair.header()}, {"a.img", voxels}}),
       right("A NIfTI in two files named by its voxels", {{"a.img", voxels}, {"a.hdr", pair.header()}}),
-      right("A NIfTI in two gzipped files", {{"a.hdr.gz", gzip(pair.header())}, {"a.img.gz", gzip(voxels)}}),
       right("A NIfTI in two files of which one is gzipped",
             {{"a.hdr", pair.header()}, {"a.img.gz", gzip(voxels)}}),
       refused("A NIfTI without its second file", {{"a.hdr", pair.header()}}, {"a.img", "No such file"}),
@@ -531,6 +470,7 @@ std::vector<Case> nifti_cases() {
 // -------------------------------------------------------------------------------------------------- NRRD
 
 std::vector<Case> nrrd_cases() {
+  const OneFile nrrd{"a.nrrd", "An NRRD "};
   const std::string voxels = as_bytes<std::uint8_t>(SmallOrgan().voxel);
   const auto with = [](const std::string& key, const std::string& value) {
     return Nrrd().set(key, value).file();
@@ -540,12 +480,7 @@ std::vector<Case> nrrd_cases() {
   const auto encoded = [](const std::string& encoding, std::string bytes) {
     return Nrrd().set("encoding", encoding).data(std::move(bytes)).file();
   };
-  const auto of_type = [](const std::string& type, std::string bytes) {
-    return Nrrd().set("type", type).set("endian", "little").data(std::move(bytes)).file();
-  };
-  const auto detached = [](const std::string& where) { return Nrrd().set("data file", where).header(); };
   const Affine3d plain = SmallOrgan().to_world;
-  const Affine3d ras = Scaling(-1.0, -1.0, 1.0) * plain;
   std::string text, hex;
   for (const unsigned char v : voxels) {
     text += std::to_string(int{v}) + " ";
@@ -581,180 +516,175 @@ std::vector<Case> nrrd_cases() {
 
   std::vector<Case> cases = {
       // cut short or damaged
-      refused("An empty NRRD", {{"a.nrrd", ""}}, {"cannot be read as NRRD"}),
-      refused("An NRRD that is all magic", {{"a.nrrd", "NRRD0004\n"}}, {"cannot be read as NRRD"}),
-      refused("A text under the name of an NRRD", {{"a.nrrd", "not an image\n"}}, {"cannot be read as NRRD"}),
-      refused("An NRRD of a version to come", {{"a.nrrd", "NRRD0009" + Nrrd().file().substr(8)}}, {"cannot be read"}),
-      refused("An NRRD cut by one byte", {{"a.nrrd", without_last(Nrrd().file(), 1)}},
-              {"503 of 504 bytes", "incomplete"}),
-      refused("An NRRD without an end of its header", {{"a.nrrd", without_last(Nrrd().header(), 1)}}, {"NRRD"}),
-      refused("An NRRD with noise for a header", {{"a.nrrd", "NRRD0004\n" + noise(5000)}}, {"NRRD"}),
-      refused("An NRRD with a line of a megabyte",
-              {{"a.nrrd", Nrrd().set("content", std::string(1 << 20, 'x')).set("sizes", "900 800 700").file()}},
-              {"of 504000000 bytes"}),
-      right("An NRRD with a comment of a megabyte", {{"a.nrrd", Nrrd().more("# " + std::string(1 << 20, 'x') + "\n").file()}}),
-      right("An NRRD with the line ends of Windows", {{"a.nrrd", crlf + voxels}}),
-      right("An NRRD that goes on after its voxels", {{"a.nrrd", Nrrd().file() + std::string(72, '\1')}},
-            {"goes on for 72 bytes after its voxels"}),
-      right("A gzipped NRRD", {{"a.nrrd", encoded("gzip", packed)}}),
-      refused("A gzipped NRRD cut short", {{"a.nrrd", encoded("gzip", without_last(packed, 20))}}, {"incomplete"}),
+      nrrd.refused("that is empty", "", {"cannot be read as NRRD"}),
+      nrrd.refused("that is all magic", "NRRD0004\n", {"cannot be read as NRRD"}),
+      nrrd.refused("that is a text", "not an image\n", {"cannot be read as NRRD"}),
+      nrrd.refused("of a version to come", "NRRD0009" + Nrrd().file().substr(8), {"cannot be read"}),
+      nrrd.refused("cut by one byte", without_last(Nrrd().file(), 1), {"503 of 504 bytes", "incomplete"}),
+      nrrd.refused("without an end of its header", without_last(Nrrd().header(), 1), {"NRRD"}),
+      nrrd.refused("with noise for a header", "NRRD0004\n" + noise(5000), {"NRRD"}),
+      nrrd.refused("with a line of a megabyte",
+                   Nrrd().set("content", std::string(1 << 20, 'x')).set("sizes", "900 800 700").file(),
+                   {"of 504000000 bytes"}),
+      nrrd.right("with a comment of a megabyte", Nrrd().more("# " + std::string(1 << 20, 'x') + "\n").file()),
+      nrrd.right("with the line ends of Windows", crlf + voxels),
+      nrrd.right("that goes on after its voxels", Nrrd().file() + std::string(72, '\1'),
+                 {"goes on for 72 bytes after its voxels"}),
+      refused("A gzipped NRRD cut short", {{"a.nrrd", encoded("gzip", without_last(packed, 20))}},
+              {"incomplete"}),
       refused("A gzipped NRRD damaged in its middle",
               {{"a.nrrd", encoded("gzip", with_flipped_byte(packed, packed.size() / 2))}}, {"damaged"}),
-      refused("An NRRD that is not gzipped but says so", {{"a.nrrd", encoded("gzip", voxels)}}, {"damaged"}),
-      right("A gzipped NRRD with rubbish after its end", {{"a.nrrd", encoded("gzip", packed + "rubbish after the end")}}),
-      right("An NRRD in ASCII", {{"a.nrrd", encoded("ascii", text)}}),
-      refused("An NRRD in ASCII cut short", {{"a.nrrd", encoded("ascii", first(text, 700))}}, {"incomplete"}),
-      refused("An NRRD in ASCII with words in it", {{"a.nrrd", encoded("ascii", "nine " + text)}}, {"a.nrrd"}),
-      right("An NRRD in hexadecimal", {{"a.nrrd", encoded("hex", hex)}}),
-      refused("An NRRD in hexadecimal cut short", {{"a.nrrd", encoded("hex", first(hex, 500))}}, {"incomplete"}),
-      refused("A bzipped NRRD", {{"a.nrrd", encoded("bzip2", "BZh9" + noise(300))}}, {"bzip2", "gzip", "unu save"}),
-      refused("An NRRD of unknown encoding", {{"a.nrrd", encoded("zip", voxels)}}, {"encoding"}),
+      nrrd.refused("that is not gzipped but says so", encoded("gzip", voxels), {"damaged"}),
+      right("A gzipped NRRD with rubbish after its end",
+            {{"a.nrrd", encoded("gzip", packed + "rubbish after the end")}}),
+      nrrd.refused("in ASCII cut short", encoded("ascii", first(text, 700)), {"incomplete"}),
+      nrrd.refused("in ASCII with words in it", encoded("ascii", "nine " + text), {"a.nrrd"}),
+      nrrd.refused("in hexadecimal cut short", encoded("hex", first(hex, 500)), {"incomplete"}),
+      nrrd.refused("that is bzipped", encoded("bzip2", "BZh9" + noise(300)), {"bzip2", "gzip", "unu save"}),
+      nrrd.refused("of unknown encoding", encoded("zip", voxels), {"encoding"}),
 
       // sizes
-      refused("An NRRD without sizes", {{"a.nrrd", lacking("sizes")}}, {"cannot be read as NRRD"}),
-      refused("An NRRD of too few sizes", {{"a.nrrd", with("sizes", "9 8")}}, {"cannot be read as NRRD"}),
-      refused("An NRRD with a negative size", {{"a.nrrd", with("sizes", "9 -8 7")}}, {"a.nrrd"}),
-      refused("An NRRD with a size of zero", {{"a.nrrd", with("sizes", "9 0 7")}}, {"a.nrrd"}),
-      refused("An NRRD with sizes in words", {{"a.nrrd", with("sizes", "nine eight seven")}}, {"a.nrrd"}),
-      refused("An NRRD whose sizes overflow", {{"a.nrrd", with("sizes", "4294967296 4294967296 4294967296")}}, {"a.nrrd"}),
-      refused("An NRRD whose sizes overflow to what it holds",
-              {{"a.nrrd", with("sizes", "4611686018427387905 4 126")}}, {"a.nrrd"}),
-      refused("An NRRD of 1200 voxels each way in one kilobyte", {{"a.nrrd", with("sizes", "1200 1200 1200")}},
-              {"cannot hold 1728000000 bytes"}),
-      large("An NRRD of a thousand voxels each way in two megabytes", "a.nrrd", [] { return Nrrd().set("sizes", "1000 1000 1000").data(std::string(2'000'000, '\1')).file(); }, {"2000000 of 1000000000 bytes"}),
-      large("A gzipped NRRD of a thousand voxels each way in two megabytes", "a.nrrd", [] { return Nrrd().set("sizes", "1000 1000 1000").set("encoding", "gzip").data(gzip(noise(2'000'000))).file(); }, {"2000000 of 1000000000 bytes"}),
-      large("An NRRD in ASCII of a thousand voxels each way in two megabytes", "a.nrrd", [] { return Nrrd().set("sizes", "1000 1000 1000").set("encoding", "ascii").data(std::string(2'000'000, '1')).file(); }, {"1000000000"}),
-      refused("An NRRD of 17 axes", {{"a.nrrd", with("dimension", "17")}}, {"a.nrrd"}),
-      refused("An NRRD of 4 billion axes", {{"a.nrrd", with("dimension", "4294967299")}}, {"a.nrrd"}),
-      refused("An NRRD without axes", {{"a.nrrd", with("dimension", "0")}}, {"a.nrrd"}),
-      refused("An NRRD that does not say how many axes it has", {{"a.nrrd", lacking("dimension")}}, {"a.nrrd"}),
-      refused("An NRRD with two lines of sizes", {{"a.nrrd", Nrrd().more("sizes: 9 8 7\n").file()}}, {"a.nrrd"}),
-      refused("A flat NRRD", {{"a.nrrd", "NRRD0004\ntype: uint8\ndimension: 2\nsizes: 24 21\nencoding: raw\n\n" + voxels}},
-              {"flat: 24 x 21"}),
-      refused("An NRRD of one slice", {{"a.nrrd", with("sizes", "24 21 1")}}, {"flat"}),
-      refused("An NRRD of two layers", {{"a.seg.nrrd", layers("list", 2)}}, {"holds 2 numbers", "overlap"}),
-      refused("An NRRD of vectors", {{"a.nrrd", layers("vector", 3)}}, {"holds 3 numbers"}),
-      refused("An NRRD of colours", {{"a.nrrd", layers("RGB-color", 3)}}, {"holds 3 numbers"}),
-      refused("An NRRD with an axis of time", {{"a.nrrd", layers("time", 2)}}, {"4 axes (sizes: 2 9 8 7)", "time frame"}),
+      nrrd.refused("of 1200 voxels each way in one kilobyte", with("sizes", "1200 1200 1200"),
+                   {"cannot hold 1728000000 bytes"}),
+      large("An NRRD of a thousand voxels each way in two megabytes", "a.nrrd",
+            [] { return Nrrd().set("sizes", "1000 1000 1000").data(std::string(2'000'000, '\1')).file(); },
+            {"2000000 of 1000000000 bytes"}),
+      large("A gzipped NRRD of a thousand voxels each way in two megabytes", "a.nrrd",
+            [] {
+              return Nrrd()
+                  .set("sizes", "1000 1000 1000")
+                  .set("encoding", "gzip")
+                  .data(gzip(noise(2'000'000)))
+                  .file();
+            },
+            {"2000000 of 1000000000 bytes"}),
+      large("An NRRD in ASCII of a thousand voxels each way in two megabytes", "a.nrrd",
+            [] {
+              return Nrrd()
+                  .set("sizes", "1000 1000 1000")
+                  .set("encoding", "ascii")
+                  .data(std::string(2'000'000, '1'))
+                  .file();
+            },
+            {"1000000000"}),
+      nrrd.refused("with two lines of sizes", Nrrd().more("sizes: 9 8 7\n").file(), {"a.nrrd"}),
+      nrrd.refused("that is flat",
+                   "NRRD0004\ntype: uint8\ndimension: 2\nsizes: 24 21\nencoding: raw\n\n" + voxels,
+                   {"flat: 24 x 21"}),
+      nrrd.refused("of one slice", with("sizes", "24 21 1"), {"flat"}),
+      nrrd.refused("of vectors", layers("vector", 3), {"holds 3 numbers"}),
+      nrrd.refused("of colours", layers("RGB-color", 3), {"holds 3 numbers"}),
       right("An NRRD of one layer", {{"a.seg.nrrd", layers("list", 1)}}),
 
       // types and values
-      refused("An NRRD without a type", {{"a.nrrd", lacking("type")}}, {"a.nrrd"}),
-      refused("An NRRD of an unknown type", {{"a.nrrd", with("type", "quaternion")}}, {"a.nrrd"}),
-      refused("An NRRD of blocks", {{"a.nrrd", Nrrd().set("type", "block").set("block size", "4").file()}}, {"a.nrrd"}),
-      refused("An NRRD of two bytes in unknown order",
-              {{"a.nrrd", Nrrd().set("type", "uint16").data(as_bytes<std::uint16_t>(SmallOrgan().voxel)).file()}}, {"endian"}),
-      right("An NRRD in the other byte order",
-            {{"a.nrrd", Nrrd().set("type", "int32").set("endian", "big").data(as_bytes<std::int32_t>(SmallOrgan().voxel, true)).file()}}),
-      refused("An NRRD with a negative label", {{"a.nrrd", of_type("int16", as_bytes<std::int16_t>(with_voxel(-1).voxel))}},
-              {"-1, which is negative"}),
-      refused("An NRRD with a voxel that is not a number", {{"a.nrrd", of_type("float", as_bytes<float>(with_voxel(nan).voxel))}},
-              {"not finite"}),
-      refused("A probability map in NRRD", {{"a.nrrd", of_type("double", as_bytes<double>(with_voxel(0.25).voxel))}},
-              {"0.25, which is not a whole number"}),
-      right("An NRRD of 64 bits", {{"a.nrrd", of_type("uint64", as_bytes<std::uint64_t>(SmallOrgan().voxel))}}),
-      refused("An NRRD of nothing but background", {{"a.nrrd", Nrrd().data(std::string(504, '\0')).file()}},
-              {"all 504 voxels are background"}),
+      nrrd.refused("of blocks", Nrrd().set("type", "block").set("block size", "4").file(), {"a.nrrd"}),
+      nrrd.refused("of two bytes in unknown order",
+                   Nrrd().set("type", "uint16").data(as_bytes<std::uint16_t>(SmallOrgan().voxel)).file(),
+                   {"endian"}),
 
       // place in space
-      right("An NRRD in right anterior superior",
-            {{"a.nrrd", Nrrd().set("space", "right-anterior-superior").geometry(ras).file()}}),
-      right("An NRRD in RAS for short", {{"a.nrrd", Nrrd().set("space", "RAS").geometry(ras).file()}}),
-      right("An NRRD in left anterior superior",
-            {{"a.nrrd", Nrrd().set("space", "left-anterior-superior").geometry(Scaling(1.0, -1.0, 1.0) * plain).file()}}),
-      right("An NRRD in the coordinates of a scanner", {{"a.nrrd", with("space", "scanner-xyz")}},
-            {"does not name patient directions"}),
-      right("An NRRD in a space of three directions",
-            {{"a.nrrd", [] { std::string f = Nrrd().file(); return f.replace(f.find("space: left-posterior-superior"), 30, "space dimension: 3"); }()}},
-            {"does not name patient directions"}),
-      refused("An NRRD in an unknown space", {{"a.nrrd", with("space", "left-posterior-inferior")}}, {"a.nrrd"}),
-      placed("An oblique NRRD", {{"a.nrrd", at(turned())}}, turned()),
-      placed("A left-handed NRRD", {{"a.nrrd", at(left_handed())}}, left_handed()),
-      placed("A skewed NRRD", {{"a.nrrd", at(sheared(0.1))}}, sheared(0.1), {"not at right angles"}),
-      refused("An NRRD with axes in one plane", {{"a.nrrd", at(degenerate())}}, {"one plane"}),
-      refused("An NRRD with NaN in its origin", {{"a.nrrd", at(not_finite())}}, {"nan"}),
-      refused("An NRRD with a spacing of zero", {{"a.nrrd", at(spaced(1.5, 0.0, 2.5))}},
-              {"axis 2 has the direction (0,0,0), which has no length", "place in space"}),
-      refused("An NRRD with a spacing of next to nothing",
-              {{"a.nrrd", with("space directions", "(1.5,0,0) (0,1e-310,0) (0,0,2.5)")}}, {"no length"}),
-      refused("An NRRD with a direction of one axis missing",
-              {{"a.nrrd", with("space directions", "(1.5,0,0) (0,2,0) none")}}, {"a.nrrd"}),
-      refused("An NRRD whose space has more letters than the library has room for",
-              {{"a.nrrd", with("space", std::string(1000, 'l'))}}, {"the line of space is 1007 letters long"}),
-      refused("An NRRD whose directions have more letters than the library has room for",
-              {{"a.nrrd", with("space directions", "(1.5,0,0) (0,2,0) (0,0,2.5" + std::string(1000, '0'))}},
-              {"space directions are not 3 vectors"}),
-      refused("An NRRD whose directions are many and of four numbers",
-              {{"a.nrrd", with("space directions", "(1.5,0,0) (0,2,0) (0,888881,1,0) (0," + std::string(40, '8') + ",0) (0,0,1) (0,0,1," + std::string(60, '8') + ")")}},
-              {"space directions are not 3 vectors"}),
-      refused("An NRRD with a long line that says nothing",
-              {{"a.nrrd", with("space", "left-posterior-superior\n" + std::string(1000, 'x'))}},
-              {"letters long"}),
-      right("An NRRD whose directions have every digit",
-            {{"a.nrrd", with("space directions",
-                             "(1.50000000000000000,-0.00000000000000000,0.00000000000000000) "
-                             "(0.00000000000000000,2.00000000000000000,-0.00000000000000000) "
-                             "(-0.00000000000000000,0.00000000000000000,2.50000000000000000)")}}),
-      right("An NRRD with a long description", {{"a.nrrd", with("content", std::string(1000, 'c'))}}),
-      right("An NRRD with a long value of a key of its own",
-            {{"a.nrrd", with("space", "left-posterior-superior\nmine:=" + std::string(5000, 'v'))}}),
-      placed("An NRRD without an origin", {{"a.nrrd", lacking("space origin")}}, Affine3d(Scaling(1.5, 2.0, 2.5)),
-             {"no space origin"}),
-      placed("An NRRD with spacings alone",
-             {{"a.nrrd", Nrrd().erase("space").erase("space directions").erase("space origin").set("spacings", "1.5 2 2.5").file()}},
-             Affine3d(Scaling(1.5, 2.0, 2.5)), {"no space directions"}),
-      refused("An NRRD with a spacing that is not a number",
-              {{"a.nrrd", Nrrd().erase("space").erase("space directions").erase("space origin").set("spacings", "1.5 nan 2.5").file()}},
-              {"a.nrrd"}),
-      right("An NRRD in metres", {{"a.nrrd", in_unit("m", 1000.0)}}, {"lengths in m;"}),
-      right("An NRRD in microns", {{"a.nrrd", in_unit("um", 0.001)}}, {"lengths in um;"}),
-      right("An NRRD in an unknown unit", {{"a.nrrd", in_unit("pc", 1.0)}}, {"'pc' is unknown"}),
+      nrrd.right("in the coordinates of a scanner", with("space", "scanner-xyz"),
+                 {"does not name patient directions"}),
+      nrrd.right("in a space of three directions",
+                 [] {
+                   std::string f = Nrrd().file();
+                   return f.replace(f.find("space: left-posterior-superior"), 30, "space dimension: 3");
+                 }(),
+                 {"does not name patient directions"}),
+      nrrd.placed("that is skewed", at(sheared(0.1)), sheared(0.1), {"not at right angles"}),
+      nrrd.refused("with axes in one plane", at(degenerate()), {"one plane"}),
+      nrrd.refused("with NaN in its origin", at(not_finite()), {"nan"}),
+      nrrd.refused("with a spacing of zero", at(spaced(1.5, 0.0, 2.5)),
+                   {"axis 2 has the direction (0,0,0), which has no length", "place in space"}),
+      nrrd.refused("with a spacing of next to nothing",
+                   with("space directions", "(1.5,0,0) (0,1e-310,0) (0,0,2.5)"), {"no length"}),
+      nrrd.refused("whose space has more letters than the library has room for",
+                   with("space", std::string(1000, 'l')), {"the line of space is 1007 letters long"}),
+      nrrd.refused("whose directions have more letters than the library has room for",
+                   with("space directions", "(1.5,0,0) (0,2,0) (0,0,2.5" + std::string(1000, '0')),
+                   {"space directions are not 3 vectors"}),
+      nrrd.refused("whose directions are many and of four numbers",
+                   with("space directions", "(1.5,0,0) (0,2,0) (0,888881,1,0) (0," + std::string(40, '8') +
+                                                ",0) (0,0,1) (0,0,1," + std::string(60, '8') + ")"),
+                   {"space directions are not 3 vectors"}),
+      nrrd.refused("with a long line that says nothing",
+                   with("space", "left-posterior-superior\n" + std::string(1000, 'x')), {"letters long"}),
+      nrrd.right("whose directions have every digit",
+                 with("space directions",
+                      "(1.50000000000000000,-0.00000000000000000,0.00000000000000000) "
+                      "(0.00000000000000000,2.00000000000000000,-0.00000000000000000) "
+                      "(-0.00000000000000000,0.00000000000000000,2.50000000000000000)")),
+      nrrd.right("with a long description", with("content", std::string(1000, 'c'))),
+      nrrd.right("with a long value of a key of its own",
+                 with("space", "left-posterior-superior\nmine:=" + std::string(5000, 'v'))),
+      nrrd.placed("without an origin", lacking("space origin"), Affine3d(Scaling(1.5, 2.0, 2.5)),
+                  {"no space origin"}),
+      nrrd.placed("with spacings alone",
+                  Nrrd()
+                      .erase("space")
+                      .erase("space directions")
+                      .erase("space origin")
+                      .set("spacings", "1.5 2 2.5")
+                      .file(),
+                  Affine3d(Scaling(1.5, 2.0, 2.5)), {"no space directions"}),
+      nrrd.refused("with a spacing that is not a number",
+                   Nrrd()
+                       .erase("space")
+                       .erase("space directions")
+                       .erase("space origin")
+                       .set("spacings", "1.5 nan 2.5")
+                       .file(),
+                   {"a.nrrd"}),
+      nrrd.right("in metres", in_unit("m", 1000.0), {"lengths in m;"}),
+      nrrd.right("in microns", in_unit("um", 0.001), {"lengths in um;"}),
+      nrrd.right("in an unknown unit", in_unit("pc", 1.0), {"'pc' is unknown"}),
 
       // header and voxels apart
-      right("An NRRD in two files", {{"a.nhdr", detached("a.raw")}, {"a.raw", voxels}}),
-      right("An NRRD with its voxels in another folder", {{"b/a.nhdr", detached("../a.raw")}, {"a.raw", voxels}}),
-      refused("An NRRD without its second file", {{"a.nhdr", detached("a.raw")}}, {"a.raw", "No such file"}),
-      refused("An NRRD that does not name its second file", {{"a.nhdr", Nrrd().header()}}, {"0 of 504 bytes"}),
-      refused("An NRRD whose second file is cut short", {{"a.nhdr", detached("a.raw")}, {"a.raw", first(voxels, 100)}},
-              {"100 of 504 bytes"}),
-      refused("An NRRD in a list of files", {{"a.nhdr", detached("LIST") + "a.raw\n"}, {"a.raw", voxels}}, {"several files"}),
-      refused("An NRRD in numbered files", {{"a.nhdr", detached("a%d.raw 1 7 1")}, {"a1.raw", voxels}}, {"several files"}),
-      refused("An NRRD with its voxels in a device", {{"a.nhdr", detached("/dev/zero")}}, {"/dev/zero", "not a file"}),
-      refused("An NRRD with nothing after data file", {{"a.nhdr", Nrrd().set("data file", "").header()}},
-              {"a.nhdr"}),
-      refused("An NRRD with a NUL in its encoding",
-              {{"a.nrrd", encoded(std::string("ra\0w", 4), voxels)}}, {"\n  try:   "}),
-      refused("An NRRD with its voxels in a folder", {{"a.nhdr", detached(".")}}, {"Is a directory"}),
-      right("An NRRD with bytes to skip", {{"a.nhdr", Nrrd().set("byte skip", "10").set("data file", "a.raw").header()}, {"a.raw", "0123456789" + voxels}}),
-      right("An NRRD with its voxels at the end", {{"a.nhdr", Nrrd().set("byte skip", "-1").set("data file", "a.raw").header()}, {"a.raw", "0123456789" + voxels}}),
-      right("An NRRD with lines to skip", {{"a.nhdr", Nrrd().set("line skip", "1").set("data file", "a.raw").header()}, {"a.raw", "0123456789\n" + voxels}}),
-      refused("An NRRD with more bytes to skip than there are", {{"a.nrrd", with("byte skip", "999999999999")}}, {"a.nrrd"}),
-      refused("An NRRD with more lines to skip than there are", {{"a.nrrd", with("line skip", "999999999999")}}, {"a.nrrd"}),
+      refused("An NRRD that does not name its second file", {{"a.nhdr", Nrrd().header()}},
+              {"0 of 504 bytes"}),
+      nrrd.refused("with a NUL in its encoding", encoded(std::string("ra\0w", 4), voxels), {"\n  try:   "}),
+      right("An NRRD with lines to skip",
+            {{"a.nhdr", Nrrd().set("line skip", "1").set("data file", "a.raw").header()},
+             {"a.raw", "0123456789\n" + voxels}}),
       refused("A gzipped NRRD with its voxels at the end",
-              {{"a.nrrd", Nrrd().set("byte skip", "-1").set("encoding", "gzip").data(packed).file()}}, {"a.nrrd"}),
+              {{"a.nrrd", Nrrd().set("byte skip", "-1").set("encoding", "gzip").data(packed).file()}},
+              {"a.nrrd"}),
 
       // names
-      named("A segmentation with names in Latin-1", {{"a.seg.nrrd", segments("h\xe9patique", "b", "2")}}, "h\u00e9patique"),
-      named("A segmentation with terminal commands for names", {{"a.seg.nrrd", segments("\x1b[2Jliver", "two\\nlines", "2")}}, " [2Jliver"),
-      named("A segmentation that gives one label two names", {{"a.seg.nrrd", segments("liver", "kidney", "1")}}, "liver",
-            {"'liver' and 'kidney'"}),
+      named("A segmentation with names in Latin-1", {{"a.seg.nrrd", segments("h\xe9patique", "b", "2")}},
+            "h\u00e9patique"),
+      named("A segmentation with terminal commands for names",
+            {{"a.seg.nrrd", segments("\x1b[2Jliver", "two\\nlines", "2")}}, " [2Jliver"),
+      named("A segmentation that gives one label two names",
+            {{"a.seg.nrrd", segments("liver", "kidney", "1")}}, "liver", {"'liver' and 'kidney'"}),
       named("A segmentation that counts a segment by a million digits",
-            {{"a.seg.nrrd", Nrrd().more("Segment" + std::string(1000000, '1') + "_Name:=liver\n").file()}}, "liver"),
-      named("A segmentation with absurd label numbers", {{"a.seg.nrrd", segments("liver", "kidney", "99999999999999999999")}}, "liver"),
+            {{"a.seg.nrrd", Nrrd().more("Segment" + std::string(1000000, '1') + "_Name:=liver\n").file()}},
+            "liver"),
+      named("A segmentation with absurd label numbers",
+            {{"a.seg.nrrd", segments("liver", "kidney", "99999999999999999999")}}, "liver"),
   };
-  Case pipe = prepared("An NRRD with its voxels in a pipe", "a.nhdr",
-                       [header = detached("a.raw")](const fs::path& folder) {
-                         write(folder / "a.nhdr", header);
-                         mkfifo((folder / "a.raw").c_str(), 0600);
-                       },
-                       {"a.raw", "not a file"});
-  cases.push_back(std::move(pipe));
+  const std::pair<const char*, Words> lines[] = {
+      {"sizes",
+       {"9 8", "9 -8 7", "9 0 7", "nine eight seven", "4294967296 4294967296 4294967296",
+        "4611686018427387905 4 126"}},
+      {"dimension", {"17", "4294967299", "0"}},
+      {"type", {"quaternion"}},
+      {"space", {"left-posterior-inferior"}},
+      {"space directions", {"(1.5,0,0) (0,2,0) none"}},
+      {"byte skip", {"999999999999"}},
+      {"line skip", {"999999999999"}}};
+  for (const auto& [key, values] : lines)
+    for (const std::string& value : values)
+      cases.push_back(nrrd.refused(std::string("with ") + key + " " + value, with(key, value), {"a.nrrd"}));
+  for (const char* key : {"sizes", "dimension", "type"})
+    cases.push_back(nrrd.refused(std::string("without ") + key, lacking(key), {"a.nrrd"}));
   return cases;
 }
 
 // --------------------------------------------------------------------------------------------- MetaImage
 
 std::vector<Case> metaimage_cases() {
+  const OneFile mha{"a.mha", "A MetaImage "};
   const std::string voxels = as_bytes<std::uint8_t>(SmallOrgan().voxel), packed = zlib(voxels);
   const auto with = [](const std::string& key, const std::string& value) {
     return MetaImage().set(key, value).file();
@@ -771,137 +701,152 @@ std::vector<Case> metaimage_cases() {
   const auto sized = [&](const std::string& size, std::string bytes) {
     return inserted("CompressedDataSize", size).set("CompressedData", "True").data(std::move(bytes)).file();
   };
-  const auto of_type = [](const std::string& type, std::string bytes) {
-    return MetaImage().set("ElementType", type).data(std::move(bytes)).file();
-  };
-  const auto detached = [](const std::string& where) {
-    return MetaImage().set("ElementDataFile", where).header();
-  };
   std::string text;
   for (const unsigned char v : voxels) text += std::to_string(int{v}) + " ";
 
   std::vector<Case> cases = {
       // cut short or damaged
-      refused("An empty MetaImage", {{"a.mha", ""}}, {"cannot be read as MetaImage"}),
-      refused("A text under the name of a MetaImage", {{"a.mha", "not an image\n"}}, {"cannot be read as MetaImage"}),
-      refused("A MetaImage with noise for a header", {{"a.mha", noise(5000)}}, {"a.mha"}),
-      refused("A MetaImage cut in its header", {{"a.mha", first(MetaImage().file(), 120)}}, {"a.mha"}),
-      refused("A MetaImage cut by one byte", {{"a.mha", without_last(MetaImage().file(), 1)}},
-              {"503 of 504 bytes", "incomplete"}),
-      right("A MetaImage that goes on after its voxels", {{"a.mha", MetaImage().file() + std::string(72, '\1')}},
-            {"goes on for 72 bytes after its voxels"}),
-      right("A compressed MetaImage", {{"a.mha", sized(std::to_string(packed.size()), packed)}}),
+      mha.refused("that is empty", "", {"cannot be read as MetaImage"}),
+      mha.refused("that is a text", "not an image\n", {"cannot be read as MetaImage"}),
+      mha.refused("with noise for a header", noise(5000), {"a.mha"}),
+      mha.refused("cut in its header", first(MetaImage().file(), 120), {"a.mha"}),
+      mha.refused("cut by one byte", without_last(MetaImage().file(), 1), {"503 of 504 bytes", "incomplete"}),
+      mha.right("that goes on after its voxels", MetaImage().file() + std::string(72, '\1'),
+                {"goes on for 72 bytes after its voxels"}),
       right("A compressed MetaImage of unknown length", {{"a.mha", compressed(packed)}}),
       right("A compressed MetaImage that gives its length as zero", {{"a.mha", sized("0", packed)}}),
-      refused("A compressed MetaImage cut short", {{"a.mha", compressed(without_last(packed, 20))}}, {"incomplete"}),
+      refused("A compressed MetaImage cut short", {{"a.mha", compressed(without_last(packed, 20))}},
+              {"incomplete"}),
       refused("A compressed MetaImage damaged in its middle",
               {{"a.mha", compressed(with_flipped_byte(packed, packed.size() / 2))}}, {"damaged"}),
-      refused("A MetaImage that is not compressed but says so", {{"a.mha", compressed(voxels)}}, {"damaged"}),
-      right("A compressed MetaImage that gives its length as a terabyte", {{"a.mha", sized("1000000000000", packed)}}),
+      mha.refused("that is not compressed but says so", compressed(voxels), {"damaged"}),
+      right("A compressed MetaImage that gives its length as a terabyte",
+            {{"a.mha", sized("1000000000000", packed)}}),
       right("A compressed MetaImage that gives a negative length", {{"a.mha", sized("-5", packed)}}),
       right("A compressed MetaImage that gives too short a length", {{"a.mha", sized("10", packed)}}),
-      refused("A MetaImage with a line of a megabyte", {{"a.mha", inserted("Comment", std::string(1 << 20, 'x')).file()}},
-              {"a.mha"}),
-      refused("A MetaImage with a key of a megabyte", {{"a.mha", inserted(std::string(1 << 20, 'x'), "1").file()}}, {"a.mha"}),
+      mha.refused("with a line of a megabyte", inserted("Comment", std::string(1 << 20, 'x')).file(),
+                  {"a.mha"}),
+      mha.refused("with a key of a megabyte", inserted(std::string(1 << 20, 'x'), "1").file(), {"a.mha"}),
 
       // sizes
-      refused("A MetaImage without sizes", {{"a.mha", lacking("DimSize")}}, {"a.mha"}),
-      refused("A MetaImage of too few sizes", {{"a.mha", with("DimSize", "9 8")}}, {"a.mha"}),
-      refused("A MetaImage with a negative size", {{"a.mha", with("DimSize", "9 -8 7")}}, {"a.mha"}),
-      refused("A MetaImage with a size of zero", {{"a.mha", with("DimSize", "9 0 7")}}, {"a.mha"}),
-      refused("A MetaImage with sizes in words", {{"a.mha", with("DimSize", "nine eight seven")}}, {"a.mha"}),
-      refused("A MetaImage whose sizes overflow", {{"a.mha", with("DimSize", "4294967305 4294967304 4294967303")}}, {"a.mha"}),
-      refused("A MetaImage whose sizes overflow to what it holds", {{"a.mha", with("DimSize", "65536 65536 504")}}, {"a.mha"}),
-      refused("A MetaImage of 1200 voxels each way in one kilobyte", {{"a.mha", with("DimSize", "1200 1200 1200")}},
-              {"504 of 1728000000 bytes"}),
-      large("A MetaImage of a thousand voxels each way in two megabytes", "a.mha", [] { return MetaImage().set("DimSize", "1000 1000 1000").data(std::string(2'000'000, '\1')).file(); }, {"2000000 of 1000000000 bytes"}),
-      large("A compressed MetaImage of a thousand voxels each way in two megabytes", "a.mha", [] { return MetaImage().set("DimSize", "1000 1000 1000").set("CompressedData", "True").data(zlib(noise(2'000'000))).file(); }, {"2000000 of 1000000000 bytes"}),
-      refused("A MetaImage without axes", {{"a.mha", with("NDims", "0")}}, {"a.mha"}),
-      refused("A MetaImage of minus three axes", {{"a.mha", with("NDims", "-3")}}, {"a.mha"}),
-      refused("A MetaImage of a hundred axes", {{"a.mha", with("NDims", "100")}}, {"a.mha"}),
-      refused("A MetaImage of two billion axes", {{"a.mha", with("NDims", "2000000000")}}, {"a.mha"}),
-      refused("A MetaImage that says twice how many axes it has",
-              {{"a.mha", with("BinaryData", "True\nNDims =444444444444444")}}, {"a key that another line has"}),
-      refused("A MetaImage whose header holds what is no text",
-              {{"a.mha", with("BinaryData", std::string("True\0\0\0", 7))}}, {"key = value"}),
-      refused("A MetaImage with a line that has no value", {{"a.mha", with("BinaryData", "True\nNDims: 5")}},
-              {"key = value"}),
-      refused("A MetaImage that does not say how many axes it has", {{"a.mha", lacking("NDims")}}, {"a.mha"}),
-      refused("A flat MetaImage",
-              {{"a.mha", "ObjectType = Image\nNDims = 2\nElementSpacing = 2 2\nDimSize = 24 21\nElementType = MET_UCHAR\nElementDataFile = LOCAL\n" + voxels}},
-              {"flat"}),
-      refused("A MetaImage of one slice", {{"a.mha", with("DimSize", "24 21 1")}}, {"flat"}),
-      refused("A MetaImage of colours",
-              {{"a.mha", inserted("ElementNumberOfChannels", "3").data(voxels + voxels + voxels).file()}}, {"holds 3 numbers"}),
-      refused("A MetaImage of no numbers per voxel", {{"a.mha", inserted("ElementNumberOfChannels", "0").file()}}, {"a.mha"}),
-      refused("A MetaImage of minus one numbers per voxel", {{"a.mha", inserted("ElementNumberOfChannels", "-1").file()}}, {"a.mha"}),
+      mha.refused("of 1200 voxels each way in one kilobyte", with("DimSize", "1200 1200 1200"),
+                  {"504 of 1728000000 bytes"}),
+      large("A MetaImage of a thousand voxels each way in two megabytes", "a.mha",
+            [] {
+              return MetaImage().set("DimSize", "1000 1000 1000").data(std::string(2'000'000, '\1')).file();
+            },
+            {"2000000 of 1000000000 bytes"}),
+      large("A compressed MetaImage of a thousand voxels each way in two megabytes", "a.mha",
+            [] {
+              return MetaImage()
+                  .set("DimSize", "1000 1000 1000")
+                  .set("CompressedData", "True")
+                  .data(zlib(noise(2'000'000)))
+                  .file();
+            },
+            {"2000000 of 1000000000 bytes"}),
+      mha.refused("that says twice how many axes it has", with("BinaryData", "True\nNDims =444444444444444"),
+                  {"a key that another line has"}),
+      mha.refused("whose header holds what is no text", with("BinaryData", std::string("True\0\0\0", 7)),
+                  {"key = value"}),
+      mha.refused("with a line that has no value", with("BinaryData", "True\nNDims: 5"), {"key = value"}),
+      mha.refused("that is flat",
+                  "ObjectType = Image\nNDims = 2\nElementSpacing = 2 2\nDimSize = 24 21\nElementType = "
+                  "MET_UCHAR\nElementDataFile = LOCAL\n" +
+                      voxels,
+                  {"flat"}),
+      mha.refused("of one slice", with("DimSize", "24 21 1"), {"flat"}),
+      mha.refused("of colours",
+                  inserted("ElementNumberOfChannels", "3").data(voxels + voxels + voxels).file(),
+                  {"holds 3 numbers"}),
 
       // types and values
-      refused("A MetaImage without a type", {{"a.mha", lacking("ElementType")}}, {"a.mha"}),
-      refused("A MetaImage of an unknown type", {{"a.mha", with("ElementType", "MET_QUATERNION")}}, {"a.mha"}),
-      refused("A MetaImage of arrays", {{"a.mha", with("ElementType", "MET_UCHAR_ARRAY")}}, {"a.mha"}),
-      right("A MetaImage in the other byte order",
-            {{"a.mha", MetaImage().set("BinaryDataByteOrderMSB", "True").set("ElementType", "MET_SHORT").data(as_bytes<std::int16_t>(SmallOrgan().voxel, true)).file()}}),
-      refused("A MetaImage with a negative label", {{"a.mha", of_type("MET_CHAR", as_bytes<std::int8_t>(with_voxel(-1).voxel))}},
-              {"-1, which is negative"}),
-      refused("A MetaImage with an infinite voxel",
-              {{"a.mha", of_type("MET_DOUBLE", as_bytes<double>(with_voxel(-std::numeric_limits<double>::infinity()).voxel))}},
-              {"not finite"}),
-      refused("A probability map in MetaImage", {{"a.mha", of_type("MET_FLOAT", as_bytes<float>(with_voxel(0.75).voxel))}},
-              {"0.75, which is not a whole number"}),
-      right("A MetaImage of 64 bits", {{"a.mha", of_type("MET_LONG_LONG", as_bytes<std::int64_t>(SmallOrgan().voxel))}}),
-      refused("A MetaImage of nothing but background", {{"a.mha", MetaImage().data(std::string(504, '\0')).file()}}, {"background"}),
-      refused("A MetaImage in ASCII", {{"a.mha", MetaImage().set("BinaryData", "False").data(text).file()}}, {"ASCII"}),
+      mha.refused("in ASCII", MetaImage().set("BinaryData", "False").data(text).file(), {"ASCII"}),
 
       // place in space
-      placed("An oblique MetaImage", {{"a.mha", at(turned())}}, turned()),
-      placed("A left-handed MetaImage", {{"a.mha", at(left_handed())}}, left_handed()),
-      placed("A skewed MetaImage", {{"a.mha", at(sheared(0.1))}}, sheared(0.1), {"not at right angles"}),
-      refused("A MetaImage with axes in one plane", {{"a.mha", at(degenerate())}}, {"one plane"}),
-      refused("A MetaImage with NaN in its origin", {{"a.mha", at(not_finite())}}, {"instead of 3 finite numbers"}),
-      refused("A MetaImage with a spacing of zero", {{"a.mha", with("ElementSpacing", "1.5 0 2.5")}}, {"1.5 x 0 x 2.5 mm"}),
-      refused("A MetaImage with a spacing of next to nothing", {{"a.mha", with("ElementSpacing", "1.5 1e-310 2.5")}},
-              {"1e-310"}),
-      refused("A MetaImage with an axis of no length", {{"a.mha", with("TransformMatrix", "1 0 0 0 0 0 0 0 1")}},
-              {"has no length"}),
-      refused("A MetaImage with nothing after ElementDataFile", {{"a.mhd", with("ElementDataFile", "")}},
-              {"does not say in which file its voxels are"}),
-      refused("A MetaImage with a NUL where its sizes should be",
-              {{"a.mha", with("DimSize", std::string("9 8\0 7", 6))}}, {"key = value"}),
-      refused("A MetaImage with a negative spacing", {{"a.mha", with("ElementSpacing", "1.5 -2 2.5")}}, {"1.5 x -2 x 2.5 mm"}),
-      refused("A MetaImage with a spacing that is not a number", {{"a.mha", with("ElementSpacing", "1.5 nan 2.5")}}, {"a.mha"}),
-      refused("A MetaImage without a spacing", {{"a.mha", lacking("ElementSpacing")}}, {"no ElementSpacing"}),
-      refused("A MetaImage with spacing in words", {{"a.mha", with("ElementSpacing", "wide wide wide")}}, {"a.mha"}),
-      right("A MetaImage that does not say how it lies", {{"a.mha", lacking("TransformMatrix")}}, {"no TransformMatrix"}),
-      placed("A MetaImage without an origin", {{"a.mha", lacking("Offset")}}, Affine3d(Scaling(1.5, 2.0, 2.5)), {"no Offset"}),
-      right("A MetaImage with its place under other names",
-            {{"a.mha", [] { std::string f = MetaImage().file(); f.replace(f.find("TransformMatrix"), 15, "Rotation"); return f.replace(f.find("Offset"), 6, "Position"); }()}}),
-      refused("A MetaImage whose matrix is too short", {{"a.mha", with("TransformMatrix", "1 0 0 0 1")}}, {"a.mha"}),
+      mha.placed("that is skewed", at(sheared(0.1)), sheared(0.1), {"not at right angles"}),
+      mha.refused("with axes in one plane", at(degenerate()), {"one plane"}),
+      mha.refused("with NaN in its origin", at(not_finite()), {"instead of 3 finite numbers"}),
+      mha.refused("with a spacing of zero", with("ElementSpacing", "1.5 0 2.5"), {"1.5 x 0 x 2.5 mm"}),
+      mha.refused("with a spacing of next to nothing", with("ElementSpacing", "1.5 1e-310 2.5"), {"1e-310"}),
+      mha.refused("with an axis of no length", with("TransformMatrix", "1 0 0 0 0 0 0 0 1"),
+                  {"has no length"}),
+      mha.refused("with a NUL where its sizes should be", with("DimSize", std::string("9 8\0 7", 6)),
+                  {"key = value"}),
+      mha.refused("with a negative spacing", with("ElementSpacing", "1.5 -2 2.5"), {"1.5 x -2 x 2.5 mm"}),
+      mha.refused("without a spacing", lacking("ElementSpacing"), {"no ElementSpacing"}),
+      mha.right("that does not say how it lies", lacking("TransformMatrix"), {"no TransformMatrix"}),
+      mha.placed("without an origin", lacking("Offset"), Affine3d(Scaling(1.5, 2.0, 2.5)), {"no Offset"}),
+      mha.right("with its place under other names",
+                [] {
+                  std::string f = MetaImage().file();
+                  f.replace(f.find("TransformMatrix"), 15, "Rotation");
+                  return f.replace(f.find("Offset"), 6, "Position");
+                }()),
 
       // header and voxels apart
-      refused("A MetaImage that does not name its voxels", {{"a.mhd", lacking("ElementDataFile")}}, {"a.mhd"}),
-      right("A MetaImage in two files", {{"a.mhd", detached("a.raw")}, {"a.raw", voxels}}),
-      right("A MetaImage with its voxels in another folder", {{"b/a.mhd", detached("../a.raw")}, {"a.raw", voxels}}),
-      right("A MetaImage with its compressed voxels in a second file",
-            {{"a.mhd", MetaImage().set("CompressedData", "True").set("ElementDataFile", "a.zraw").header()}, {"a.zraw", packed}}),
-      refused("A MetaImage without its second file", {{"a.mhd", detached("a.raw")}}, {"a.raw", "No such file"}),
-      refused("A MetaImage whose second file is cut short", {{"a.mhd", detached("a.raw")}, {"a.raw", first(voxels, 100)}}, {"100 of 504 bytes"}),
-      refused("A MetaImage with its voxels in a device", {{"a.mhd", detached("/dev/zero")}}, {"/dev/zero", "not a file"}),
-      refused("A MetaImage with its voxels in a folder", {{"a.mhd", detached(".")}}, {"Is a directory"}),
-      refused("A MetaImage in a list of files", {{"a.mhd", detached("LIST") + "a.raw\n"}, {"a.raw", voxels}}, {"several files"}),
-      refused("A MetaImage in numbered files", {{"a.mhd", detached("a%d.raw 1 7 1")}, {"a1.raw", voxels}}, {"several files"}),
-      right("A MetaImage with bytes to skip",
-            {{"a.mhd", inserted("HeaderSize", "10").set("ElementDataFile", "a.raw").header()}, {"a.raw", "0123456789" + voxels}}),
-      right("A MetaImage with its voxels at the end",
-            {{"a.mhd", inserted("HeaderSize", "-1").set("ElementDataFile", "a.raw").header()}, {"a.raw", "0123456789" + voxels}}),
-      refused("A MetaImage with more bytes to skip than there are", {{"a.mha", inserted("HeaderSize", "999999999").file()}}, {"a.mha"}),
+      refused("A MetaImage that does not name its voxels", {{"a.mhd", lacking("ElementDataFile")}},
+              {"a.mhd"}),
   };
-  cases.push_back(prepared("A MetaImage with its voxels in a pipe", "a.mhd",
-                           [header = detached("a.raw")](const fs::path& folder) {
-                             write(folder / "a.mhd", header);
-                             mkfifo((folder / "a.raw").c_str(), 0600);
-                           },
-                           {"a.raw", "not a file"}));
+  const std::pair<const char*, Words> lines[] = {
+      {"DimSize",
+       {"9 8", "9 -8 7", "9 0 7", "nine eight seven", "4294967305 4294967304 4294967303", "65536 65536 504"}},
+      {"NDims", {"0", "-3", "100", "2000000000"}},
+      {"ElementType", {"MET_QUATERNION", "MET_UCHAR_ARRAY"}},
+      {"ElementSpacing", {"1.5 nan 2.5", "wide wide wide"}},
+      {"TransformMatrix", {"1 0 0 0 1"}}};
+  for (const auto& [key, values] : lines)
+    for (const std::string& value : values)
+      cases.push_back(mha.refused(std::string("with ") + key + " " + value, with(key, value), {"a.mha"}));
+  for (const auto& [key, value] : {std::pair{"ElementNumberOfChannels", "0"},
+                                   {"ElementNumberOfChannels", "-1"},
+                                   {"HeaderSize", "999999999"}})
+    cases.push_back(
+        mha.refused(std::string("with ") + key + " " + value, inserted(key, value).file(), {"a.mha"}));
+  for (const char* key : {"DimSize", "NDims", "ElementType"})
+    cases.push_back(mha.refused(std::string("without ") + key, lacking(key), {"a.mha"}));
+  return cases;
+}
+
+// ------------------------------------------------------------------------- header and voxels apart
+
+/// The two formats whose header names the file of its voxels.
+std::vector<Case> two_file_cases() {
+  const std::string voxels = as_bytes<std::uint8_t>(SmallOrgan().voxel);
+  std::vector<Case> cases;
+  for (const bool is_nrrd : {true, false}) {
+    const std::string an = is_nrrd ? "An NRRD " : "A MetaImage ", file = is_nrrd ? "a.nhdr" : "a.mhd",
+                      names = is_nrrd ? "data file" : "ElementDataFile",
+                      skips = is_nrrd ? "byte skip" : "HeaderSize";
+    const auto headed = [&] { return is_nrrd ? TextImage(Nrrd()) : TextImage(MetaImage()); };
+    const auto detached = [&](const std::string& where) { return headed().set(names, where).header(); };
+    const auto skipping = [&](const std::string& bytes) {
+      return headed().erase(names).set(skips, bytes).set(names, "a.raw").header();
+    };
+    const auto no = [&](const char* name, const std::string& header, Files more, Words words) {
+      more.insert(more.begin(), {file, header});
+      cases.push_back(refused(an + name, std::move(more), std::move(words)));
+    };
+    no("without its second file", detached("a.raw"), {}, {"a.raw", "No such file"});
+    no("with an empty name of its second file", detached(""), {}, {is_nrrd ? file : "does not say in which"});
+    no("whose second file is cut short", detached("a.raw"), {{"a.raw", first(voxels, 100)}},
+       {"100 of 504 bytes"});
+    no("in a list of files", detached("LIST") + "a.raw\n", {{"a.raw", voxels}}, {"several files"});
+    no("in numbered files", detached("a%d.raw 1 7 1"), {{"a1.raw", voxels}}, {"several files"});
+    no("with its voxels in a device", detached("/dev/zero"), {}, {"/dev/zero", "not a file"});
+    no("with its voxels in a folder", detached("."), {}, {"Is a directory"});
+    cases.push_back(prepared(an + "with its voxels in a pipe", file,
+                             [file, header = detached("a.raw")](const fs::path& folder) {
+                               write(folder / file, header);
+                               mkfifo((folder / "a.raw").c_str(), 0600);
+                             },
+                             {"a.raw", "not a file"}));
+    cases.push_back(right(an + "with its voxels in another folder",
+                          {{"b/" + file, detached("../a.raw")}, {"a.raw", voxels}}));
+    for (const char* bytes : {"10", "-1"})  // -1: the voxels are at the end
+      cases.push_back(right(an + "with " + bytes + " bytes to skip",
+                            {{file, skipping(bytes)}, {"a.raw", "0123456789" + voxels}}));
+  }
   return cases;
 }
 
@@ -993,6 +938,7 @@ std::string identifier(const testing::TestParamInfo<Case>& info) {
 INSTANTIATE_TEST_SUITE_P(Nifti, HostileImage, testing::ValuesIn(nifti_cases()), identifier);
 INSTANTIATE_TEST_SUITE_P(Nrrd, HostileImage, testing::ValuesIn(nrrd_cases()), identifier);
 INSTANTIATE_TEST_SUITE_P(MetaImage, HostileImage, testing::ValuesIn(metaimage_cases()), identifier);
+INSTANTIATE_TEST_SUITE_P(TwoFiles, HostileImage, testing::ValuesIn(two_file_cases()), identifier);
 INSTANTIATE_TEST_SUITE_P(Path, HostileImage, testing::ValuesIn(file_cases()), identifier);
 
 }  // namespace
