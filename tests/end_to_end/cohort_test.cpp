@@ -1,25 +1,13 @@
 // Many cases by one command: a table of them, their results, and one table of all.
 
-#include <gtest/gtest.h>
-
-#include <chrono>
-#include <cmath>
-#include <csignal>
 #include <map>
-#include <nlohmann/json.hpp>
-#include <set>
-#include <thread>
 #include <tuple>
 
-#include "io/table.hpp"
 #include "tests/end_to_end/in_folder.hpp"
 #include "tests/end_to_end/whole_files.hpp"
 
 namespace dimple {
 namespace {
-
-namespace fs = std::filesystem;
-using Json = nlohmann::json;
 
 class Batch : public InFolder {
  protected:

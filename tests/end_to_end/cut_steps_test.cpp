@@ -1,24 +1,11 @@
 // Steps of a scene that cut the body, at rest and in deformed states, through the program itself.
 
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
-
-#include <cmath>
-#include <cstdlib>
 #include <iostream>
-#include <nlohmann/json.hpp>
-#include <regex>
-#include <set>
 
-#include "io/table.hpp"
 #include "tests/end_to_end/in_folder.hpp"
 
 namespace dimple {
 namespace {
-
-namespace fs = std::filesystem;
-using Json = nlohmann::json;
-using testing::HasSubstr;
 
 const std::string block = DIMPLE_SAMPLE_DATA "/block_3mm.nrrd";  // 60 x 60 x 30 mm, the circle at (0, 0, 30)
 const std::string two = DIMPLE_SAMPLE_DATA "/two_labels_3mm.nii.gz";  // the lower half and the upper half

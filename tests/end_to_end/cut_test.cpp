@@ -1,19 +1,10 @@
 // dimple run --cut: a body that is cut, or a part of it taken out, before the load, through the program
 // itself.
 
-#include <gtest/gtest.h>
-
-#include <cmath>
-#include <fstream>
-#include <nlohmann/json.hpp>
-
 #include "tests/end_to_end/in_folder.hpp"
 
 namespace dimple {
 namespace {
-
-namespace fs = std::filesystem;
-using Json = nlohmann::json;
 
 constexpr const char* quick = " -q --write force --nodes 1000 --depth 2mm --frames 2 --band off ";
 const std::string block = DIMPLE_SAMPLE_DATA "/block_3mm.nrrd";  // 60 x 60 x 30 mm, the circle at (0, 0, 30)

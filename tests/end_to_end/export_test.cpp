@@ -1,18 +1,9 @@
 // `dimple export` through the real program.
 
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
-
-#include <cstdlib>
-#include <fstream>
-
-#include "tests/end_to_end/program.hpp"
+#include "tests/end_to_end/in_folder.hpp"
 
 namespace dimple {
 namespace {
-
-namespace fs = std::filesystem;
-using testing::HasSubstr;
 
 // [N] along -z, of the lines of CalculiX's FILE.dat that follow each "total force" [mN].
 std::vector<double> forces_in(const fs::path& dat) {

@@ -1,33 +1,17 @@
 // Names, folders and files as others may have made them: none is written through, believed or repeated to a
 // terminal without a look.
 
-#include <fmt/format.h>
 #include <fmt/ranges.h>
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include <algorithm>
-#include <chrono>
-#include <cstdlib>
-#include <nlohmann/json.hpp>
-#include <regex>
-#include <set>
-#include <sstream>
-
 #include "io/file.hpp"
-#include "io/table.hpp"
 #include "tests/end_to_end/in_folder.hpp"
 #include "tests/end_to_end/whole_files.hpp"
 
 namespace dimple {
 namespace {
 
-namespace fs = std::filesystem;
-using Json = nlohmann::json;
-using testing::HasSubstr;
-using testing::Not;
 using Words = std::vector<std::string>;
 
 class Files : public InFolder {

@@ -1,24 +1,12 @@
 // What guards say and do, in the real program: summary.json, the console, the exit code, and what lies on
 // disk.
 
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
-
-#include <cmath>
 #include <map>
-#include <nlohmann/json.hpp>
-#include <regex>
 
-#include "io/table.hpp"
-#include "io/vtk_files.hpp"
 #include "tests/end_to_end/in_folder.hpp"
 
 namespace dimple {
 namespace {
-
-namespace fs = std::filesystem;
-using Json = nlohmann::json;
-using testing::HasSubstr;
 
 class GuardedRun : public InFolder {
  protected:

@@ -1,6 +1,5 @@
 // The images that a run writes, read back and used by ITK as 3D Slicer does.
 
-#include <gtest/gtest.h>
 #include <itkDisplacementFieldTransform.h>
 #include <itkImage.h>
 #include <itkImageFileReader.h>
@@ -15,13 +14,7 @@
 #include <sys/wait.h>
 #include <zlib.h>
 
-#include <chrono>
-#include <cmath>
-#include <csignal>
 #include <cstring>
-#include <fstream>
-#include <nlohmann/json.hpp>
-#include <thread>
 
 #include "io/label_image.hpp"
 #include "tests/end_to_end/in_folder.hpp"
@@ -30,8 +23,6 @@
 namespace dimple {
 namespace {
 
-namespace fs = std::filesystem;
-using Json = nlohmann::json;
 using Grey = itk::Image<float, 3>;
 using Labels = itk::Image<int, 3>;
 using Vectors = itk::Image<itk::Vector<double, 3>, 3>;

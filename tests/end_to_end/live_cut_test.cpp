@@ -1,17 +1,9 @@
 // A body that is cut while a tool is in it, through the program.
 
-#include <gtest/gtest.h>
-
-#include <cmath>
-#include <fstream>
-
-#include "io/table.hpp"
-#include "tests/end_to_end/program.hpp"
+#include "tests/end_to_end/in_folder.hpp"
 
 namespace dimple {
 namespace {
-
-namespace fs = std::filesystem;
 
 const std::string block = DIMPLE_SAMPLE_DATA "/block_3mm.nrrd";
 const char* const stroke_columns = "time_s,from_x_mm,from_y_mm,from_z_mm,to_x_mm,to_y_mm,to_z_mm,depth_mm\n";

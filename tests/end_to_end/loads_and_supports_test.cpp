@@ -1,7 +1,5 @@
 // Gravity, pressures and supports, from the words of a user to the files of a run.
 
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
 #include <vtkDataArray.h>
 #include <vtkNew.h>
 #include <vtkPointData.h>
@@ -9,27 +7,14 @@
 #include <vtkXMLUnstructuredGridReader.h>
 
 #include <Eigen/Geometry>
-#include <chrono>
-#include <cmath>
-#include <csignal>
 #include <cstdio>
-#include <fstream>
-#include <nlohmann/json.hpp>
-#include <regex>
-#include <thread>
 
-#include "io/table.hpp"
 #include "io/types.hpp"
-#include "io/vtk_files.hpp"
 #include "tests/end_to_end/in_folder.hpp"
 #include "tests/end_to_end/whole_files.hpp"
 
 namespace dimple {
 namespace {
-
-namespace fs = std::filesystem;
-using Json = nlohmann::json;
-using testing::HasSubstr;
 
 Vec3 three(const Json& list) {
   return Vec3(list.at(0), list.at(1), list.at(2));

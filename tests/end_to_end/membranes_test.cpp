@@ -1,24 +1,10 @@
 // Membranes, from the words of a user to the files of a run.
 
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
-
-#include <chrono>
-#include <csignal>
-#include <fstream>
-#include <nlohmann/json.hpp>
-#include <thread>
-
 #include "tests/end_to_end/in_folder.hpp"
 #include "tests/end_to_end/whole_files.hpp"
 
 namespace dimple {
 namespace {
-
-namespace fs = std::filesystem;
-using Json = nlohmann::json;
-using testing::HasSubstr;
-using testing::Not;
 
 // A block of 60 x 60 x 30 mm with the tool in the middle of its superior face.
 class AMembrane : public InFolder {

@@ -164,6 +164,7 @@ struct Driver {
   const char* command;
   bool has_force;
   bool is_quick;  // else only what the table refuses is asked for
+  Options needs = {};
 };
 const Driver drivers[] = {
     {Feature::run, "run block.nrrd -o out --force -q", true, true},
@@ -172,6 +173,11 @@ const Driver drivers[] = {
     {Feature::fit, "fit block.nrrd -o fitted --curve curve.csv --force -q", false, true},
     {Feature::export_mesh, "export block.nrrd -o block.inp --force -q", false, true},
     {Feature::by_hand, "poke block.nrrd --script path.csv -q", false, true},
+    {Feature::by_hand,
+     "poke block.nrrd --script path.csv -q",
+     false,
+     false,
+     {{"tool.shape", "sphere:5mm"}}},
     {Feature::places, "places block.nrrd -q", false, true},
     {Feature::explain, "run block.nrrd -o out --force -q --explain", true, false},
     {Feature::shift, "shift block.nrrd -o out --force -q --opening 0,0,30,15 --up superior", false, false},
@@ -280,7 +286,7 @@ class Pairs : public testing::TestWithParam<Feature> {
 
   // One feature, or two of them, with a driver; the second feature is the driver where there is one.
   void expect_together(Feature one, Feature other, const Driver& driver) const {
-    const auto asked = together(asking_for(one), is_driver(other) ? Options{} : asking_for(other));
+    const auto asked = together(asking_for(one), is_driver(other) ? driver.needs : asking_for(other));
     if (!asked) return;
     const Options options = on_the_block(*asked, driver.feature);
     std::vector<std::string> line = dimple::words_of(std::string(driver.command));

@@ -1,18 +1,11 @@
 // What the program refuses: the exit code, and the words that tell its user what to do.
 
-#include <gtest/gtest.h>
 #include <unistd.h>
 
-#include <fstream>
-#include <nlohmann/json.hpp>
-
-#include "io/vtk_files.hpp"
 #include "tests/end_to_end/in_folder.hpp"
 
 namespace dimple {
 namespace {
-
-namespace fs = std::filesystem;
 
 class Refusal : public InFolder {
  protected:

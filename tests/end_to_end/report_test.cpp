@@ -1,26 +1,11 @@
 // report.html as a browser shows it: its numbers are the summary's, it asks nobody for anything, and where
 // nothing can be turned or the page is printed, pictures and numbers are still there.
 
-#include <gtest/gtest.h>
-
-#include <algorithm>
-#include <cmath>
-#include <cstdlib>
-#include <fstream>
-#include <nlohmann/json.hpp>
-#include <regex>
-#include <set>
-#include <sstream>
-
-#include "io/vtk_files.hpp"
 #include "tests/end_to_end/in_folder.hpp"
 #include "tests/end_to_end/picture_pixels.hpp"
 
 namespace dimple {
 namespace {
-
-namespace fs = std::filesystem;
-using Json = nlohmann::json;
 
 // Empty: there is none.
 std::string program_named(const std::string& name) {

@@ -1,15 +1,7 @@
 // Nothing is lost: what stands in a folder already, and a run that is stopped or killed half-way.
 
-#include <gtest/gtest.h>
-
-#include <chrono>
-#include <csignal>
-#include <cstdlib>
-#include <fstream>
 #include <iostream>
-#include <nlohmann/json.hpp>
 #include <random>
-#include <thread>
 
 #include "tests/end_to_end/in_folder.hpp"
 #include "tests/end_to_end/whole_files.hpp"
@@ -17,8 +9,6 @@
 namespace dimple {
 namespace {
 
-namespace fs = std::filesystem;
-using Json = nlohmann::json;
 using Clock = std::chrono::steady_clock;
 
 class Resume : public InFolder {

@@ -1,28 +1,13 @@
 // What the program does when all is well: its files, its words, and the same bits each time.
 
-#include <gtest/gtest.h>
-
-#include <algorithm>
-#include <csignal>
 #include <cstring>
-#include <fstream>
-#include <nlohmann/json.hpp>
-#include <regex>
-#include <set>
-#include <sstream>
-#include <thread>
 
 #include "io/label_image.hpp"
-#include "io/table.hpp"
-#include "io/vtk_files.hpp"
 #include "tests/end_to_end/in_folder.hpp"
 #include "tests/helpers/image.hpp"
 
 namespace dimple {
 namespace {
-
-namespace fs = std::filesystem;
-using Json = nlohmann::json;
 
 // Coarse and fast, so that each takes a second or so; 400 and 500 nodes in a swine brain are 6 to 7 mm apart.
 const std::string cloud = " --nodes 500";

@@ -1,24 +1,12 @@
 // dimple shift: brain shift after a craniotomy, through the program itself, on a block that stands for a
 // brain.
 
-#include <gtest/gtest.h>
-
-#include <chrono>
-#include <csignal>
-#include <fstream>
 #include <map>
-#include <nlohmann/json.hpp>
-#include <regex>
-#include <sstream>
-#include <thread>
 
 #include "tests/end_to_end/in_folder.hpp"
 
 namespace dimple {
 namespace {
-
-namespace fs = std::filesystem;
-using Json = nlohmann::json;
 
 const std::string block_of_brain = DIMPLE_SAMPLE_DATA "/block_3mm.nrrd";  // 60 x 60 x 30 mm on z = 0
 constexpr const char* opened = " --opening 0,0,30,15 --up superior --nodes 500 --mu 300 ";

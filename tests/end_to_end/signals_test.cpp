@@ -1,23 +1,13 @@
 // Ctrl-C, SIGTERM and a limit of time: an answer within two seconds, exit code 130, and only valid files.
 
-#include <gtest/gtest.h>
 #include <sys/stat.h>
 
-#include <chrono>
-#include <csignal>
-#include <fstream>
-#include <nlohmann/json.hpp>
-#include <thread>
-
-#include "io/table.hpp"
 #include "tests/end_to_end/in_folder.hpp"
 #include "tests/end_to_end/whole_files.hpp"
 
 namespace dimple {
 namespace {
 
-namespace fs = std::filesystem;
-using Json = nlohmann::json;
 using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
 

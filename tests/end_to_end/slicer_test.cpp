@@ -1,24 +1,17 @@
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
 #include <vtkNew.h>
 #include <vtkSmartPointer.h>
 #include <vtkXMLDataElement.h>
 #include <vtkXMLUtilities.h>
 
 #include <map>
-#include <regex>
-#include <set>
 
-#include "tests/end_to_end/program.hpp"
+#include "tests/end_to_end/in_folder.hpp"
 
 // As 3D Slicer runs a module: it reads what --xml prints, makes a panel of it, and calls the program with all
 // values.
 
 namespace dimple {
 namespace {
-
-namespace fs = std::filesystem;
-using testing::HasSubstr;
 
 class Slicer : public testing::Test {
  protected:

@@ -1,12 +1,5 @@
 // Scenes of several steps, from the words of a user to the files of a run.
 
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
-
-#include <fstream>
-#include <nlohmann/json.hpp>
-
-#include "io/table.hpp"
 #include "io/types.hpp"
 #include "tests/end_to_end/in_folder.hpp"
 #include "tests/end_to_end/picture_pixels.hpp"
@@ -14,11 +7,6 @@
 
 namespace dimple {
 namespace {
-
-namespace fs = std::filesystem;
-using Json = nlohmann::json;
-using testing::HasSubstr;
-using testing::Not;
 
 class SceneOfSteps : public InFolder {
  protected:

@@ -1,26 +1,16 @@
 // One organ, stored in every way that files allow, gives one model and one force; a turned organ the turned
 // ones.
 
-#include <fmt/format.h>
-#include <gtest/gtest.h>
-
-#include <algorithm>
-#include <cmath>
-#include <fstream>
 #include <iostream>
 
 #include "io/label_image.hpp"
-#include "io/table.hpp"
-#include "io/vtk_files.hpp"
-#include "tests/end_to_end/program.hpp"
+#include "tests/end_to_end/in_folder.hpp"
 #include "tests/helpers/brain.hpp"
 #include "tests/helpers/image.hpp"
 #include "tests/helpers/stored_image.hpp"
 
 namespace dimple {
 namespace {
-
-namespace fs = std::filesystem;
 
 /// A cut ellipsoid with a bump off its middle: no turn and no mirror maps it to itself, all extents differ,
 /// and so do the voxel's edges, which like the origin are exact in NIfTI's single precision.

@@ -1,28 +1,13 @@
 #include <fcntl.h>
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
 #include <unistd.h>
 
-#include <algorithm>
-#include <chrono>
-#include <cstdlib>
-#include <nlohmann/json.hpp>
-#include <regex>
-#include <sstream>
-
 #include "io/digits.hpp"
-#include "io/table.hpp"
 #include "tests/end_to_end/in_folder.hpp"
 
 // What a person reads: on a terminal, in a log, in the help.
 
 namespace dimple {
 namespace {
-
-namespace fs = std::filesystem;
-using Json = nlohmann::json;
-using testing::HasSubstr;
-using testing::Not;
 
 const std::vector<std::string> commands = {"phantom", "info",    "places",  "model",     "solve",  "run",
                                            "batch",   "collect", "compare", "fit",       "export", "options",

@@ -1,17 +1,11 @@
 // The force on the tool as a vector, in all files of a run.
 
-#include <gtest/gtest.h>
-
 #include <Eigen/Geometry>
 
-#include "io/table.hpp"
-#include "io/vtk_files.hpp"
 #include "tests/end_to_end/in_folder.hpp"
 
 namespace dimple {
 namespace {
-
-namespace fs = std::filesystem;
 
 // The reactions of the nodes as ParaView shows them, summed here.
 TEST(ToolForce, TheVectorAndTheMomentAreTheSumOfTheReactionsInTheNodesFile) {

@@ -1,25 +1,22 @@
 // dimple run --tool: a rigid tool that touches without friction, through the program itself.
 
-#include <fmt/format.h>
-#include <gtest/gtest.h>
-
-#include <algorithm>
-#include <cmath>
-#include <fstream>
-#include <nlohmann/json.hpp>
 #include <numbers>
-#include <set>
 
-#include "io/table.hpp"
-#include "io/vtk_files.hpp"
 #include "tests/end_to_end/in_folder.hpp"
 
 namespace dimple {
 namespace {
 
-namespace fs = std::filesystem;
-
 constexpr const char* quick = " -q --nodes 800 --depth 2mm --frames 2";
+
+const char* const shared_data = std::getenv("DIMPLE_SHARED_DATA");
+constexpr const char* without_shared_data = "skipped: DIMPLE_SHARED_DATA names no folder with label images";
+
+std::vector<std::string> run_of_shared(const char* image, const std::string& options) {
+  std::vector<std::string> words = words_of("-o out -q --write force " + options);
+  words.insert(words.begin(), {"run", fs::path(shared_data) / image});
+  return words;
+}
 
 fs::path with_phantom() {
   const fs::path folder = fresh_folder();
@@ -155,33 +152,23 @@ TEST(ToolThatTouches, APunchThatTheSurfaceComesIntoEndsWithAReasonAndNotWithAFor
 }
 
 TEST(ToolThatTouches, IsRefusedAnyWayThatPushesItInByMoreThanItsLength) {
-  const fs::path folder = with_phantom();
+  std::vector<RefusedLine> lines;
   for (const char* way :
        {"--depth 12mm", "--set step.a.move=12mm", "--set step.a.move=0,0,-6 --set step.b.move=0,0,-6",
-        "--set step.a.move=5mm --set step.b.move=0,0,-7"}) {
-    const Ran ran = dimple(
-        folder, std::string("run brain.nrrd -o out --nodes 600 --tool capsule:2mm,length=10mm ") + way);
-    EXPECT_EQ(ran.code, 2) << way << ran.err;
-    EXPECT_NE(ran.err.find("is 10.00 mm long"), std::string::npos) << way << ran.err;
-  }
-}
-
-// Its file states every option, the usual way of the circle among them.
-TEST(ToolThatTouches, IsRepeatedByTheConfigurationThatItsRunWrote) {
-  const fs::path folder = with_phantom();
-  good(folder, "run brain.nrrd -o out --write force --tool sphere:5mm -q --nodes 800 --depth 1mm --frames 2");
-  const Ran again = good(folder, "run brain.nrrd --config out/config.resolved.toml -o again -q");
-  EXPECT_EQ(text_of(folder / "out" / "force.csv"), text_of(folder / "again" / "force.csv"));
+        "--set step.a.move=5mm --set step.b.move=0,0,-7"})
+    lines.push_back({2, way, {"is 10.00 mm long"}});
+  expect_refusals(with_phantom(), "run brain.nrrd -o out --nodes 600 --tool capsule:2mm,length=10mm", lines);
 }
 
 TEST(ToolThatTouches, GoesInByAShareOfItsRadiusWhereNoDepthIsGivenAndSaysSo) {
   const fs::path folder = with_phantom();
   const Ran ran =
       good(folder, "run brain.nrrd -o out --write force --tool sphere:2mm --nodes 800 --frames 2");
-  EXPECT_NE(ran.err.find("1.60 mm, 0.8 of its radius, as no --depth was given"), std::string::npos)
-      << ran.err;
-  const auto summary = summary_of(folder / "out");
-  EXPECT_NEAR(summary["requested"]["depth_mm"].get<double>(), 1.6, 1e-12);
+  expect_words(ran.err, {"1.60 mm, 0.8 of its radius, as no --depth was given"});
+  EXPECT_NEAR(summary_of(folder / "out")["requested"]["depth_mm"].get<double>(), 1.6, 1e-12);
+  // Its file states every option, the usual way of the circle among them.
+  good(folder, "run brain.nrrd --config out/config.resolved.toml -o again -q");
+  EXPECT_EQ(text_of(folder / "out" / "force.csv"), text_of(folder / "again" / "force.csv"));
   // A depth that is given counts, also where it is the circle's usual one.
   EXPECT_EQ(dimple(folder, "run brain.nrrd -o deep --tool sphere:2mm --depth 8mm -q").code, 2);
 }
@@ -204,12 +191,9 @@ TEST(ToolThatTouches, HasABandThatLiesAroundItsForceAtEveryDepth) {
 
 // Clouds in which the first touch fell on a node that is much stiffer than those around it.
 TEST(ToolThatTouches, FindsItsFirstTouchOfALiverWithFewNodes) {
-  const char* place = std::getenv("DIMPLE_SHARED_DATA");
-  if (!place) GTEST_SKIP() << "skipped: DIMPLE_SHARED_DATA names no folder with label images";
-  const Ran ran = dimple(fresh_folder(), {"run", fs::path(place) / "abdomen_mr_3mm.nii.gz", "--label", "5",
-                                          "-o", "out", "--write", "force", "--tool", "sphere:2mm", "--nodes",
-                                          "750", "--set", "accuracy.band=off", "-q"});
-  EXPECT_EQ(ran.code, 0) << ran.err;
+  if (!shared_data) GTEST_SKIP() << without_shared_data;
+  good(fresh_folder(), run_of_shared("abdomen_mr_3mm.nii.gz",
+                                     "--label 5 --tool sphere:2mm --nodes 750 --set accuracy.band=off"));
 }
 
 TEST(ToolThatTouches, MayBeWiderThanTheOrganAsItsContactFindsRoom) {
@@ -285,18 +269,16 @@ TEST(ToolThatTouches, AFileThatIsNoToolIsRefusedWithThePlaceBeforeAnythingIsBuil
   write_ball(folder / "metres.stl", 1e-3);
   std::ofstream(folder / "letter.stl") << "dear";
   std::ofstream(folder / "words.STL") << "solid\nfacet normal 0 0 0\n outer loop\n  vertex 0 0 much\n";
-  const std::pair<const char*, const char*> refused[] = {{"open.stl", "has an open border of 3 edges"},
-                                                         {"metres.stl", "scale it by 1000"},
-                                                         {"letter.stl", "is no STL file"},
-                                                         {"words.STL", "words.STL cannot be read"},
-                                                         {"nowhere.stl", "nowhere.stl"}};
-  for (const auto& [tool, words] : refused) {
-    const Ran ran = dimple(folder, std::string("run brain.nrrd -o out --tool ") + tool);
-    EXPECT_EQ(ran.code, 3) << ran.err;
-    EXPECT_NE(ran.err.find(words), std::string::npos) << ran.err;
-    EXPECT_EQ(ran.err.find("vtk"), std::string::npos) << ran.err;
-    EXPECT_FALSE(fs::exists(folder / "out"));
-  }
+  const std::vector<RefusedLine> lines = {{3, "open.stl", {"has an open border of 3 edges"}},
+                                          {3, "metres.stl", {"scale it by 1000"}},
+                                          {3, "letter.stl", {"is no STL file"}},
+                                          {3, "words.STL", {"words.STL cannot be read"}},
+                                          {3, "nowhere.stl", {"nowhere.stl"}}};
+  expect_refusals(folder, "run brain.nrrd -o out --tool", lines);
+  for (const RefusedLine& line : lines)
+    EXPECT_EQ(dimple(folder, "run brain.nrrd -o out --tool " + line.options).err.find("vtk"),
+              std::string::npos);
+  EXPECT_FALSE(fs::exists(folder / "out"));
 }
 
 TEST(ToolThatTouches, GoesInStepsAsItsConfigurationSaysAndGivesTheSameBytesAgain) {
@@ -373,43 +355,22 @@ TEST(ToolThatTouches, HasTheFrictionOfShorterStepsFromItsFirstTouchOn) {
 // At the end of the first increment, where friction and normal force are tiny and what they lack looked worse
 // than that nothing touched.
 TEST(ToolThatTouches, ThatHasComeInByHardlyAnythingFindsItsFirstForce) {
-  const char* place = std::getenv("DIMPLE_SHARED_DATA");
-  if (!place) GTEST_SKIP() << "skipped: DIMPLE_SHARED_DATA names no folder with label images";
+  if (!shared_data) GTEST_SKIP() << without_shared_data;
   const fs::path folder = fresh_folder();
-  good(folder, {"run", fs::path(place) / "heart_ct_1.5mm.nii.gz", "-o", "out", "-q", "--write", "force",
-                "--band", "off", "--tool", "sphere:5mm", "--friction", "0.3", "--depth", "4mm"});
+  good(folder,
+       run_of_shared("heart_ct_1.5mm.nii.gz", "--band off --tool sphere:5mm --friction 0.3 --depth 4mm"));
   EXPECT_TRUE(summary_of(folder / "out")["retries"].empty());
 }
 
 // A small sphere slides over a liver of 3 mm voxels, away from where the nodes are fine.
 TEST(ToolThatTouches, WhoseForceJumpsAsItSlidesSaysSo) {
-  const char* place = std::getenv("DIMPLE_SHARED_DATA");
-  if (!place) GTEST_SKIP() << "skipped: DIMPLE_SHARED_DATA names no folder with label images";
+  if (!shared_data) GTEST_SKIP() << without_shared_data;
   const fs::path folder = fresh_folder();
-  good(folder, {"run",
-                fs::path(place) / "abdomen_mr_3mm.nii.gz",
-                "--label",
-                "5",
-                "-o",
-                "out",
-                "-q",
-                "--write",
-                "force",
-                "--band",
-                "off",
-                "--nodes",
-                "1000",
-                "--nu",
-                "0.4925",
-                "--tool",
-                "sphere:2.59mm",
-                "--indent-at=-87.4,-27.2,29.3",
-                "--base=-0.09607,-0.2448,0.9648",
-                "--direction=-0.09925,-0.2545,0.962",
-                "--set",
-                "step.1press.move=0.365mm",
-                "--set",
-                "step.2slide.move=8.1,0,0"});
+  good(folder, run_of_shared("abdomen_mr_3mm.nii.gz",
+                             "--label 5 --band off --nodes 1000 --nu 0.4925 --tool sphere:2.59mm "
+                             "--indent-at=-87.4,-27.2,29.3 --base=-0.09607,-0.2448,0.9648 "
+                             "--direction=-0.09925,-0.2545,0.962 --set step.1press.move=0.365mm "
+                             "--set step.2slide.move=8.1,0,0"));
   const auto summary = summary_of(folder / "out");
   bool told = false;
   for (const auto& guard : summary["guards"]) told |= guard["code"] == "jagged";
@@ -422,14 +383,6 @@ TEST(ToolThatTouches, IsTooFastOnlyAtARateThatSomebodyAskedFor) {
       "run brain.nrrd --write force --tool sphere:5mm -q --nodes 800 --depth 0.5mm --frames 2";
   good(folder, shallow + " -o slow");
   ends_with(folder, 2, shallow + " -o fast --rate 100mm/s", {"too fast"});
-}
-
-TEST(ToolThatTouches, GivesTheSameBytesWithOneThreadAndWithTwo) {
-  const fs::path folder = with_phantom();
-  for (const char* threads : {"1", "2"})
-    good(folder, std::string("run brain.nrrd --write force --tool capsule:2mm,length=20mm -o t") + threads +
-                     " --threads " + threads + quick);
-  EXPECT_EQ(text_of(folder / "t1" / "force.csv"), text_of(folder / "t2" / "force.csv"));
 }
 
 TEST(ToolThatTouches, WithFrictionGivesTheSameBytesWithOneThreadAndWithTwoAndSaysWhatSticks) {
@@ -448,23 +401,15 @@ TEST(ToolThatTouches, WithFrictionGivesTheSameBytesWithOneThreadAndWithTwoAndSay
   EXPECT_NE(text_of(folder / "t1" / "config.resolved.toml").find("friction = \"0.3\""), std::string::npos);
 }
 
-TEST(ToolThatTouches, FrictionIsRefusedBesideTheCircleAndWhereItIsNoCoefficient) {
-  const fs::path folder = fresh_folder();
-  ends_with(folder, 2, "run nowhere.nrrd -o out --friction 0.3", {"--tool sphere:5mm"});
-  for (const char* none : {"rough", "-0.1", "11"}) {
-    ends_with(folder, 2, std::string("run nowhere.nrrd -o out --tool sphere:5mm --friction=") + none,
-              {"--friction"});
-  }
-}
-
-TEST(ToolThatTouches, IsRefusedBesideWhatIsNotModelledBeforeAnythingIsBuilt) {
-  const fs::path folder = fresh_folder();
-  const std::string with = "run nowhere.nrrd -o out --tool sphere:5mm ";
-  for (const char* beside : {"--time explicit", "--scheme horton2007", "--contact bonded", "--accuracy 2%",
-                             "--indenter-diameter 8mm", "--depth 11mm", "--compare horton2007"}) {
-    ends_with(folder, 2, with + beside, {"tool"});
-  }
-  EXPECT_FALSE(fs::exists(folder / "out" / "summary.json"));
+TEST(ToolThatTouches, FrictionAndShapesThatAreNoneAreRefused) {
+  std::vector<RefusedLine> lines;
+  for (const char* none : {"rough", "-0.1", "11"})
+    lines.push_back({2, std::string("sphere:5mm --friction=") + none, {"--friction"}});
+  for (const char* shape :
+       {"cube:5mm", "sphere", "sphere:0mm", "sphere:5kg", "sphere:5mm,edge=1mm", "punch:5mm",
+        "punch:5mm,edge=0.1mm", "punch:5mm,edge=6mm", "capsule:2mm,length=3mm"})
+    lines.push_back({2, shape, {"tool.shape"}});
+  expect_refusals(fresh_folder(), "run nowhere.nrrd -o out --tool", lines);
 }
 
 // A block that its weight bends to a side by a sixth of its height: what it feels there it feels upright too.
@@ -531,22 +476,6 @@ TEST(ToolThatTouches, IsFollowedLiveAndFeelsAtEachStopTheForceOfARun) {
   EXPECT_TRUE(fs::exists(folder / "live" / "surface.pvd"));
 }
 
-TEST(ToolThatTouches, WithFrictionOrOnTissueThatRelaxesIsNotFollowedLive) {
-  const fs::path folder = fresh_folder();
-  std::ofstream(folder / "path.csv") << "time_s,depth_mm\n0,0\n1,1\n";
-  for (const auto& [option, word] :
-       {std::pair{"--set tool.friction=0.3", "tool.friction"},
-        {"--set material.prony_g=0.5 --set material.prony_tau=1s", "material.prony_g"},
-        {"--set load.gravity=inferior", "where: load"},
-        {"--set support.side.on=left", "where: support"}}) {
-    ends_with(folder, 2,
-              std::string("poke " DIMPLE_SAMPLE_DATA "/block_3mm.nrrd --script path.csv --tool "
-                          "sphere:5mm ") +
-                  option,
-              {word});
-  }
-}
-
 // Each choice is a run of its own: half a minute in all.
 TEST(ToolThatTouches, IsExplainedByItsOwnChoicesAndNoneOfTheCircles) {
   const fs::path folder = fresh_folder();
@@ -564,25 +493,6 @@ TEST(ToolThatTouches, IsExplainedByItsOwnChoicesAndNoneOfTheCircles) {
                                             "friction", "integration points", "number of nodes",
                                             "segmentation", "steps of the load", "surface", "tool's edge",
                                             "tool's place", "tool's radius", "voxels"}));
-}
-
-TEST(ToolThatTouches, AShapeThatIsNoneIsRefusedWithWhatThereIs) {
-  const fs::path folder = fresh_folder();
-  for (const char* shape :
-       {"cube:5mm", "sphere", "sphere:0mm", "sphere:5kg", "sphere:5mm,edge=1mm", "punch:5mm",
-        "punch:5mm,edge=0.1mm", "punch:5mm,edge=6mm", "capsule:2mm,length=3mm"}) {
-    ends_with(folder, 2, std::string("run nowhere.nrrd -o out --tool ") + shape, {"tool.shape"});
-  }
-}
-
-TEST(ToolThatTouches, OtherCommandsRefuseItInWords) {
-  const fs::path folder = with_phantom();
-  for (const char* command : {"model brain.nrrd -o out --set tool.shape=sphere:5mm",
-                              "export brain.nrrd -o out.inp --set tool.shape=sphere:5mm"}) {
-    const Ran ran = dimple(folder, command);
-    EXPECT_NE(ran.code, 0) << command;
-    EXPECT_NE(ran.err.find("circle"), std::string::npos) << command << ran.err;
-  }
 }
 
 // A wall of tissue, 16 mm thick, that stands on its base; two spheres that come from its two sides.
@@ -616,15 +526,16 @@ TEST(SeveralTools, ThatPinchAWallPressItAlikeFromBothSidesAndHarderThanOneByItse
   EXPECT_GT(on_it, 0.01 * force);
   EXPECT_LT(on_it, 0.9 * force);
   EXPECT_GE(stands["force_N"].get<double>(), 0.99 * alone);
-}
-
-// By the same rule as of the tool that is measured, whose warning names its own force.
-TEST(SeveralTools, AreWarnedOfAlikeWhereTheSurfaceReachesIntoThem) {
-  const Pinched wall;
-  const auto both = wall.run(std::string("--depth 2mm ") + other + "--set tool.other.move=2mm");
-  const double in = both["other_tools"]["other"]["largest_penetration_mm"];
-  ASSERT_GT(in, 5e-3) << "a thousandth of its radius";
-  EXPECT_NE(both["guards"].dump().find("tool-penetration"), std::string::npos) << both["guards"].dump();
+  // Warned of by the same rule as of the tool that is measured, whose warning names its own force.
+  ASSERT_GT(both["other_tools"]["other"]["largest_penetration_mm"].get<double>(), 5e-3)
+      << "a thousandth of its radius";
+  expect_words(both["guards"].dump(), {"tool-penetration"});
+  // Without friction they come to the same forces one after the other.
+  const auto steps =
+      wall.run(std::string(other) + "--set step.a.moves=other --set step.a.move=2mm --set step.b.move=2mm");
+  const double last = steps["other_tools"]["other"]["force_on_tool_N"][0];
+  EXPECT_NEAR(last / on_other[0].get<double>(), 1.0, 5e-3);
+  EXPECT_NEAR(steps["force_N"].get<double>() / force, 1.0, 5e-3);
 }
 
 // Nodes are as fine there as anywhere: the surface between them is in the tool, and nothing has touched.
@@ -715,18 +626,6 @@ TEST(SeveralTools, BesideTheCircleHaveFilesOfTheirContactToo) {
   EXPECT_EQ(file.find("slid_mm"), nullptr) << "without friction";
 }
 
-TEST(SeveralTools, WithoutFrictionComeOneAfterTheOtherToTheSameForcesAsTogether) {
-  const Pinched wall;
-  const auto both = wall.run(std::string("--depth 2mm ") + other + "--set tool.other.move=2mm");
-  const auto steps =
-      wall.run(std::string(other) + "--set step.a.moves=other --set step.a.move=2mm --set step.b.move=2mm");
-  const auto x = [](const nlohmann::json& summary) {
-    return summary["other_tools"]["other"]["force_on_tool_N"][0].get<double>();
-  };
-  EXPECT_NEAR(x(steps) / x(both), 1.0, 5e-3);
-  EXPECT_NEAR(steps["force_N"].get<double>() / both["force_N"].get<double>(), 1.0, 5e-3);
-}
-
 TEST(SeveralTools, ThatPinchAWallLiftItAlikeByFriction) {
   const Pinched wall;
   const auto lifted = wall.run(
@@ -744,50 +643,32 @@ TEST(SeveralTools, ThatPinchAWallLiftItAlikeByFriction) {
 
 TEST(SeveralTools, AreRefusedInWordsWhereWhatIsSaidOfThemMakesNoTool) {
   const fs::path folder = with_phantom();
-  const auto refused = [&](int code, const std::string& line, const std::string& words) {
-    const Ran ran = dimple(folder, line);
-    EXPECT_EQ(ran.code, code) << line << '\n' << ran.err;
-    EXPECT_NE(ran.err.find(words), std::string::npos) << line << '\n' << ran.err;
-    EXPECT_FALSE(fs::exists(folder / "out")) << line;
+  const std::string run = "run brain.nrrd -o out -q --tool sphere:5mm --depth 2mm",
+                    at = "--set tool.other.at=0,0,60 ", there = at + "--set tool.other.shape=sphere:4mm ";
+  const auto third = [](const std::string& name) {
+    return "--set tool." + name + ".shape=sphere:4mm --set tool." + name + ".at=0,0,60 ";
   };
-  const std::string run =
-      "run brain.nrrd -o out -q --tool sphere:5mm --depth 2mm --set tool.other.at=0,0,60 ";
-  refused(2, run, "the tool 'other' has no shape");
-  refused(2,
-          run +
-              "--set tool.other.shape=sphere:4mm --set tool.wall.shape=sphere:4mm --set tool.wall.at=0,0,60 "
-              "--wall around:1mm",
-          "has the name of a support or a wall");
-  refused(2, run + "--set tool.a.b.shape=sphere:4mm", "a tool is called 'a.b', and a name holds no dot");
-  refused(2, run + "--set tool.other.shape=circle", "the tool 'other' is a circle");
-  refused(2, run + "--set tool.other.shape=sphere:0mm", "tool.other.shape");
-  refused(2, run + "--set tool.other.shape=sphere:4mm --set tool.other.friction=much", "tool.other.friction");
-  refused(2, run + "--set tool.other.shape=sphere:4mm --set tool.other.move=1,2", "moves by 2 numbers");
-  refused(2, run + "--set tool.other.shape=sphere:4mm --set tool.other.direction=0,0,0", "all of them zero");
-  refused(2, run + "--set tool.other.shape=sphere:4mm --gravity inferior", "gravity");
-  refused(2,
-          "run brain.nrrd -o out -q --tool sphere:5mm --set tool.other.at=0,0,60 --set "
-          "tool.other.shape=sphere:4mm --set step.a.moves=othr --set step.a.move=1mm",
-          "did you mean 'other'");
-  refused(
-      2, run + "--set tool.other.shape=sphere:4mm --set tool.tool.shape=sphere:4mm --set tool.tool.at=0,0,60",
-      "has the name of the measured one");
-  refused(
-      2, run + "--set tool.other.shape=sphere:4mm --set tool.base.shape=sphere:4mm --set tool.base.at=0,0,60",
-      "has the name of the fixed base");
-  refused(2, run + "--set tool.other.shape=sphere:4mm --set wall.other.shape=around:2mm",
-          "has the name of a support or a wall");
-  refused(2,
-          "run brain.nrrd -o out -q --set support.left.on=left --set wall.left.shape=around:2mm --set "
-          "step.a.moves=left "
-          "--set step.a.move=1,0,0",
-          "and a wall has that name too");
-  refused(2, "run brain.nrrd -o out -q --tool sphere:5mm --set tool.other.shape=sphere:4mm",
-          "the tool 'other' is nowhere");
-  refused(2,
-          "poke brain.nrrd -q --socket s --tool sphere:5mm --set tool.other.shape=sphere:4mm --set "
-          "tool.other.at=0,0,60",
-          "knows one tool");
+  expect_refusals(
+      folder, run,
+      {{2, at, {"the tool 'other' has no shape"}},
+       {2, at + "--set tool.a.b.shape=sphere:4mm", {"a tool is called 'a.b', and a name holds no dot"}},
+       {2, at + "--set tool.other.shape=circle", {"the tool 'other' is a circle"}},
+       {2, at + "--set tool.other.shape=sphere:0mm", {"tool.other.shape"}},
+       {2, "--set tool.other.shape=sphere:4mm", {"the tool 'other' is nowhere"}},
+       {2, there + "--set tool.other.friction=much", {"tool.other.friction"}},
+       {2, there + "--set tool.other.move=1,2", {"moves by 2 numbers"}},
+       {2, there + "--set tool.other.direction=0,0,0", {"all of them zero"}},
+       {2, there + third("wall") + "--wall around:1mm", {"has the name of a support or a wall"}},
+       {2, there + "--set wall.other.shape=around:2mm", {"has the name of a support or a wall"}},
+       {2, there + third("tool"), {"has the name of the measured one"}},
+       {2, there + third("base"), {"has the name of the fixed base"}}});
+  expect_refusals(folder, "run brain.nrrd -o out -q --tool sphere:5mm",
+                  {{2, there + "--set step.a.moves=othr --set step.a.move=1mm", {"did you mean 'other'"}},
+                   {2,
+                    "--set support.left.on=left --set wall.left.shape=around:2mm --set step.a.moves=left "
+                    "--set step.a.move=1,0,0",
+                    {"and a wall has that name too"}}});
+  EXPECT_FALSE(fs::exists(folder / "out"));
   ends_with(folder, 4,
             "run brain.nrrd -o far -q --nodes 400 --tool sphere:5mm --depth 1mm --set "
             "tool.other.shape=sphere:4mm --set tool.other.at=0,0,160",

@@ -1,24 +1,12 @@
 // A tool that turns in a step of a scene, through the program itself.
 
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
-
 #include <Eigen/Geometry>
-#include <cmath>
-#include <fstream>
-#include <nlohmann/json.hpp>
 #include <numbers>
 
-#include "io/table.hpp"
-#include "io/vtk_files.hpp"
 #include "tests/end_to_end/in_folder.hpp"
 
 namespace dimple {
 namespace {
-
-namespace fs = std::filesystem;
-using Json = nlohmann::json;
-using testing::HasSubstr;
 
 const std::string scene =
     "run block.nrrd -q --base inferior --indent-at 0,0,top --nodes 700 --mu 2kPa --band off --frames 2 "

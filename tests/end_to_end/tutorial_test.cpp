@@ -1,19 +1,10 @@
 // sample_data/tutorial.md and craniotomy.md: their commands work in the order in which a reader types them,
 // say what the page shows, and leave the files that it names.
 
-#include <gtest/gtest.h>
-
-#include <fstream>
-#include <regex>
-#include <set>
-#include <sstream>
-
-#include "tests/end_to_end/program.hpp"
+#include "tests/end_to_end/in_folder.hpp"
 
 namespace dimple {
 namespace {
-
-namespace fs = std::filesystem;
 
 std::string page_of(const char* name) {
   return text_of(fs::path(DIMPLE_SAMPLE_DATA) / name);

@@ -1,19 +1,13 @@
 // What ParaView shows of a result. Its package cannot be installed together with libvtk9-dev;
 // tests/end_to_end/ paraview_root puts it beside the system, and DIMPLE_PVPYTHON names its pvpython.
 
-#include <gtest/gtest.h>
-
-#include <algorithm>
-#include <cstdlib>
 #include <string>
 
+#include "tests/end_to_end/in_folder.hpp"
 #include "tests/end_to_end/picture_pixels.hpp"
-#include "tests/end_to_end/program.hpp"
 
 namespace dimple {
 namespace {
-
-namespace fs = std::filesystem;
 
 std::string pvpython() {
   if (const char* named = std::getenv("DIMPLE_PVPYTHON")) return named;

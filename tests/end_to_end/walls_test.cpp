@@ -1,22 +1,10 @@
 // dimple run --wall: what is rigid beside or around the body, through the program itself.
 
-#include <gtest/gtest.h>
-
-#include <chrono>
-#include <csignal>
-#include <cstdlib>
-#include <nlohmann/json.hpp>
-#include <sstream>
-#include <thread>
-
 #include "io/label_image.hpp"
 #include "tests/end_to_end/in_folder.hpp"
 
 namespace dimple {
 namespace {
-
-namespace fs = std::filesystem;
-using Json = nlohmann::json;
 
 constexpr const char* quick_wall = " --write force --nodes 600 --depth 3mm --frames 1 --band off ";
 const std::string body = DIMPLE_SAMPLE_DATA "/block_3mm.nrrd";  // 60 x 60 x 30 mm, the circle at (0, 0, 30)

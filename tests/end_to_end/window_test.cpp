@@ -1,30 +1,19 @@
 // The live organ. Windows are opened under Xvfb, and moved by xdotool as a hand would.
 
-#include <fmt/format.h>
-#include <gtest/gtest.h>
 #include <sys/socket.h>
 #include <sys/un.h>
 #include <unistd.h>
 
-#include <algorithm>
-#include <chrono>
-#include <cmath>
-#include <csignal>
 #include <cstdio>
-#include <cstdlib>
 #include <cstring>
-#include <thread>
 
 #include "io/file.hpp"
-#include "io/table.hpp"
 #include "io/types.hpp"
+#include "tests/end_to_end/in_folder.hpp"
 #include "tests/end_to_end/picture_pixels.hpp"
-#include "tests/end_to_end/program.hpp"
 
 namespace dimple {
 namespace {
-
-namespace fs = std::filesystem;
 
 // What is missing here, or nothing.
 std::string missing_for_windows() {
