@@ -72,26 +72,6 @@ TEST_F(StepsThatCut, InADeformedStateAreTheBodyThatHasThatSlitFromTheStart) {
   EXPECT_GT(std::abs(at_rest["force_N"].get<double>() - force), 0.002 * force);
 }
 
-// The nine slits of the verification (tests/verification/indentation_test.cpp), cut at 2 mm of indentation.
-TEST_F(StepsThatCut, AtTwoMillimetresAreTheNineSlitBlocksPressedSoDeepWithinHalfAPercent) {
-  if (!all_scenes()) GTEST_SKIP() << "DIMPLE_ALL_SCENES=1 runs it";
-  for (const double width : {0.5, 1.0, 2.0})
-    for (const double from_rim : {1.0, 3.0, 8.0}) {
-      const std::string at = std::to_string(5.0 + from_rim + 0.5 * width),
-                        slit = "line:" + at + ",-35,30," + at + ",35,30,depth=25mm",
-                        options = " -q --force --write force --frames 2 --nodes 4250 --set image.cut_gap=" +
-                                  std::to_string(width) + "mm" + press;
-      const Ran step = dimple(folder, "run " + block + options + "-o step --set step.slit.cut=" + slit),
-                whole = dimple(folder, "run " + block + options + "-o slit --cut step/cuts/cut_0001.vtp");
-      ASSERT_EQ(step.code, 0) << step.err;
-      ASSERT_EQ(whole.code, 0) << whole.err;
-      const double is = last(curve("step"), "force_N"), expected = last(curve("slit"), "force_N");
-      EXPECT_NEAR(is, expected, 0.005 * expected) << slit << ", " << width << " mm wide";
-      std::cout << width << " mm wide, " << slit << ": " << 1e3 * is << " mN, "
-                << 100.0 * (is / expected - 1.0) << " %\n";
-    }
-}
-
 TEST_F(StepsThatCut, AfterUnloadingAreTheBodyCutAtRest) {
   const Json step = quick(
       "step", press + "--set step.lift.move=-2mm --set step.slit.cut=" + disc + " --set step.again.move=2mm");
@@ -225,28 +205,15 @@ TEST_F(StepsThatCut, ThatCannotBeMadeLeaveTheCurveUntilThenAndSayWhy) {
 }
 
 TEST_F(StepsThatCut, ThatNothingCanBeMadeOfAreRefusedBeforeAnythingIsBuilt) {
-  const std::string cut = "--set step.slit.cut=" + disc + " ";
-  const struct {
-    std::string options;
-    const char* words;
-  } refused[] = {{cut, "no step moves anything"},
-                 {press + cut + "--set step.slit.move=1mm", "cuts and moves something"},
-                 {press + "--set step.slit.cut=hatchet:1,2", "is not known"},
-                 {press + "--set step.slit.cut=;", "says nothing"},
-                 {press + "--set step.press.toughness_J_m2=3", "cuts nothing"},
-                 {press + cut + "--gravity inferior", "gravity"},
-                 {press + cut + "--set material.prony_g=0.5 --set material.prony_tau=1", "viscoelastic"},
-                 {press + cut + "--tool sphere:5mm --friction 0.3", "friction"},
-                 {press + cut +
-                      "--set membrane.pia.thickness=0.1mm --set membrane.pia.mu=4e5 --set "
-                      "membrane.pia.tension=1",
-                  "tension"}};
-  for (const auto& [options, words] : refused) {
-    ends_with(folder, 2, "run " + block + " -o out " + options, {words, "try:"});
-    EXPECT_FALSE(fs::exists(folder / "out")) << options;
-  }
-  good(folder, "model " + block + " -q --nodes 300 -o m");
-  ends_with(folder, 2, "solve m -o out " + cut + press, {"made before"});
+  const std::string cut = "--set step.slit.cut=" + disc;
+  expect_refusals(folder, "run " + block + " -o out",
+                  {{2, cut, {"no step moves anything"}},
+                   {2, press + cut + " --set step.slit.move=1mm", {"cuts and moves something"}},
+                   {2, press + "--set step.slit.cut=hatchet:1,2", {"is not known"}},
+                   {2, press + "--set step.slit.cut=;", {"says nothing"}},
+                   {2, press + "--set step.press.toughness_J_m2=3", {"cuts nothing"}},
+                   {2, press + cut + " --tool sphere:5mm --friction 0.3", {"friction"}}});
+  EXPECT_FALSE(fs::exists(folder / "out"));
 }
 
 TEST_F(StepsThatCut, HaveTheWorkOfTheirBladeByTheBalanceOfEnergyWhereAToughnessIsGiven) {

@@ -37,19 +37,6 @@ TEST_F(Fit, FindsTheModulusOfACurveMadeWithAnotherCloud) {
   good("fit " + block + " -o out --curve made/force.csv -q --force");
 }
 
-TEST_F(Fit, FindsOgdensExponentOfACurveMadeWithAnotherCloud) {
-  const std::string cloud = " --nodes 300 --frames 3";
-  good("run " + block + " -o made --write force --seed 2 --depth 5mm" + cloud +
-       " --set material.ogden_mu_Pa=300 --set material.ogden_alpha=-4.7");
-  good("fit " + block + " -o out --curve made/force.csv --of mu,alpha" + cloud);
-  const Json s = summary("out");
-  EXPECT_NEAR(s["numbers"]["alpha"]["value"].get<double>(), -4.7, 0.47) << s;
-  EXPECT_NEAR(s["mu_Pa"].get<double>(), 300.0, 30.0);
-  EXPECT_LE(s["runs"].get<int>(), 25);
-  EXPECT_EQ(s["band_of"], "noise alone") << "300 nodes are too few for a band";
-  EXPECT_THAT(s["discretisation_unknown"].get<std::string>(), HasSubstr("not calibrated below 1000 nodes"));
-}
-
 // ------------------------------------------------------------------------------------ a tool that touches
 
 // The force of a sphere [N] on a half-space of 231 Pa and nu 0.499 (Sneddon 1965, by its series), or on a
@@ -155,22 +142,6 @@ TEST_F(Fit, OfATouchingToolHasABandWhereItsForceHasOne) {
   EXPECT_LT(s["discretisation_share"].get<double>(), 0.15) << "as much as the depths say that bear the force";
 }
 
-TEST_F(Fit, RefusesACurveThatItsToolCannotFollow) {
-  std::ofstream(folder / "deep.csv") << "indentation_mm,force_N\n0,0\n2,0.02\n4,0.06\n6,0.1\n";
-  const auto refused = [&](const std::string& arguments, int code, const std::string& word) {
-    SCOPED_TRACE(arguments);
-    const Ran ran = dimple(folder, "fit " + block + " -o out --nodes 300 --curve deep.csv " + arguments);
-    EXPECT_EQ(ran.code, code) << ran.err;
-    EXPECT_THAT(ran.err, HasSubstr(word));
-    EXPECT_FALSE(fs::exists(folder / "out" / "fit.csv"));
-  };
-  refused("--tool sphere:2mm", 3, "the tool is 4.00 mm long");
-  refused("--tool cone:2mm", 2, "is not known");
-  refused("--friction 0.3", 2, "the tool is the circle");
-  refused("--tool sphere:5mm --contact frictionless", 2, "--contact");
-  refused("--tool sphere:5mm --depth 3mm", 2, "as deep as the curve");
-}
-
 TEST_F(Fit, AsksForTheUnitsWhereItsModulusIsOfNoSoftTissue) {
   const std::string rows = "0.5,1.2\n1,4.4\n1.5,9.6\n2,16.8\n";
   std::ofstream(folder / "right.csv") << "indentation_mm,force_mN\n" << rows;
@@ -182,39 +153,26 @@ TEST_F(Fit, AsksForTheUnitsWhereItsModulusIsOfNoSoftTissue) {
 }
 
 TEST_F(Fit, RefusesWhatItCannotDo) {
-  std::ofstream(folder / "good.csv") << "indentation_mm,force_N\n0,0\n1,0.01\n2,0.02\n3,0.03\n";
-  std::ofstream(folder / "one.csv") << "indentation_mm,force_N\n0,0\n1,0.01\n";
-  std::ofstream(folder / "bad.csv") << "indentation,force_N\n1,0.01\n2,0.02\n";
-  std::ofstream(folder / "nan.csv") << "indentation_mm,force_N\n1,nan\n2,0.02\n";
-  std::ofstream(folder / "time.csv") << "indentation_mm,force_N,time_s\n1,0.01,1\n2,0.02,2\n3,0.03,9\n";
-  const auto refused = [&](const std::string& arguments, int code, const std::string& word) {
-    SCOPED_TRACE(arguments);
-    const Ran ran = dimple(folder, "fit " + block + " -o out --nodes 300 " + arguments);
-    EXPECT_EQ(ran.code, code) << ran.err;
-    EXPECT_THAT(ran.err, HasSubstr(word));
-    EXPECT_FALSE(fs::exists(folder / "out" / "fit.csv"));
-  };
-  refused("--curve nothere.csv", 3, "nothere.csv");
-  refused("--curve bad.csv", 3, "no column indentation_mm");
-  refused("--curve nan.csv", 3, "nan");
-  refused("--curve one.csv", 3, "1 row");
-  refused("--curve time.csv", 3, "constant speed");
-  refused("--curve good.csv --of mu,g,tau", 3, "no column time_s");
-  refused("--curve good.csv --of nu", 2, "--of");
-  refused("--curve good.csv --depth 3mm", 2, "as deep as the curve");
-  refused("--curve good.csv --mu 200", 2, "what is looked for");
-  refused("--curve good.csv --time explicit", 2, "inertia");
-  refused("--curve good.csv --set tissue.1.mu=900Pa", 2, "several tissues");
-  refused("--curve horton2007", 2, "never tuned");
-  refused("", 2, "--curve");
-}
-
-TEST_F(Fit, NeverTakesTheFolderOfARun) {
-  std::ofstream(folder / "good.csv") << "indentation_mm,force_N\n0,0\n1,0.01\n2,0.02\n";
-  good("run " + block + " -o out --write force --nodes 300 --depth 1mm --frames 1");
-  const std::string before = text_of(folder / "out" / "summary.json");
-  EXPECT_EQ(dimple(folder, "fit " + block + " -o out --nodes 300 --curve good.csv").code, 6);
-  EXPECT_EQ(text_of(folder / "out" / "summary.json"), before);
+  write("good.csv", "indentation_mm,force_N\n0,0\n1,0.01\n2,0.02\n3,0.03\n");
+  write("deep.csv", "indentation_mm,force_N\n0,0\n2,0.02\n4,0.06\n6,0.1\n");
+  write("one.csv", "indentation_mm,force_N\n0,0\n1,0.01\n");
+  write("bad.csv", "indentation,force_N\n1,0.01\n2,0.02\n");
+  write("time.csv", "indentation_mm,force_N,time_s\n1,0.01,1\n2,0.02,2\n3,0.03,9\n");
+  refuses("fit " + block + " -o out --nodes 300 --curve",
+          {{3, "nothere.csv", {"nothere.csv"}},
+           {3, "bad.csv", {"no column indentation_mm"}},
+           {3, "one.csv", {"1 row"}},
+           {3, "time.csv", {"constant speed"}},
+           {3, "good.csv --of mu,g,tau", {"no column time_s"}},
+           {2, "good.csv --of nu", {"--of"}},
+           {2, "good.csv --depth 3mm", {"as deep as the curve"}},
+           {2, "good.csv --mu 200", {"what is looked for"}},
+           {2, "horton2007", {"never tuned"}},
+           {3, "deep.csv --tool sphere:2mm", {"the tool is 4.00 mm long"}},
+           {2, "deep.csv --tool cone:2mm", {"is not known"}},
+           {2, "deep.csv --tool sphere:5mm --depth 3mm", {"as deep as the curve"}}});
+  refused(2, "fit " + block + " -o out --nodes 300", {"--curve"});
+  EXPECT_FALSE(fs::exists(folder / "out" / "fit.csv"));
 }
 
 TEST_F(Fit, ARunDrawsAMeasuredCurveBesideItsOwnAndChangesNothingElse) {

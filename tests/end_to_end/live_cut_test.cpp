@@ -50,17 +50,6 @@ TEST(LiveCut, BesideTheToolSoftensTheBodyForGoodAndAlikeWithAnyNumberOfThreads) 
   EXPECT_EQ(at_time(felt, "band_known", 1.0), 0.0);
 }
 
-TEST(LiveCut, HasAboutTheForceOfARunOnTheCutBody) {
-  const fs::path folder = fresh_folder();
-  write_script(folder, "0,9,-8,29,9,8,29,12\n");
-  ASSERT_EQ(poke(folder, "-q", "live").code, 0);
-  const std::string run =
-      "run " + block + " --nodes 1500 --depth 2mm --frames 1 --write force --band off -q ";
-  good(folder, run + "-o cut --cut line:9,-8,29,9,8,29,depth=12mm");
-  const double expected = read_csv(folder / "cut" / "force.csv").find("force_N")->back();
-  EXPECT_NEAR(at_time(read_csv(folder / "live" / "forces.csv"), "force_N", 1.0), expected, 0.04 * expected);
-}
-
 TEST(LiveCut, UnderASphereThatTouchesChangesItsForceToo) {
   const fs::path folder = fresh_folder();
   write_script(folder, "0.8,7,-8,29,7,8,29,12\n");

@@ -50,18 +50,6 @@ TEST_F(Resume, IsOneOfTwoThingsThatMayBeDoneWithResultsThatAreThere) {
   good("solve model -o model --depth 0.5mm --frames 3 -q --force");
 }
 
-TEST_F(Resume, OrReplacementTakesAwayOnlyWhatARunMakes) {
-  good("run brain.nrrd -o out --nodes 400 --depth 0.5mm --frames 4 -q");
-  for (const char* name : {"notes.txt", "nodes/mine.vtu", "model/other.vtu", "points/.hidden"})
-    std::ofstream(folder / "out" / name) << "mine\n";
-  std::ofstream(folder / "out" / "nodes" / ".77-3-nodes_0001.vtu") << "half a fi";
-  good(quick + " --force");
-  for (const char* name : {"notes.txt", "nodes/mine.vtu", "model/other.vtu", "points/.hidden"})
-    EXPECT_EQ(text_of(folder / "out" / name), "mine\n") << name;
-  for (const char* name : {"nodes/nodes_0004.vtu", "nodes/.77-3-nodes_0001.vtu", "checkpoint.cbor"})
-    EXPECT_FALSE(fs::exists(folder / "out" / name)) << name;
-}
-
 TEST_F(Resume, OfAFinishedRunSaysSoAndChangesNothing) {
   const std::string line =
       "run brain.nrrd -o out --nodes 400 --depth 0.5mm --frames 2 --preset miller_chinzei_2002 --label 1,2";

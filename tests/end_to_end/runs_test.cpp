@@ -339,8 +339,6 @@ TEST_F(Run, TellsWhatItsForceDependsOn) {
   // The force itself is the run's own, and a run without the flag leaves no word of an older one.
   good(line + " --force -q");
   EXPECT_FALSE(fs::exists(folder / "out/explain.md"));
-  ends_with(folder, 2, "run brain.nrrd -o no --scheme horton2007 --explain", {"--explain"});
-  EXPECT_FALSE(fs::exists(folder / "no"));
 }
 
 TEST_F(Run, IsProportionalToAModulusThatIsKnownToAShare) {
@@ -352,18 +350,6 @@ TEST_F(Run, IsProportionalToAModulusThatIsKnownToAShare) {
   good("run brain.nrrd -o soft --mu 147Pa" + cloud + slow_load);
   EXPECT_NEAR(curve.find("mu_low_N")->back() / last_force("soft"), 1.0, 2e-4);
   EXPECT_DOUBLE_EQ(summary("out").at("band_of_mu").at("low_N").get<double>(), curve.find("mu_low_N")->back());
-
-  for (const char* other : {" --set tissue.2.mu=900Pa", " --set tissue.2.mu=900Pa+-10%", " --time explicit",
-                            " --set material.mooney_c01=20Pa"}) {
-    ends_with(folder, 2, "run brain.nrrd -o no --mu 210Pa+-30%" + std::string(other), {"several runs"});
-  }
-}
-
-TEST_F(Run, GivesTheSameBitsWithAnyNumberOfThreads) {
-  for (const char* threads : {"1", "2", "3"})
-    good("run brain.nrrd -o threads" + std::string(threads) + cloud + tables_alone + " --threads " + threads);
-  EXPECT_EQ(force("threads1"), force("threads2"));
-  EXPECT_EQ(force("threads1"), force("threads3"));
 }
 
 TEST_F(Run, WritesTheSameFilesBesideTheMarchAsWithOneThread) {
@@ -594,17 +580,6 @@ TEST_F(Run, LeavesAValidPartialResultWhenInterrupted) {
   EXPECT_FALSE(fs::exists(folder / "out" / "overview.png")) << "there is no time for a picture";
 }
 
-TEST_F(Run, CanSlideUnderTheIndenter) {
-  good("run brain.nrrd -o bonded" + cloud + tables_alone);
-  good("run brain.nrrd -o frictionless --contact frictionless" + cloud + tables_alone);
-  for (const char* out : {"bonded", "frictionless"}) {
-    EXPECT_EQ(summary(out).at("status"), "finished") << out;
-    EXPECT_GT(last_force(out), 0.0) << out;
-    EXPECT_LT(last_force(out), 0.2) << out;
-  }
-  EXPECT_NE(force("bonded"), force("frictionless"));
-}
-
 TEST_F(Run, TakesALabelByNameOrByNumber) {
   good("run brain.nrrd -o by_name --label Right_Hemisphere --nodes 400" +
        tables_alone);  // case does not matter
@@ -788,14 +763,6 @@ TEST_F(Run, AsksForTheUnitOfAnImageOfAnotherScale) {
       EXPECT_NE(ran.err.find("check the unit"), std::string::npos) << command << '\n' << ran.err;
     }
   }
-}
-
-TEST_F(Run, ReplacesAnEarlierRunsResultsWholly) {
-  good("run brain.nrrd -o out --nodes 500 --depth 0.5mm --rate 20mm/s --frames 9");
-  EXPECT_EQ(frames_of(folder / "out" / "nodes.pvd").size(), 10u);
-  good("run brain.nrrd -o out --nodes 500 --depth 0.5mm --rate 20mm/s --frames 2 --force");
-  EXPECT_EQ(frames_of(folder / "out" / "nodes.pvd").size(), 3u);
-  EXPECT_EQ(std::distance(fs::directory_iterator(folder / "out" / "nodes"), fs::directory_iterator()), 3);
 }
 
 }  // namespace

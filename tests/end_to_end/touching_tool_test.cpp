@@ -439,43 +439,6 @@ TEST(ToolThatTouches, StandsWhereLoadsHaveMovedThePlaceBeneathItAndFeelsThemOnly
   EXPECT_TRUE(aside["band"].contains("unknown"));
 }
 
-TEST(ToolThatTouches, IsFollowedLiveAndFeelsAtEachStopTheForceOfARun) {
-  const fs::path folder = fresh_folder();
-  std::ofstream(folder / "path.csv")
-      << "time_s,depth_mm\n0,-0.5\n0.2,0\n0.6,2\n0.8,2\n1.2,-0.5\n1.6,1\n1.8,1\n";
-  const std::string scene =
-      DIMPLE_SAMPLE_DATA "/block_3mm.nrrd --tool sphere:5mm --nodes 800 -q --set load.depth=2mm ";
-  const Ran live = good(folder, "poke " + scene + "--script path.csv --record live --evaluations 8");
-  EXPECT_NE(live.out.find("what the discretisation leaves"), std::string::npos) << live.out;
-  good(folder, "run " + scene + "-o out --frames 2 --write force --band off");
-  const Table felt = read_csv(folder / "live" / "forces.csv"), run = read_csv(folder / "out" / "force.csv");
-  const auto of_run = [&](double depth) {
-    for (std::size_t k = 0; k < run.rows(); ++k)
-      if (std::abs((*run.find("indentation_mm"))[k] - depth) < 1e-9) return (*run.find("force_N"))[k];
-    return 0.0;
-  };
-  const auto column = [&](const char* name, std::size_t k) { return (*felt.find(name))[k]; };
-  int compared = 0, lifted = 0;
-  for (std::size_t k = 0; k < felt.rows(); ++k) {
-    const double time = column("time_s", k);
-    EXPECT_GE(column("force_N", k), 0.0);
-    if (column("asked_mm", k) <= 0.0) {
-      EXPECT_EQ(column("force_N", k), 0.0);
-      ++lifted;
-    }
-    const double depth = std::abs(time - 0.8) < 1e-6 ? 2.0 : std::abs(time - 1.8) < 1e-6 ? 1.0 : 0.0;
-    if (depth == 0.0) continue;
-    EXPECT_EQ(column("depth_mm", k), depth);
-    EXPECT_NEAR(column("force_N", k), of_run(depth), 0.005 * of_run(depth)) << depth;
-    EXPECT_NEAR(column("force_z_N", k), column("force_N", k), 1e-6 * column("force_N", k)) << "straight up";
-    EXPECT_EQ(column("band_known", k), 0.0);
-    ++compared;
-  }
-  EXPECT_EQ(compared, 2);
-  EXPECT_GT(lifted, 5);
-  EXPECT_TRUE(fs::exists(folder / "live" / "surface.pvd"));
-}
-
 // Each choice is a run of its own: half a minute in all.
 TEST(ToolThatTouches, IsExplainedByItsOwnChoicesAndNoneOfTheCircles) {
   const fs::path folder = fresh_folder();

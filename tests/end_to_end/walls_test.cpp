@@ -111,45 +111,31 @@ TEST(Wall, OfTwoLabelsIsThatOfBothTogether) {
   EXPECT_EQ(text_of(folder / "one" / "force.csv"), text_of(folder / "two" / "force.csv"));
 }
 
-struct Refused {
-  fs::path folder = fresh_folder();
-  void operator()(const std::string& options, const std::string& fact,
-                  const std::string& command = "run ") const {
-    const Ran ran = dimple(
-        folder, command + body + (command == "run " ? " -o out" + std::string(quick_wall) : " ") + options);
-    EXPECT_NE(ran.code, 0) << options;
-    EXPECT_NE(ran.err.find(fact), std::string::npos) << options << '\n' << ran.err;
-    EXPECT_NE(ran.err.find("  try:"), std::string::npos) << ran.err;
-  }
-};
-
 TEST(Wall, IsRefusedWhereItCannotStandOrNothingLooksForIt) {
-  const Refused refused;
-  refused("--wall nothing", "this names no wall");
-  refused("--wall skull.vtk", ".obj and .vtp");
-  refused("--wall plane:1,2,3", "has 3 numbers");
-  refused("--wall plane:1,2,3,0,0,0", "has no normal");
-  refused("--wall label:9", "no label '9'");
-  refused("--wall label:1", "both the wall");
-  refused("--wall label:2,9", "no label '");
-  refused("--wall label:,", "names no label");
-  refused("--wall no.stl", "no.stl");
-  refused("--wall plane:20,0,0,-1,0,0", "in the body at");
-  refused("--wall plane:90,0,0,-1,0,0", "nothing of the body can come to the wall");
-  refused("--wall around:1mm --set wall.wall.gap=1mm", "two gaps");
-  refused("--wall around:1mm --set wall.wall.friction=-1", "friction");
-  refused("--wall around:1mm --set wall.wall.opening=1,2,3", "has 3 numbers");
-  for (const char* far : {"0.03,0,0.015,0.014", "300,0,15,14"})
-    refused(std::string("--wall plane:30.5,0,0,-1,0,0 --set wall.wall.opening=") + far,
-            "opens nothing of the wall that the body could touch");
-  refused("--set wall.skull.friction=0.1", "has no shape");
-  refused("--wall around:1mm --time explicit", "takes no walls");
-  refused("--wall around:1mm --scheme horton2007", "takes no walls");
-  const Ran ran = dimple(refused.folder, "run " + body + " -o out --accuracy 2% --wall around:1mm");
-  EXPECT_NE(ran.code, 0);
-  EXPECT_NE(ran.err.find("not calibrated for walls"), std::string::npos) << ran.err;
-  refused("--socket s --set load.wall=around:1mm", "takes no walls", "poke ");
-  EXPECT_FALSE(fs::exists(refused.folder / "out" / "force.csv"));
+  const fs::path folder = fresh_folder();
+  const std::string run = "run " + body + " -o out" + quick_wall + "--wall";
+  expect_refusals(folder, run,
+                  {{2, "nothing", {"this names no wall"}},
+                   {2, "skull.vtk", {".obj and .vtp"}},
+                   {2, "plane:1,2,3", {"has 3 numbers"}},
+                   {2, "plane:1,2,3,0,0,0", {"has no normal"}},
+                   {3, "label:9", {"no label '9'"}},
+                   {3, "label:1", {"both the wall"}},
+                   {3, "label:2,9", {"no label '"}},
+                   {2, "label:,", {"names no label"}},
+                   {3, "no.stl", {"no.stl"}},
+                   {4, "plane:20,0,0,-1,0,0", {"in the body at"}},
+                   {4, "plane:90,0,0,-1,0,0", {"nothing of the body can come to the wall"}}});
+  const std::string nothing = "opens nothing of the wall that the body could touch";
+  expect_refusals(folder, run + " around:1mm --set",
+                  {{2, "wall.wall.gap=1mm", {"two gaps"}},
+                   {2, "wall.wall.friction=-1", {"friction"}},
+                   {2, "wall.wall.opening=1,2,3", {"has 3 numbers"}},
+                   {2, "wall.skull.friction=0.1", {"has no shape"}}});
+  expect_refusals(folder, run + " plane:30.5,0,0,-1,0,0 --set",
+                  {{4, "wall.wall.opening=0.03,0,0.015,0.014", {nothing}},
+                   {4, "wall.wall.opening=300,0,15,14", {nothing}}});
+  EXPECT_FALSE(fs::exists(folder / "out" / "force.csv"));
 }
 
 constexpr const char* beside = "--wall plane:30.3,0,0,-1,0,0 --set wall.hull.shape=around:0.3mm ";
@@ -185,14 +171,7 @@ TEST(Wall, ThatIsRubbedIsTakenUpAgainAfterCtrlCToTheSameBits) {
                           " -q --write force --nodes 1200 --depth 5mm --frames 60 --band off " + beside +
                           "--set wall.wall.friction=0.3 -o ";
   good(folder, run + "whole");
-  std::istringstream in(run + "out");
-  std::vector<std::string> words;
-  for (std::string word; in >> word;) words.push_back(word);
-  Program program(folder, words);
-  while (program.running() && !fs::exists(folder / "out" / "checkpoint.cbor"))
-    std::this_thread::sleep_for(std::chrono::milliseconds(2));
-  program.send(SIGINT);
-  EXPECT_EQ(program.wait().code, 130);
+  stopped_at_checkpoint(folder, run + "out", SIGINT);
   EXPECT_NE(text_of(folder / "out" / "force.csv"), text_of(folder / "whole" / "force.csv"));
   good(folder, run + "out --resume");
   EXPECT_EQ(text_of(folder / "out" / "force.csv"), text_of(folder / "whole" / "force.csv"));
@@ -229,17 +208,6 @@ TEST(Bed, CarriesABodyUnderTheToolAndGivesWayMoreThanAHeldBase) {
   EXPECT_LT(sticks, 1.01 * held) << "and its rim may still come off";
 }
 
-TEST(Bed, CarriesTheWeightOfABodyThatASupportKeepsFromDrifting) {
-  const fs::path folder = fresh_folder();
-  const Json lies =
-      walled(folder, body, "-q --gravity inferior --set support.s.on=left --mu 2000 " + bed, "lies");
-  const double weight = 9.81 * 1e-3 * lies["mass_g"].get<double>(),
-               on_bed = -lies["walls"]["wall"]["force_N"][2].get<double>(),
-               on_support = -lies["supports"]["s"]["force_N"][2].get<double>();
-  EXPECT_GT(on_bed, 0.6 * weight);
-  EXPECT_NEAR(on_bed + on_support, weight + lies["force_N"].get<double>(), 0.01 * weight);
-}
-
 // Where the base is not held it is as free for a support as the rest.
 TEST(Bed, MayBeWhereTheBodyIsHeldTooByASupport) {
   const fs::path folder = fresh_folder();
@@ -256,17 +224,17 @@ TEST(Bed, ThatTheBodyDoesNotLieOnIsNamedAsWhatItLacks) {
 }
 
 TEST(Bed, IsRefusedWhereNothingCarriesTheBodyOrHoldsItSideways) {
-  const Refused refused;
-  refused("--base-hold none", "nothing carries the body");
-  refused("--base-hold loose", "--base-hold");
+  const fs::path folder = fresh_folder();
+  const std::string run = "run " + body + " -o out" + quick_wall;
+  expect_refusals(
+      folder, run,
+      {{2, "--base-hold none", {"nothing carries the body"}}, {2, "--base-hold loose", {"--base-hold"}}});
+  std::vector<RefusedLine> lines;
   for (const char* loose : {"--contact frictionless", "--tool sphere:10mm", "--gravity inferior",
                             "--gravity inferior --set wall.wall.friction=stick",
                             "--gravity inferior --set support.s.on=left --set support.s.hold=sliding"})
-    refused(bed + loose, "nothing holds the body sideways");
-  refused(bed + "--time explicit", "whose base is not held");
-  refused(bed + "--scheme horton2007", "whose base is not held");
-  refused("--socket s --set boundary.base_hold=none --set load.wall=plane:0,0,0,0,0,1",
-          "whose base is not held", "poke ");
+    lines.push_back({2, loose, {"nothing holds the body sideways"}});
+  expect_refusals(folder, run + bed, lines);
 }
 
 }  // namespace
