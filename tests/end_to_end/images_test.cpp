@@ -223,7 +223,7 @@ TEST_F(Images, ALandmarkMovesAsTheToolPushesHoweverTheImageIsStored) {
     for_each_voxel(labels.GetPointer(),
                    [&](const auto& voxel, const Vec3&) { count += labels->GetPixel(voxel) == 1; });
     const double counted = static_cast<double>(count) * 1.5 * 1.5 * 1.5 * how.layers;
-    EXPECT_NEAR(counted, told.at("images").at("labels_mm3").get<double>(), 1e-3 * counted);
+    EXPECT_NEAR(counted, told.at("images").at("labels_mm3"), 1e-3 * counted);
     EXPECT_NEAR(counted / told.at("images").at("deformed_mm3").get<double>(), 1.0, 0.01);
     EXPECT_EQ(read_label_image(images / ("labels" + suffix)).format,
               read_label_image(folder / ("labels" + suffix)).format);

@@ -25,7 +25,7 @@ class Refusal : public InFolder {
       EXPECT_EQ(summary.at("status"), "failed");
       EXPECT_EQ(summary.at("exit_code"), code);
       for (const char* part : {"code", "fact", "where", "why", "remedy"})
-        EXPECT_NE(ran.err.find(summary.at("failure").at(part).get<std::string>()), std::string::npos) << part;
+        EXPECT_THAT(ran.err, HasSubstr(summary.at("failure").at(part).get<std::string>())) << part;
       EXPECT_EQ(std::distance(fs::directory_iterator(out), fs::directory_iterator()), 1);
       fs::remove_all(out);
     } else {
@@ -63,14 +63,14 @@ TEST_F(Refusal, OfAnImageToBeWarpedThatLiesMostlyBesideTheBodyAndAWarningWhereIt
     return dimple(folder,
                   "run body.nrrd -o out --force --nodes 300 --depth 0.5mm --band off --warp mri.nrrd");
   };
-  EXPECT_EQ(run_with(0.0).err.find("mri.nrrd has"), std::string::npos);
+  EXPECT_THAT(run_with(0.0).err, Not(HasSubstr("mri.nrrd has")));
   for (const auto& [moved, words] :
        {std::pair(1.0, "mri.nrrd has as many voxels as the label image, 1 mm away from it"),
         std::pair(10.0, "of the body at rest outside"),
         std::pair(28.0, "of the body lies outside of mri.nrrd")}) {
     const Ran ran = run_with(moved);
     EXPECT_EQ(ran.code, moved > 20.0 ? 3 : 0);
-    EXPECT_NE(ran.err.find(words), std::string::npos) << ran.err;
+    EXPECT_THAT(ran.err, HasSubstr(words));
   }
 }
 
@@ -237,8 +237,7 @@ TEST_F(Refusal, NamesTheFactAndTheReasonThatHold) {
   for (const std::string flag : {"--wall", "--membrane"}) {
     expect(2, "poke brain.nrrd --socket s " + flag + " x",
            {"no option " + flag, "`dimple run` takes " + flag});
-    EXPECT_EQ(dimple(folder, "poke brain.nrrd --socket s " + flag + " x").err.find("--set"),
-              std::string::npos);
+    EXPECT_THAT(dimple(folder, "poke brain.nrrd --socket s " + flag + " x").err, Not(HasSubstr("--set")));
   }
 }
 
@@ -376,12 +375,11 @@ TEST_F(Refusal, OfACircleThatIsSmallerThanAVoxel) {
                                     "poke brain.nrrd --script path.csv --evaluations 4 --nodes 400"}) {
     SCOPED_TRACE(command);
     const Ran ran = good(command + " --indenter-diameter 5");
-    EXPECT_NE(ran.err.find("1.7 voxels across: the image hardly shows the shape of the surface beneath it"),
-              std::string::npos)
-        << ran.err;
+    EXPECT_THAT(ran.err,
+                HasSubstr("1.7 voxels across: the image hardly shows the shape of the surface beneath it"));
   }
   const Ran wide = dimple(folder, "run brain.nrrd -o wide --nodes 400 --depth 0.5mm --frames 1");
-  EXPECT_EQ(wide.err.find("voxels across"), std::string::npos) << wide.err;
+  EXPECT_THAT(wide.err, Not(HasSubstr("voxels across")));
 }
 
 // Two layers of voxels, or one, or a speck, in an image of their own.
@@ -438,7 +436,7 @@ TEST_F(Refusal, OfPlacesAndNumbersThatNoModelCanHave) {
 TEST_F(Refusal, IsNotOfANumberOfNodesBesideAFilesSpacing) {
   std::ofstream(folder / "even.toml") << "[cloud]\nspacing_mm = 5\n";
   const Ran ran = good("model brain.nrrd -o model --config even.toml --nodes 400");
-  EXPECT_NE(ran.err.find("400 nodes"), std::string::npos) << ran.err;
+  EXPECT_THAT(ran.err, HasSubstr("400 nodes"));
 }
 
 // --------------------------------------------------------------------------------------------- 6: output

@@ -65,7 +65,7 @@ class Report : public InFolder {
     std::vector<std::string> words = how;
     words.push_back("--dump-dom");
     const std::string page = browse(words).out;
-    EXPECT_EQ(page.find(" data-problem=\""), std::string::npos) << "a part was not drawn";
+    EXPECT_THAT(page, Not(HasSubstr(" data-problem=\""))) << "a part was not drawn";
     EXPECT_TRUE(std::regex_search(page.substr(0, 300), std::regex("<html[^>]*class=\"[a-z ]*ready")));
     return page;
   }
@@ -138,7 +138,7 @@ TEST_F(Report, OfABrainShiftShowsItsNumbers) {
 TEST_F(Report, OfABodyBesideAWallShowsTheWallsForce) {
   run(" --wall around:0.2mm");
   const Json numbers = summary();
-  ASSERT_GT(numbers["walls"]["wall"]["places_that_touch"].get<int>(), 0);
+  ASSERT_GT(numbers["walls"]["wall"]["places_that_touch"], 0);
   const std::string page = shown();
   EXPECT_TRUE(keys_shown(page, numbers).contains("walls.wall.force_size_N"));
   EXPECT_TRUE(std::regex_search(page, std::regex("<path class=\"wall\" d=\"M[0-9]")))
@@ -161,7 +161,7 @@ TEST_F(Report, OfAToolThatTouchesACutBodyShowsItsNumbersToo) {
         "model.cut.removed_mm3", "contact"})
     EXPECT_TRUE(keys.contains(key)) << key;
   EXPECT_FALSE(keys.contains("counts.circle_nodes"));
-  EXPECT_EQ(page.find("class=\"mark node circle\""), std::string::npos);
+  EXPECT_THAT(page, Not(HasSubstr("class=\"mark node circle\"")));
 }
 
 // What the page shows of a summary's number.
@@ -196,7 +196,7 @@ TEST_F(Report, AsksNobodyForAnything) {
   const std::regex initiated("\"initiator\":\"(file|null)[^\"]*\"[^}]*\"url\":\"(https?|wss?):[^\"]*\"");
   EXPECT_FALSE(std::regex_search(text, initiated));
   const std::string page = text_of(folder / "out" / "report.html");
-  EXPECT_NE(page.find("default-src 'none'"), std::string::npos) << "the browser would refuse it too";
+  EXPECT_THAT(page, HasSubstr("default-src 'none'")) << "the browser would refuse it too";
   EXPECT_FALSE(
       std::regex_search(page.substr(0, page.find("dimple-data")), std::regex("(src|href)=\"?https?:")));
 }
@@ -204,12 +204,12 @@ TEST_F(Report, AsksNobodyForAnything) {
 TEST_F(Report, TurnsTheBodyWithWebGLAndShowsAPictureWithout) {
   run();
   const std::string flat = shown();
-  EXPECT_NE(flat.find("class=\"drawn\" src=\"data:image/png;base64,"), std::string::npos);
+  EXPECT_THAT(flat, HasSubstr("class=\"drawn\" src=\"data:image/png;base64,"));
   EXPECT_TRUE(std::regex_search(flat.substr(0, 300), std::regex("<html[^>]*class=\"flat")));
-  EXPECT_EQ(flat.find("class=\"view3d\""), std::string::npos);
+  EXPECT_THAT(flat, Not(HasSubstr("class=\"view3d\"")));
   const std::string solid =
       shown({"--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"});
-  EXPECT_NE(solid.find("class=\"view3d\""), std::string::npos);
+  EXPECT_THAT(solid, HasSubstr("class=\"view3d\""));
   EXPECT_FALSE(std::regex_search(solid.substr(0, 300), std::regex("<html[^>]*flat")));
 }
 
@@ -246,9 +246,9 @@ TEST_F(Report, MovesTheToolAsTheStepsDoAndSaysItsDepth) {
   run(" --tool sphere:5mm --set step.press.move=4mm --set step.slide.move=3,0,0");
   const Json frames = held(text_of(folder / "out" / "report.html"), "dimple-data")["body"]["frames"];
   const Json& last = frames.back();
-  EXPECT_NEAR(last["depth_mm"].get<double>(), 4.0, 1e-6);
-  EXPECT_NEAR(last["tool_mm"][0].get<double>(), 3.0, 1e-6);
-  EXPECT_NEAR(last["tool_mm"][2].get<double>(), -4.0, 1e-6);
+  EXPECT_NEAR(last["depth_mm"], 4.0, 1e-6);
+  EXPECT_NEAR(last["tool_mm"][0], 3.0, 1e-6);
+  EXPECT_NEAR(last["tool_mm"][2], -4.0, 1e-6);
   EXPECT_EQ(frames.front()["depth_mm"], 0.0);
 }
 
@@ -257,7 +257,7 @@ TEST_F(Report, ShowsTheToolWhereGravityHasCarriedItsCircle) {
   const Json moved = summary()["loads"]["circle_moved_mm"];
   ASSERT_GT(std::abs(moved[0].get<double>()), 0.2);
   const Json frames = held(text_of(folder / "out" / "report.html"), "dimple-data")["body"]["frames"];
-  EXPECT_NEAR(frames.front()["tool_mm"][0].get<double>(), moved[0].get<double>(), 1e-6);
+  EXPECT_NEAR(frames.front()["tool_mm"][0], moved[0], 1e-6);
 }
 
 TEST_F(Report, OfASceneOfStepsUnderLoadsShowsEachOfThem) {
@@ -275,7 +275,7 @@ TEST_F(Report, OfASceneOfStepsUnderLoadsShowsEachOfThem) {
         "contact", "largest_force.force_N", "largest_force.step", "force_N", "scene.0.largest_force_N",
         "scene.1.lateral_force_N", "scene.1.time_s"})
     EXPECT_TRUE(keys.contains(key)) << key;
-  EXPECT_NE(page.find("<h2>Force over time</h2>"), std::string::npos);
+  EXPECT_THAT(page, HasSubstr("<h2>Force over time</h2>"));
   EXPECT_TRUE(std::regex_search(page, std::regex("<path class=\"lateral\" d=\"M[0-9]")));
 }
 
@@ -290,13 +290,13 @@ TEST_F(Report, PrintsItsVerdict) {
   const std::string words = Program(folder, {pdf.string(), "-"}, reader).wait().out;
   for (const char* word :
        {"Image understood", "Model sane", "Equilibrium", "Energy", "Accuracy", "at 4.00 mm"})
-    EXPECT_NE(words.find(word), std::string::npos) << word;
+    EXPECT_THAT(words, HasSubstr(word)) << word;
 }
 
 TEST_F(Report, IsWrittenWithoutAnImageToo) {
   good("model brain.nrrd -o model --nodes 1000");
   good("solve model -o out --depth 2mm --frames 2 --write report");
-  EXPECT_NE(shown().find("no image was read"), std::string::npos);
+  EXPECT_THAT(shown(), HasSubstr("no image was read"));
 }
 
 }  // namespace

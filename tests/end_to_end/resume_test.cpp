@@ -63,8 +63,8 @@ TEST_F(Resume, OfAFinishedRunSaysSoAndChangesNothing) {
   const auto before = times();
   const std::string again = line + " --resume";
   const Ran ran = good(again);
-  EXPECT_NE(ran.err.find("finished"), std::string::npos) << ran.err;
-  EXPECT_NE(ran.out.find("N at 0.50 mm, no error estimate: "), std::string::npos) << ran.out;
+  EXPECT_THAT(ran.err, HasSubstr("finished"));
+  EXPECT_THAT(ran.out, HasSubstr("N at 0.50 mm, no error estimate: "));
   EXPECT_EQ(good(again + " --json").out, text_of(folder / "out" / "summary.json"));
   EXPECT_EQ(times(), before);
   refused(2, again + " --mu 300", {"material.mu_Pa is 300.0 now, and was 842.0", "--force"});

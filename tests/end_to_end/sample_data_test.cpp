@@ -56,7 +56,7 @@ TEST(SampleData, GivesTheForceThatIsWrittenAboutIt) {
       const Json summary = Json::parse(ran.out);
       EXPECT_EQ(summary.at("status"), "finished");
       const double force = run.at("force_N").get<double>();
-      EXPECT_NEAR(summary.at("force_N").get<double>(), force, run.at("tolerance").get<double>() * force);
+      EXPECT_NEAR(summary.at("force_N"), force, run.at("tolerance").get<double>() * force);
     }
   }
 }

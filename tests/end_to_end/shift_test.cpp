@@ -22,11 +22,10 @@ TEST(Shift, GrowsWithTheFluidThatIsLostAndFallsAlongGravity) {
   for (const char* lost : {"20%", "60%", "100%"}) {
     const Json summary = shifted(folder, std::string("-q --fluid-lost ") + lost, lost),
                &shift = summary["shift"];
-    EXPECT_NEAR(summary["loads"]["settled_mm"].get<double>(), shift["largest_of_all_mm"].get<double>(),
-                0.006);
+    EXPECT_NEAR(summary["loads"]["settled_mm"], shift["largest_of_all_mm"], 0.006);
     const double most = shift["largest_at_opening_mm"];
     EXPECT_GT(most, before) << lost;
-    EXPECT_GT(shift["along_gravity_mm"].get<double>(), 0.9 * most) << lost;
+    EXPECT_GT(shift["along_gravity_mm"], 0.9 * most) << lost;
     before = most;
   }
 }
@@ -44,9 +43,9 @@ TEST(Shift, SaysTheShiftAtTheMiddleOfTheOpeningFirstAndTheLargestThere) {
     const double middle = shift["middle_mm"];
     EXPECT_EQ(middle, shift["profile"][0]["shift_mm"].get<double>());
     EXPECT_GT(middle, 0.5);
-    EXPECT_GT(shift["largest_at_opening_mm"].get<double>(), 0.8 * middle) << opening;
+    EXPECT_GT(shift["largest_at_opening_mm"], 0.8 * middle) << opening;
     EXPECT_EQ(ran.out.rfind("shift at the middle of the opening ", 0), 0u) << ran.out;
-    EXPECT_NE(ran.out.find("; largest at the opening "), std::string::npos) << ran.out;
+    EXPECT_THAT(ran.out, HasSubstr("; largest at the opening "));
   }
 }
 
@@ -65,7 +64,7 @@ TEST(Shift, RepeatsOpeningAndTargetsWithTheirSidesAndReadsMarkups) {
                                      "--set accuracy.band=off --target " + target);
     for (const char* line : {"opening  (0.0, 0.0, 30.0) mm, of 15.00 mm radius: ", "superior of the brain's",
                              "target   (5.0, 10.0, 20.0) mm: ", " mm left, ", " mm posterior, "})
-      EXPECT_NE(ran.err.find(line), std::string::npos) << line << '\n' << ran.err;
+      EXPECT_THAT(ran.err, HasSubstr(line)) << line;
     const std::string table = text_of(folder / "out" / "targets.csv");
     if (numbers.empty()) numbers = table;
     EXPECT_EQ(table, numbers) << target;
@@ -97,7 +96,7 @@ TEST(Shift, AtAnOpeningBetweenTheSurfacesVerticesIsThatOfTheNearestOne) {
   EXPECT_TRUE(is_narrow_told);
   const double shift = wide["largest_at_opening_mm"];
   EXPECT_GT(shift, 2.0);
-  EXPECT_NEAR(narrow["largest_at_opening_mm"].get<double>(), shift, 0.2 * shift);
+  EXPECT_NEAR(narrow["largest_at_opening_mm"], shift, 0.2 * shift);
   EXPECT_FALSE(narrow["at_mm"].is_null());
 }
 
@@ -109,8 +108,8 @@ TEST(Shift, BesideAnOpeningOnTheSideSaysNothingOfATool) {
            "shift " + block_of_brain +
                " -o out --opening 30,0,15,12 --up left --nodes 500 --mu 300 --skull derived --density 500");
   const Json assumed = summary_of(folder / "out")["shift"]["assumed"];
-  EXPECT_NE(assumed.dump().find("density, which was given, plays no part"), std::string::npos) << assumed;
-  EXPECT_EQ(ran.err.find("passes through"), std::string::npos) << ran.err;
+  EXPECT_THAT(assumed.dump(), HasSubstr("density, which was given, plays no part")) << assumed;
+  EXPECT_THAT(ran.err, Not(HasSubstr("passes through")));
 }
 
 TEST(Shift, WritesTargetsProfileAndImagesWithTheSameNumbersForAnyThreads) {
@@ -122,11 +121,11 @@ TEST(Shift, WritesTargetsProfileAndImagesWithTheSameNumbersForAnyThreads) {
     EXPECT_EQ(text_of(folder / "two" / file), text_of(folder / "one" / file)) << file;
   const std::string table = text_of(folder / "two" / "targets.csv");
   EXPECT_EQ(std::count(table.begin(), table.end(), '\n'), 3);
-  EXPECT_NE(table.find("along_gravity_mm"), std::string::npos);
+  EXPECT_THAT(table, HasSubstr("along_gravity_mm"));
   for (const char* file : {"surface.vtp", "nodes.vtu", "images/displacement_mm.nrrd", "images/labels.nrrd"})
     EXPECT_TRUE(fs::exists(folder / "two" / file)) << file;
   EXPECT_EQ(summary["walls"]["skull"]["places_that_touch"].get<int>() >= 0, true);
-  EXPECT_NE(summary["shift"]["left_out"].get<std::string>().find("falx"), std::string::npos);
+  EXPECT_THAT(summary["shift"]["left_out"].get<std::string>(), HasSubstr("falx"));
   EXPECT_FALSE(summary["shift"]["assumed"].empty());
 }
 
@@ -145,14 +144,14 @@ TEST(Shift, DrawsBeforeAndAfterAndAPageWithTheSameBytesForAnyThreads) {
   const std::string page = text_of(folder / "two" / "report.html");
   for (const char* part :
        {"data:image/png;base64,", "\"outline_at_end\"", "\"walls\":[", "--opening=0,0,30,15"})
-    EXPECT_NE(page.find(part), std::string::npos) << part;
+    EXPECT_THAT(page, HasSubstr(part)) << part;
   const Json &shift = summary["shift"], &target = shift["targets"][0];
-  EXPECT_GT(target["shift_mm"].get<double>(), 0.0);
-  EXPECT_LT(target["shift_mm"].get<double>(), shift["largest_of_all_mm"].get<double>());
+  EXPECT_GT(target["shift_mm"], 0.0);
+  EXPECT_LT(target["shift_mm"], shift["largest_of_all_mm"].get<double>());
   EXPECT_EQ(shift["band"].get<std::string>().substr(0, 7), "unknown");
   double before = -1.0;
   for (const Json& place : shift["profile"]) {
-    EXPECT_GT(place["depth_mm"].get<double>(), before);
+    EXPECT_GT(place["depth_mm"], before);
     before = place["depth_mm"];
   }
 }
@@ -210,11 +209,11 @@ TEST(Shift, SaysByHowMuchItsNodesMayPutItOff) {
       change = std::max(change, std::sqrt(sum));
     }
   EXPECT_GT(change, 0.0);
-  EXPECT_NEAR(shift["band_mm"].get<double>(), std::max(change, 0.25 * largest), 1e-3 * largest);
-  EXPECT_NE(table.find(",band_mm"), std::string::npos) << table;
+  EXPECT_NEAR(shift["band_mm"], std::max(change, 0.25 * largest), 1e-3 * largest);
+  EXPECT_THAT(table, HasSubstr(",band_mm"));
   EXPECT_EQ(half["band"], "unknown: not calibrated below 4000 nodes");
   EXPECT_TRUE(half["band_mm"].is_null());
-  EXPECT_EQ(text_of(folder / "2000" / "targets.csv").find("band_mm"), std::string::npos);
+  EXPECT_THAT(text_of(folder / "2000" / "targets.csv"), Not(HasSubstr("band_mm")));
   EXPECT_EQ(off["band"], "unknown: accuracy.band is off");
   EXPECT_EQ(off["largest_at_opening_mm"], largest);
 }
@@ -278,8 +277,8 @@ TEST(Shift, IsExplainedByOneDoubtAtATimeInMillimetres) {
         "opening: radius 20 mm instead of 15 mm", "direction of up: tilted by 15 degrees, left",
         "number of nodes: 1000 instead of 500"})
     EXPECT_TRUE(of.contains(doubt)) << doubt;
-  EXPECT_NE(text_of(folder / "out" / "report.html").find("What the shift depends on"), std::string::npos);
-  EXPECT_GT(summary["parts_wall_s"]["comparing"].get<double>(), 0.0);
+  EXPECT_THAT(text_of(folder / "out" / "report.html"), HasSubstr("What the shift depends on"));
+  EXPECT_GT(summary["parts_wall_s"]["comparing"], 0.0);
 }
 
 TEST(Shift, IsRefusedBeforeAnythingIsBuiltWhereItIsNotUnderstood) {
@@ -287,7 +286,7 @@ TEST(Shift, IsRefusedBeforeAnythingIsBuiltWhereItIsNotUnderstood) {
   const auto refused = [&](const std::string& options, const std::string& fact) {
     const Ran ran = dimple(folder, "shift " + block_of_brain + " -o out " + options);
     EXPECT_NE(ran.code, 0) << options;
-    EXPECT_NE(ran.err.find(fact), std::string::npos) << options << '\n' << ran.err;
+    EXPECT_THAT(ran.err, HasSubstr(fact)) << options;
   };
   const std::string well = " --opening 0,0,30,15 --up superior ";
   refused("--up superior", "--opening");

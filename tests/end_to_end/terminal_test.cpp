@@ -69,7 +69,7 @@ TEST_F(Terminal, ANovicesRunIsATwelveLinesAtMost) {
   const Ran run = good("run brain.nrrd -o out");
   const double passed = std::chrono::duration<double>(std::chrono::steady_clock::now() - begun).count();
   EXPECT_LE(lines_of(run.err).size() + lines_of(run.out).size(), 12u) << run.err << run.out;
-  EXPECT_EQ(run.err.find('\r'), std::string::npos);
+  EXPECT_THAT(run.err, Not(HasSubstr('\r')));
   for (const char* word : {"image ", "organ ", "base ", "circle ", "solving  50 %", "open     out/"})
     EXPECT_THAT(run.err, HasSubstr(word));
   for (const char* word : {"slivers", "conditioning", "waves", "residual"})

@@ -63,7 +63,7 @@ std::set<std::string> tried_of(const std::string& page, const fs::path& folder) 
     const Ran ran = good(folder, step.command);
     const std::string said = without_times(ran.out + ran.err);
     for (const std::string& line : step.shown)
-      EXPECT_NE(said.find(without_times(line)), std::string::npos) << line << '\n' << ran.err;
+      EXPECT_THAT(said, HasSubstr(without_times(line))) << line << ran.err;
     tried.insert(step.command.substr(0, step.command.find(' ')));
   }
   return tried;

@@ -54,7 +54,7 @@ TEST(ParaView, ShowsTheLastFrameOfAResultByOneFileWhereverTheFolderLies) {
     drawn = draw();
   ASSERT_EQ(drawn.code, 0) << drawn.err;
   for (const char* word : {"ERR|", "WARN|", "Traceback", "Error"})
-    EXPECT_EQ(drawn.err.find(word), std::string::npos) << drawn.err;
+    EXPECT_THAT(drawn.err, Not(HasSubstr(word)));
   const Shares last = shares_of(folder / "last.png"), first = shares_of(folder / "first.png");
   for (const Shares& shares : {first, last}) {
     EXPECT_GT(shares.paper, 0.4);

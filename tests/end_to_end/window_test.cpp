@@ -63,7 +63,7 @@ TEST(Poke, WithoutADisplayEndsInWords) {
       Program(folder, {"-c", fmt::format("DISPLAY= '{}' poke brain.nrrd -q", DIMPLE_PROGRAM)}, "/bin/sh")
           .wait();
   EXPECT_EQ(ran.code, 2);
-  EXPECT_NE(ran.err.find("no window can be opened"), std::string::npos) << ran.err;
+  EXPECT_THAT(ran.err, HasSubstr("no window can be opened"));
 }
 
 TEST(Poke, FeelsAtEachStopTheForceOfARun) {
@@ -71,7 +71,7 @@ TEST(Poke, FeelsAtEachStopTheForceOfARun) {
   write_file(folder / "path.csv", there_and_back);
   const Ran live =
       good(folder, "poke brain.nrrd --script path.csv --nodes 1000 --evaluations 10 -q --record live");
-  EXPECT_NE(live.out.find("1,000 nodes"), std::string::npos) << live.out;
+  EXPECT_THAT(live.out, HasSubstr("1,000 nodes"));
   good(folder, "run brain.nrrd -o out -q --nodes 1000 --depth 4mm --frames 4 --band off --write force");
   const Table felt = read_csv(folder / "live" / "forces.csv"), run = read_csv(folder / "out" / "force.csv");
   const auto of_run = [&](double depth) {
@@ -93,7 +93,7 @@ TEST(Poke, FeelsAtEachStopTheForceOfARun) {
   }
   EXPECT_EQ(compared, 2);
   const Ran by_key = dimple(folder, "poke brain.nrrd --script path.csv --set cloud.nodes=900 -q");
-  EXPECT_NE(by_key.out.find("900 nodes"), std::string::npos) << by_key.out;
+  EXPECT_THAT(by_key.out, HasSubstr("900 nodes"));
   EXPECT_EQ(force.back(), 0.0);
   EXPECT_TRUE(fs::exists(folder / "live" / "surface.pvd"));
 }
@@ -131,7 +131,7 @@ TEST(Poke, RecordedAnewLeavesNothingOfTheRecordBefore) {
   };
   EXPECT_GE(recorded("1.5,2\n"), 6u);
   EXPECT_LE(recorded("0.3,1\n"), 3u);
-  EXPECT_NE(text_of(folder / "rec" / ".dimple_files").find("forces.csv"), std::string::npos);
+  EXPECT_THAT(text_of(folder / "rec" / ".dimple_files"), HasSubstr("forces.csv"));
 }
 
 TEST(Poke, FollowsATipThroughTheAirToAnotherPlace) {
@@ -269,7 +269,7 @@ Felt felt_in(const std::string& answer) {
                         &felt.moment.y(), &felt.moment.z(), tool),
             9)
       << answer;
-  EXPECT_EQ((" " + answer).find(" -0 "), std::string::npos) << answer;
+  EXPECT_THAT((" " + answer), Not(HasSubstr(" -0 "))) << answer;
   felt.tool = tool;
   return felt;
 }
@@ -473,7 +473,7 @@ TEST(Poke, ADeviceMovesTheToolInAWindowToo) {
   }
   const Ran ran = program.wait();
   EXPECT_EQ(ran.code, 0) << ran.err;
-  EXPECT_NE(ran.out.find(" answers, "), std::string::npos) << ran.out;
+  EXPECT_THAT(ran.out, HasSubstr(" answers, "));
   const std::vector<double> depth = *read_csv(folder / "rec" / "forces.csv").find("depth_mm");
   EXPECT_EQ(depth.back(), 2.0) << "the tool stays where it was left";
   EXPECT_TRUE(fs::exists(folder / "rec" / "window" / "window_0000.png"));
@@ -499,7 +499,7 @@ TEST(Poke, ACircleThatAScriptMovesAcrossAtDepthHasAnUnknownForceAndOffTheOrganNo
     EXPECT_EQ(force[k], 0.0) << "off the organ, at " << time[k];
     EXPECT_EQ(error[k], 0.0);
   }
-  EXPECT_NE(ran.out.find("the force is not that of the pose asked for in "), std::string::npos) << ran.out;
+  EXPECT_THAT(ran.out, HasSubstr("the force is not that of the pose asked for in "));
   EXPECT_EQ(felt.find("asked_x_mm")->back(), 213.9);
   EXPECT_EQ(felt.find("tip_x_mm")->back(), 213.9) << "in the air it is where it was asked to be";
 }
@@ -584,7 +584,7 @@ TEST(Poke, AScriptGoesOnWhereTheToolCannotComeDown) {
       good(folder,
            "poke block.nrrd --script way.csv --record live --tool sphere:4mm --nodes 500 --evaluations 8 "
            "--fps 10 -q");
-  EXPECT_NE(ran.out.find(" elsewhere"), std::string::npos) << ran.out;
+  EXPECT_THAT(ran.out, HasSubstr(" elsewhere"));
   const Table felt = read_csv(folder / "live" / "forces.csv");
   EXPECT_EQ(felt.find("tool")->at(16), 3.0) << "elsewhere";
   EXPECT_TRUE(std::isinf(felt.find("error_N")->at(16)));
@@ -606,7 +606,7 @@ TEST(Poke, RefusesAPathThatIsNone) {
   EXPECT_EQ(dimple(folder, "poke brain.nrrd --script path.csv --fps 0").code, 2);
   const Ran far = dimple(folder, {"poke", "brain.nrrd", "--socket", std::string(120, 's')});
   EXPECT_EQ(far.code, 2);
-  EXPECT_NE(far.err.find("107 characters"), std::string::npos) << far.err;
+  EXPECT_THAT(far.err, HasSubstr("107 characters"));
 }
 
 }  // namespace
