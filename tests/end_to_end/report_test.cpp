@@ -103,14 +103,23 @@ std::set<std::string> keys_shown(const std::string& page, const Json& numbers) {
   return keys;
 }
 
-TEST_F(Report, ShowsTheNumbersOfTheSummaryAndNoOthers) {
+// What the page shows of a summary's number.
+std::string shown_number(const std::string& page, const std::string& key) {
+  std::smatch found;
+  return std::regex_search(page, found, std::regex("data-key=\"" + key + "\"[^>]*>([^<]*)<")) ? found[1].str()
+                                                                                              : "nothing";
+}
+
+TEST_F(Report, ShowsTheNumbersOfTheSummaryAndNoOthersAndAsksNobodyForAnything) {
   std::ofstream(folder / "measured.csv") << "indentation_mm,force_N\n1,0.01\n2,0.02\n4,0.05\n";
   run(" --compare measured.csv");
   const Json numbers = summary();
   EXPECT_EQ(held(text_of(folder / "out" / "report.html"), "dimple-summary"), numbers);
   EXPECT_LT(fs::file_size(folder / "out" / "report.html"), 4'000'000u);
 
-  const std::set<std::string> keys = keys_shown(shown(), numbers);
+  const fs::path log = folder / "net.json";
+  const std::string seen = shown({"--disable-3d-apis", "--log-net-log=" + log.string()});
+  const std::set<std::string> keys = keys_shown(seen, numbers);
   for (const char* key :
        {"force_N", "indentation_mm", "band.low_N", "band.high_N", "verdict.image.value",
         "verdict.model.value", "verdict.equilibrium.value", "verdict.energy.value", "verdict.accuracy.value",
@@ -118,6 +127,26 @@ TEST_F(Report, ShowsTheNumbersOfTheSummaryAndNoOthers) {
         "model.circle_reason", "total_wall_s", "compare.ratio_at_end", "image_sha256", "version"})
     EXPECT_TRUE(keys.contains(key)) << key;
   EXPECT_TRUE(keys.contains("image_error.half_N"));
+
+  // A share too small to matter is said to be small, and not to be nothing.
+  int small = 0;
+  for (const char* question : {"model", "equilibrium", "energy"}) {
+    const double percent = std::abs(numbers["verdict"][question]["value"].get<double>());
+    const std::string text = shown_number(seen, std::string("verdict\\.") + question + "\\.value");
+    SCOPED_TRACE(question + (": " + text));
+    EXPECT_EQ(text == "&lt; 0.01", percent > 0.0 && percent < 0.01) << percent;
+    EXPECT_EQ(text == "0", percent == 0.0) << percent;
+    if (text == "&lt; 0.01") ++small;
+  }
+  EXPECT_GE(small, 1) << "the integration points' volume is the image's but for rounding";
+
+  const std::string asked = text_of(log), page = text("out/report.html");
+  ASSERT_FALSE(asked.empty());
+  const std::regex initiated("\"initiator\":\"(file|null)[^\"]*\"[^}]*\"url\":\"(https?|wss?):[^\"]*\"");
+  EXPECT_FALSE(std::regex_search(asked, initiated));
+  EXPECT_THAT(page, HasSubstr("default-src 'none'")) << "the browser would refuse it too";
+  EXPECT_FALSE(
+      std::regex_search(page.substr(0, page.find("dimple-data")), std::regex("(src|href)=\"?https?:")));
 }
 
 TEST_F(Report, OfABrainShiftShowsItsNumbers) {
@@ -135,70 +164,22 @@ TEST_F(Report, OfABrainShiftShowsItsNumbers) {
     EXPECT_TRUE(keys.contains(key)) << key;
 }
 
-TEST_F(Report, OfABodyBesideAWallShowsTheWallsForce) {
-  run(" --wall around:0.2mm");
+TEST_F(Report, OfTwoToolsThatTouchACutBodyBesideAWallShowsTheNumbersOfAll) {
+  run(" --tool sphere:5mm --cut line:12,-20,25,12,20,25,depth=10mm --wall around:0.2mm --set "
+      "tool.other.shape=sphere:4mm --set tool.other.at=-20,0,25 --set tool.other.move=1mm");
   const Json numbers = summary();
   ASSERT_GT(numbers["walls"]["wall"]["places_that_touch"], 0);
   const std::string page = shown();
-  EXPECT_TRUE(keys_shown(page, numbers).contains("walls.wall.force_size_N"));
-  EXPECT_TRUE(std::regex_search(page, std::regex("<path class=\"wall\" d=\"M[0-9]")))
-      << "and where it stands";
-}
-
-TEST_F(Report, OfTwoToolsShowsTheForceOfTheOtherToo) {
-  run(" --tool sphere:5mm --set tool.other.shape=sphere:4mm --set tool.other.at=-20,0,25 --set "
-      "tool.other.move=1mm");
-  EXPECT_TRUE(keys_shown(shown(), summary()).contains("other_tools.other.force_size_N"));
-}
-
-TEST_F(Report, OfAToolThatTouchesACutBodyShowsItsNumbersToo) {
-  run(" --tool sphere:5mm --cut line:12,-20,25,12,20,25,depth=10mm");
-  const std::string page = shown();
-  const std::set<std::string> keys = keys_shown(page, summary());
+  const std::set<std::string> keys = keys_shown(page, numbers);
   for (const char* key :
        {"tool.words", "tool.first_touch_mm.2", "tool.contact_area_mm2", "tool.samples_in_contact",
-        "tool.largest_pressure_Pa", "tool.largest_penetration_mm", "model.cut.area_mm2",
-        "model.cut.removed_mm3", "contact"})
+        "tool.largest_pressure_Pa", "tool.largest_penetration_mm", "other_tools.other.force_size_N",
+        "walls.wall.force_size_N", "model.cut.area_mm2", "model.cut.removed_mm3", "contact"})
     EXPECT_TRUE(keys.contains(key)) << key;
   EXPECT_FALSE(keys.contains("counts.circle_nodes"));
   EXPECT_THAT(page, Not(HasSubstr("class=\"mark node circle\"")));
-}
-
-// What the page shows of a summary's number.
-std::string shown_number(const std::string& page, const std::string& key) {
-  std::smatch found;
-  return std::regex_search(page, found, std::regex("data-key=\"" + key + "\"[^>]*>([^<]*)<")) ? found[1].str()
-                                                                                              : "nothing";
-}
-
-TEST_F(Report, SaysOfAShareTooSmallToMatterThatItIsSmallAndNotThatItIsNothing) {
-  run();
-  const Json verdict = summary()["verdict"];
-  const std::string page = shown();
-  int small = 0;
-  for (const char* question : {"model", "equilibrium", "energy"}) {
-    const double percent = std::abs(verdict[question]["value"].get<double>());
-    const std::string text = shown_number(page, std::string("verdict\\.") + question + "\\.value");
-    SCOPED_TRACE(question + (": " + text));
-    EXPECT_EQ(text == "&lt; 0.01", percent > 0.0 && percent < 0.01) << percent;
-    EXPECT_EQ(text == "0", percent == 0.0) << percent;
-    if (text == "&lt; 0.01") ++small;
-  }
-  EXPECT_GE(small, 1) << "the integration points' volume is the image's but for rounding";
-}
-
-TEST_F(Report, AsksNobodyForAnything) {
-  run();
-  const fs::path log = folder / "net.json";
-  shown({"--disable-3d-apis", "--log-net-log=" + log.string()});
-  const std::string text = text_of(log);
-  ASSERT_FALSE(text.empty());
-  const std::regex initiated("\"initiator\":\"(file|null)[^\"]*\"[^}]*\"url\":\"(https?|wss?):[^\"]*\"");
-  EXPECT_FALSE(std::regex_search(text, initiated));
-  const std::string page = text_of(folder / "out" / "report.html");
-  EXPECT_THAT(page, HasSubstr("default-src 'none'")) << "the browser would refuse it too";
-  EXPECT_FALSE(
-      std::regex_search(page.substr(0, page.find("dimple-data")), std::regex("(src|href)=\"?https?:")));
+  EXPECT_TRUE(std::regex_search(page, std::regex("<path class=\"wall\" d=\"M[0-9]")))
+      << "and where the wall stands";
 }
 
 TEST_F(Report, TurnsTheBodyWithWebGLAndShowsAPictureWithout) {

@@ -733,6 +733,8 @@ TEST_F(Run, MakesPhantomsWhoseLengthsHaveUnits) {
   EXPECT_EQ(text_of(folder / "one.nrrd"), text_of(folder / "other.nrrd"));
   for (const char* wrong : {"--spacing 2kPa", "--spacing -1", "--size 40,30", "--size 4,4,4s"})
     EXPECT_EQ(dimple(folder, "phantom third.nrrd " + std::string(wrong)).code, 2) << wrong;
+  refused(2, "phantom round.nrrd --shape cylinder --size 30,20,10",
+          {"a cylinder is 30 mm wide and 20 mm deep"});
 }
 
 TEST_F(Run, MakesABlockOfWholeVoxelsAndSaysSoWhereItIsNotWhatWasAskedFor) {
