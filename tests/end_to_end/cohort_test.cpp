@@ -264,9 +264,8 @@ TEST_F(Batch, IsStoppedWithinTwoSecondsAndGoesOnFromThere) {
   for (int n = 1; n <= 4; ++n)
     content += "slow_" + std::to_string(n) + ",block.nrrd,21" + std::to_string(n) + ",400\n";
   write("cases.csv", content);
-  const std::vector<std::string> words = {"batch",   "cases.csv", "-o",      "out",   "--nodes", "400",
-                                          "--depth", "2mm",       "--write", "force", "--jobs",  "2"};
-  Program program(folder, words);
+  const std::string line = "batch cases.csv -o out --nodes 400 --depth 2mm --write force --jobs 2";
+  Program program(folder, words_of(line));
   program.wait_until_it_listens();
   while (program.running() && !fs::exists(folder / "out/slow_2/checkpoint.cbor"))
     std::this_thread::sleep_for(std::chrono::milliseconds(5));
@@ -280,8 +279,7 @@ TEST_F(Batch, IsStoppedWithinTwoSecondsAndGoesOnFromThere) {
   EXPECT_EQ(summary("out/quick").at("status"), "finished");
   EXPECT_FALSE(fs::exists(folder / "out/slow_4/force.csv"));
 
-  ran = dimple(folder, words);
-  EXPECT_EQ(ran.code, 0) << ran.err;
+  ran = good(line);
   EXPECT_THAT(ran.out, HasSubstr(" skipped, 0 failed of 5 cases"));
   good("run block.nrrd -o alone --mu 212 --frames 400 --nodes 400 --depth 2mm --write force -q");
   EXPECT_EQ(text_of(folder / "out/slow_2/force.csv"), text_of(folder / "alone/force.csv"));
@@ -290,10 +288,8 @@ TEST_F(Batch, IsStoppedWithinTwoSecondsAndGoesOnFromThere) {
 // By kill -9, as the system does where memory is short.
 TEST_F(Batch, LosesNoOtherCaseWhenTheProcessOfOneDies) {
   write("cases.csv", "id,image,frames\nslow,block.nrrd,400\nquick,block.nrrd,2\n");
-  const std::vector<std::string> words = {"batch",  "cases.csv", "-o",  "out",     "--nodes",
-                                          "400",    "--depth",   "2mm", "--write", "force",
-                                          "--jobs", "1",         "-v"};
-  Program program(folder, words);
+  const std::string command = "batch cases.csv -o out --nodes 400 --depth 2mm --write force --jobs 1 -v";
+  Program program(folder, words_of(command));
   while (program.running() && !fs::exists(folder / "out/slow/checkpoint.cbor"))
     std::this_thread::sleep_for(std::chrono::milliseconds(5));
   pid_t victim = -1;
@@ -314,8 +310,7 @@ TEST_F(Batch, LosesNoOtherCaseWhenTheProcessOfOneDies) {
   EXPECT_THAT(ran.out, HasSubstr("died of signal 9"));
   EXPECT_EQ(summary("out/slow").at("failure").at("code"), "crashed");
   EXPECT_TRUE(fs::exists(folder / "out/slow.log"));
-  ran = dimple(folder, words);
-  EXPECT_EQ(ran.code, 0) << ran.err;
+  ran = good(command);
   EXPECT_THAT(ran.out, HasSubstr("1 finished, 1 skipped, 0 failed"));
   EXPECT_FALSE(fs::exists(folder / "out/slow.log"));
 }

@@ -55,6 +55,15 @@ fs::path folder_with_block(int spacing_mm) {
   return folder;
 }
 
+// What is felt along a way, which is the rows of a table of depths or of places of the tip.
+Table felt_along(const fs::path& folder, const std::string& way, const std::string& options) {
+  const bool is_of_depths =
+      std::count(way.begin(), way.begin() + static_cast<long>(way.find('\n')), ',') == 1;
+  write_file(folder / "path.csv", (is_of_depths ? "time_s,depth_mm\n" : "time_s,x_mm,y_mm,z_mm\n") + way);
+  good(folder, "poke --script path.csv -q --record rec --force " + options);
+  return read_csv(folder / "rec" / "forces.csv");
+}
+
 const char* const there_and_back = "time_s,depth_mm\n0,0\n0.4,4\n1.0,4\n1.3,1\n1.6,1\n1.8,0\n2,0\n";
 
 TEST(Poke, WithoutADisplayEndsInWords) {
@@ -101,17 +110,12 @@ TEST(Poke, FeelsAtEachStopTheForceOfARun) {
 // Options that decide a force decide it under a hand as well.
 TEST(Poke, SlidesUnderTheToolWhereThatIsAskedFor) {
   const fs::path folder = folder_with_brain();
-  write_file(folder / "path.csv", "time_s,depth_mm\n0,0\n0.4,4\n1,4\n");
   double force[2];
   for (const char* contact : {"bonded", "frictionless"}) {
     const std::string what = fmt::format("--contact {} --nodes 600 -q", contact);
-    good(folder,
-         fmt::format("poke brain.nrrd --script path.csv --evaluations 10 --record {} {}", contact, what));
-    good(folder, fmt::format("run brain.nrrd -o run_{} --depth 4mm --frames 4 --band off --write force {}",
-                             contact, what));
-    const double felt = read_csv(folder / contact / "forces.csv").find("force_N")->back(),
-                 right =
-                     read_csv(folder / (std::string("run_") + contact) / "force.csv").find("force_N")->back();
+    const Table live = felt_along(folder, "0,0\n0.4,4\n1,4\n", "brain.nrrd --evaluations 10 " + what);
+    good(folder, "run brain.nrrd -o out --force --depth 4mm --frames 4 --band off --write force " + what);
+    const double felt = live.find("force_N")->back(), right = end_of(folder / "out");
     EXPECT_NEAR(felt, right, 0.01 * right) << contact;
     force[contact[0] == 'f'] = right;
   }
@@ -120,28 +124,22 @@ TEST(Poke, SlidesUnderTheToolWhereThatIsAskedFor) {
 
 TEST(Poke, RecordedAnewLeavesNothingOfTheRecordBefore) {
   const fs::path folder = folder_with_brain();
-  const auto recorded = [&](const char* path) {
-    write_file(folder / "path.csv", std::string("time_s,depth_mm\n0,0\n") + path);
-    const Ran ran = dimple(
-        folder, "poke brain.nrrd --script path.csv --nodes 700 --evaluations 12 -q --record rec --force");
-    EXPECT_EQ(ran.code, 0) << ran.err;
-    std::size_t surfaces = 0;
-    for (const auto& entry : fs::directory_iterator(folder / "rec" / "surface")) surfaces += entry.exists();
-    return surfaces;
+  const auto recorded = [&](const char* way) {
+    felt_along(folder, way, "brain.nrrd --nodes 700 --evaluations 12");
+    return std::distance(fs::directory_iterator(folder / "rec" / "surface"), fs::directory_iterator());
   };
-  EXPECT_GE(recorded("1.5,2\n"), 6u);
-  EXPECT_LE(recorded("0.3,1\n"), 3u);
+  EXPECT_GE(recorded("0,0\n1.5,2\n"), 6);
+  EXPECT_LE(recorded("0,0\n0.3,1\n"), 3);
   EXPECT_THAT(text_of(folder / "rec" / ".dimple_files"), HasSubstr("forces.csv"));
 }
 
 TEST(Poke, FollowsATipThroughTheAirToAnotherPlace) {
   const fs::path folder = folder_with_brain();
   // Into the dome of one half, out, across, and into that of the other, which is its mirror image.
-  write_file(folder / "path.csv",
-             "time_s,x_mm,y_mm,z_mm\n0,13.9,0,27.6\n0.4,13.9,0,23.6\n0.8,13.9,0,23.6\n1.2,13.9,0,31\n"
-             "1.6,-13.9,0,31\n2.4,-13.9,0,23.6\n2.8,-13.9,0,23.6\n");
-  good(folder, "poke brain.nrrd --script path.csv --nodes 700 --evaluations 12 -q --record rec");
-  const Table felt = read_csv(folder / "rec" / "forces.csv");
+  const Table felt = felt_along(folder,
+                                "0,13.9,0,27.6\n0.4,13.9,0,23.6\n0.8,13.9,0,23.6\n1.2,13.9,0,31\n"
+                                "1.6,-13.9,0,31\n2.4,-13.9,0,23.6\n2.8,-13.9,0,23.6\n",
+                                "brain.nrrd --nodes 700 --evaluations 12");
   const auto &time = *felt.find("time_s"), &force = *felt.find("force_N");
   double here = 0.0, between = 1.0, there = 0.0;
   for (std::size_t k = 0; k < time.size(); ++k) {
@@ -507,16 +505,12 @@ TEST(Poke, ACircleThatAScriptMovesAcrossAtDepthHasAnUnknownForceAndOffTheOrganNo
 // On the side of a dome: 1.2 mm across it goes deeper in, or comes out.
 TEST(Poke, ASphereThatSlidesOnASlopeComesDownAnewWhereItRestsAndUntilThenItsErrorHolds) {
   const fs::path folder = folder_with_brain();
-  const auto poke = [&](const char* way, const char* out) {
-    write_file(folder / "path.csv", std::string("time_s,x_mm,y_mm,z_mm\n") + way);
-    good(folder, std::string("poke brain.nrrd --script path.csv --tool sphere:5mm --nodes 500 --fps 10 "
-                             "--evaluations 12 --indent-at 13.9,0,26.6 -q --record ") +
-                     out);
-    return read_csv(folder / out / "forces.csv");
-  };
-  const Table slid = poke("0,13.9,0,30\n0.5,13.9,0,24.6\n1,13.9,0,24.6\n1.1,15.1,0,24.6\n2,15.1,0,24.6\n",
-                          "slid"),
-              fresh = poke("0,15.1,0,40\n0.5,15.1,0,24.6\n1.2,15.1,0,24.6\n", "fresh");
+  const std::string sphere =
+      "brain.nrrd --tool sphere:5mm --nodes 500 --fps 10 --evaluations 12 --indent-at 13.9,0,26.6";
+  const Table slid = felt_along(
+                  folder, "0,13.9,0,30\n0.5,13.9,0,24.6\n1,13.9,0,24.6\n1.1,15.1,0,24.6\n2,15.1,0,24.6\n",
+                  sphere),
+              fresh = felt_along(folder, "0,15.1,0,40\n0.5,15.1,0,24.6\n1.2,15.1,0,24.6\n", sphere);
   const double truth = fresh.find("force_N")->back();
   EXPECT_GT(std::abs(slid.find("force_N")->at(10) / truth - 1.0), 0.1) << "the two places differ";
   EXPECT_EQ(slid.find("tool")->back(), 0.0);
@@ -530,15 +524,9 @@ TEST(Poke, ASphereThatSlidesOnASlopeComesDownAnewWhereItRestsAndUntilThenItsErro
 
 TEST(Poke, ASphereArrivesWhereARunArrives) {
   const fs::path folder = folder_with_block(1);
-  write_file(folder / "way.csv", "time_s,x_mm,y_mm,z_mm\n0,0,0,25\n1,0,0,18\n2,0,0,18\n");
-  ASSERT_EQ(
-      dimple(
-          folder,
-          "poke block.nrrd --script way.csv --record live --tool sphere:4mm --indent-at 0,0,top --nodes 800 "
-          "--evaluations 8 --fps 10 -q")
-          .code,
-      0);
-  const Table felt = read_csv(folder / "live" / "forces.csv");
+  const Table felt =
+      felt_along(folder, "0,0,0,25\n1,0,0,18\n2,0,0,18\n",
+                 "block.nrrd --tool sphere:4mm --indent-at 0,0,top --nodes 800 --evaluations 8 --fps 10");
   EXPECT_EQ(felt.find("depth_mm")->back(), felt.find("asked_mm")->back());
   EXPECT_GT(felt.find("depth_mm")->back(), 2.0);
   EXPECT_EQ(felt.find("tool")->back(), 0.0);
@@ -547,12 +535,8 @@ TEST(Poke, ASphereArrivesWhereARunArrives) {
 // Beside the block's edge: the tip is 0.7 mm outside of it, and the ball 3 mm inside.
 TEST(Poke, ABallWhoseSideIsInTheBodyIsNotInTheAir) {
   const fs::path folder = folder_with_block(2);
-  write_file(folder / "way.csv",
-             "time_s,x_mm,y_mm,z_mm\n0,21,0,30\n0.4,21,0,8\n0.8,21,0,8\n1.2,40,0,8\n1.6,40,0,8\n");
-  good(folder,
-       "poke block.nrrd --script way.csv --record live --tool sphere:4mm --nodes 500 --evaluations 8 "
-       "--fps 10 -q");
-  const Table felt = read_csv(folder / "live" / "forces.csv");
+  const Table felt = felt_along(folder, "0,21,0,30\n0.4,21,0,8\n0.8,21,0,8\n1.2,40,0,8\n1.6,40,0,8\n",
+                                "block.nrrd --tool sphere:4mm --nodes 500 --evaluations 8 --fps 10");
   EXPECT_EQ(felt.find("tool")->front(), 0.0) << "above all";
   EXPECT_EQ(felt.find("tool")->at(8), 3.0) << "elsewhere";
   EXPECT_TRUE(std::isinf(felt.find("error_N")->at(8)));
@@ -594,19 +578,17 @@ TEST(Poke, AScriptGoesOnWhereTheToolCannotComeDown) {
 
 TEST(Poke, RefusesAPathThatIsNone) {
   const fs::path folder = folder_with_brain();
-  const auto refused = [&](const std::string& csv, const std::string& words) {
+  for (const auto& [csv, word] : {std::pair{"time_s,force_N\n0,1\n1,2\n", "depth_mm"},
+                                  {"time_s,depth_mm\n0,1\n", "1 row"},
+                                  {"time_s,depth_mm\n0,1\n0,2\n", "rises"},
+                                  {"time_s,depth_mm\n0,1\n9000,2\n", "9000 s"}}) {
     write_file(folder / "path.csv", csv);
-    ends_with(folder, 3, "poke brain.nrrd --script path.csv -q", {words});
-  };
-  refused("time_s,force_N\n0,1\n1,2\n", "depth_mm");
-  refused("time_s,depth_mm\n0,1\n", "1 row");
-  refused("time_s,depth_mm\n0,1\n0,2\n", "rises");
-  refused("time_s,depth_mm\n0,1\n9000,2\n", "9000 s");
-  EXPECT_EQ(dimple(folder, "poke brain.nrrd --script path.csv --socket a.sock").code, 2);
-  EXPECT_EQ(dimple(folder, "poke brain.nrrd --script path.csv --fps 0").code, 2);
-  const Ran far = dimple(folder, {"poke", "brain.nrrd", "--socket", std::string(120, 's')});
-  EXPECT_EQ(far.code, 2);
-  EXPECT_THAT(far.err, HasSubstr("107 characters"));
+    ends_with(folder, 3, "poke brain.nrrd --script path.csv -q", {word});
+  }
+  expect_refusals(folder, "poke brain.nrrd",
+                  {{2, "--script path.csv --socket a.sock", {}},
+                   {2, "--script path.csv --fps 0", {}},
+                   {2, "--socket " + std::string(120, 's'), {"107 characters"}}});
 }
 
 }  // namespace
