@@ -150,9 +150,8 @@ TEST_F(Batch, SkipsWhatIsFinishedAndSaysSoOfWhatIsAnotherRun) {
   good("phantom a.nrrd --shape block --size 60,60,24 --spacing 3");
   ran = dimple(folder, line);
   EXPECT_EQ(ran.code, 2) << ran.err;
-  for (const char* words : {"0 finished, 0 skipped, 2 failed", "material.mu_Pa is 300.0 now, and was 200.0",
-                            "the image or model is another one, or has changed", "--force", "[other-run]"})
-    EXPECT_THAT(ran.out, HasSubstr(words)) << words;
+  expect_words(ran.out, {"0 finished, 0 skipped, 2 failed", "material.mu_Pa is 300.0 now, and was 200.0",
+                         "the image or model is another one, or has changed", "--force", "[other-run]"});
   EXPECT_EQ(text_of(folder / "out/one/summary.json"), before);
 
   // With --force that is made anew which would be another, and no more.

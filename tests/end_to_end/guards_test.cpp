@@ -43,9 +43,8 @@ TEST_F(GuardedRun, ThatHasNoEquilibriumEndsWithItsCodeAndKeepsWhatThereIs) {
              "run block.nrrd -o out --nodes 400 --depth 2mm --frames 2 --set solver.tolerance=1e-8"
              " --set solver.evaluations=100 --set solver.precision=single");
   EXPECT_EQ(ran.code, 5) << ran.err;
-  for (const char* word :
-       {"no equilibrium", "where:", "try:", "code:  no-equilibrium", "it came again", "retry"})
-    EXPECT_THAT(ran.err, HasSubstr(word));
+  expect_words(ran.err,
+               {"no equilibrium", "where:", "try:", "code:  no-equilibrium", "it came again", "retry"});
   const Json s = summary("out");
   EXPECT_EQ(s.at("status"), "failed");
   EXPECT_EQ(s.at("failure").at("code"), "no-equilibrium");

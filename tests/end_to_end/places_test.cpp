@@ -24,9 +24,8 @@ TEST_F(Places, OfThePhantomAreListedInWordsAndAsJsonAndARunTakesThem) {
   EXPECT_EQ(listed.at("sides").at(5).at("reason"), "on the fixed base");
   EXPECT_EQ(listed.at("circle_diameter_mm"), 10.0);
   const std::string table = good("places brain.nrrd").out;
-  for (const char* word : {"tool from", "superior", "anterior", "posterior", "left", "right", "inferior",
-                           "refused: on the fixed base", "places looked at on the superior side are good"})
-    EXPECT_THAT(table, HasSubstr(word));
+  expect_words(table, {"tool from", "superior", "anterior", "posterior", "left", "right", "inferior",
+                       "refused: on the fixed base", "places looked at on the superior side are good"});
 
   // The first is what a run does by itself; the others are taken as they are given.
   good("model brain.nrrd -o own --nodes 500 -q");

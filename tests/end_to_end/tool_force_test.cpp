@@ -13,11 +13,9 @@ TEST(ToolForce, TheVectorAndTheMomentAreTheSumOfTheReactionsInTheNodesFile) {
   good(folder, "phantom brain.nrrd --spacing 2 -q");
   for (const char* contact : {"bonded", "frictionless"}) {
     // Off the dome's middle, so that the tissue pushes sideways.
-    const Ran ran = dimple(
-        folder, std::string("run brain.nrrd -o out --force -q --nodes 600 --depth 3mm --frames 2 --band off "
-                            "--write nodes --indent-at 20,8,top --direction 0,0,-1 --contact ") +
-                    contact);
-    ASSERT_EQ(ran.code, 0) << ran.err;
+    good(folder, std::string("run brain.nrrd -o out --force -q --nodes 600 --depth 3mm --frames 2 --band off "
+                             "--write nodes --indent-at 20,8,top --direction 0,0,-1 --contact ") +
+                     contact);
     const auto summary = summary_of(folder / "out");
     const auto three = [](const nlohmann::json& list) { return Vec3(list.at(0), list.at(1), list.at(2)); };
     const Vec3 push = three(summary["counts"]["push"]);

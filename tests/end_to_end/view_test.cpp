@@ -34,9 +34,7 @@ TEST(ParaView, ShowsTheLastFrameOfAResultByOneFileWhereverTheFolderLies) {
                     "DIMPLE_PVPYTHON=FOLDER/pvpython names it";
   const fs::path folder = fresh_folder();
   good(folder, "phantom brain.nrrd --spacing 2 --two-labels -q");
-  const Ran ran = dimple(
-      folder, "run brain.nrrd -o out -q --nodes 1000 --depth 6mm --frames 3 --write surface --band off");
-  ASSERT_EQ(ran.code, 0) << ran.err;
+  good(folder, "run brain.nrrd -o out -q --nodes 1000 --depth 6mm --frames 3 --write surface --band off");
   fs::create_directories(folder / "elsewhere");
   fs::rename(folder / "out", folder / "elsewhere" / "moved here");
 

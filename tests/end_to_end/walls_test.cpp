@@ -181,8 +181,7 @@ TEST(Wall, IsOneOfTheChoicesThatExplainChanges) {
                    " -q --write force --nodes 600 --depth 2mm --frames 1 --explain "
                    "--wall plane:30.3,0,0,-1,0,0 -o out");
   const std::string table = text_of(folder / "out" / "explain.csv");
-  for (const char* choice : {"\"walls\",\"none\"", "\"walls' friction\",\"0.3\""})
-    EXPECT_THAT(table, HasSubstr(choice));
+  expect_words(table, {"\"walls\",\"none\"", "\"walls' friction\",\"0.3\""});
   EXPECT_THAT(table, Not(HasSubstr("far tissue"))) << "the wall would stand where it is cut";
   EXPECT_THAT(table, Not(HasSubstr("inertia"))) << "which takes no walls";
 }
