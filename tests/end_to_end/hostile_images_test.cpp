@@ -922,8 +922,6 @@ std::vector<Case> file_cases() {
       right("A file name that is no UTF-8", {{"M\xfcller.nrrd", nrrd}}),
       refused("A broken file whose name is no UTF-8", {{"M\xfcller.nrrd", first(nrrd, 100)}}, {"NRRD"}),
       right("A file name that begins with a dash", {{"./-a.nrrd", nrrd}}),
-      with_table("A table of names that is an endless device", link("/dev/zero", "table.txt"),
-                 {"table.txt", "not a file"}),
       with_table("A table of names that is a pipe", pipe("table.txt"), {"table.txt", "not a file"}),
       with_table("A table of names that is a folder", folder_named("table.txt"), {"table.txt", "folder"}),
   };

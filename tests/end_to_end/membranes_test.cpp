@@ -85,17 +85,6 @@ TEST_F(AMembrane, GivesTheSameBitsWithAnyNumberOfThreads) {
   }
 }
 
-TEST_F(AMembrane, IsResumedToTheSameBits) {
-  const std::string slow =
-      "run block.nrrd --base inferior --indent-at 0,0,top --mu 2kPa -q --nodes 700 --depth 4mm --frames 60 "
-      "--write nodes --membrane 0.1mm:400kPa --set membrane.skin.tension=1N/m";
-  good(slow + " -o whole");
-  stopped_at_checkpoint(folder, slow + " -o out", SIGTERM);
-  good(slow + " -o out --resume");
-  expect_same_results(folder / "whole", folder / "out");
-  EXPECT_EQ(dimple(folder, slow + " -o out --resume --membrane 0.1mm:300kPa").code, 2);
-}
-
 TEST_F(AMembrane, ThatIsNotUnderstoodIsRefusedInWords) {
   const std::string start = "run block.nrrd -o no -q";
   refuses(start + " --membrane", {{2, "0.1mm", {"'0.1mm'", "thickness:shear modulus", "0.1mm:400kPa"}},

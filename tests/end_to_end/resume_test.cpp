@@ -150,7 +150,11 @@ TEST_F(Resume, OfRunsThatWereKilledAtAnyMomentEndsWithTheSameBits) {
       {"slowly", "--depth 5mm --frames 25" + cloud},
       {"slowly_relaxing", "--depth 5mm --frames 25 --preset miller_chinzei_2002" + cloud},
       {"every_wave", "--depth 3mm --rate 20mm/s --frames 6 --time explicit" + cloud},
-      {"touching", "--depth 3mm --frames 25 --tool sphere:5mm --friction 0.3 --wall around:0.2mm" + cloud},
+      {"touching",
+       "--depth 3mm --frames 25 --tool sphere:5mm --friction 0.3 --wall around:0.2mm "
+       "--set wall.wall.friction=0.3" +
+           cloud},
+      {"covered", "--depth 3mm --frames 25 --membrane 0.1mm:400kPa --set membrane.skin.tension=1N/m" + cloud},
       {"papers_scheme", "--depth 3mm --rate 4mm/s --frames 6 --scheme horton2007" + cloud},
   };
   for (Scene& scene : scenes) {

@@ -548,34 +548,6 @@ TEST_F(Run, SaysEveryTenthWithoutATerminalIfDetailIsWanted) {
   }
 }
 
-TEST_F(Run, LeavesAValidPartialResultWhenInterrupted) {
-  Program program(folder, {"run", "brain.nrrd", "-o", "out", "--nodes", "500", "--depth", "8mm", "--rate",
-                           "0.02mm/s", "--frames", "400", "--json"});
-  while (program.running() && program.err_so_far().find("circle ") == std::string::npos)
-    std::this_thread::sleep_for(std::chrono::milliseconds(20));
-  while (program.running() && !fs::exists(folder / "out" / "nodes" / "nodes_0002.vtu"))
-    std::this_thread::sleep_for(std::chrono::milliseconds(20));
-  ASSERT_TRUE(program.running()) << "it ended before it could be interrupted: " << program.err_so_far();
-  program.send(SIGINT);
-  const Ran ran = program.wait();
-  EXPECT_EQ(ran.code, 130) << ran.err;
-  EXPECT_EQ(Json::parse(ran.out), summary("out"));
-  EXPECT_EQ(summary("out").at("status"), "interrupted");
-  const double reached = summary("out").at("indentation_mm").get<double>();
-  EXPECT_GT(reached, 0.0);
-  EXPECT_LT(reached, 8.0);
-  const Table table = read_csv(folder / "out" / "force.csv");
-  ASSERT_GT(table.rows(), 1u);
-  EXPECT_EQ(table.find("indentation_mm")->back(), reached);
-  EXPECT_EQ(table.find("force_N")->back(), summary("out").at("force_N").get<double>());
-  const auto frames = frames_of(folder / "out" / "nodes.pvd");
-  ASSERT_GE(frames.size(), 2u);
-  for (const fs::path& frame : frames) EXPECT_EQ(read_vtu(frame).position_mm.cols(), 500);
-  EXPECT_GE(frames_of(folder / "out" / "surface.pvd").size(), 2u);
-  EXPECT_EQ(frames_of(folder / "out" / "points.pvd").size(), 1u) << "the last that was reached";
-  EXPECT_FALSE(fs::exists(folder / "out" / "overview.png")) << "there is no time for a picture";
-}
-
 TEST_F(Run, TakesALabelByNameOrByNumber) {
   good("run brain.nrrd -o by_name --label Right_Hemisphere --nodes 400" +
        tables_alone);  // case does not matter

@@ -158,6 +158,13 @@ TEST_F(Stop, ByALimitOfTimeKeepsTheBestStateSoFarAndMayBeResumedWithAnother) {
   EXPECT_EQ(json.at("failure").at("code"), "out-of-time");
   const double reached = json.at("indentation_mm").get<double>();
   EXPECT_GT(reached, 0.0);
+  EXPECT_LT(reached, 8.0);
+  const Table curve = curve_of(folder / "out");
+  EXPECT_EQ(curve.find("indentation_mm")->back(), reached);
+  EXPECT_EQ(curve.find("force_N")->back(), json.at("force_N"));
+  EXPECT_EQ(std::distance(fs::directory_iterator(folder / "out/points"), fs::directory_iterator()), 1)
+      << "the last that was reached";
+  EXPECT_FALSE(fs::exists(folder / "out/overview.png")) << "there is no time for a picture";
   expect_whole_files(folder / "out", true);
 
   EXPECT_EQ(dimple(folder, slow).code, 6);

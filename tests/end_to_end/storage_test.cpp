@@ -62,7 +62,6 @@ void write(const fs::path& file, const std::string& bytes) {
 struct Result {
   Points nodes;
   Eigen::RowVectorXd sets;  // of the base, of the circle, or neither
-  Vec3 centroid;            // of the integration points, by volume
   Eigen::VectorXd force;
 };
 
@@ -74,14 +73,11 @@ Result run(const fs::path& folder, const std::string& image, const std::string& 
   const Ran ran = good(folder, "run " + image + " -o " + out +
                                    " -q --nodes 500 --depth 1mm --frames 1 --write model " + options);
   if (ran.code != 0) return {};
-  const PointFile points = read_vtu(folder / out / "model" / "points.vtu");
-  const auto volume = points.find("volume_mm3")->values.row(0);
   const Table table = read_csv(folder / out / "force.csv");
   const auto* force = table.find("force_N");
   const PointFile nodes = read_vtu(folder / out / "model" / "nodes.vtu");
   return {.nodes = nodes.position_mm,
           .sets = nodes.find("node_set")->values.row(0),
-          .centroid = points.position_mm * volume.transpose() / volume.sum(),
           .force = Eigen::Map<const Eigen::VectorXd>(force->data(), static_cast<Index>(force->size()))};
 }
 
@@ -91,21 +87,6 @@ void expect_same(const Result& a, const Result& b, double tolerance_mm = 1e-6) {
   EXPECT_LT((a.nodes - b.nodes).cwiseAbs().maxCoeff(), tolerance_mm);
   EXPECT_GT(a.force.tail<1>()[0], 0.0);
   EXPECT_LT((a.force - b.force).cwiseAbs().maxCoeff(), 1e-6 * a.force.cwiseAbs().maxCoeff());
-}
-
-Vec3 centroid_of_labels(const StoredImage& image) {
-  Vec3 sum = Vec3::Zero();
-  double count = 0.0;
-  std::size_t v = 0;
-  for (Index k = 0; k < image.size[2]; ++k)
-    for (Index j = 0; j < image.size[1]; ++j)
-      for (Index i = 0; i < image.size[0]; ++i)
-        if (image.voxel[v++]) {
-          sum +=
-              image.to_world * Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k));
-          count += 1.0;
-        }
-  return sum / count;
 }
 
 // How much of an image is empty says nothing about the organ. With what a run does of itself, whose forces
@@ -141,75 +122,6 @@ TEST(Storage, WithAnyNumberOfEmptyPlanesAroundTheOrganGivesOneModelAndOneForce) 
 }
 
 const Mat3 turn = Eigen::AngleAxisd(0.35, Vec3(0.3, -0.5, 1.0).normalized()).toRotationMatrix();
-
-/// The organ and how it may be stored, by file name.
-std::map<std::string, StoredImage> stored_in_every_way(const fs::path& folder, const LabelImage& image) {
-  const StoredImage lps = stored_as(image, {0, 1, 2}, {false, false, false});
-  const StoredImage ras = stored_as(image, {0, 1, 2}, {true, true, false});
-  const StoredImage permuted = stored_as(image, {2, 0, 1}, {false, true, true});
-  const StoredImage left_handed = stored_as(image, {1, 0, 2}, {false, false, false});
-  const StoredImage mirrored = stored_as(image, {0, 1, 2}, {true, false, false});
-  EXPECT_GT(permuted.to_world.linear().determinant(), 0.0);
-  EXPECT_LT(left_handed.to_world.linear().determinant(), 0.0);
-  EXPECT_LT(mirrored.to_world.linear().determinant(), 0.0);
-  const std::map<std::string, StoredImage> files = {{"lps.nrrd", lps},
-                                                    {"ras_axes.nrrd", ras},
-                                                    {"ras_space.nrrd", ras},
-                                                    {"permuted.nrrd", permuted},
-                                                    {"left_handed.nrrd", left_handed},
-                                                    {"mirrored.mha", mirrored},
-                                                    {"lps.mha", lps},
-                                                    {"permuted.mha", permuted},
-                                                    {"ras.nii", ras},
-                                                    {"permuted.nii", permuted},
-                                                    {"left_handed.nii", left_handed}};
-  for (const auto& [name, stored] : files)
-    if (name.ends_with(".nrrd"))
-      write(folder / name, nrrd_of(stored, name == "ras_space.nrrd"));
-    else if (name.ends_with(".mha"))
-      write(folder / name, metaimage_of(stored));
-    else
-      write(folder / name, NiftiFile(stored).file());
-  return files;
-}
-
-void expect_one_result_for_every_way(const LabelImage& image) {
-  const fs::path folder = fresh_folder();
-  const auto files = stored_in_every_way(folder, image);
-  const Result first = run(folder, "lps.nrrd");
-  ASSERT_EQ(first.nodes.cols(), 500);
-  for (const auto& [name, stored] : files) {
-    SCOPED_TRACE(name);
-    const Result result = name == "lps.nrrd" ? first : run(folder, name);
-    // A NIfTI header holds the corner that it counts from in single precision: for a turned image another
-    // corner is another number, rounded otherwise, and the organ that the file describes lies elsewhere by
-    // that much.
-    const bool turned = !image.to_world.linear().isDiagonal(1e-9);
-    expect_same(result, first, turned && name.ends_with(".nii") ? 4e-6 : 1e-6);
-    // In the place where the file itself says that its labels are: a tenth of a voxel.
-    EXPECT_LT((result.centroid - centroid_of_labels(stored)).norm(), 0.15);
-  }
-  write_label_image(folder / "ours.nii.gz", read_label_image(folder / "permuted.nii"));
-  expect_same(run(folder, "ours.nii.gz"), first, image.to_world.linear().isDiagonal(1e-9) ? 1e-6 : 4e-6);
-  write_label_image(folder / "ours.seg.nrrd", read_label_image(folder / "mirrored.mha"));
-  expect_same(run(folder, "ours.seg.nrrd"), first);
-}
-
-TEST(Storage, OfOneOrganInManyWaysGivesOneModelAndOneForce) {
-  expect_one_result_for_every_way(organ());
-}
-
-TEST(Storage, OfOneObliqueOrganInManyWaysGivesOneModelAndOneForce) {
-  // NIfTI holds single precision; the geometry that it gives back is what all formats are given.
-  const fs::path folder = fresh_folder();
-  LabelImage oblique = organ();
-  oblique.to_world = turn * oblique.to_world;
-  write(folder / "oblique.nii", NiftiFile(stored_as(oblique, {0, 1, 2}, {false, false, false})).file());
-  const LabelImage image = read_label_image(folder / "oblique.nii");
-  ASSERT_EQ(image.size, oblique.size);
-  EXPECT_LT((image.to_world.matrix() - oblique.to_world.matrix()).cwiseAbs().maxCoeff(), 1e-5);
-  expect_one_result_for_every_way(image);
-}
 
 // The last digits of a header, and none of its decisions: what is inside, the base, the circle, where nodes
 // stand.

@@ -162,18 +162,6 @@ TEST(Wall, GoesInASceneOfStepsAndNoStepMovesIt) {
   EXPECT_THAT(ran.err, HasSubstr("step.c.moves"));
 }
 
-TEST(Wall, ThatIsRubbedIsTakenUpAgainAfterCtrlCToTheSameBits) {
-  const fs::path folder = fresh_folder();
-  const std::string run = "run " + body +
-                          " -q --write force --nodes 1200 --depth 5mm --frames 60 --band off " + beside +
-                          "--set wall.wall.friction=0.3 -o ";
-  good(folder, run + "whole");
-  stopped_at_checkpoint(folder, run + "out", SIGINT);
-  EXPECT_NE(text_of(folder / "out" / "force.csv"), text_of(folder / "whole" / "force.csv"));
-  good(folder, run + "out --resume");
-  EXPECT_EQ(text_of(folder / "out" / "force.csv"), text_of(folder / "whole" / "force.csv"));
-}
-
 TEST(Wall, IsOneOfTheChoicesThatExplainChanges) {
   if (!std::getenv("DIMPLE_ALL_SCENES")) GTEST_SKIP() << "skipped: 15 s, without DIMPLE_ALL_SCENES";
   const fs::path folder = fresh_folder();
