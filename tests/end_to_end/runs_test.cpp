@@ -412,18 +412,11 @@ TEST_F(Run, WritesWhatIsAskedForAndTheSameForce) {
 
 /// A block of 60 x 60 x 30 mm in voxels of 1.5 mm; three slits 3 mm wide go 18 mm into its left side.
 void write_comb(const fs::path& file) {
-  LabelImage image;
-  image.size = {44, 44, 24};
-  image.to_world = Eigen::Affine3d(Eigen::Scaling(1.5));
-  std::vector<std::int32_t> voxel;
-  for (Index k = 0; k < 24; ++k)
-    for (Index j = 0; j < 44; ++j)
-      for (Index i = 0; i < 44; ++i) {
-        const bool block = i >= 2 && i < 42 && j >= 2 && j < 42 && k >= 2 && k < 22;
-        voxel.push_back(block && !(i >= 30 && k % 6 >= 4) ? 1 : 0);
-      }
-  set_voxels(image, voxel);
-  write_label_image(file, image);
+  const auto label = [](Index i, Index j, Index k) {
+    const bool block = i >= 2 && i < 42 && j >= 2 && j < 42 && k >= 2 && k < 22;
+    return block && !(i >= 30 && k % 6 >= 4);
+  };
+  write_label_image(file, image_of({44, 44, 24}, Vec3::Constant(1.5), label));
 }
 
 TEST_F(Run, HasTheFoldsOfAFoldedBodyTouchUnlessTheyAreToPassOrInertiaTakesPart) {

@@ -15,22 +15,16 @@ namespace {
 /// A cut ellipsoid with a bump off its middle: no turn and no mirror maps it to itself, all extents differ,
 /// and so do the voxel's edges, which like the origin are exact in NIfTI's single precision.
 LabelImage organ() {
-  LabelImage image;
-  image.size = {48, 34, 20};
-  image.to_world = Eigen::Translation3d(-30.25, 12.5, -101.75) * Eigen::Scaling(1.5, 1.75, 2.0);
+  const Eigen::Affine3d place = Eigen::Translation3d(-30.25, 12.5, -101.75) * Eigen::Scaling(1.5, 1.75, 2.0);
   const Vec3 middle(-30.25 + 0.5 * 47 * 1.5, 12.5 + 0.5 * 33 * 1.75, -101.75 + 16.0);
-  std::vector<std::int32_t> voxel;
-  for (Index k = 0; k < image.size[2]; ++k)
-    for (Index j = 0; j < image.size[1]; ++j)
-      for (Index i = 0; i < image.size[0]; ++i) {
-        const Vec3 x =
-            image.to_world * Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k)) -
-            middle;
-        const bool body = x.cwiseQuotient(Vec3(31.0, 24.0, 16.0)).norm() < 1.0 && x.z() > -11.0;
-        const bool bump = (x - Vec3(11.0, -5.0, 9.0)).norm() < 10.5;
-        voxel.push_back(body || bump ? 1 : 0);
-      }
-  set_voxels(image, voxel);
+  LabelImage image = image_of({48, 34, 20}, Vec3::Ones(), [&](Index i, Index j, Index k) {
+    const Vec3 at(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k));
+    const Vec3 x = place * at - middle;
+    const bool body = x.cwiseQuotient(Vec3(31.0, 24.0, 16.0)).norm() < 1.0 && x.z() > -11.0;
+    const bool bump = (x - Vec3(11.0, -5.0, 9.0)).norm() < 10.5;
+    return body || bump;
+  });
+  image.to_world = place;
   return image;
 }
 

@@ -203,17 +203,6 @@ TEST_F(Terminal, EveryLengthTimeAndModulusTakesAUnitOrNone) {
             force("--set material.ogden_mu_Pa=0.842kPa --set material.ogden_alpha=-4.7"));
 }
 
-TEST_F(Terminal, WordsOfTheFieldLeadToTheOptionThatIsMeant) {
-  good("phantom a.nrrd --shape block --size 60,60,30 --spacing 3");
-  EXPECT_THAT(dimple(folder, "run a.nrrd -o out --set material.E=600").err,
-              HasSubstr("did you mean 'material.young'"));
-  EXPECT_THAT(dimple(folder, "run a.nrrd -o out --base botom").err, HasSubstr("'botom' is not a side"));
-  ends_with(folder, 4, "run a.nrrd -o out --indent-at 0,0,100",
-            {"lies 69.7 mm from where the circle meets the organ"});
-  EXPECT_THAT(dimple(folder, "model a.nrrd -o model --nodes 300 --indent-at 0,0,38").err,
-              HasSubstr("was moved by 7.7 mm"));
-}
-
 TEST_F(Terminal, ALabelIsFoundByItsNameInTheUsualNumberings) {
   good("phantom brain.nrrd --two-labels --spacing 3");
   const std::string run = "run brain.nrrd -o out --force --nodes 300 --depth 0.5 --frames 2 --write force ";
