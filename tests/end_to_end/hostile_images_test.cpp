@@ -1,26 +1,20 @@
 // Images that are broken, hostile or say two things at once: each is refused in words or read right. None may
 // end the program by a signal, keep it busy, or take memory beyond what an honest image of that size needs.
 
-#include <gtest/gtest.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
 
 #include <cctype>
-#include <cmath>
-#include <fstream>
 #include <functional>
 #include <limits>
-#include <nlohmann/json.hpp>
 #include <random>
-#include <thread>
 
 #include "tests/end_to_end/image_bytes.hpp"
-#include "tests/end_to_end/program.hpp"
+#include "tests/end_to_end/in_folder.hpp"
 
 namespace dimple {
 namespace {
 
-namespace fs = std::filesystem;
 using Eigen::Affine3d;
 using Eigen::Scaling;
 using Words = std::vector<std::string>;

@@ -42,6 +42,16 @@ inline double end_of(const fs::path& out, const char* column = "force_N") {
   return curve_of(out).find(column)->back();
 }
 
+/// The object that a page holds under this name; nothing: it holds none.
+template <class Object = Json>
+Object held_by(const std::string& page, const std::string& id) {
+  const std::string head = "<script type=\"application/json\" id=\"" + id + "\">";
+  const std::size_t at = page.find(head);
+  if (at == std::string::npos) return {};
+  const std::size_t from = at + head.size();
+  return Object::parse(page.substr(from, page.find("</script>", from) - from));
+}
+
 inline Vec3 vector_of(const Json& list) {
   return Vec3(list.at(0), list.at(1), list.at(2));
 }

@@ -1,25 +1,16 @@
 // The table of what does not go together (apps/run/compatibility.hpp): each pair of features, and of a
 // feature and a driver, is computed by the real program or refused in the table's words.
 
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
-
-#include <algorithm>
 #include <cctype>
-#include <fstream>
-#include <nlohmann/json.hpp>
 #include <optional>
 #include <utility>
 
 #include "apps/run/compatibility.hpp"
-#include "tests/end_to_end/program.hpp"
+#include "tests/end_to_end/in_folder.hpp"
 
 namespace dimple {
 namespace {
 
-namespace fs = std::filesystem;
-using Json = nlohmann::json;
-using testing::HasSubstr;
 using Options = std::vector<std::pair<std::string, std::string>>;
 
 // A block of 60 x 60 x 30 mm that stands on its inferior face, with the tool in the middle of the superior
@@ -173,11 +164,7 @@ const Driver drivers[] = {
     {Feature::fit, "fit block.nrrd -o fitted --curve curve.csv --force -q", false, true},
     {Feature::export_mesh, "export block.nrrd -o block.inp --force -q", false, true},
     {Feature::by_hand, "poke block.nrrd --script path.csv -q", false, true},
-    {Feature::by_hand,
-     "poke block.nrrd --script path.csv -q",
-     false,
-     false,
-     {{"tool.shape", "sphere:5mm"}}},
+    {Feature::by_hand, "poke block.nrrd --script path.csv -q", false, false, {{"tool.shape", "sphere:5mm"}}},
     {Feature::places, "places block.nrrd -q", false, true},
     {Feature::explain, "run block.nrrd -o out --force -q --explain", true, false},
     {Feature::shift, "shift block.nrrd -o out --force -q --opening 0,0,30,15 --up superior", false, false},

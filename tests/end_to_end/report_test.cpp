@@ -26,13 +26,6 @@ const Json& found(const Json& summary, const std::string& key) {
   return summary.at(Json::json_pointer("/" + replaced(key, ".", "/")));
 }
 
-/// The object that the page holds under that name.
-Json held(const std::string& page, const std::string& id) {
-  const std::string head = "<script type=\"application/json\" id=\"" + id + "\">";
-  const std::size_t from = page.find(head) + head.size();
-  return Json::parse(page.substr(from, page.find("</script>", from) - from));
-}
-
 class Report : public InFolder {
  protected:
   const std::string browser = program_named("chromium");
@@ -114,7 +107,7 @@ TEST_F(Report, ShowsTheNumbersOfTheSummaryAndNoOthersAndAsksNobodyForAnything) {
   std::ofstream(folder / "measured.csv") << "indentation_mm,force_N\n1,0.01\n2,0.02\n4,0.05\n";
   run(" --compare measured.csv");
   const Json numbers = summary();
-  EXPECT_EQ(held(text_of(folder / "out" / "report.html"), "dimple-summary"), numbers);
+  EXPECT_EQ(held_by(text("out/report.html"), "dimple-summary"), numbers);
   EXPECT_LT(fs::file_size(folder / "out" / "report.html"), 4'000'000u);
 
   const fs::path log = folder / "net.json";
@@ -154,7 +147,7 @@ TEST_F(Report, OfABrainShiftShowsItsNumbers) {
       "shift brain.nrrd -o out --opening 0,0,40,20 --up superior --nodes 600 --mu 200 "
       "--gap 0.2 --target 0,0,5");
   const Json numbers = summary();
-  EXPECT_EQ(held(text_of(folder / "out" / "report.html"), "dimple-summary"), numbers);
+  EXPECT_EQ(held_by(text("out/report.html"), "dimple-summary"), numbers);
   const std::set<std::string> keys = keys_shown(shown(), numbers);
   for (const char* key :
        {"shift.middle_mm", "shift.largest_at_opening_mm", "shift.along_gravity_mm",
@@ -214,7 +207,7 @@ TEST_F(Report, ShowsTheToolInItsColourAndNamesItBelowTheBody) {
 
 TEST_F(Report, HoldsTheToolThatTheFilesForParaViewHold) {
   run(" --write surface,report");
-  const Json tool = held(text_of(folder / "out" / "report.html"), "dimple-data").at("tool");
+  const Json tool = held_by(text("out/report.html"), "dimple-data").at("tool");
   const SurfaceFile file = read_vtp(folder / "out" / "tool" / "tool_0000.vtp");
   for (int c = 0; c < 3; ++c)
     EXPECT_NEAR(tool.at("low_mm").at(static_cast<std::size_t>(c)).get<double>(),
@@ -225,7 +218,7 @@ TEST_F(Report, HoldsTheToolThatTheFilesForParaViewHold) {
 
 TEST_F(Report, MovesTheToolAsTheStepsDoAndSaysItsDepth) {
   run(" --tool sphere:5mm --set step.press.move=4mm --set step.slide.move=3,0,0");
-  const Json frames = held(text_of(folder / "out" / "report.html"), "dimple-data")["body"]["frames"];
+  const Json frames = held_by(text("out/report.html"), "dimple-data")["body"]["frames"];
   const Json& last = frames.back();
   EXPECT_NEAR(last["depth_mm"], 4.0, 1e-6);
   EXPECT_NEAR(last["tool_mm"][0], 3.0, 1e-6);
@@ -237,7 +230,7 @@ TEST_F(Report, ShowsTheToolWhereGravityHasCarriedItsCircle) {
   run(" --gravity left --mu 2kPa --band off");
   const Json moved = summary()["loads"]["circle_moved_mm"];
   ASSERT_GT(std::abs(moved[0].get<double>()), 0.2);
-  const Json frames = held(text_of(folder / "out" / "report.html"), "dimple-data")["body"]["frames"];
+  const Json frames = held_by(text("out/report.html"), "dimple-data")["body"]["frames"];
   EXPECT_NEAR(frames.front()["tool_mm"][0], moved[0], 1e-6);
 }
 

@@ -148,13 +148,6 @@ TEST(Shift, WritesTablesImagesPictureAndPageWithTheSameBytesForAnyThreadsAndTabl
   }
 }
 
-// What the page says to run again.
-std::string command_on(const std::string& page) {
-  const std::string head = "<script type=\"application/json\" id=\"dimple-data\">";
-  const std::size_t from = page.find(head) + head.size();
-  return Json::parse(page.substr(from, page.find("</script>", from) - from)).at("command");
-}
-
 // Its label's name is one that a shell would run.
 TEST(Shift, IsRepeatedByTheCommandOnItsPageFromAnyFolder) {
   const fs::path folder = fresh_folder();
@@ -164,7 +157,7 @@ TEST(Shift, IsRepeatedByTheCommandOnItsPageFromAnyFolder) {
                                 "--brain", "my brain $(touch ran)", "--opening", "0,0,30,15", "--up",
                                 "superior", "--nodes", "500", "--mu", "300", "--target=-5,0,25", "-q"});
   const std::string page = text_of(folder / "its results" / "report.html");
-  std::string command = command_on(page);
+  std::string command = held_by(page, "dimple-data").at("command");
   command.replace(command.find("&& dimple "), 10, "&& " DIMPLE_PROGRAM " ");
   fs::create_directories(folder / "elsewhere");
   const Ran again = Program(folder / "elsewhere", {"-c", command}, "/bin/sh").wait();
