@@ -21,10 +21,7 @@ class Files : public InFolder {
 
   Ran run(const std::string& arguments) const { return dimple(folder, arguments); }
   Ran by_shell(const std::string& script) const { return Program(folder, {"-c", script}, "/bin/sh").wait(); }
-  std::string text(const fs::path& name) const { return text_of(folder / name); }
-  double force(const std::string& out) const {
-    return Json::parse(text(out + "/summary.json")).at("force_N").get<double>();
-  }
+  double force(const std::string& out) const { return summary(out).at("force_N"); }
   std::string option(const std::string& out, const std::string& key) const {
     std::istringstream lines(text(out + "/config.resolved.toml"));
     for (std::string line; std::getline(lines, line);)
@@ -104,15 +101,13 @@ TEST_F(Files, ForceRemovesWhatARunHasMadeAndNothingElse) {
     EXPECT_TRUE(name == ".dimple_files" || listed.count(name) == 1) << name;
   const Words of_the_run = files_in(folder / "out");
   // Of others, under names that a run might have used.
-  for (const char* name :
-       {"nodes/nodes_9999.vtu", "images/labels_0099.nrrd", "explain.md", "notes.txt", "model/mine.txt"})
-    write(fs::path("out") / name, "mine");
+  const Words of_others = {"out/nodes/nodes_9999.vtu", "out/images/labels_0099.nrrd", "out/explain.md",
+                           "out/notes.txt", "out/model/mine.txt"};
+  for (const std::string& name : of_others) write(name, "mine");
   write("out/nodes/.77-3-nodes_0001.vtu", "half a fi");  // as a kill leaves it
   good("run block.nrrd -o out --force" + fewer + "all,images");
   EXPECT_FALSE(fs::exists(folder / "out/nodes/.77-3-nodes_0001.vtu"));
-  for (const char* name :
-       {"nodes/nodes_9999.vtu", "images/labels_0099.nrrd", "explain.md", "notes.txt", "model/mine.txt"})
-    EXPECT_EQ(text(fs::path("out") / name), "mine") << name;
+  for (const std::string& name : of_others) EXPECT_EQ(text(name), "mine") << name;
   EXPECT_TRUE(fs::exists(folder / "out/nodes/nodes_0002.vtu"));
   EXPECT_FALSE(fs::exists(folder / "out/nodes/nodes_0004.vtu")) << "of the first run";
   for (const std::string& name : of_the_run)

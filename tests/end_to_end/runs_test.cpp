@@ -20,9 +20,9 @@ class Run : public InFolder {
   void SetUp() override { good("phantom brain.nrrd --spacing 3"); }
 
   std::string force(const std::string& out) const {
-    const std::string text = text_of(folder / out / "force.csv");
-    EXPECT_EQ(text.rfind("time_s,indentation_mm,force_N", 0), 0u) << text;
-    return text;
+    const std::string curve = text(fs::path(out) / "force.csv");
+    EXPECT_THAT(curve, testing::StartsWith("time_s,indentation_mm,force_N"));
+    return curve;
   }
   /// force.csv without the column of the image, which a model's files do not hold.
   std::string without_image_error(const std::string& out) const {
@@ -41,9 +41,7 @@ class Run : public InFolder {
     }
     return result;
   }
-  double last_force(const std::string& out) const {
-    return read_csv(folder / out / "force.csv").find("force_N")->back();
-  }
+  double last_force(const std::string& out) const { return end_of(folder / out); }
 };
 
 /// The frames that a .pvd lists, as paths; each must be there.
@@ -85,12 +83,16 @@ TEST_F(Run, GoesFromImageToForceStepByStep) {
     EXPECT_THAT(entry.path().string(), Not(HasSubstr(".part"))) << "left over: " << entry.path();
 }
 
-TEST_F(Run, IsModelAndSolveBitForBit) {
-  good("model brain.nrrd -o model" + cloud);
-  good("solve model -o two_steps" + load);
-  good("run brain.nrrd -o one_step" + cloud + load);
+TEST_F(Run, IsModelAndSolveBitForBitAndPrintsJsonAloneIfAsked) {
+  const Ran made = good("model brain.nrrd -o model --quiet --json" + cloud),
+            solved = good("solve model -o two_steps --quiet" + load),
+            run = good("run brain.nrrd -o one_step --quiet --json" + cloud + load);
+  for (const Ran* ran : {&made, &solved, &run}) EXPECT_EQ(ran->err, "");
+  EXPECT_EQ(Json::parse(made.out).at("counts").at("nodes"), 500);
+  EXPECT_EQ(Json::parse(run.out), summary("one_step"));
+  EXPECT_EQ(Json::parse(good("info brain.nrrd --json").out).at("labels").size(), 2u);
   EXPECT_EQ(force("two_steps"), without_image_error("one_step"));
-  EXPECT_EQ(text_of(folder / "model" / "nodes.vtu"), text_of(folder / "one_step" / "model" / "nodes.vtu"));
+  EXPECT_EQ(text("model/nodes.vtu"), text("one_step/model/nodes.vtu"));
   good("solve one_step/model -o again" + load);
   EXPECT_EQ(force("again"), without_image_error("one_step"));
 }
@@ -513,21 +515,6 @@ TEST_F(Run, SolvesTwoPlainListsOfLocations) {
   EXPECT_EQ(summary("from_plain").at("warnings").size(), 4u + summary("from_plain").at("guards").size());
 }
 
-TEST_F(Run, PrintsJsonAndNothingElseOnStdout) {
-  const Ran run = good("run brain.nrrd -o out --json" + cloud + load);
-  const Json json = Json::parse(run.out);
-  EXPECT_EQ(json, summary("out"));
-  EXPECT_EQ(json.at("counts").at("nodes"), 500);
-  EXPECT_EQ(Json::parse(good("model brain.nrrd -o model --json" + cloud).out).at("counts").at("nodes"), 500);
-  EXPECT_EQ(Json::parse(good("info brain.nrrd --json").out).at("labels").size(), 2u);
-}
-
-TEST_F(Run, IsSilentOnStderrWhenAskedToBe) {
-  EXPECT_EQ(good("run brain.nrrd -o out --quiet" + cloud + load).err, "");
-  EXPECT_EQ(good("model brain.nrrd -o model --quiet" + cloud).err, "");
-  EXPECT_EQ(good("solve model -o again --quiet" + load).err, "");
-}
-
 TEST_F(Run, SaysEveryTenthWithoutATerminalIfDetailIsWanted) {
   const Ran run =
       good("run brain.nrrd -o out -v --write force --depth 8mm --set solver.step_radii=0.1" + cloud);
@@ -541,23 +528,18 @@ TEST_F(Run, SaysEveryTenthWithoutATerminalIfDetailIsWanted) {
   }
 }
 
-TEST_F(Run, TakesALabelByNameOrByNumber) {
-  good("run brain.nrrd -o by_name --label Right_Hemisphere --nodes 400" +
-       tables_alone);  // case does not matter
-  good("run brain.nrrd -o by_number --label 2 --nodes 400" + tables_alone);
+TEST_F(Run, TakesALabelByNameOrByNumberAndNamesFromATable) {
+  good("phantom brain.nii.gz --spacing 3");  // NIfTI has no names: they lie beside it
+  const std::string few = " --nodes 400" + tables_alone;
+  good("run brain.nrrd -o by_name --label Right_Hemisphere" + few);  // case does not matter
+  good("run brain.nrrd -o by_number --label 2" + few);
+  good("run brain.nii.gz -o named --label right_hemisphere --label-names brain.labels.txt" + few);
+  good("run brain.nii.gz -o numbered --label 2" + few);
   EXPECT_EQ(force("by_name"), force("by_number"));
+  EXPECT_EQ(force("named"), force("numbered"));
   good("run brain.nrrd -o both --label 1,2" + cloud + tables_alone);
   good("run brain.nrrd -o all" + cloud + tables_alone);
   EXPECT_EQ(force("both"), force("all"));
-}
-
-TEST_F(Run, TakesLabelNamesFromATable) {
-  good("phantom brain.nii.gz --spacing 3");  // NIfTI has no names: they lie beside it
-  ASSERT_TRUE(fs::exists(folder / "brain.labels.txt"));
-  good("run brain.nii.gz -o named --label right_hemisphere --label-names brain.labels.txt --nodes 400" +
-       tables_alone);
-  good("run brain.nii.gz -o numbered --label 2 --nodes 400" + tables_alone);
-  EXPECT_EQ(force("named"), force("numbered"));
 }
 
 TEST_F(Run, TakesBothLabelsOfATwoLabelImageAsOneBody) {
