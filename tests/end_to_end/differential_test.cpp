@@ -334,6 +334,12 @@ void expect_agree(const LabelImage& ours, const Told& told, double slack = 5e-5)
   EXPECT_EQ(wrong, 0u);
 }
 
+// Bytes twice as often as the others.
+fs::path (*const write_a_type[])(Random&, const fs::path&) = {
+    write_one<signed char>,    write_one<unsigned char>, write_one<unsigned char>, write_one<short>,
+    write_one<unsigned short>, write_one<int>,           write_one<unsigned>,      write_one<long long>,
+    write_one<float>,          write_one<double>};
+
 TEST(Differential, FilesOfItkHoldHereWhatTheyHoldThere) {
   const fs::path folder = fresh_folder();
   const std::uint64_t files = number_from_environment("DIMPLE_FILES", 500);
@@ -344,30 +350,7 @@ TEST(Differential, FilesOfItkHoldHereWhatTheyHoldThere) {
     Random random(seed() * 1'000'003 + n);
     const fs::path own = folder / std::to_string(n);
     fs::create_directory(own);
-    const auto write = [&] {
-      switch (random() % 10) {
-        case 0:
-          return write_one<signed char>(random, own);
-        case 1:
-        case 2:
-          return write_one<unsigned char>(random, own);
-        case 3:
-          return write_one<short>(random, own);
-        case 4:
-          return write_one<unsigned short>(random, own);
-        case 5:
-          return write_one<int>(random, own);
-        case 6:
-          return write_one<unsigned>(random, own);
-        case 7:
-          return write_one<long long>(random, own);
-        case 8:
-          return write_one<float>(random, own);
-        default:
-          return write_one<double>(random, own);
-      }
-    };
-    const fs::path file = write();
+    const fs::path file = write_a_type[random() % std::size(write_a_type)](random, own);
     SCOPED_TRACE(file);
     ++written[file.filename().string()];
     if (file.filename() == "ascii.mha") {  // refused in words, as README says
