@@ -96,13 +96,6 @@ std::set<std::string> keys_shown(const std::string& page, const Json& numbers) {
   return keys;
 }
 
-// What the page shows of a summary's number.
-std::string shown_number(const std::string& page, const std::string& key) {
-  std::smatch found;
-  return std::regex_search(page, found, std::regex("data-key=\"" + key + "\"[^>]*>([^<]*)<")) ? found[1].str()
-                                                                                              : "nothing";
-}
-
 TEST_F(Report, ShowsTheNumbersOfTheSummaryAndNoOthersAndAsksNobodyForAnything) {
   std::ofstream(folder / "measured.csv") << "indentation_mm,force_N\n1,0.01\n2,0.02\n4,0.05\n";
   run(" --compare measured.csv");
@@ -111,8 +104,8 @@ TEST_F(Report, ShowsTheNumbersOfTheSummaryAndNoOthersAndAsksNobodyForAnything) {
   EXPECT_LT(fs::file_size(folder / "out" / "report.html"), 4'000'000u);
 
   const fs::path log = folder / "net.json";
-  const std::string seen = shown({"--disable-3d-apis", "--log-net-log=" + log.string()});
-  const std::set<std::string> keys = keys_shown(seen, numbers);
+  const std::set<std::string> keys =
+      keys_shown(shown({"--disable-3d-apis", "--log-net-log=" + log.string()}), numbers);
   for (const char* key :
        {"force_N", "indentation_mm", "band.low_N", "band.high_N", "verdict.image.value",
         "verdict.model.value", "verdict.equilibrium.value", "verdict.energy.value", "verdict.accuracy.value",
@@ -120,18 +113,6 @@ TEST_F(Report, ShowsTheNumbersOfTheSummaryAndNoOthersAndAsksNobodyForAnything) {
         "model.circle_reason", "total_wall_s", "compare.ratio_at_end", "image_sha256", "version"})
     EXPECT_TRUE(keys.contains(key)) << key;
   EXPECT_TRUE(keys.contains("image_error.half_N"));
-
-  // A share too small to matter is said to be small, and not to be nothing.
-  int small = 0;
-  for (const char* question : {"model", "equilibrium", "energy"}) {
-    const double percent = std::abs(numbers["verdict"][question]["value"].get<double>());
-    const std::string text = shown_number(seen, std::string("verdict\\.") + question + "\\.value");
-    SCOPED_TRACE(question + (": " + text));
-    EXPECT_EQ(text == "&lt; 0.01", percent > 0.0 && percent < 0.01) << percent;
-    EXPECT_EQ(text == "0", percent == 0.0) << percent;
-    if (text == "&lt; 0.01") ++small;
-  }
-  EXPECT_GE(small, 1) << "the integration points' volume is the image's but for rounding";
 
   const std::string asked = text_of(log), page = text("out/report.html");
   ASSERT_FALSE(asked.empty());

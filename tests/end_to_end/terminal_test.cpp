@@ -122,21 +122,6 @@ TEST_F(Terminal, OneLineRenewsItselfAndIsGoneInTheEnd) {
   }
 }
 
-TEST_F(Terminal, ASmallForceNeverLooksLikeNothing) {
-  good("phantom block.nrrd --shape block --size 60,60,30 --spacing 3");
-  const std::string coarse =
-      "run block.nrrd --force --quiet --nodes 300 --frames 4 --write force --time quasi-static --depth 1 -o "
-      "out --mu ";
-  EXPECT_THAT(good(coarse + "60Pa").out, testing::MatchesRegex("[0-9]\\.[0-9][0-9] mN at 1.00 mm, [^\n]*\n"));
-  EXPECT_THAT(good(coarse + "0.06Pa").out,
-              testing::MatchesRegex("[0-9]\\.[0-9][0-9] uN at 1.00 mm, [^\n]*\n"));
-  EXPECT_THAT(good(coarse + "6kPa").out, testing::MatchesRegex("0\\.[0-9]{3} N at 1.00 mm, [^\n]*\n"));
-  good("phantom small.nrrd --shape block --size 4,4,2 --spacing 0.2");
-  EXPECT_THAT(
-      good("run small.nrrd -o small --nodes 300 --indenter-diameter 1 --depth 0.05 --write force").err,
-      HasSubstr("organ    32.0 mm3"));
-}
-
 TEST_F(Terminal, HelpIsAsWideAsTheTerminal) {
   if (!has_terminals()) GTEST_SKIP() << no_terminal;
   for (const int columns : {60, 80, 120, 200}) {
