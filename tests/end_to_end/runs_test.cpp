@@ -592,24 +592,6 @@ TEST_F(Run, ATiltedPushFeelsAlongTheSurfaceTwoThirdsOfWhatItFeelsAcross) {
   EXPECT_NEAR(on_tool[1], 0.0, 1e-2 * on_tool[2].get<double>());
 }
 
-// The force of a ramp over the elastic one is 1 - g + g tau / t (1 - exp(-t / tau)) (Lee and Radok 1960).
-TEST_F(Run, ATissueThatRelaxesHasUnderARampTheShareOfTheElasticForceThatLeeAndRadokSay) {
-  good("phantom block.nrrd --shape block --size 60,60,30 --spacing 3");
-  const std::string ramp =
-      "run block.nrrd --nodes 600 --depth 0.05mm --rate 0.05mm/s --frames 5 --time "
-      "quasi-static --write force --band off -q ";
-  good(ramp + "-o elastic");
-  good(ramp + "-o relaxing --set material.prony_g=0.6 --set material.prony_tau_s=0.3");
-  const Table elastic = read_csv(folder / "elastic" / "force.csv"),
-              relaxing = read_csv(folder / "relaxing" / "force.csv");
-  for (std::size_t k = 1; k < elastic.find("time_s")->size(); ++k) {
-    const double t = (*elastic.find("time_s"))[k];
-    EXPECT_NEAR((*relaxing.find("force_N"))[k] / (*elastic.find("force_N"))[k],
-                0.4 + 0.6 * 0.3 / t * (1.0 - std::exp(-t / 0.3)), 3e-3)
-        << t;
-  }
-}
-
 TEST_F(Run, SaysWhatWasAskedOfItAndEveryWarning) {
   const Ran ran = good("run brain.nrrd -o out --contact frictionless --mu 0.3kPa" + cloud + tables_alone);
   const Json json = summary("out");

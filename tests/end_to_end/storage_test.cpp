@@ -28,34 +28,12 @@ LabelImage organ() {
   return image;
 }
 
-/// With up to eleven more empty planes of voxels at each of the six sides.
-StoredImage padded(const StoredImage& image, std::mt19937& random) {
-  StoredImage result = image;
-  std::array<Index, 3> before{};
-  Vec3 corner;
-  for (std::size_t d = 0; d < 3; ++d) {
-    before[d] = static_cast<Index>(random() % 12);
-    result.size[d] += before[d] + static_cast<Index>(random() % 12);
-    corner[static_cast<Index>(d)] = -static_cast<double>(before[d]);
-  }
-  result.to_world.translation() = image.to_world * corner;
-  result.voxel.assign(static_cast<std::size_t>(result.size[0] * result.size[1] * result.size[2]), 0);
-  for (Index k = 0; k < image.size[2]; ++k)
-    for (Index j = 0; j < image.size[1]; ++j) {
-      const Index from = image.size[0] * (j + image.size[1] * k),
-                  to = before[0] + result.size[0] * (j + before[1] + result.size[1] * (k + before[2]));
-      std::copy_n(image.voxel.begin() + from, image.size[0], result.voxel.begin() + to);
-    }
-  return result;
-}
-
 void write(const fs::path& file, const std::string& bytes) {
   std::ofstream(file, std::ios::binary) << bytes;
 }
 
 struct Result {
   Points nodes;
-  Eigen::RowVectorXd sets;  // of the base, of the circle, or neither
   Eigen::VectorXd force;
 };
 
@@ -71,7 +49,6 @@ Result run(const fs::path& folder, const std::string& image, const std::string& 
   const auto* force = table.find("force_N");
   const PointFile nodes = read_vtu(folder / out / "model" / "nodes.vtu");
   return {.nodes = nodes.position_mm,
-          .sets = nodes.find("node_set")->values.row(0),
           .force = Eigen::Map<const Eigen::VectorXd>(force->data(), static_cast<Index>(force->size()))};
 }
 
@@ -81,38 +58,6 @@ void expect_same(const Result& a, const Result& b, double tolerance_mm = 1e-6) {
   EXPECT_LT((a.nodes - b.nodes).cwiseAbs().maxCoeff(), tolerance_mm);
   EXPECT_GT(a.force.tail<1>()[0], 0.0);
   EXPECT_LT((a.force - b.force).cwiseAbs().maxCoeff(), 1e-6 * a.force.cwiseAbs().maxCoeff());
-}
-
-// How much of an image is empty says nothing about the organ. With what a run does of itself, whose forces
-// stop at a tolerance: where these are the same, so is all that is before them.
-TEST(Storage, WithAnyNumberOfEmptyPlanesAroundTheOrganGivesOneModelAndOneForce) {
-  const fs::path folder = fresh_folder();
-  std::mt19937 random(5);
-  LabelImage image = organ();
-  for (const bool oblique : {false, true}) {
-    if (oblique)
-      image.to_world = Eigen::Translation3d(17.123456, -33.987, 91.31) *
-                       Eigen::AngleAxisd(0.4, Vec3(0.3, -0.5, 1.0).normalized()) *
-                       Eigen::Scaling(0.9375, 1.01, 1.013) * image.to_world;
-    const StoredImage plain = stored_as(image, {0, 1, 2}, {false, false, false});
-    write(folder / "plain.nrrd", nrrd_of(plain));
-    for (const char* place : {"top", "asked"}) {
-      std::string options;
-      if (place != std::string("top")) {
-        const Vec3 at = image.to_world * Vec3(27.3, 14.6, 19.0);
-        options = fmt::format("--base inferior --indent-at={},{},{}", at.x(), at.y(), at.z());
-      }
-      const Result first = run(folder, "plain.nrrd", options + " --force");
-      ASSERT_EQ(first.nodes.cols(), 500);
-      for (int draw = 0; draw < 3; ++draw) {
-        SCOPED_TRACE(fmt::format("oblique {}, {}, draw {}", oblique, place, draw));
-        write(folder / "padded.nrrd", nrrd_of(padded(plain, random)));
-        const Result again = run(folder, "padded.nrrd", options + " --force");
-        expect_same(again, first, 1e-9);
-        EXPECT_EQ(again.sets, first.sets);
-      }
-    }
-  }
 }
 
 const Mat3 turn = Eigen::AngleAxisd(0.35, Vec3(0.3, -0.5, 1.0).normalized()).toRotationMatrix();

@@ -331,23 +331,6 @@ TEST(Poke, TwoHundredShortLivedDevicesLeaveTheNextOnesForceRight) {
   EXPECT_EQ(served.end(), 130);
 }
 
-TEST(Poke, ADeviceThatJumpsOrShakesIsNeverPulledAndNeverToldMoreThanTheDeepestPlaceGives) {
-  Served served;
-  Device device(served.at);
-  const double most = Served::settled(device, 2.0).along(served.push);
-  for (int k = 0; k < 300; ++k, sleep_ms(5)) {
-    const double mm = k < 150 ? (k % 2) * 2.0 : 1.0 - std::cos(2.0 * 3.14159265 * 10.0 * 0.005 * k);
-    const Felt felt = felt_in(device.ask(fmt::format("{:.6f}\n", mm)));
-    EXPECT_EQ(felt.tool == "there", std::isfinite(felt.error)) << k;
-    const double error = felt.tool == "there" ? felt.error : 0.2 * most;
-    ASSERT_GE(felt.along(served.push), -error) << k;
-    ASSERT_LE(felt.along(served.push), most + error) << k;
-    ASSERT_LE(error, 1.5 * most) << "an error that is always wide says nothing";
-    ASSERT_LE(felt.depth_mm, mm + 1e-4);
-  }
-  EXPECT_EQ(served.end(), 130);
-}
-
 TEST(Poke, SaysWhatIsNotFollowed) {
   Served served;
   Device device(served.at);
