@@ -264,17 +264,13 @@ TEST(ToolThatTouches, WhoseTrianglesFaceInwardIsTurnedAndSaysSo) {
 TEST(ToolThatTouches, AFileThatIsNoToolIsRefusedWithThePlaceBeforeAnythingIsBuilt) {
   const fs::path folder = with_phantom();
   write_ball(folder / "open.stl", 1.0, 1);
-  write_ball(folder / "metres.stl", 1e-3);
-  std::ofstream(folder / "letter.stl") << "dear";
   std::ofstream(folder / "words.STL") << "solid\nfacet normal 0 0 0\n outer loop\n  vertex 0 0 much\n";
-  const std::vector<RefusedLine> lines = {{3, "open.stl", {"has an open border of 3 edges"}},
-                                          {3, "metres.stl", {"scale it by 1000"}},
-                                          {3, "letter.stl", {"is no STL file"}},
-                                          {3, "words.STL", {"words.STL cannot be read"}},
-                                          {3, "nowhere.stl", {"nowhere.stl"}}};
-  expect_refusals(folder, "run brain.nrrd -o out --tool", lines);
-  for (const RefusedLine& line : lines)
-    EXPECT_THAT(dimple(folder, "run brain.nrrd -o out --tool " + line.options).err, Not(HasSubstr("vtk")));
+  const std::string run = "run brain.nrrd -o out --tool";
+  expect_refusals(folder, run,
+                  {{3, "open.stl", {"has an open border of 3 edges"}},
+                   {3, "words.STL", {"words.STL cannot be read"}},
+                   {3, "nowhere.stl", {"nowhere.stl"}}});
+  EXPECT_THAT(dimple(folder, run + " words.STL").err, Not(HasSubstr("vtk")));
   EXPECT_FALSE(fs::exists(folder / "out"));
 }
 
