@@ -202,13 +202,13 @@ TEST(ToolThatTouches, MayBeWiderThanTheOrganAsItsContactFindsRoom) {
        "run brain.nrrd -o out --write force --tool sphere:100mm --depth 0.5mm --nodes 800 --frames 2 -q");
 }
 
-// A ball as text STL, `scale` of 10 mm wide, without its last triangles.
-void write_ball(const fs::path& file, double scale, int without = 0, bool inward = false) {
+// A ball as text STL, 10 mm wide, without its last triangles.
+void write_ball(const fs::path& file, int without = 0, bool inward = false) {
   constexpr int sides = 60, rings = sides / 2;
   const auto at = [&](int r, int k) {
     const double polar = std::numbers::pi * r / rings, around = 2.0 * std::numbers::pi * (k % sides) / sides;
-    return fmt::format("vertex {:.9g} {:.9g} {:.9g}\n", 5 * scale * std::sin(polar) * std::cos(around),
-                       5 * scale * std::sin(polar) * std::sin(around), 5 * scale * std::cos(polar));
+    return fmt::format("vertex {:.9g} {:.9g} {:.9g}\n", 5.0 * std::sin(polar) * std::cos(around),
+                       5.0 * std::sin(polar) * std::sin(around), 5.0 * std::cos(polar));
   };
   std::vector<std::string> faces;
   for (int r = 0; r < rings; ++r)
@@ -226,7 +226,7 @@ void write_ball(const fs::path& file, double scale, int without = 0, bool inward
 
 TEST(ToolThatTouches, MayBeDrawnAndABallThatWasIsASphere) {
   const fs::path folder = with_phantom();
-  write_ball(folder / "ball.stl", 1.0);
+  write_ball(folder / "ball.stl");
   std::vector<double> force;
   for (const char* tool : {"ball.stl", "sphere:5mm"}) {
     good(folder,
@@ -251,8 +251,8 @@ TEST(ToolThatTouches, MayBeDrawnAndABallThatWasIsASphere) {
 
 TEST(ToolThatTouches, WhoseTrianglesFaceInwardIsTurnedAndSaysSo) {
   const fs::path folder = with_phantom();
-  write_ball(folder / "ball.stl", 1.0);
-  write_ball(folder / "inward.stl", 1.0, 0, true);
+  write_ball(folder / "ball.stl");
+  write_ball(folder / "inward.stl", 0, true);
   const std::string run = "run brain.nrrd --write force --nodes 800 --depth 1mm --frames 1 --tool ";
   const Ran right = dimple(folder, run + "ball.stl -o right"),
             turned = dimple(folder, run + "inward.stl -o turned");
@@ -263,7 +263,7 @@ TEST(ToolThatTouches, WhoseTrianglesFaceInwardIsTurnedAndSaysSo) {
 
 TEST(ToolThatTouches, AFileThatIsNoToolIsRefusedWithThePlaceBeforeAnythingIsBuilt) {
   const fs::path folder = with_phantom();
-  write_ball(folder / "open.stl", 1.0, 1);
+  write_ball(folder / "open.stl", 1);
   std::ofstream(folder / "words.STL") << "solid\nfacet normal 0 0 0\n outer loop\n  vertex 0 0 much\n";
   const std::string run = "run brain.nrrd -o out --tool";
   expect_refusals(folder, run,
