@@ -55,13 +55,6 @@ TEST(Cut, ByALineBeneathTheSurfaceOpensItFromTheOutside) {
   EXPECT_LT(cut["area_mm2"], 40.0 * (10.0 + 5.7));
 }
 
-TEST(Cut, IsRepeatedByTheConfigurationThatItsRunWroteAndByAnyNumberOfThreads) {
-  const fs::path folder = fresh_folder();
-  run_of(folder, block, "--threads 2 --cut line:9,-20,30,9,20,30,depth=15mm", "out");
-  good(folder, "run " + block + " --config out/config.resolved.toml -o again -q --threads 1");
-  EXPECT_EQ(text_of(folder / "out" / "force.csv"), text_of(folder / "again" / "force.csv"));
-}
-
 TEST(Cut, OfALabelIsTheBodyOfTheOthers) {
   const fs::path folder = fresh_folder();
   const Json info = Json::parse(dimple(folder, "info " + two + " --json").out);
