@@ -673,21 +673,5 @@ TEST_F(Run, MakesABlockOfWholeVoxelsAndSaysSoWhereItIsNotWhatWasAskedFor) {
   EXPECT_EQ(Json::parse(odd.out)["labels"], Json::parse(good("info odd.nrrd --json").out)["labels"]);
 }
 
-TEST_F(Run, AsksForTheUnitOfAnImageOfAnotherScale) {
-  good("phantom small.nrrd --shape block --size 60,60,30 --spacing 3");
-  const std::string axes = "(3,0,0) (0,3,0) (0,0,3)";
-  for (const std::string size : {"0.0015", "1500"}) {
-    std::string scaled = text_of(folder / "small.nrrd");
-    scaled.replace(scaled.find(axes), axes.size(),
-                   "(" + size + ",0,0) (0," + size + ",0) (0,0," + size + ")");
-    std::ofstream(folder / "scaled.nrrd", std::ios::binary) << scaled;
-    for (const char* command :
-         {"info scaled.nrrd", "run scaled.nrrd -o out --force --nodes 400 --frames 1 --time-limit 2s"}) {
-      const Ran ran = dimple(folder, command);
-      EXPECT_THAT(ran.err, HasSubstr("check the unit")) << command;
-    }
-  }
-}
-
 }  // namespace
 }  // namespace dimple
