@@ -164,7 +164,8 @@ TEST_F(Slicer, APanelThatNobodyTouchedIsTheDefaultRunAndItsValuesAreObeyed) {
 
   // A point and other values.
   std::map<std::string, std::string> chosen = small;
-  chosen.insert({{"--young", "900.0"}, {"--indent-at", "-10,5,30"}});
+  chosen["--young"] = "900.0";
+  chosen["--indent-at"] = "-10,5,30";
   chosen["--out"] = "chosen";
   words = command_line(chosen);
   words.push_back("block.nrrd");
