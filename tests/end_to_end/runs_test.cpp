@@ -518,8 +518,8 @@ TEST_F(Run, SolvesTwoPlainListsOfLocations) {
 TEST_F(Run, SaysEveryTenthWithoutATerminalIfDetailIsWanted) {
   const Ran run =
       good("run brain.nrrd -o out -v --write force --depth 8mm --set solver.step_radii=0.1" + cloud);
-  EXPECT_THAT(run.err, Not(HasSubstr('\r')));
-  EXPECT_THAT(run.err, Not(HasSubstr('\033')));
+  EXPECT_THAT(run.err, Not(HasSubstr("\r")));
+  EXPECT_THAT(run.err, Not(HasSubstr("\033")));
   for (int tenth = 1; tenth <= 10; ++tenth) {
     // What has been done, not the tenth below it.
     std::ostringstream line;

@@ -69,7 +69,7 @@ TEST_F(Terminal, ANovicesRunIsATwelveLinesAtMost) {
   const Ran run = good("run brain.nrrd -o out");
   const double passed = std::chrono::duration<double>(std::chrono::steady_clock::now() - begun).count();
   EXPECT_LE(lines_of(run.err).size() + lines_of(run.out).size(), 12u) << run.err << run.out;
-  EXPECT_THAT(run.err, Not(HasSubstr('\r')));
+  EXPECT_THAT(run.err, Not(HasSubstr("\r")));
   expect_words(run.err, {"image ", "organ ", "base ", "circle ", "solving  50 %", "open     out/"});
   for (const char* word : {"slivers", "conditioning", "waves", "residual"})
     EXPECT_THAT(run.err, Not(HasSubstr(word)));
