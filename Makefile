@@ -1,6 +1,7 @@
-# make demo   install what is missing, build, make a phantom, indent it, say the force and what to open
+# make demo   install what is missing, build the commands of one run, make a phantom, indent it, say the force and what
+#             to open
 # make test   install what is missing, build, run all tests
-# make build  only build
+# make build  only build, all commands
 # make check  the tests under address and undefined-behaviour sanitizers
 # make check-quick   those of the solver alone, but for what marches for minutes there
 # make check-threads   the tests under the thread sanitizer
@@ -18,7 +19,9 @@ FUZZ_RUNS := 1000000
 
 .PHONY: demo test build check check-quick check-threads fuzz bench converge atlas chart studies wheel deb clean bootstrap
 
-demo: build
+demo: bootstrap
+	cmake --preset release -DDIMPLE_TESTS=OFF
+	cmake --build $(BUILD) --target dimple
 	@mkdir -p $(DEMO)
 	$(DIMPLE) phantom $(DEMO)/brain.nrrd
 	$(DIMPLE) run $(DEMO)/brain.nrrd -o $(DEMO)/results --force
@@ -30,7 +33,7 @@ test: bootstrap
 
 build: bootstrap
 	cmake --preset release -DDIMPLE_TESTS=OFF
-	cmake --build $(BUILD) --target dimple
+	cmake --build $(BUILD) --target dimple dimple_all
 
 check: bootstrap
 	cmake --preset asan
@@ -75,7 +78,7 @@ wheel: bootstrap
 # How far a force can be trusted, where a scene survives, error against wall time: with the wheel, in an environment of its own.
 IMAGE :=
 STUDY :=
-STUDIES := DIMPLE_PROGRAM=$(DIMPLE) DIMPLE_PEER=$(BUILD)/dimple_peer build/studies/bin/python tests/studies
+STUDIES := DIMPLE_PROGRAM=$(DIMPLE) build/studies/bin/python tests/studies
 
 converge: studies
 	@mkdir -p out
@@ -90,7 +93,7 @@ chart: studies
 
 studies: wheel
 	@./bootstrap python3-matplotlib
-	cmake --build $(BUILD) --target dimple dimple_peer
+	cmake --build $(BUILD) --target dimple dimple_all
 	/usr/bin/python3 -m venv --clear --system-site-packages build/studies
 	build/studies/bin/python -m pip install --quiet --disable-pip-version-check --no-index build/wheel/pydimple-*.whl
 

@@ -38,5 +38,5 @@ int main(int argc, char** argv) {
   mallopt(M_MMAP_THRESHOLD, 32 << 20);
   mallopt(M_TRIM_THRESHOLD, 128 << 20);
 #endif
-  return dimple::command_line(argc, argv);
+  return dimple::command_line(argc, argv, dimple::program_parts());
 }

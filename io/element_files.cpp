@@ -41,24 +41,21 @@ int axis_of(const Vec3& push) {
 
 }  // namespace
 
-std::string calculix_input(const ElementModel& m, const std::string& element) {
+std::string calculix_input(const ElementModel& m) {
   std::string text;
   const Text out(text);
   for (const std::string& line : head(m)) fmt::format_to(out, "** {}\n", line);
   fmt::format_to(
       out,
       "** CalculiX: U = C10 (I1_bar - 3) + 1/D1 (J - 1)^2: the same with C10 = mu/2, D1 = 2/kappa.\n"
-      "** {}: linear elements lock at this kappa / mu; CalculiX has no mixed (hybrid) ones.\n"
-      "*NODE, NSET=all\n",
-      element);
+      "** C3D10: linear elements lock at this kappa / mu; CalculiX has no mixed (hybrid) ones.\n"
+      "*NODE, NSET=all\n");
   for (Index a = 0; a < m.X.cols(); ++a)
     fmt::format_to(out, "{}, {:.9g}, {:.9g}, {:.9g}\n", a + 1, m.X(0, a), m.X(1, a), m.X(2, a));
-  fmt::format_to(out, "*ELEMENT, TYPE={}, ELSET=tissue\n", element);
+  fmt::format_to(out, "*ELEMENT, TYPE=C3D10, ELSET=tissue\n");
   for (Index e = 0; e < m.elements.cols(); ++e) {
     fmt::format_to(out, "{}", e + 1);
-    // A line that ends with a comma goes on.
-    for (Index k = 0; k < m.elements.rows(); ++k)
-      fmt::format_to(out, "{}{}", k == 12 ? ",\n" : ", ", m.elements(k, e) + 1);
+    for (Index k = 0; k < m.elements.rows(); ++k) fmt::format_to(out, ", {}", m.elements(k, e) + 1);
     fmt::format_to(out, "\n");
   }
   fmt::format_to(out, "*NSET, NSET=base\n");
@@ -106,7 +103,7 @@ void require_febio_push(const ElementModel& m) {
        .remedy = "give --direction along an axis, e.g. 0,0,-1, or --contact bonded, or --format calculix"});
 }
 
-void febio_comments(Text out, const ElementModel& m, const std::string& element) {
+void febio_comments(Text out, const ElementModel& m) {
   for (std::string line : head(m)) {
     // Two hyphens would end an XML comment.
     for (std::size_t at; (at = line.find("--")) != std::string::npos;) line.replace(at, 2, "- -");
@@ -117,8 +114,7 @@ void febio_comments(Text out, const ElementModel& m, const std::string& element)
       "<!-- FEBio: W = c1 (I1_bar - 3) + U(J), U = k/2 (J - 1)^2 with the pressure model Abaqus: c1 = mu/2, "
       "k = "
       "kappa. -->\n"
-      "<!-- {} with a pressure of their own (three-field): without, they lock at this k / c1. -->\n",
-      element);
+      "<!-- tet10 with a pressure of their own (three-field): without, they lock at this k / c1. -->\n");
 }
 
 void febio_control(Text out, int frames) {
@@ -152,12 +148,12 @@ void febio_node_set(Text out, const char* name, const std::vector<Index>& nodes)
   fmt::format_to(out, "    </NodeSet>\n");
 }
 
-void febio_mesh(Text out, const ElementModel& m, const std::string& element) {
+void febio_mesh(Text out, const ElementModel& m) {
   fmt::format_to(out, "  <Mesh>\n    <Nodes name=\"all\">\n");
   for (Index a = 0; a < m.X.cols(); ++a)
     fmt::format_to(out, "      <node id=\"{}\">{:.9g},{:.9g},{:.9g}</node>\n", a + 1, m.X(0, a), m.X(1, a),
                    m.X(2, a));
-  fmt::format_to(out, "    </Nodes>\n    <Elements type=\"{}\" name=\"tissue\">\n", element);
+  fmt::format_to(out, "    </Nodes>\n    <Elements type=\"tet10\" name=\"tissue\">\n");
   for (Index e = 0; e < m.elements.cols(); ++e) {
     fmt::format_to(out, "      <elem id=\"{}\">", e + 1);
     for (Index k = 0; k < m.elements.rows(); ++k)
@@ -203,15 +199,15 @@ void febio_load_curves(Text out, int frames) {
 
 }  // namespace
 
-std::string febio_input(const ElementModel& m, const std::string& element) {
+std::string febio_input(const ElementModel& m) {
   require_febio_push(m);
   std::string text = "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n";
   const Text out(text);
-  febio_comments(out, m, element);
+  febio_comments(out, m);
   fmt::format_to(out, "<febio_spec version=\"4.0\">\n");
   febio_control(out, m.frames);
   febio_material(out, m);
-  febio_mesh(out, m, element);
+  febio_mesh(out, m);
   febio_boundary(out, m);
   febio_load_curves(out, m.frames);
   fmt::format_to(out,

@@ -7,7 +7,7 @@
 
 namespace dimple {
 
-/// What finite-element programs are given: elements of one kind and of one neo-Hookean tissue, a fixed base,
+/// What finite-element programs are given: ten-node tetrahedra of one neo-Hookean tissue, a fixed base,
 /// and a circle that is pushed in.
 struct ElementModel {
   std::vector<std::string> remarks;  ///< about where it comes from: comments at the head of the file
@@ -23,10 +23,10 @@ struct ElementModel {
 };
 
 /// The input file of CalculiX (`ccx FILE-without-.inp`), in keywords of Abaqus (which has no such *NODE
-/// PRINT), and of FEBio 4 (`febio4 -i FILE`). `element`: what the program calls these elements. Lengths in
-/// mm, forces in mN, stresses in kPa, so that numbers are near 1: both programs compare some with absolute
-/// limits. Throws UsageError: FEBio with a sliding circle that is not pushed along an axis.
-std::string calculix_input(const ElementModel& model, const std::string& element = "C3D10");
-std::string febio_input(const ElementModel& model, const std::string& element = "tet10");
+/// PRINT), and of FEBio 4 (`febio4 -i FILE`). Lengths in mm, forces in mN, stresses in kPa, so that numbers
+/// are near 1: both programs compare some with absolute limits. Throws UsageError: FEBio with a sliding
+/// circle that is not pushed along an axis.
+std::string calculix_input(const ElementModel& model);
+std::string febio_input(const ElementModel& model);
 
 }  // namespace dimple

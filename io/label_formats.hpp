@@ -20,26 +20,12 @@
 
 namespace dimple {
 
+/// The type of an image's numbers. Tables of what the formats call them have this order.
 enum class Number { int8, uint8, int16, uint16, int32, uint32, int64, uint64, real32, real64 };
 
 inline std::size_t bytes_of(Number type) {
-  switch (type) {
-    case Number::int8:
-    case Number::uint8:
-      return 1;
-    case Number::int16:
-    case Number::uint16:
-      return 2;
-    case Number::int32:
-    case Number::uint32:
-    case Number::real32:
-      return 4;
-    case Number::int64:
-    case Number::uint64:
-    case Number::real64:
-      return 8;
-  }
-  return 0;
+  constexpr std::array<std::size_t, 10> bytes = {1, 1, 2, 2, 4, 4, 8, 8, 4, 8};
+  return bytes[static_cast<std::size_t>(type)];
 }
 
 /// An image as its file holds it: axes in stored order, voxels in their stored type, nothing judged yet.

@@ -2,9 +2,8 @@
 
 #include <fmt/format.h>
 
-#include <Eigen/Cholesky>
-#include <Eigen/SVD>
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <cstring>
 #include <fstream>
@@ -16,9 +15,9 @@
 
 #include "io/error.hpp"
 #include "io/file.hpp"
+#include "io/image_axes.hpp"
 #include "io/label_formats.hpp"
 #include "io/label_names.hpp"
-#include "io/memory.hpp"
 #include "io/stop.hpp"
 #include "io/text.hpp"
 
@@ -40,10 +39,6 @@ Format format_of(const fs::path& file) {
   return Format::unknown;
 }
 
-// ---------------------------------------------------------------------------------------------------------
-// Voxels
-// ---------------------------------------------------------------------------------------------------------
-
 /// What is wrong with a number that should be a label; nullptr if nothing.
 const char* fault(double label) {
   if (!std::isfinite(label)) return "not finite";
@@ -56,17 +51,7 @@ const char* fault(double label) {
 template <class T>
 constexpr Number number_type() {
   if constexpr (std::is_floating_point_v<T>) return sizeof(T) == 4 ? Number::real32 : Number::real64;
-  constexpr bool is_signed = std::is_signed_v<T>;
-  switch (sizeof(T)) {
-    case 1:
-      return is_signed ? Number::int8 : Number::uint8;
-    case 2:
-      return is_signed ? Number::int16 : Number::uint16;
-    case 4:
-      return is_signed ? Number::int32 : Number::uint32;
-    default:
-      return is_signed ? Number::int64 : Number::uint64;
-  }
+  return static_cast<Number>(2 * std::countr_zero(sizeof(T)) + (std::is_signed_v<T> ? 0 : 1));
 }
 
 /// How many numbers apart neighbours along each stored axis are.
@@ -134,92 +119,6 @@ double check_voxels(const StoredImage& image, const fs::path& file) {
          .remedy = "give the segmentation, exported as a label map with an integer type"});
   }
   return farthest;
-}
-
-// ---------------------------------------------------------------------------------------------------------
-// Axes
-// ---------------------------------------------------------------------------------------------------------
-
-/// Canonical axis c is stored axis `stored[c]`, running the other way if `flipped[c]`.
-struct AxisOrder {
-  std::array<int, 3> stored{0, 1, 2};
-  std::array<bool, 3> flipped{};
-};
-
-/// The signed permutation with det > 0 that brings the axes nearest to +L, +P, +S: the greatest sum of
-/// cosines. Where two are equally near (a turn by 45 degrees) the resulting matrix decides, not the order in
-/// which they are tried, so that the choice does not depend on how the image was stored.
-AxisOrder nearest_to_LPS(const Mat3& linear) {
-  const Mat3 unit = linear.colwise().normalized();
-  constexpr double equal = 1e-4;  // more than headers of one image differ by
-  AxisOrder best;
-  Mat3 best_axes = Mat3::Zero();
-  bool found = false;
-  std::array<int, 3> stored{0, 1, 2};
-  do {
-    for (int signs = 0; signs < 8; ++signs) {
-      AxisOrder order{stored, {(signs & 1) != 0, (signs & 2) != 0, (signs & 4) != 0}};
-      Mat3 axes;
-      for (int c = 0; c < 3; ++c) {
-        const auto a = static_cast<std::size_t>(c);
-        axes.col(c) = order.flipped[a] ? Vec3(-unit.col(stored[a])) : Vec3(unit.col(stored[a]));
-      }
-      if (axes.determinant() <= 0.0) continue;
-      double gain = found ? axes.trace() - best_axes.trace() : 1.0;
-      for (int e = 0; e < 9 && std::abs(gain) <= equal; ++e) gain = axes(e) - best_axes(e);
-      if (gain > equal) best = order, best_axes = axes, found = true;
-    }
-  } while (std::next_permutation(stored.begin(), stored.end()));
-  return best;
-}
-
-/// Letters that say toward which side each stored axis increases.
-std::string letters(const AxisOrder& order) {
-  std::string text(3, '?');
-  for (std::size_t c = 0; c < 3; ++c)
-    text[static_cast<std::size_t>(order.stored[c])] = (order.flipped[c] ? "RAI" : "LPS")[c];
-  return text;
-}
-
-/// Spacings are snapped to this: six significant digits from 1 mm upward, five below.
-double spacing_step(double length) {
-  const int digits = static_cast<int>(std::floor(std::log10(length)));
-  return std::pow(10.0, digits - (length < 1.0 ? 4 : 5));
-}
-
-double rounded_to(double x, double step) {
-  // By a whole number where the step is below 1: 12345 / 10^5 is the double nearest to 0.12345.
-  const double per_mm = std::round(1.0 / step);
-  return step < 1.0 ? std::round(x * per_mm) / per_mm : std::round(x / step) * step;
-}
-
-double with_twelve_digits(double x) {
-  if (!(x > 0.0) || !std::isfinite(x)) return x;
-  return rounded_to(x, std::pow(10.0, std::floor(std::log10(x)) - 11));
-}
-
-constexpr double least_turn = 2e-5;    // rad; 5 um at 250 mm
-constexpr double cosine_step = 1e-6;   // of the angles between axes
-constexpr double least_cosine = 2e-5;  // below, the angle is right
-
-/// The rotation nearest to a matrix with det > 0.
-Mat3 nearest_rotation(const Mat3& m) {
-  const Eigen::JacobiSVD<Mat3> svd(m, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  return svd.matrixU() * svd.matrixV().transpose();
-}
-
-/// A geometry whose lengths and angles are free of the last digits in which headers of one image differ.
-/// `linear` has its axes in canonical order; how they lie in space stays, but for a turn of `least_turn`.
-Mat3 snapped(const Mat3& linear) {
-  Vec3 spacing = linear.colwise().norm();
-  const Mat3 unit = linear * spacing.cwiseInverse().asDiagonal();
-  for (double& length : spacing) length = rounded_to(length, spacing_step(length));
-  Mat3 cosines = unit.transpose() * unit;
-  for (double& c : cosines.reshaped()) c = std::abs(c) < least_cosine ? 0.0 : rounded_to(c, cosine_step);
-  const Mat3 shape = cosines.llt().matrixU();  // unit axes with these angles; the identity, but for a shear
-  Mat3 turn = nearest_rotation(unit * shape.inverse());
-  if (Eigen::AngleAxisd(turn).angle() < least_turn) turn.setIdentity();
-  return turn * shape * spacing.asDiagonal();
 }
 
 void check_geometry(const Eigen::Affine3d& to_world, const fs::path& file) {
@@ -508,140 +407,6 @@ fs::path beside_for_names(const fs::path& file) {
 
 }  // namespace
 
-// ---------------------------------------------------------------------------------------------------------
-// label_formats.hpp
-// ---------------------------------------------------------------------------------------------------------
-
-std::array<Index, 3> checked_size(const std::vector<Index>& size, Index components, const fs::path& file,
-                                  const std::string& layers) {
-  const auto refuse = [&](std::string fact, std::string why, std::string remedy) {
-    return InputError({.fact = std::move(fact),
-                       .where = image_place(file),
-                       .why = std::move(why),
-                       .remedy = std::move(remedy)});
-  };
-  if (components != 1)
-    throw refuse(fmt::format("every voxel holds {} numbers instead of one label{}{}", components,
-                             layers.empty() ? "" : ": ", printable(layers, most_repeated)),
-                 layers.empty()
-                     ? "the image is a colour or vector image, or a segmentation in several layers, whose "
-                       "segments may overlap"
-                     : "segments in different layers may overlap, and a voxel can have only one label",
-                 "in 3D Slicer, module Segmentations: export the segments to a label map (a voxel in two "
-                 "segments goes to one of them) and save that as .nrrd");
-  std::size_t dimensions = size.size();
-  while (dimensions > 3 && size[dimensions - 1] == 1) --dimensions;
-  if (dimensions > 3)
-    throw refuse(fmt::format("the image has {} axes ({} voxels)", dimensions, fmt::join(size, " x ")),
-                 "an organ is segmented in one three-dimensional image",
-                 "save one time frame or one channel as an image of its own");
-  if (dimensions == 0)
-    throw refuse("the image has 0 axes", "the header is damaged", "export the segmentation anew");
-  if (dimensions < 3 || size[0] == 1 || size[1] == 1 || size[2] == 1)
-    throw refuse(fmt::format("the image is flat: {} voxels", fmt::join(size, " x ")),
-                 "an organ needs three dimensions, with at least two voxels along each",
-                 "give the whole segmented volume, not one slice of it");
-  constexpr double limit = std::numeric_limits<std::int32_t>::max();
-  double voxels = 1.0;
-  for (std::size_t a = 0; a < 3; ++a) {
-    if (size[a] <= 0)
-      throw refuse(fmt::format("axis {} is said to hold {} voxels", a + 1, size[a]), "the header is damaged",
-                   "export the segmentation anew");
-    voxels *= static_cast<double>(size[a]);
-  }
-  if (voxels > limit)
-    throw refuse(fmt::format("the image has {:.3g} voxels", voxels),
-                 fmt::format("at most {:.3g} are read; or the header is damaged", limit),
-                 "crop the image to the organ, or resample it to larger voxels");
-  return {size[0], size[1], size[2]};
-}
-
-std::optional<double> millimetres_in(const std::string& unit) {
-  static const std::map<std::string, double> known = {
-      {"", 1.0},          {"mm", 1.0},       {"millimeter", 1.0}, {"millimetre", 1.0},  {"cm", 10.0},
-      {"m", 1000.0},      {"meter", 1000.0}, {"metre", 1000.0},   {"um", 0.001},        {"\u00b5m", 0.001},
-      {"\u03bcm", 0.001}, {"micron", 0.001}, {"microns", 0.001},  {"micrometer", 0.001}};
-  const auto found = known.find(unit);
-  return found == known.end() ? std::nullopt : std::optional(found->second);
-}
-
-void scale_to_millimetres(StoredImage& image, double factor, const std::string& unit) {
-  image.to_world.matrix().topRows<3>() *= factor;
-  image.warnings.push_back(
-      fmt::format("The file gives lengths in {}; spacing and origin were multiplied by {} to millimetres.",
-                  unit, factor));
-}
-
-void check_length(const StoredImage& image, const fs::path& file) {
-  constexpr double deflate_limit = 1032.0;  // bytes out per byte in, at best
-  std::error_code failed;
-  const std::uintmax_t length = fs::file_size(file, failed);
-  if (!failed && static_cast<double>(image.data_bytes()) > deflate_limit * static_cast<double>(length))
-    throw truncated(file, fmt::format("{} bytes cannot hold {} bytes of voxels", length, image.data_bytes()));
-
-  const double memory = memory_at_hand();
-  // Beside the voxels where each row begins; runs are few, or the image is refused.
-  const double thinnest = static_cast<double>(*std::min_element(image.size.begin(), image.size.end()));
-  const double voxels = static_cast<double>(image.data_bytes()) / static_cast<double>(bytes_of(image.type));
-  const double needed = static_cast<double>(image.data_bytes()) + voxels / thinnest * sizeof(std::size_t);
-  if (needed > memory)
-    throw InputError({.fact = fmt::format("the voxels need {:.1f} GB of memory, and {:.1f} GB are there",
-                                          needed / 1e9, memory / 1e9),
-                      .where = image_place(file),
-                      .why = fmt::format("the image has {} x {} x {} voxels; or its header is damaged",
-                                         image.size[0], image.size[1], image.size[2]),
-                      .remedy = "crop the image to the organ, resample it to larger voxels, or take a larger "
-                                "machine"});
-}
-
-void warn_of_surplus(StoredImage& image, std::uintmax_t bytes) {
-  if (bytes == 0) return;
-  image.warnings.push_back(fmt::format(
-      "The file goes on for {}{} bytes after its voxels; check that its size of {} x {} x {} is right.",
-      bytes >= surplus_limit ? "more than " : "", bytes, image.size[0], image.size[1], image.size[2]));
-}
-
-void swap_bytes(StoredImage& image) {
-  const auto swap = [&]<std::size_t width>(std::integral_constant<std::size_t, width>) {
-    for (std::size_t n = 0; n + width <= image.data.size(); n += width)
-      std::reverse(image.data.data() + n, image.data.data() + n + width);
-  };
-  switch (bytes_of(image.type)) {
-    case 2:
-      return swap(std::integral_constant<std::size_t, 2>{});
-    case 4:
-      return swap(std::integral_constant<std::size_t, 4>{});
-    case 8:
-      return swap(std::integral_constant<std::size_t, 8>{});
-    default:
-      return;
-  }
-}
-
-bool is_at_right_angles(const Mat3& axes) {
-  const Mat3 unit = axes.colwise().normalized();
-  return (unit.transpose() * unit - Mat3::Identity()).cwiseAbs().maxCoeff() < 5e-4;  // ITK's bound lies here
-}
-
-InputError no_place_in_space(const fs::path& file, std::string_view fact) {
-  return InputError(
-      {.fact = printable(fact, most_repeated),
-       .where = image_place(file),
-       .why = "spacing, direction and origin in the file's header do not describe a place in space",
-       .remedy = "correct the header, or export the segmentation anew"});
-}
-
-InputError truncated(const fs::path& file, std::string_view fact) {
-  return InputError({.fact = printable(fact, most_repeated),
-                     .where = image_place(file),
-                     .why = "the file is incomplete or damaged, as after a copy that was cut short",
-                     .remedy = "copy or export the segmentation again"});
-}
-
-// ---------------------------------------------------------------------------------------------------------
-// label_image.hpp
-// ---------------------------------------------------------------------------------------------------------
-
 Vec3 LabelImage::spacing() const {
   const Vec3 length = to_world.linear().colwise().norm();
   return length.unaryExpr([](double x) { return with_twelve_digits(x); });
@@ -768,74 +533,6 @@ void write_label_image(const fs::path& file, const LabelImage& image) {
     if (const std::string names = label_descriptions(image); !names.empty())
       write_file(beside_for_names(file), names);
   move_into_place(temporary, file);
-}
-
-// By runs rather than ITK's ConnectedComponentImageFilter, which wants every voxel and one pass per label.
-std::vector<LabelMeasure> measure_labels(const LabelImage& image) {
-  // Pieces: a forest over runs. Of two runs that touch, the root that comes later hangs on the earlier one.
-  std::vector<std::size_t> parent(image.run.size());
-  std::iota(parent.begin(), parent.end(), std::size_t{0});
-  const auto root = [&](std::size_t r) {
-    while (parent[r] != r) r = parent[r] = parent[parent[r]];  // always to an earlier run: it ends
-    return r;
-  };
-  const auto join = [&](std::span<const Run> row, std::span<const Run> before) {
-    for (auto a = row.begin(), b = before.begin(); a != row.end() && b != before.end();) {
-      if (a->label == b->label && a->begin < b->end && b->begin < a->end) {
-        const std::size_t x = root(static_cast<std::size_t>(&*a - image.run.data())),
-                          y = root(static_cast<std::size_t>(&*b - image.run.data()));
-        parent[std::max(x, y)] = std::min(x, y);
-      }
-      a->end < b->end ? ++a : ++b;
-    }
-  };
-
-  struct Sum {
-    std::int64_t voxels = 0;
-    Vec3 places = Vec3::Zero();
-    bool touches_border = false;
-  };
-  std::map<std::int32_t, Sum> sums;
-  for (Index k = 0; k < image.size[2]; ++k) {
-    stop_if_asked();
-    for (Index j = 0; j < image.size[1]; ++j) {
-      const auto row = image.row(j, k);
-      if (j > 0) join(row, image.row(j - 1, k));
-      if (k > 0) join(row, image.row(j, k - 1));
-      const bool at_border = j == 0 || k == 0 || j == image.size[1] - 1 || k == image.size[2] - 1;
-      for (const Run& run : row) {
-        Sum& sum = sums[run.label];
-        const double n = run.end - run.begin;
-        sum.voxels += run.end - run.begin;
-        sum.places +=
-            n * Vec3(0.5 * (run.begin + run.end - 1), static_cast<double>(j), static_cast<double>(k));
-        sum.touches_border = sum.touches_border || at_border || run.begin == 0 || run.end == image.size[0];
-      }
-    }
-  }
-
-  std::vector<std::int64_t> piece(image.run.size(), 0);  // voxels, at the root
-  for (std::size_t r = 0; r < image.run.size(); ++r) piece[root(r)] += image.run[r].end - image.run[r].begin;
-  std::map<std::int32_t, LabelMeasure> measures;
-  for (std::size_t r = 0; r < image.run.size(); ++r) {
-    if (piece[r] == 0) continue;
-    LabelMeasure& measure = measures[image.run[r].label];
-    ++measure.pieces;
-    measure.largest_piece_voxels = std::max(measure.largest_piece_voxels, piece[r]);
-  }
-
-  std::vector<LabelMeasure> list;
-  for (auto& [label, measure] : measures) {
-    const Sum& sum = sums[label];
-    measure.value = label;
-    if (const auto name = image.names.find(label); name != image.names.end()) measure.name = name->second;
-    measure.voxels = sum.voxels;
-    measure.volume_mm3 = static_cast<double>(sum.voxels) * image.voxel_volume();
-    measure.centre_mm = image.to_world * Vec3(sum.places / static_cast<double>(sum.voxels));
-    measure.touches_border = sum.touches_border;
-    list.push_back(std::move(measure));
-  }
-  return list;
 }
 
 }  // namespace dimple

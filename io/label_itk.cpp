@@ -10,39 +10,24 @@
 #include <zlib.h>
 
 #include <algorithm>
-#include <charconv>
-#include <cmath>
-#include <cstdlib>
 #include <cstring>
 #include <fstream>
 #include <iomanip>
 #include <iostream>
-#include <iterator>
 #include <limits>
 #include <memory>
 #include <mutex>
-#include <set>
-#include <span>
 #include <sstream>
 
 #include "io/file.hpp"
-#include "io/label_formats.hpp"
-#include "io/label_names.hpp"
 #include "io/stop.hpp"
 #include "io/text.hpp"
+#include "io/text_header.hpp"
 
 namespace dimple {
 namespace {
 
 namespace fs = std::filesystem;
-
-InputError unreadable(const fs::path& file, const std::string& format, std::string_view why) {
-  return InputError({.fact = fmt::format("'{}' cannot be read as {}", file.filename().string(), format),
-                     .where = image_place(file),
-                     .why = printable(why, most_repeated),
-                     .remedy = "check that the file is complete and of the format that its suffix names; "
-                               "export the segmentation anew"});
-}
 
 /// What an ITK exception says of a header: the innermost reason that NrrdIO gives, without the functions and
 /// files of the library's own sources that it came through. Where nothing else is left, that the library gave
@@ -68,32 +53,16 @@ std::string words_of(const std::exception& error) {
 
 Number number_type(const itk::ImageIOBase& io, const fs::path& file) {
   using itk::IOComponentEnum;
-  switch (io.GetComponentType()) {
-    case IOComponentEnum::CHAR:
-      return Number::int8;
-    case IOComponentEnum::UCHAR:
-      return Number::uint8;
-    case IOComponentEnum::SHORT:
-      return Number::int16;
-    case IOComponentEnum::USHORT:
-      return Number::uint16;
-    case IOComponentEnum::INT:
-      return Number::int32;
-    case IOComponentEnum::UINT:
-      return Number::uint32;
-    case IOComponentEnum::LONG:
-    case IOComponentEnum::LONGLONG:
-      return Number::int64;
-    case IOComponentEnum::ULONG:
-    case IOComponentEnum::ULONGLONG:
-      return Number::uint64;
-    case IOComponentEnum::FLOAT:
-      return Number::real32;
-    case IOComponentEnum::DOUBLE:
-      return Number::real64;
-    default:
-      throw unreadable(file, "a label image", "the type of its voxels is unknown");
-  }
+  static const std::map<IOComponentEnum, Number> types = {
+      {IOComponentEnum::CHAR, Number::int8},      {IOComponentEnum::UCHAR, Number::uint8},
+      {IOComponentEnum::SHORT, Number::int16},    {IOComponentEnum::USHORT, Number::uint16},
+      {IOComponentEnum::INT, Number::int32},      {IOComponentEnum::UINT, Number::uint32},
+      {IOComponentEnum::LONG, Number::int64},     {IOComponentEnum::ULONG, Number::uint64},
+      {IOComponentEnum::LONGLONG, Number::int64}, {IOComponentEnum::ULONGLONG, Number::uint64},
+      {IOComponentEnum::FLOAT, Number::real32},   {IOComponentEnum::DOUBLE, Number::real64}};
+  const auto found = types.find(io.GetComponentType());
+  if (found == types.end()) throw unreadable(file, "a label image", "the type of its voxels is unknown");
+  return found->second;
 }
 
 /// Holds back what a library prints: its reader has no other way to say what is wrong.
@@ -149,93 +118,6 @@ StoredImage read_information(itk::ImageIOBase& io, const fs::path& file, std::st
     image.to_world.translation()[a] = io.GetOrigin(a);
   }
   return image;
-}
-
-/// The lines `key<separator>value` that both formats start with; ITK keeps neither the unit of an NRRD nor
-/// where the voxels begin, and must not see what it cannot stand.
-struct TextHeader {
-  KeyValues value;
-  std::vector<std::string> line;  ///< all of them, without blanks around
-  std::size_t bytes = 0;          ///< length of the header
-  bool complete = false;
-
-  bool has(const std::string& key) const { return value.contains(key); }
-  std::string at(const std::string& key) const {
-    const auto found = value.find(key);
-    return found == value.end() ? std::string() : found->second;
-  }
-};
-
-std::uintmax_t length_of(const fs::path& file) {
-  std::error_code failed;
-  const std::uintmax_t length = fs::file_size(file, failed);
-  return failed ? 0 : length;
-}
-
-constexpr std::uintmax_t longest_header = 1 << 22;
-
-/// Ends at an empty line (NRRD) or after the line with `last_key` (MetaImage).
-TextHeader read_text_header(const fs::path& file, char separator, std::string_view last_key) {
-  std::string start(static_cast<std::size_t>(std::min(length_of(file), longest_header)), '\0');
-  std::ifstream in(file, std::ios::binary);
-  in.read(start.data(), static_cast<std::streamsize>(start.size()));
-  start.resize(static_cast<std::size_t>(in.gcount()));
-
-  TextHeader header;
-  while (header.bytes < start.size()) {
-    const auto end = std::min(start.find('\n', header.bytes), start.size());
-    const std::string_view text = trimmed(std::string_view(start).substr(header.bytes, end - header.bytes));
-    header.bytes = std::min(end + 1, start.size());
-    header.complete = text.empty();
-    if (header.complete) break;
-    header.line.emplace_back(text);
-    const auto middle = text.find(separator);
-    if (middle == std::string_view::npos) continue;
-    const std::string key(trimmed(text.substr(0, middle)));
-    header.value.try_emplace(key, trimmed(text.substr(middle + 1)));
-    header.complete = key == last_key;
-    if (header.complete) break;
-  }
-  return header;
-}
-
-/// The whole text as one number.
-template <class T>
-std::optional<T> number(std::string_view text) {
-  T value{};
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (end != text.data() + text.size()) return std::nullopt;
-  if constexpr (std::is_floating_point_v<T>)  // 1e-310 is a small number, not a large one
-    if (error == std::errc::result_out_of_range) return std::strtod(std::string(text).c_str(), nullptr);
-  if (error != std::errc()) return std::nullopt;
-  return value;
-}
-
-std::vector<std::string> words_in(const std::string& text) {
-  std::istringstream words(text);
-  return {std::istream_iterator<std::string>(words), {}};
-}
-
-bool are_finite(const std::vector<std::string>& words) {
-  return std::all_of(words.begin(), words.end(), [](const std::string& word) {
-    const auto value = number<double>(std::string_view(word).substr(word.starts_with('+') ? 1 : 0));
-    return value && std::isfinite(*value);
-  });
-}
-
-/// As NRRD writes a direction: (1,0,0).
-std::optional<Vec3> vector_of_three(const std::string& word) {
-  if (word.size() < 3 || word.front() != '(' || word.back() != ')') return std::nullopt;
-  std::string numbers = word.substr(1, word.size() - 2);
-  if (std::count(numbers.begin(), numbers.end(), ',') != 2) return std::nullopt;
-  std::replace(numbers.begin(), numbers.end(), ',', ' ');
-  const std::vector<std::string> words = words_in(numbers);
-  if (words.size() != 3 || !are_finite(words)) return std::nullopt;
-  Vec3 v;
-  for (std::size_t r = 0; r < 3; ++r)
-    v[static_cast<Index>(r)] =
-        *number<double>(std::string_view(words[r]).substr(words[r].starts_with('+') ? 1 : 0));
-  return v;
 }
 
 /// Where the voxels are: the header's own file, or another that it names relative to itself.
@@ -332,7 +214,7 @@ void read_ascii(StoredImage& image, const fs::path& file, std::uintmax_t begin) 
     if (v % 65536 == 0) stop_if_asked();
     if (!(in >> std::setw(longest) >> word))
       throw truncated(file, fmt::format("the file holds {} of {} voxels", v, count));
-    const auto value = number<double>(word);
+    const auto value = number_in<double>(word);
     if (!value || word.size() >= longest)
       throw truncated(file, fmt::format("voxel {} is '{}', which is no number", v, word));
     std::memcpy(image.data.data() + v * sizeof(double), &*value, sizeof(double));
@@ -367,103 +249,11 @@ void read_hex(StoredImage& image, const fs::path& file, std::uintmax_t begin) {
                                       std::min<std::uintmax_t>(held / 2, needed - 1), needed));
 }
 
-// ---------------------------------------------------------------------------------------------------------
-// NRRD
-// ---------------------------------------------------------------------------------------------------------
-
-/// ITK reads one axis of numbers per voxel in addition to three axes of space, and refuses others in its own
-/// words.
-void check_axes(const TextHeader& header, int dimension, const fs::path& file) {
-  static const std::set<std::string> independent = {"domain", "space", "time", "none", "???"};
-  const auto kinds = words_in(header.at("kinds"));
-  const auto numbers = std::count_if(
-      kinds.begin(), kinds.end(), [](const std::string& kind) { return !independent.contains(lower(kind)); });
-  if (dimension - numbers > 3)
-    throw InputError({.fact = fmt::format("the image has {} axes (sizes: {})", dimension,
-                                          printable(header.at("sizes"), most_repeated)),
-                      .where = image_place(file),
-                      .why =
-                          "an organ is segmented in one three-dimensional image; a further axis is of time "
-                          "or of images",
-                      .remedy = "save one time frame or one channel as an image of its own"});
-}
-
-/// What ITK's reader would take wrongly, wait for or break on.
-void check_nrrd_header(const TextHeader& header, const fs::path& file) {
-  const auto refuse = [&](std::string why) { return unreadable(file, "NRRD", std::move(why)); };
-  const auto dimension = number<int>(header.at("dimension"));
-  if (header.has("dimension") && (!dimension || *dimension < 1 || *dimension > 16))
-    throw refuse(fmt::format("it is said to have {} axes", header.at("dimension")));
-  // NrrdIO copies a line that it cannot understand into 257 bytes, however long it is. Directions of full
-  // precision are longer than what is safe; of them it understands what is checked here.
-  constexpr std::size_t longest = 160;
-  static const std::set<std::string> spaces = {"right-anterior-superior",
-                                               "ras",
-                                               "left-anterior-superior",
-                                               "las",
-                                               "left-posterior-superior",
-                                               "lps",
-                                               "scanner-xyz",
-                                               "3d-right-handed",
-                                               "3d-left-handed"};
-  bool in_space = false;
-  for (const std::string& line : header.line) {
-    const auto field = line.find(": "), key = line.find(":=");
-    if (line.starts_with('#') || (key != std::string::npos && key < field)) continue;
-    const std::string name = lower(line.substr(0, std::min({field, line.size(), std::size_t{40}})));
-    const std::string value(field == std::string::npos ? "" : trimmed(line.substr(field + 1)));
-    in_space = in_space || (name == "space" && spaces.contains(lower(value))) ||
-               (name == "space dimension" && value == "3");
-    if (line.size() <= longest || name == "content" || name == "data file" || name == "datafile") continue;
-    if (name != "space directions" && name != "measurement frame")
-      throw refuse(fmt::format("the line of {} is {} letters long", name, line.size()));
-    const std::vector<std::string> vectors = words_in(value);
-    const std::size_t expected =
-        name == "space directions" ? static_cast<std::size_t>(dimension.value_or(0)) : 3;
-    if (!in_space || vectors.size() != expected ||
-        !std::all_of(vectors.begin(), vectors.end(),
-                     [](const std::string& word) { return word == "none" || vector_of_three(word); }))
-      throw refuse(fmt::format(
-          "its {} are not {} vectors of three finite numbers in a space of that dimension", name, expected));
-  }
-  if (const std::string encoding = lower(header.at("encoding")); encoding == "bzip2" || encoding == "bz2")
-    throw refuse(
-        "its voxels are compressed with bzip2, which is not read; open and save it again in 3D Slicer or "
-        "ITK, or by `unu save -f nrrd -e gzip`, and give that file");
-  std::string origin = header.at("space origin");
-  std::erase_if(origin, [](char c) { return c == '(' || c == ')'; });
-  std::replace(origin.begin(), origin.end(), ',', ' ');
-  if (!are_finite(words_in(origin)))
-    throw refuse(fmt::format("its space origin is {} instead of finite numbers", header.at("space origin")));
-  if (const std::string directions = header.at("space directions"); dimension && !directions.empty()) {
-    const auto words = words_in(directions);
-    const auto none = std::count(words.begin(), words.end(), "none");
-    if (*dimension >= 3 && *dimension - none < 3)
-      throw refuse(fmt::format("only {} of its axes have a direction", *dimension - none));
-    check_axes(header, *dimension, file);
-    for (std::size_t a = 0; a < words.size(); ++a)  // ITK divides by the length
-      if (const auto v = vector_of_three(words[a]); v && !(v->stableNorm() > 1e-100))
-        throw no_place_in_space(
-            file, fmt::format("axis {} has the direction {}, which has no length", a + 1, words[a]));
-  } else if (dimension.value_or(0) == 3 && !header.has("spacings")) {
-    throw refuse(
-        "it does not say how large a voxel is (no space directions and no spacings): where it is known, a "
-        "line of "
-        "the header such as `spacings: 1 1 1` says it in mm");
-  } else if (const auto spacings = words_in(header.at("spacings")); !are_finite(spacings)) {
-    throw refuse(fmt::format("its spacings are {}", header.at("spacings")));
-  } else {
-    for (const std::string& spacing : spacings)
-      if (number<double>(spacing) == 0.0)
-        throw no_place_in_space(file, fmt::format("the voxel spacing is {} mm", fmt::join(spacings, " x ")));
-  }
-}
-
 void read_nrrd_voxels(StoredImage& image, const TextHeader& header, const fs::path& file, bool detached) {
   const std::string encoding = lower(header.at("encoding"));
   const auto skip = [&](const char* key, const char* other) {
     const std::string text = header.has(key) ? header.at(key) : header.has(other) ? header.at(other) : "0";
-    const auto value = number<std::int64_t>(text);
+    const auto value = number_in<std::int64_t>(text);
     if (!value || *value < -1) throw unreadable(file, image.format, fmt::format("{} is {}", key, text));
     return *value;
   };
@@ -506,88 +296,6 @@ void read_nrrd_voxels(StoredImage& image, const TextHeader& header, const fs::pa
   if (!is_text && endian == "big") swap_bytes(image);
 }
 
-// ---------------------------------------------------------------------------------------------------------
-// MetaImage
-// ---------------------------------------------------------------------------------------------------------
-
-bool is_true(const std::string& word) {
-  return !word.empty() && (word.front() == 'T' || word.front() == 't' || word.front() == '1');
-}
-
-/// The first of several names of one thing.
-std::string either(const TextHeader& header, std::initializer_list<const char*> keys) {
-  for (const char* key : keys)
-    if (header.has(key)) return key;
-  return {};
-}
-
-/// What ITK's reader would take wrongly, wait for or name by the wrong reason.
-void check_metaimage_header(const TextHeader& header, const fs::path& file,
-                            std::vector<std::string>& warnings) {
-  const auto refuse = [&](std::string why) { return unreadable(file, "MetaImage", std::move(why)); };
-  const auto axes = number<int>(header.at("NDims"));
-  if (!axes || *axes < 1 || *axes > 10)
-    throw refuse(header.has("NDims") ? fmt::format("it is said to have {} axes", header.at("NDims"))
-                                     : "it does not say how many axes it has (no NDims)");
-  if (!header.complete) throw refuse("it does not say where its voxels are (no ElementDataFile)");
-  // MetaIO ends a key at a blank or colon too, and of one that comes twice takes the last: with another NDims
-  // it would count for ever.
-  std::set<std::string> keys;
-  for (std::size_t k = 0; k < header.line.size(); ++k) {
-    const std::string& line = header.line[k];
-    if (line.find('=') == std::string::npos ||
-        std::any_of(line.begin(), line.end(), [](unsigned char c) { return std::iscntrl(c) && c != '\t'; }))
-      throw refuse(fmt::format("line {} of its header is not of the form 'key = value'", k + 1));
-    if (!keys.insert(line.substr(0, line.find_first_of(" \t=:"))).second)
-      throw refuse(fmt::format("line {} of its header has a key that another line has", k + 1));
-  }
-  for (const auto& [key, value] : header.value)
-    if (key.size() > 250 || value.size() > 4000)  // MetaIO's buffers
-      throw refuse(
-          fmt::format("the line of {} is {} letters long", key.substr(0, 40), key.size() + value.size()));
-
-  const auto n = static_cast<std::size_t>(*axes);
-  const auto check = [&](const std::string& key, std::size_t count) {
-    if (key.empty()) return;
-    const auto words = words_in(header.at(key));
-    if (words.size() != count || !are_finite(words))
-      throw refuse(fmt::format("{} is '{}' instead of {} finite numbers", key, header.at(key), count));
-  };
-  const std::string matrix = either(header, {"TransformMatrix", "Rotation", "Orientation"});
-  const std::string origin = either(header, {"Offset", "Position", "Origin"});
-  if (!header.has("DimSize")) throw refuse("it does not say its size (no DimSize)");
-  if (!header.has("ElementSpacing")) throw refuse("it does not say how large a voxel is (no ElementSpacing)");
-  check("DimSize", n);
-  check("ElementSpacing", n);
-  check(origin, n);
-  check(matrix, n * n);
-  if (const auto cosines = words_in(header.at(matrix)); !matrix.empty())
-    for (std::size_t a = 0; a < n; ++a) {
-      const auto axis = std::span(cosines).subspan(a * n, n);
-      if (std::none_of(axis.begin(), axis.end(), [](const std::string& cosine) {
-            return std::abs(number<double>(cosine).value_or(1.0)) > 1e-100;
-          }))
-        throw no_place_in_space(file, fmt::format("axis {} has the direction ({}), which has no length",
-                                                  a + 1, fmt::join(axis, ", ")));
-    }
-  const auto spacing = words_in(header.at("ElementSpacing"));
-  if (std::any_of(spacing.begin(), spacing.end(), [](const auto& word) {
-        return !(number<double>(word) > 1e-100);
-      }))  // ITK takes the rest for zero
-    throw refuse(fmt::format("the voxel spacing is {} mm", fmt::join(spacing, " x ")));
-  if (header.at("ElementType").ends_with("_ARRAY"))
-    throw refuse(fmt::format("its voxels are of type {}", header.at("ElementType")));
-  if (const std::string key = either(header, {"BinaryData"}); !key.empty() && !is_true(header.at(key)))
-    throw refuse("its voxels are written as text (ASCII), which is not read; save it with BinaryData = True");
-
-  if (matrix.empty())
-    warnings.push_back(
-        "The file does not say how the image lies in the patient (no TransformMatrix); its axes are taken to "
-        "run along left, posterior and superior.");
-  if (origin.empty())
-    warnings.push_back("The file does not say where its first voxel lies (no Offset); the origin is taken.");
-}
-
 void scale_from_unit(StoredImage& image, const std::string& unit) {
   if (const std::optional<double> factor = millimetres_in(unit)) {
     if (*factor != 1.0) scale_to_millimetres(image, *factor, unit);
@@ -601,7 +309,7 @@ void read_metaimage_voxels(StoredImage& image, const TextHeader& header, const f
                            bool detached) {
   std::uintmax_t begin = detached ? 0 : header.bytes;
   if (header.has("HeaderSize")) {
-    const auto skip = number<std::int64_t>(header.at("HeaderSize"));
+    const auto skip = number_in<std::int64_t>(header.at("HeaderSize"));
     if (!skip) throw unreadable(file, image.format, fmt::format("HeaderSize is {}", header.at("HeaderSize")));
     const std::uintmax_t length = length_of(file);
     if (*skip > 0) begin = static_cast<std::uintmax_t>(*skip);

@@ -181,35 +181,20 @@ Header read_header(gzFile in, const fs::path& file, bool is_pair) {
   throw refuse("the file is not a NIfTI-1 image", "check the file; export the segmentation anew");
 }
 
+// In the order of Number.
+constexpr std::array<short, 10> nifti_types = {
+    NIFTI_TYPE_INT8,   NIFTI_TYPE_UINT8, NIFTI_TYPE_INT16,  NIFTI_TYPE_UINT16,  NIFTI_TYPE_INT32,
+    NIFTI_TYPE_UINT32, NIFTI_TYPE_INT64, NIFTI_TYPE_UINT64, NIFTI_TYPE_FLOAT32, NIFTI_TYPE_FLOAT64};
+
 Number number_type(const Header& header, const fs::path& file) {
-  switch (header.datatype) {
-    case NIFTI_TYPE_INT8:
-      return Number::int8;
-    case NIFTI_TYPE_UINT8:
-      return Number::uint8;
-    case NIFTI_TYPE_INT16:
-      return Number::int16;
-    case NIFTI_TYPE_UINT16:
-      return Number::uint16;
-    case NIFTI_TYPE_INT32:
-      return Number::int32;
-    case NIFTI_TYPE_UINT32:
-      return Number::uint32;
-    case NIFTI_TYPE_INT64:
-      return Number::int64;
-    case NIFTI_TYPE_UINT64:
-      return Number::uint64;
-    case NIFTI_TYPE_FLOAT32:
-      return Number::real32;
-    case NIFTI_TYPE_FLOAT64:
-      return Number::real64;
-    default:
-      throw InputError({.fact = fmt::format("the voxels are of type {}, not one number each",
-                                            nifti_datatype_string(header.datatype)),
-                        .where = image_place(file),
-                        .why = "a label image holds one whole number per voxel",
-                        .remedy = "export the segmentation as a label map with an integer type"});
-  }
+  const auto found = std::find(nifti_types.begin(), nifti_types.end(), header.datatype);
+  if (found == nifti_types.end())
+    throw InputError({.fact = fmt::format("the voxels are of type {}, not one number each",
+                                          nifti_datatype_string(header.datatype)),
+                      .where = image_place(file),
+                      .why = "a label image holds one whole number per voxel",
+                      .remedy = "export the segmentation as a label map with an integer type"});
+  return static_cast<Number>(found - nifti_types.begin());
 }
 
 /// What the header's quaternion says, as libnifti takes it.
@@ -414,36 +399,6 @@ StoredImage read_nifti(const fs::path& named) {
   return image;
 }
 
-namespace {
-
-short datatype_of(Number type) {
-  switch (type) {
-    case Number::int8:
-      return NIFTI_TYPE_INT8;
-    case Number::uint8:
-      return NIFTI_TYPE_UINT8;
-    case Number::int16:
-      return NIFTI_TYPE_INT16;
-    case Number::uint16:
-      return NIFTI_TYPE_UINT16;
-    case Number::int32:
-      return NIFTI_TYPE_INT32;
-    case Number::uint32:
-      return NIFTI_TYPE_UINT32;
-    case Number::int64:
-      return NIFTI_TYPE_INT64;
-    case Number::uint64:
-      return NIFTI_TYPE_UINT64;
-    case Number::real32:
-      return NIFTI_TYPE_FLOAT32;
-    case Number::real64:
-      return NIFTI_TYPE_FLOAT64;
-  }
-  return NIFTI_TYPE_UINT8;
-}
-
-}  // namespace
-
 std::vector<std::byte> nifti_header(const StoredImage& image, int components) {
   nifti_1_header h{};
   h.sizeof_hdr = nifti_1.bytes;
@@ -462,7 +417,7 @@ std::vector<std::byte> nifti_header(const StoredImage& image, int components) {
     h.intent_code = NIFTI_INTENT_VECTOR;
     for (int a = 4; a < 8; ++a) h.pixdim[a] = 1.0f;
   }
-  h.datatype = datatype_of(image.type);
+  h.datatype = nifti_types[static_cast<std::size_t>(image.type)];
   h.bitpix = static_cast<short>(8 * bytes_of(image.type));
   h.xyzt_units = NIFTI_UNITS_MM;
   h.scl_slope = static_cast<float>(image.slope);

@@ -6,6 +6,7 @@
 #include <zlib.h>
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cctype>
 #include <cmath>
@@ -204,57 +205,12 @@ std::string numbers_of(const Vec3& v, const char* between) {
   return fmt::format("{}", fmt::join(v.begin(), v.end(), between));
 }
 
-std::string nrrd_type(Number type) {
-  switch (type) {
-    case Number::int8:
-      return "int8";
-    case Number::uint8:
-      return "uint8";
-    case Number::int16:
-      return "int16";
-    case Number::uint16:
-      return "uint16";
-    case Number::int32:
-      return "int32";
-    case Number::uint32:
-      return "uint32";
-    case Number::int64:
-      return "int64";
-    case Number::uint64:
-      return "uint64";
-    case Number::real32:
-      return "float";
-    case Number::real64:
-      return "double";
-  }
-  return "";
-}
-
-std::string metaimage_type(Number type) {
-  switch (type) {
-    case Number::int8:
-      return "MET_CHAR";
-    case Number::uint8:
-      return "MET_UCHAR";
-    case Number::int16:
-      return "MET_SHORT";
-    case Number::uint16:
-      return "MET_USHORT";
-    case Number::int32:
-      return "MET_INT";
-    case Number::uint32:
-      return "MET_UINT";
-    case Number::int64:
-      return "MET_LONG_LONG";
-    case Number::uint64:
-      return "MET_ULONG_LONG";
-    case Number::real32:
-      return "MET_FLOAT";
-    case Number::real64:
-      return "MET_DOUBLE";
-  }
-  return "";
-}
+// In the order of Number.
+constexpr std::array<const char*, 10> nrrd_types = {"int8",   "uint8", "int16",  "uint16", "int32",
+                                                    "uint32", "int64", "uint64", "float",  "double"};
+constexpr std::array<const char*, 10> metaimage_types = {
+    "MET_CHAR", "MET_UCHAR",     "MET_SHORT",      "MET_USHORT", "MET_INT",
+    "MET_UINT", "MET_LONG_LONG", "MET_ULONG_LONG", "MET_FLOAT",  "MET_DOUBLE"};
 
 std::string nrrd_header(const StoredImage& image, const VolumeKind& kind) {
   const Mat3 axes = image.to_world.linear();
@@ -267,9 +223,9 @@ std::string nrrd_header(const StoredImage& image, const VolumeKind& kind) {
       "type: {}\ndimension: {}\nspace: left-posterior-superior\nsizes: {}{}\nspace directions:{}{}\nkinds: "
       "{}domain "
       "domain domain\nendian: {}\nencoding: gzip\nspace origin: ({})\n",
-      nrrd_type(image.type), vectors ? 4 : 3, vectors ? fmt::format("{} ", kind.components) : "",
-      fmt::join(image.size, " "), vectors ? " none" : "", directions, vectors ? "vector " : "",
-      std::endian::native == std::endian::little ? "little" : "big",
+      nrrd_types[static_cast<std::size_t>(image.type)], vectors ? 4 : 3,
+      vectors ? fmt::format("{} ", kind.components) : "", fmt::join(image.size, " "), vectors ? " none" : "",
+      directions, vectors ? "vector " : "", std::endian::native == std::endian::little ? "little" : "big",
       numbers_of(Vec3(image.to_world.translation()), ","));
   if (!kind.meaning.empty()) text += fmt::format("displacement field type:={}\n", kind.meaning);
   for (const auto& [key, value] : image.segment_keys) {
@@ -298,7 +254,7 @@ std::string metaimage_header(const StoredImage& image, const VolumeKind& kind) {
       numbers_of(Vec3(image.to_world.translation()), " "), numbers_of(Vec3(axes.colwise().norm()), " "),
       fmt::join(image.size, " "),
       kind.components > 1 ? fmt::format("ElementNumberOfChannels = {}\n", kind.components) : "",
-      metaimage_type(image.type));
+      metaimage_types[static_cast<std::size_t>(image.type)]);
 }
 
 }  // namespace

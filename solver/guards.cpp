@@ -192,6 +192,19 @@ Finding without_stress(Index count, Index of, double share, double J_min, const 
       share < inverted_minor};
 }
 
+Report of_inverted(Index inverted, double share, const ForceSystem::Sweep& sweep, const Model& model,
+                   const Moment& now) {
+  const Vec3 x = model.point.col(sweep.point);
+  return {.fact = text(inverted, " of ", model.point_count(), " integration points ",
+                       inverted == 1 ? "is" : "are", " inverted, ", percent(share),
+                       " of the volume; smallest det F ", sweep.J_min),
+          .where = moment(now) + text("; worst point at rest at ", in_mm(x), ", ",
+                                      1e3 * (x - model.tool.centre).norm(), " mm from the circle's centre"),
+          .why = "the strain at a sharp rim is unbounded; the force is unaffected by so small a volume",
+          .remedy = text("keep the force; no stress is given where det F is below ", least_J_of_stress),
+          .code = "inverted"};
+}
+
 }  // namespace
 
 void Guards::check_points(const ForceSystem::Sweep& sweep, const Moment& now) {
@@ -221,16 +234,7 @@ void Guards::check_points(const ForceSystem::Sweep& sweep, const Moment& now) {
     }
   }
   if (const double share = inverted_volume / whole; inverted > 0) {
-    const Vec3 x = model_.point.col(sweep.point);
-    Report report = {
-        .fact =
-            text(inverted, " of ", model_.point_count(), " integration points ", inverted == 1 ? "is" : "are",
-                 " inverted, ", percent(share), " of the volume; smallest det F ", sweep.J_min),
-        .where = moment(now) + text("; worst point at rest at ", in_mm(x), ", ",
-                                    1e3 * (x - model_.tool.centre).norm(), " mm from the circle's centre"),
-        .why = "the strain at a sharp rim is unbounded; the force is unaffected by so small a volume",
-        .remedy = text("keep the force; no stress is given where det F is below ", least_J_of_stress),
-        .code = "inverted"};
+    Report report = of_inverted(inverted, share, sweep, model_, now);
     if (share > inverted_wrong) {
       report.why = "the load is more than this cloud can follow: the sharp rim alone inverts less";
       report.remedy =

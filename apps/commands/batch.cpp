@@ -6,7 +6,7 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
-#include "apps/commands/command.hpp"
+#include "apps/commands/all_commands.hpp"
 #include "apps/commands/log.hpp"
 #include "apps/commands/terminal.hpp"
 #include "apps/run/stopwatch.hpp"
@@ -128,7 +128,7 @@ int run_all(const Cohort& cohort, const Config& of_all_rows, const Invocation& s
 
 Command add_batch(CLI::App& app, Invocation& shared) {
   const auto options = std::make_shared<BatchArguments>();
-  CLI::App* command = app.add_subcommand("batch", "a run for each row of a table, several at once");
+  CLI::App* command = add_to(app, whole::batch);
   command
       ->add_option("CASES", options->cases,
                    "CSV with the columns id, image, and any option (mu_Pa, label, indent_at, ...); other "

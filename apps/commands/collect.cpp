@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <filesystem>
 
-#include "apps/commands/command.hpp"
+#include "apps/commands/all_commands.hpp"
 #include "apps/commands/log.hpp"
 #include "apps/commands/terminal.hpp"
 #include "apps/run/checkpoint.hpp"
@@ -90,7 +90,7 @@ int perform(const Invocation& shared, const CollectArguments& options) {
 
 Command add_collect(CLI::App& app, Invocation& shared) {
   const auto options = std::make_shared<CollectArguments>();
-  CLI::App* command = app.add_subcommand("collect", "one table and one page of all runs in a folder");
+  CLI::App* command = add_to(app, whole::collect);
   command->add_option("FOLDER", options->folder, "which `dimple batch -o` has filled")->required();
   command->add_option("-o,--out,--output", shared.out, "CSV file for the table [printed]");
   command

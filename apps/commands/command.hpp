@@ -24,6 +24,8 @@ struct Invocation {
   /// A failure is put down in the folder, besides the terminal: of commands that write results, once the
   /// command line is understood.
   bool leaves_word = false;
+  /// `run --explain`, after the run; null in a program without it.
+  Outcome (*explain)(const Scene&, const Invocation&, Outcome) = nullptr;
 
   Existing existing() const {
     return force ? Existing::replace : resume ? Existing::resume : Existing::refuse;

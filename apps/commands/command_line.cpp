@@ -14,6 +14,7 @@
 #include "apps/commands/log.hpp"
 #include "apps/commands/slicer.hpp"
 #include "apps/commands/terminal.hpp"
+#include "apps/commands/whole_program.hpp"
 #include "apps/run/result_folder.hpp"
 #include "apps/run/summary.hpp"
 #include "apps/run/unless_stopped.hpp"
@@ -22,32 +23,7 @@
 
 namespace dimple {
 
-// Every subcommand, each in a file of its name, in the order of the help.
-Command add_phantom(CLI::App& app, Invocation& shared);
-Command add_info(CLI::App& app, Invocation& shared);
-Command add_places(CLI::App& app, Invocation& shared);
-Command add_model(CLI::App& app, Invocation& shared);
-Command add_solve(CLI::App& app, Invocation& shared);
-Command add_run(CLI::App& app, Invocation& shared);
-Command add_fit(CLI::App& app, Invocation& shared);
-Command add_shift(CLI::App& app, Invocation& shared);
-Command add_export(CLI::App& app, Invocation& shared);
-Command add_options(CLI::App& app, Invocation& shared);
-Command add_poke(CLI::App& app, Invocation& shared);
-Command add_batch(CLI::App& app, Invocation& shared);
-Command add_collect(CLI::App& app, Invocation& shared);
-Command add_compare(CLI::App& app, Invocation& shared);
-Command add_cite(CLI::App& app, Invocation& shared);
-Command add_doctor(CLI::App& app, Invocation& shared);
-Command add_man(CLI::App& app, Invocation& shared);         // man.cpp
-Command add_completion(CLI::App& app, Invocation& shared);  // man.cpp
-
 namespace {
-
-constexpr Command (*subcommands[])(CLI::App&, Invocation&) = {
-    add_phantom, add_info,    add_places,  add_model,   add_solve, add_run,
-    add_poke,    add_batch,   add_collect, add_compare, add_fit,   add_shift,
-    add_export,  add_options, add_cite,    add_doctor,  add_man,   add_completion};
 
 constexpr const char* footer = R"(Examples:
   dimple phantom brain.nrrd                make a swine-brain-sized image
@@ -241,7 +217,7 @@ std::vector<std::string> as_run(std::vector<std::string> words) {
 }
 
 // The command that was asked for.
-int perform(Invocation& shared) {
+int perform(Invocation& shared, const ProgramParts& parts) {
   CLI::App app{
       "From a label image to a force: meshless soft-tissue indentation, without a mesh and by one command.",
       "dimple"};
@@ -251,7 +227,7 @@ int perform(Invocation& shared) {
   app.set_version_flag("--version", "dimple " DIMPLE_VERSION);
   app.require_subcommand(0, 1);
   std::vector<Command> commands;
-  for (const auto add : subcommands) commands.push_back(add(app, shared));
+  for (const auto add : parts.commands) commands.push_back(add(app, shared));
 
   const std::vector<std::string>& words = shared.words = as_run(std::move(shared.words));
   if (std::find(words.begin(), words.end(), "--xml") != words.end() && words.front() == "run") {
@@ -267,6 +243,7 @@ int perform(Invocation& shared) {
   } catch (const CLI::CallForVersion& e) {
     return app.exit(e);
   } catch (const CLI::ParseError& e) {
+    if (!parts.whole) become_whole_program(words);  // which knows the flags of all commands
     usage_error(app, e, words);
   }
   start_log(shared.quiet     ? Verbosity::quiet
@@ -289,13 +266,13 @@ int perform(Invocation& shared) {
   return 0;
 }
 
-int answered(Invocation& shared) {
+int answered(Invocation& shared, const ProgramParts& parts) {
   const auto fail = [&](const Error& error) {
     if (shared.leaves_word) leave_word(shared.out, shared.command, shared.image, error, warnings_so_far());
     return report(error, shared.json);
   };
   try {
-    return unless_stopped([&] { return perform(shared); });
+    return unless_stopped([&] { return perform(shared, parts); });
   } catch (const Error& error) {
     return fail(error);
   } catch (const std::bad_alloc&) {
@@ -314,11 +291,12 @@ int answered(Invocation& shared) {
 
 }  // namespace
 
-int command_line(int argc, char** argv) {
-  Ending ending;  // first of all: a signal is answered from here on
-  Invocation shared{.ending = ending};
-  shared.words.assign(argv + (argc > 0 ? 1 : 0), argv + argc);
-  const int code = answered(shared);
+int command_line(int argc, char** argv, const ProgramParts& parts) {
+  const std::vector<std::string> words(argv + (argc > 0 ? 1 : 0), argv + argc);
+  if (!parts.whole && needs_whole_program(words)) become_whole_program(words);
+  Ending ending;  // a signal is answered from here on
+  Invocation shared{.ending = ending, .words = words, .explain = parts.explain};
+  const int code = answered(shared, parts);
   end_log();
   if (std::fflush(stdout) == 0 && !std::ferror(stdout)) return code;
   return report(OutputError({.fact = "the result could not be printed",

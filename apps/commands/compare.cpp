@@ -6,7 +6,7 @@
 #include <iterator>
 #include <nlohmann/json.hpp>
 
-#include "apps/commands/command.hpp"
+#include "apps/commands/all_commands.hpp"
 #include "apps/commands/log.hpp"
 #include "apps/commands/terminal.hpp"
 #include "apps/studies/read_results.hpp"
@@ -298,10 +298,7 @@ int perform(const Invocation& shared, const CompareArguments& options) {
 
 Command add_compare(CLI::App& app, Invocation& shared) {
   const auto options = std::make_shared<CompareArguments>();
-  CLI::App* command = app.add_subcommand(
-      "compare",
-      "show two finished runs beside each other: forces with their bands, and what differs in their options "
-      "(a measured curve is for `run --compare`)");
+  CLI::App* command = add_to(app, whole::compare);
   command->add_option("A", options->a, "folder of a finished run")->required();
   command->add_option("B", options->b, "folder of another")->required();
   command->add_option("-o,--out,--output", shared.out, "picture of both force curves: .png or .svg");

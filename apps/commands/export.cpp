@@ -5,7 +5,7 @@
 #include <string>
 
 #include "apps/scene/resolve.hpp"
-#include "apps/commands/command.hpp"
+#include "apps/commands/all_commands.hpp"
 #include "apps/commands/log.hpp"
 #include "apps/studies/export_mesh.hpp"
 #include "io/error.hpp"
@@ -34,10 +34,7 @@ void require_no_file_of_others(const std::filesystem::path& file) {
 
 Command add_export(CLI::App& app, Invocation& shared) {
   const auto options = std::make_shared<ExportArguments>();
-  CLI::App* command = app.add_subcommand(
-      "export",
-      "write the scene for another program, as a mesh: CalculiX or FEBio; --nodes or --spacing say how "
-      "fine");
+  CLI::App* command = add_to(app, whole::export_mesh);
   command->add_option("IMAGE", shared.image, "label image");
   command
       ->add_option("-o,--out,--output", shared.out,

@@ -1,6 +1,6 @@
 #include "apps/studies/fit.hpp"
 
-#include "apps/commands/command.hpp"
+#include "apps/commands/all_commands.hpp"
 #include "apps/commands/log.hpp"
 
 namespace dimple {
@@ -16,8 +16,7 @@ struct FitArguments {
 
 Command add_fit(CLI::App& app, Invocation& shared) {
   const auto options = std::make_shared<FitArguments>();
-  CLI::App* command =
-      app.add_subcommand("fit", "the tissue's modulus from a measured force curve, with its band");
+  CLI::App* command = add_to(app, whole::fit);
   command->add_option("IMAGE", shared.image, "label image");
   command
       ->add_option("-o,--out,--output", shared.out,

@@ -2,7 +2,7 @@
 
 #include <filesystem>
 
-#include "apps/commands/command.hpp"
+#include "apps/commands/all_commands.hpp"
 #include "apps/commands/describe.hpp"
 #include "apps/commands/terminal.hpp"
 #include "io/error.hpp"
@@ -31,8 +31,7 @@ const CLI::App* command_named(const CLI::App& app, const std::string& name) {
 
 Command add_man(CLI::App& app, Invocation&) {
   const auto options = std::make_shared<ManArguments>();
-  CLI::App* command = app.add_subcommand("man", "print a manual page as roff: dimple man run | man -l -")
-                          ->group("About the program");
+  CLI::App* command = add_to(app, whole::man);
   command->add_option("COMMAND", options->command, "of this command [of the program]");
   command->add_option("-o,--out,--output", options->folder,
                       "write the pages of all commands into this folder");
@@ -52,9 +51,7 @@ Command add_man(CLI::App& app, Invocation&) {
 
 Command add_completion(CLI::App& app, Invocation&) {
   const auto shell = std::make_shared<std::string>();
-  CLI::App* command =
-      app.add_subcommand("completion", "print what a shell needs to complete commands and options")
-          ->group("About the program");
+  CLI::App* command = add_to(app, whole::completion);
   command->add_option("SHELL", *shell, "the shell that is to complete")
       ->type_name("bash|zsh|fish")
       ->required();

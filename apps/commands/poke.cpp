@@ -6,7 +6,7 @@
 #include <optional>
 
 #include "apps/scene/resolve.hpp"
-#include "apps/commands/command.hpp"
+#include "apps/commands/all_commands.hpp"
 #include "apps/commands/log.hpp"
 #include "apps/commands/terminal.hpp"
 #include "apps/run/live.hpp"
@@ -415,9 +415,7 @@ int poke(const Invocation& shared, const CLI::App& command, PokeArguments& optio
 
 Command add_poke(CLI::App& app, Invocation& shared) {
   const auto options = std::make_shared<PokeArguments>();
-  CLI::App* command = app.add_subcommand(
-      "poke",
-      "a live organ: press the tool into it with the mouse, a script or a device, and feel the force");
+  CLI::App* command = add_to(app, whole::poke);
   command->add_option("IMAGE", shared.image, "label image");
   command
       ->add_option(

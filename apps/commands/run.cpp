@@ -1,17 +1,9 @@
-#include <fmt/format.h>
-
-#include <filesystem>
-#include <nlohmann/json.hpp>
-
 #include "apps/scene/resolve.hpp"
 #include "apps/commands/command.hpp"
 #include "apps/commands/log.hpp"
 #include "apps/commands/slicer.hpp"
+#include "apps/commands/whole_program.hpp"
 #include "apps/scene/compatibility.hpp"
-#include "apps/run/stopwatch.hpp"
-#include "apps/run/summary.hpp"
-#include "apps/run/words.hpp"
-#include "apps/studies/explain.hpp"
 
 namespace dimple {
 namespace {
@@ -21,22 +13,6 @@ struct RunArguments {
   bool explain = false;
   std::string return_parameters;
 };
-
-// After a run: what its force depends on.
-Outcome explained(const Scene& scene, const Invocation& shared, Outcome outcome) {
-  const Stopwatch comparing;
-  Explanation explanation =
-      explain(scene, 0, [](const std::string& line) { to_log().line(RunObserver::Line::said, line); });
-  const std::filesystem::path out = shared.out;
-  const FileList list(out);
-  const Json summary = Json::parse(outcome.summary_json);
-  explanation.run =
-      fmt::format("{} with {} nodes", force_title(summary.at("force_N"), summary.at("indentation_mm")),
-                  summary.at("counts").at("nodes").get<Index>());
-  write_explanation(out, explanation, std::filesystem::path(scene.image.file).filename().string());
-  add_explained(outcome, out, comparing.seconds(), explanation.ended_by);
-  return outcome;
-}
 
 }  // namespace
 
@@ -54,12 +30,13 @@ Command add_run(CLI::App& app, Invocation& shared) {
   add_common(*command, shared);
   return {command, [&shared, command, options] {
             options->flags.defaults_are_unsaid = shared.slicer;
+            if (options->explain && shared.explain == nullptr) refuse_without_whole_program("run --explain");
             const Config config = options->flags.config(*command, shared.image);
             into_folder(shared, config.image.file);
             if (options->explain) check_pairs(resolve(config), Feature::explain);
             Outcome outcome = record_run(config, shared.out, shared.existing(), to_log());
             if (options->explain && !outcome.interrupted)
-              outcome = explained(resolve(config), shared, std::move(outcome));
+              outcome = shared.explain(resolve(config), shared, std::move(outcome));
             if (!options->return_parameters.empty())
               write_return_parameters(options->return_parameters, outcome.summary_json);
             return finish(shared, outcome);

@@ -3,7 +3,7 @@
 
 #include <filesystem>
 
-#include "apps/commands/command.hpp"
+#include "apps/commands/all_commands.hpp"
 #include "apps/commands/log.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "apps/studies/explain_shift.hpp"
@@ -35,8 +35,7 @@ Outcome explained(const Scene& scene, const ShiftOptions& options, const Invocat
 Command add_shift(CLI::App& app, Invocation& shared) {
   const auto options = std::make_shared<ShiftArguments>();
   ShiftOptions& shift_options = options->shift;
-  CLI::App* command = app.add_subcommand(
-      "shift", "brain shift after a craniotomy: where the skull is open and fluid is lost");
+  CLI::App* command = add_to(app, whole::shift);
   command->add_option("IMAGE", shared.image, "label image");
   command->add_option("-o,--out,--output", shared.out, "folder for the results")->required();
   add_over_results(*command, shared, false);

@@ -13,48 +13,42 @@ namespace dimple {
 // Options
 // ---------------------------------------------------------------------------------------------------------
 
-template <class Archive, Like<Config::Pressure> T>
-void members(Archive& io, T& pressure) {
-  auto& [pressure_Pa, on, follows] = pressure;
-  io(pressure_Pa, on, follows);
+template <class Archive, Like<ModelChoices::Image> T>
+void members(Archive& io, T& image) {
+  auto& [file, label, label_names, close_mm, cut_gap_mm] = image;
+  io(file, label, label_names, close_mm, cut_gap_mm);
 }
 
-template <class Archive, Like<Config::Film> T>
-void members(Archive& io, T& film) {
-  auto& [thickness_mm, mu_Pa, tension_N_per_m, on, wrinkles] = film;
-  io(thickness_mm, mu_Pa, tension_N_per_m, on, wrinkles);
+template <class Archive, Like<ModelChoices::Cloud> T>
+void members(Archive& io, T& cloud) {
+  auto& [nodes, spacing_mm, rim, seed, jitter] = cloud;
+  io(nodes, spacing_mm, rim, seed, jitter);
 }
 
-template <class Archive, Like<Config::Wall> T>
-void members(Archive& io, T& wall) {
-  auto& [shape, friction, gap, opening, places] = wall;
-  io(shape, friction, gap, opening, places);
+template <class Archive, Like<ModelChoices::Place> T>
+void members(Archive& io, T& place) {
+  auto& [base, base_depth_mm, indent_at, indenter_diameter_mm, direction] = place;
+  io(base, base_depth_mm, indent_at, indenter_diameter_mm, direction);
 }
 
-template <class Archive, Like<Config::Held> T>
-void members(Archive& io, T& held) {
-  auto& [on, hold, move_mm] = held;
-  io(on, hold, move_mm);
+template <class Archive, Like<Blade> T>
+void members(Archive& io, T& blade) {
+  auto& [kind, first, second, length, sheet, label, text] = blade;
+  int number = static_cast<int>(kind);
+  io(number, first, second, length, sheet.vertex, sheet.triangles, label, text);
+  if constexpr (!std::is_const_v<T>) kind = static_cast<Blade::Kind>(number);
 }
 
-template <class Archive, Like<Config::OtherTool> T>
-void members(Archive& io, T& tool) {
-  auto& [shape, friction, at_mm, direction, move_mm] = tool;
-  io(shape, friction, at_mm, direction, move_mm);
+template <class Archive, Like<Cut> T>
+void members(Archive& io, T& cut) {
+  auto& [blades, text, where] = cut;
+  io(blades, text, where);
 }
 
-template <class Archive, Like<Config::Step> T>
-void members(Archive& io, T& step) {
-  auto& [moves, move_mm, turn_deg, about_mm, cut, toughness_J_m2, time_s, order] = step;
-  io(moves, move_mm, turn_deg, about_mm, cut, toughness_J_m2, time_s, order);
-}
-
-template <class Archive, Like<Config> T>
-void members(Archive& io, T& config) {
-  Config all = config;
-  for (const Option& option : options_of(all)) std::visit([&](auto* value) { io(*value); }, option.value);
-  io(all.tissue, all.pressure, all.membrane, all.wall, all.held, all.other_tool, all.step, all.source);
-  if constexpr (!std::is_const_v<T>) config = std::move(all);
+template <class Archive, Like<ModelChoices> T>
+void members(Archive& io, T& choices) {
+  auto& [image, cut, scheme, cloud, grid, support_radius_factor, boundary] = choices;
+  io(image, cut, scheme, cloud, grid.points, grid.ratio, support_radius_factor, boundary);
 }
 
 template <class Archive, Like<GradingOptions> T>
@@ -210,8 +204,8 @@ void members(Archive& io, T& facts) {
 
 template <class Archive, Like<Origin> T>
 void members(Archive& io, T& origin) {
-  auto& [config, organ, image, facts, image_warnings, boundary] = origin;
-  io(config, organ, image, facts, image_warnings, boundary);
+  auto& [choices, organ, image, facts, image_warnings, boundary] = origin;
+  io(choices, organ, image, facts, image_warnings, boundary);
 }
 
 // ---------------------------------------------------------------------------------------------------------
@@ -240,7 +234,7 @@ void members(Archive& io, T& kept) {
     io(static_cast<const Discretisation&>(model));
   else
     io(static_cast<Discretisation&>(model));
-  io(model.scheme, model.support, model.support_report.unseen, kept.config, kept.label_names, kept.provenance,
+  io(model.scheme, model.support, model.support_report.unseen, kept.label_names, kept.provenance,
      kept.warnings, kept.report_json);
   if constexpr (std::is_const_v<T>) {
     io(kept.origin != nullptr);

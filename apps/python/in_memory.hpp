@@ -17,7 +17,6 @@ namespace dimple {
 struct ModelInMemory {
   /// Places, scheme, and what to_surface() needs: who solves makes the rest, which hangs on the tissues.
   Model model;
-  Config config;
   std::map<std::string, int> label_names;
   std::map<std::string, std::string> provenance;
   std::vector<std::string> warnings;

@@ -196,12 +196,12 @@ void warn_of_narrow_gaps(const Scene& scene, double share, const RunLog& log) {
 
 }  // namespace
 
-std::string name_of_image(const Scene& scene) {
-  return scene.image.file.empty() ? "image in memory" : scene.image.file;
+std::string name_of_image(const ModelChoices& choices) {
+  return choices.image.file.empty() ? "image in memory" : choices.image.file;
 }
 
-std::string sha256_of_image(const Scene& scene, const LabelImage& image) {
-  if (!scene.image.file.empty()) return sha256_of_file(scene.image.file);
+std::string sha256_of_image(const ModelChoices& choices, const LabelImage& image) {
+  if (!choices.image.file.empty()) return sha256_of_file(choices.image.file);
   const auto bytes_of = [](const auto& numbers, std::size_t count) {
     return std::string_view(reinterpret_cast<const char*>(numbers.data()), count * sizeof(numbers.data()[0]));
   };

@@ -36,9 +36,9 @@ struct RunLog {
 };
 
 /// For people: the image's file, or that it was given without one.
-std::string name_of_image(const Scene& scene);
+std::string name_of_image(const ModelChoices& choices);
 /// Of the file; of an image without one, of its labels and where they lie.
-std::string sha256_of_image(const Scene& scene, const LabelImage& image);
+std::string sha256_of_image(const ModelChoices& choices, const LabelImage& image);
 
 void say_default_stiffness(const RunLog& log, const Scene& scene);
 

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "apps/run/band_of_run.hpp"
+#include "apps/run/model_options.hpp"
 #include "apps/run/pipeline.hpp"
 #include "apps/run/unless_stopped.hpp"
 #include "io/error.hpp"

@@ -11,6 +11,7 @@
 #include "apps/run/folds.hpp"
 #include "apps/run/image_error_of_run.hpp"
 #include "apps/run/loads.hpp"
+#include "apps/run/model_options.hpp"
 #include "apps/run/membranes.hpp"
 #include "apps/run/organ.hpp"
 #include "apps/run/other_tools.hpp"

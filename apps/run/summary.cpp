@@ -279,10 +279,10 @@ Json summary_of_image(const Scene& scene, const Result& result) {
   return summary;
 }
 
-Json summary_of_model(const Scene& scene, const Result& result) {
+Json summary_of_model(const ModelChoices& choices, const Result& result) {
   Json summary = model_json(result);
   summary["version"] = DIMPLE_VERSION;
-  summary["image"] = name_of_image(scene);
+  summary["image"] = name_of_image(choices);
   summary["labels"] = labels_json(result.labels);
   summary["scheme"] = result.model.scheme.name;
   summary["consistency"] = consistency_json(result.model.consistency_report);

@@ -23,7 +23,7 @@ Json report_json(const Report& report);
 /// Of a run that began with an image: what was taken from it, and the model's report.
 Json summary_of_image(const Scene& scene, const Result& result);
 /// Of `dimple model`.
-Json summary_of_model(const Scene& scene, const Result& result);
+Json summary_of_model(const ModelChoices& choices, const Result& result);
 
 /// [s] Of all parts of a run that was resumed together.
 struct RunTimes {

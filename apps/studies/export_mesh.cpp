@@ -1,3 +1,4 @@
+#include "apps/run/model_options.hpp"
 #include "apps/studies/export_mesh.hpp"
 
 #include <fmt/format.h>
@@ -38,6 +39,13 @@ std::string chosen_format(const std::string& format, const fs::path& file) {
                     .remedy = "name it so, or give --format calculix or --format febio"});
 }
 
+// A body filled with elements.
+struct ElementMesh {
+  ElementModel model;                  // nodes, elements, base and circle only, in the surface's frame
+  double spacing_mm = 0.0, rim = 1.0;  // edges far from the circle; those at its rim, as a part of them
+  double volume_mm3 = 0.0;
+};
+
 ElementMesh tetrahedra(const Scene& scene, const BodySurface& surface, const Boundary& boundary,
                        ModelOptions options) {
   // The paper's even cloud would need a hundred thousand tetrahedra to follow the rim.
@@ -61,18 +69,17 @@ ElementMesh tetrahedra(const Scene& scene, const BodySurface& surface, const Bou
 
 }  // namespace
 
-ElementModel element_model(const Scene& scene, const RunObserver& observer, const FillBody& fill) {
+ElementModel element_model(const Scene& scene, const RunObserver& observer) {
   check_pairs(scene, Feature::export_mesh);
   const Material material = material_of(scene);
   Result unused;
   const RunLog log{observer, unused};
   Scene passing = scene;
-  passing.load.self_contact = "off";  // the file knows no folds that touch
+  passing.self_contact = Scene::SelfContact::off;  // the file knows no folds that touch
   const Organ organ = read_organ({.scene = passing}, model_options(scene), log, unused);
   const BodySurface& surface = organ.body->surface;
   const Boundary boundary = find_boundary(surface, organ.options.boundary);
-  const ElementMesh mesh = fill ? fill(scene, surface, boundary, organ.options)
-                                : tetrahedra(scene, surface, boundary, organ.options);
+  const ElementMesh mesh = tetrahedra(scene, surface, boundary, organ.options);
   for (const std::string& warning : boundary.warnings) log.warn(warning);
   if (const double off = mesh.volume_mm3 / surface.volume() - 1.0; std::abs(off) > 0.03)
     log.warn(
@@ -80,7 +87,7 @@ ElementModel element_model(const Scene& scene, const RunObserver& observer, cons
                     "use more --nodes",
                     volume_in_words(mesh.volume_mm3), volume_in_words(surface.volume()),
                     100.0 * std::abs(off), off > 0.0 ? "more" : "less"));
-  if (!fill && scene.material.nu > nu_that_locks)
+  if (scene.material.nu > nu_that_locks)
     log.warn(fmt::format(
         "ten-node tetrahedra lock at nu {:g}: with up to 18,000 nodes their force was 14 to 76 % too "
         "large; take a mixed element of the other program's, such as C3D10H of Abaqus",
@@ -96,11 +103,10 @@ ElementModel element_model(const Scene& scene, const RunObserver& observer, cons
   model.remarks = {
       fmt::format("{}, indented by {:.6g} mm ({}); {} {}", fs::path(scene.image.file).filename().string(),
                   scene.depth_mm, name_of(scene.contact), written_by, DIMPLE_VERSION),
-      fmt::format("{} nodes, {} {}, edges of {:.4g} mm, {:.4g} mm at the circle's rim; {}, the "
+      fmt::format("{} nodes, {} tetrahedra, edges of {:.4g} mm, {:.4g} mm at the circle's rim; {}, the "
                   "surface's {}",
-                  model.X.cols(), model.elements.cols(), mesh.elements, mesh.spacing_mm,
-                  mesh.spacing_mm * mesh.rim, volume_in_words(mesh.volume_mm3),
-                  volume_in_words(surface.volume())),
+                  model.X.cols(), model.elements.cols(), mesh.spacing_mm, mesh.spacing_mm * mesh.rim,
+                  volume_in_words(mesh.volume_mm3), volume_in_words(surface.volume())),
       fmt::format("base: {} nodes, {}", model.base.size(), boundary.base_reason),
       fmt::format("circle: {} nodes, {}", model.circle.size(), boundary.circle_reason)};
   return model;

@@ -142,6 +142,27 @@ Part whole(const Leaf& leaf) {
   return part;
 }
 
+// Of a line inside the body.
+struct LinePiece {
+  int a, b;  // the line's place among the others
+  double begin, end;
+  std::size_t group;  // named by its first piece
+};
+
+// Pieces that lie side by side on neighbouring lines become one group.
+void connect_lines(std::vector<LinePiece>& pieces) {
+  for (std::size_t k = 0; k < pieces.size(); ++k)
+    for (std::size_t before = 0; before < k; ++before) {
+      const LinePiece &p = pieces[k], &q = pieces[before];
+      if (std::abs(p.a - q.a) + std::abs(p.b - q.b) != 1 ||
+          std::min(p.end, q.end) <= std::max(p.begin, q.begin))
+        continue;
+      const auto [kept, gone] = std::minmax({p.group, q.group});
+      for (LinePiece& piece : pieces)
+        if (piece.group == gone) piece.group = kept;
+    }
+}
+
 // The parts inside the body, from lines along the axis that meets the surface most squarely. Where a line
 // leaves the body and enters it again, pieces that no neighbouring line connects are parts of their own: the
 // two banks of a gap.
@@ -158,12 +179,7 @@ std::vector<Part> clip(const BodySurface& body, const Leaf& leaf) {
   half[other] /= lines_per_edge;
   half[third] /= lines_per_edge;
   const double from = leaf.centre[axis] - leaf.half[axis], to = leaf.centre[axis] + leaf.half[axis];
-  struct Piece {
-    int a, b;
-    double begin, end;
-    std::size_t group;  // named by its first piece
-  };
-  thread_local std::vector<Piece> pieces;
+  thread_local std::vector<LinePiece> pieces;
   pieces.clear();
   std::vector<Part> parts;
   bool gap = false;
@@ -185,17 +201,8 @@ std::vector<Part> clip(const BodySurface& body, const Leaf& leaf) {
       }
     }
   if (!gap)
-    for (Piece& piece : pieces) piece.group = 0;
-  for (std::size_t k = 0; gap && k < pieces.size(); ++k)
-    for (std::size_t before = 0; before < k; ++before) {
-      const Piece &p = pieces[k], &q = pieces[before];
-      if (std::abs(p.a - q.a) + std::abs(p.b - q.b) != 1 ||
-          std::min(p.end, q.end) <= std::max(p.begin, q.begin))
-        continue;
-      const auto [kept, gone] = std::minmax({p.group, q.group});
-      for (Piece& piece : pieces)
-        if (piece.group == gone) piece.group = kept;
-    }
+    for (LinePiece& piece : pieces) piece.group = 0;
+  if (gap) connect_lines(pieces);
   for (std::size_t k = 0; k < pieces.size(); ++k) {
     const std::size_t group = pieces[k].group;
     if (group == k) continue;

@@ -4,18 +4,18 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
-#include <atomic>
 #include <cmath>
 #include <limits>
 #include <map>
-#include <numeric>
+#include <numbers>
 #include <optional>
 #include <random>
-#include <span>
 
 #include "io/error.hpp"
 #include "io/stop.hpp"
+#include "preprocess/cloud/graded_parts.hpp"
 #include "preprocess/cloud/neighbours.hpp"
+#include "preprocess/cloud/sample_elimination.hpp"
 
 namespace dimple {
 namespace {
@@ -26,12 +26,10 @@ namespace {
 constexpr double least_depth = 0.4;
 constexpr int candidates_per_node = 5;
 constexpr int sweeps = 40;
-// Neighbours' spacings differ: how much further than one's own reach another one's may be.
-constexpr double far_enough = 1.2;
 
 // Bounds. What a cloud that can be made at all was seen to take is a fifth of them: facets of a fan of
 // slivers.
-constexpr std::size_t boxes_per_node = 40, facets_per_node = 200, crowd_per_candidate = 1000;
+constexpr std::size_t boxes_per_node = 40, facets_per_node = 200;
 constexpr std::size_t fewest_bound = 20000, most_to_measure = 2'500'000;
 // Of a body's box: what fills less is searched box by box.
 constexpr double sparse = 0.2;
@@ -66,109 +64,6 @@ bool near_circle(const BodySurface& body, const Boundary& boundary, const Vec3& 
   const std::vector<double> before =
       body.crossings(x - 1e-3 * boundary.radius * boundary.push, -boundary.push);
   return std::none_of(before.begin(), before.end(), [](double t) { return t > 0.0; });
-}
-
-using Spacing = std::function<double(const Vec3&)>;  // [mm]
-
-struct Triangle {
-  Vec3 a, b, c, normal;
-  double area;  // [mm^2]
-};
-
-// Triangles with the sizing in the middle of each: what the surface is worth.
-struct Facets {
-  std::vector<Triangle> triangle;
-  std::vector<double> sizing;
-};
-
-// Triangles small enough for the spacing to be nearly the same all over each.
-void subdivide(const Triangle& t, const Sizing& sizing, double far_spacing, std::size_t room,
-               Facets& result) {
-  if (result.triangle.size() > room) return;
-  const double longest = std::max({(t.b - t.a).norm(), (t.c - t.b).norm(), (t.a - t.c).norm()});
-  const Vec3 middle = (t.a + t.b + t.c) / 3.0;
-  // No corner is farther from the middle than two thirds of a median, which is shorter than the longest edge.
-  const auto [here, least] = sizing.around(middle, 0.67 * longest);
-  // A corner may lie where the spacing is much less than in the middle.
-  const auto small_enough = [&](double s) { return longest <= 0.7 * far_spacing * s; };
-  if (sizing.even() || (small_enough(here) &&
-                        (small_enough(least) || (small_enough(sizing(t.a)) && small_enough(sizing(t.b)) &&
-                                                 small_enough(sizing(t.c)))))) {
-    result.triangle.push_back(t);
-    result.sizing.push_back(here);
-    return;
-  }
-  // A sliver, as fans of triangles have them, is cut across: quarters of it would stay as slim, and be many.
-  if (longest * longest > 8.0 * t.area) {
-    Triangle turned = t;
-    while ((turned.b - turned.a).norm() < longest) turned = {turned.b, turned.c, turned.a, t.normal, t.area};
-    const Vec3 across = 0.5 * (turned.a + turned.b);
-    for (const Triangle& part : {Triangle{turned.a, across, turned.c, t.normal, 0.5 * t.area},
-                                 Triangle{across, turned.b, turned.c, t.normal, 0.5 * t.area}})
-      subdivide(part, sizing, far_spacing, room, result);
-    return;
-  }
-  const Vec3 ab = 0.5 * (t.a + t.b), bc = 0.5 * (t.b + t.c), ca = 0.5 * (t.c + t.a);
-  const double quarter = 0.25 * t.area;
-  for (const Triangle& part :
-       {Triangle{t.a, ab, ca, t.normal, quarter}, Triangle{ab, t.b, bc, t.normal, quarter},
-        Triangle{ca, bc, t.c, t.normal, quarter}, Triangle{ab, bc, ca, t.normal, quarter}})
-    subdivide(part, sizing, far_spacing, room, result);
-}
-
-// Nothing, if it takes more than `most` besides the surface's own.
-std::optional<Facets> facets_of(const BodySurface& body, const Sizing& sizing, double far_spacing,
-                                std::size_t most) {
-  constexpr Index block = 256;
-  const Index count = body.triangles().cols();
-  const std::size_t room = most + static_cast<std::size_t>(count);
-  std::atomic<std::size_t> all = 0;
-  std::vector<Facets> parts(static_cast<std::size_t>((count + block - 1) / block));
-  tbb::parallel_for(std::size_t{0}, parts.size(), [&](std::size_t part) {
-    stop_if_asked();
-    if (all > room) return;
-    const Index first = block * static_cast<Index>(part);
-    for (Index t = first; t < std::min(first + block, count); ++t)
-      subdivide({body.vertex().col(body.triangles()(0, t)), body.vertex().col(body.triangles()(1, t)),
-                 body.vertex().col(body.triangles()(2, t)), body.normal().col(t), body.triangle_area()[t]},
-                sizing, far_spacing, room, parts[part]);
-    all += parts[part].triangle.size();
-  });
-  if (all > room) return std::nullopt;
-  Facets result;
-  for (const Facets& part : parts) {
-    result.triangle.insert(result.triangle.end(), part.triangle.begin(), part.triangle.end());
-    result.sizing.insert(result.sizing.end(), part.sizing.begin(), part.sizing.end());
-  }
-  return result;
-}
-
-// Boxes a few to a node, and how much of the body each holds [mm^3].
-struct Boxes {
-  std::vector<Leaf> leaf;
-  std::vector<double> size;
-};
-
-std::optional<Boxes> boxes_of(const BodySurface& body, const Sizing& sizing, double far_spacing,
-                              std::size_t most) {
-  auto leaves = bisect(
-      body, 0.63 * far_spacing, sizing, [&](double s) { return 0.25 * std::pow(far_spacing * s, 3); }, most);
-  if (!leaves) return std::nullopt;
-  Boxes boxes;
-  boxes.leaf = std::move(*leaves);
-  boxes.size.resize(boxes.leaf.size());
-  tbb::parallel_for(std::size_t{0}, boxes.leaf.size(), [&](std::size_t k) {
-    stop_if_asked();
-    const Leaf& box = boxes.leaf[k];
-    double inside = 1.0;
-    if (box.cut) {
-      const double r = std::cbrt(box.half.prod());
-      const double d = body.farther(box.centre, 1.000001 * r) ? 2.0 * r : body.closest(box.centre).distance;
-      inside = std::clamp(0.5 + (body.contains(box.centre) ? 0.5 : -0.5) * d / r, 0.0, 1.0);
-    }
-    boxes.size[k] = inside * box.volume();
-  });
-  return boxes;
 }
 
 // count = volume / h^3 + area / (2 h^2), both weighted with the powers of the sizing.
@@ -236,7 +131,7 @@ Measured measure(const BodySurface& body, const Sizing& sizing, double rough_spa
     });
     result.facets.resize(facets->triangle.size());
     tbb::parallel_for(std::size_t{0}, result.facets.size(), [&](std::size_t k) {
-      const Triangle& t = facets->triangle[k];
+      const SmallTriangle& t = facets->triangle[k];
       const Vec3 x = (t.a + t.b + t.c) / 3.0;
       result.facets[k] = {t.area, sizing.distance(x), sizing.finer(x)};
     });
@@ -245,10 +140,10 @@ Measured measure(const BodySurface& body, const Sizing& sizing, double rough_spa
   throw too_fine_a_rim(sizing);
 }
 
-std::vector<Vec3> surface_candidates(const BodySurface& body, const Facets& facets, const Boundary& boundary,
-                                     Index count, const Sizing& sizing, double far_spacing,
-                                     std::mt19937_64& random) {
-  const std::vector<Triangle>& triangles = facets.triangle;
+std::vector<Vec3> surface_candidates(const BodySurface& body, const GradedFacets& facets,
+                                     const Boundary& boundary, Index count, const Sizing& sizing,
+                                     double far_spacing, std::mt19937_64& random) {
+  const std::vector<SmallTriangle>& triangles = facets.triangle;
   std::vector<Vec3> result;
   std::vector<double> cumulated(triangles.size());
   double area = 0.0;
@@ -260,7 +155,7 @@ std::vector<Vec3> surface_candidates(const BodySurface& body, const Facets& face
     if (k % 4096 == 0) stop_if_asked();
     const double at = (static_cast<double>(k) + uniform(random)) / static_cast<double>(count) * area;
     const auto found = std::upper_bound(cumulated.begin(), cumulated.end(), at) - cumulated.begin();
-    const Triangle& t = triangles[std::min(static_cast<std::size_t>(found), triangles.size() - 1)];
+    const SmallTriangle& t = triangles[std::min(static_cast<std::size_t>(found), triangles.size() - 1)];
     double u = uniform(random), v = uniform(random);
     if (u + v > 1.0) u = 1.0 - u, v = 1.0 - v;
     const Vec3 x = t.a + u * (t.b - t.a) + v * (t.c - t.a);
@@ -277,7 +172,7 @@ std::vector<Vec3> inner_candidates(const BodySurface& body, Index count, const S
     return Vec3(uniform(random), y, z);
   };
   const bool in_boxes = !sizing.even() || body.volume() < sparse * size.prod();
-  Boxes boxes;
+  GradedBoxes boxes;
   std::vector<double> worth;  // in nodes at far spacing 1, summed up
   if (in_boxes) {
     auto found = boxes_of(body, sizing, far_spacing, bound(boxes_per_node, static_cast<double>(count)));
@@ -311,125 +206,6 @@ std::vector<Vec3> inner_candidates(const BodySurface& body, Index count, const S
     for (std::size_t k = 0; k < place.size() && static_cast<Index>(result.size()) < count; ++k)
       if (good[k]) result.push_back(place[k]);
   }
-  return result;
-}
-
-// Numbers 0, 1, ... by a value that only falls; the largest value on top, of equal ones the last number.
-class Heap {
- public:
-  explicit Heap(std::vector<double>& value) : value_(value), order_(value.size()), place_(value.size()) {
-    std::iota(order_.begin(), order_.end(), std::size_t{0});
-    std::iota(place_.begin(), place_.end(), std::size_t{0});
-    for (std::size_t k = order_.size() / 2; k-- > 0;) {
-      if (k % 65536 == 0) stop_if_asked();
-      sink(k);
-    }
-  }
-  std::size_t pop() {
-    const std::size_t top = order_.front(), last = order_.back();
-    order_.pop_back();
-    if (!order_.empty()) {
-      put(last, 0);
-      sink(0);
-    }
-    return top;
-  }
-  void lower(std::size_t i, double by) {
-    value_[i] -= by;
-    sink(place_[i]);
-  }
-
- private:
-  void put(std::size_t i, std::size_t k) {
-    order_[k] = i;
-    place_[i] = k;
-  }
-  bool above(std::size_t i, std::size_t j) const { return std::pair(value_[i], i) > std::pair(value_[j], j); }
-  void sink(std::size_t k) {
-    const std::size_t i = order_[k];
-    for (std::size_t child; (child = 2 * k + 1) < order_.size(); k = child) {
-      if (child + 1 < order_.size() && above(order_[child + 1], order_[child])) ++child;
-      if (above(i, order_[child])) break;
-      put(order_[child], k);
-    }
-    put(i, k);
-  }
-  std::vector<double>& value_;
-  std::vector<std::size_t> order_, place_;
-};
-
-// Whom some candidates crowd, and how much. Lists of their own for millions of candidates would take long to
-// free where the work is to end.
-struct Crowded {
-  std::vector<std::pair<int, double>> other;
-  std::vector<std::size_t> end = {};  // of each candidate's, in `other`
-  std::span<const std::pair<int, double>> of(std::size_t i) const {
-    return std::span(other).subspan(i > 0 ? end[i - 1] : 0, end[i] - (i > 0 ? end[i - 1] : 0));
-  }
-};
-
-// Weighted sample elimination: removes the most crowded candidate until `count` are left; `fixed` ones only
-// crowd. Two crowd each other within `reach` times the mean of their spacings. Yuksel, Sample elimination for
-// generating Poisson disk sample sets, CGF 34 (2015) 25-32, with exponent 8.
-std::vector<Vec3> thin_out(const std::vector<Vec3>& candidates, const std::vector<Vec3>& fixed, Index count,
-                           double reach, const Spacing& spacing) {
-  const std::size_t m = candidates.size();
-  if (static_cast<Index>(m) <= count) return candidates;
-  std::vector<Vec3> all = candidates;
-  all.insert(all.end(), fixed.begin(), fixed.end());
-  const Points points = to_points(all);
-  const Neighbours tree(points);
-  std::vector<double> h(all.size());
-  tbb::parallel_for(std::size_t{0}, all.size(), [&](std::size_t i) { h[i] = spacing(all[i]); });
-
-  constexpr std::size_t block = 256;
-  std::vector<Crowded> near((m + block - 1) / block);
-  std::vector<double> crowding(m, 0.0);
-  std::atomic<std::size_t> crowd = 0;
-  tbb::parallel_for(std::size_t{0}, near.size(), [&](std::size_t part) {
-    thread_local std::vector<int> found;
-    Crowded& here = near[part];
-    for (std::size_t i = block * part; i < std::min(block * (part + 1), m); ++i) {
-      stop_if_asked();
-      if (crowd > crowd_per_candidate * m) return;
-      tree.within(points.col(static_cast<Index>(i)), far_enough * reach * h[i], found);
-      crowd += found.size();
-      for (const int j : found) {
-        if (j == static_cast<int>(i)) continue;
-        const double within = reach * (0.5 * (h[i] + h[static_cast<std::size_t>(j)]));
-        const double d = (points.col(static_cast<Index>(i)) - points.col(j)).norm();
-        if (d >= within) continue;
-        double w = 1.0 - d / within;
-        for (int square = 0; square < 3; ++square) w *= w;  // the eighth power
-        crowding[i] += w;
-        if (j < static_cast<int>(m)) here.other.push_back({j, w});
-      }
-      here.end.push_back(here.other.size());
-    }
-    here.other.shrink_to_fit();
-  });
-
-  if (crowd > crowd_per_candidate * m)
-    throw ModelError({.fact = fmt::format("{} candidate places for nodes have over {} neighbours each", m,
-                                          crowd_per_candidate),
-                      .where = "node cloud",
-                      .why = "the spacing changes too steeply beside the circle, or the body is folded too "
-                             "finely for it",
-                      .remedy = "ask for more nodes (--nodes), a coarser --rim or a larger "
-                                "--indenter-diameter"});
-
-  Heap heap(crowding);
-  std::vector<bool> gone(m, false);
-  for (Index left = static_cast<Index>(m); left > count; --left) {
-    if (left % 1024 == 0) stop_if_asked();
-    const std::size_t i = heap.pop();
-    gone[i] = true;
-    for (const auto& [j, weight] : near[i / block].of(i % block))
-      if (!gone[static_cast<std::size_t>(j)]) heap.lower(static_cast<std::size_t>(j), weight);
-  }
-  std::vector<Vec3> result;
-  for (std::size_t i = 0; i < m; ++i)
-    if (!gone[i]) result.push_back(candidates[i]);
   return result;
 }
 
@@ -545,8 +321,7 @@ std::vector<Vec3> outline_of_base(const BodySurface& body, const Boundary& bound
   std::vector<std::pair<Index, Index>> edges;  // of the base's triangles, as they turn
   for (Index t = 0; t < triangles.cols(); ++t) {
     if (t % 65536 == 0) stop_if_asked();
-    const Vec3 middle = (corner(triangles(0, t)) + corner(triangles(1, t)) + corner(triangles(2, t))) / 3.0;
-    if (!on_base(boundary, middle, body.normal().col(t))) continue;
+    if (!on_base(boundary, body.middle_of(t), body.normal().col(t))) continue;
     for (int k = 0; k < 3; ++k) edges.emplace_back(triangles(k, t), triangles((k + 1) % 3, t));
   }
   std::sort(edges.begin(), edges.end());
@@ -583,6 +358,33 @@ std::vector<Vec3> outline_of_base(const BodySurface& body, const Boundary& bound
     }
   }
   return nodes;
+}
+
+// Of the surface outside of the circle, weighted with the sizing [mm^2].
+double free_area_of(const BodySurface& body, const Boundary& boundary, const Sizing& sizing,
+                    const GradedFacets& facets, double h) {
+  if (sizing.even())
+    return std::max(body.area() - std::numbers::pi * std::pow(boundary.radius + 0.5 * h, 2), 0.0);
+  double area = 0.0;
+  for (std::size_t k = 0; k < facets.triangle.size(); ++k) {
+    const SmallTriangle& t = facets.triangle[k];
+    const double s = facets.sizing[k];
+    if (!near_circle(body, boundary, (t.a + t.b + t.c) / 3.0, t.normal, 0.5 * h * s))
+      area += t.area / (s * s);
+  }
+  return area;
+}
+
+void mark_base(const BodySurface& body, const Boundary& boundary, NodeCloud& cloud) {
+  cloud.base.assign(static_cast<std::size_t>(cloud.X.cols()), false);
+  for (Index a = cloud.circle_count; a < cloud.fixed_count; ++a)
+    cloud.base[static_cast<std::size_t>(a)] = true;
+  for (Index a = cloud.fixed_count; a < cloud.surface_count; ++a) {
+    if (a % 1024 == 0) stop_if_asked();
+    const auto closest = body.closest(cloud.X.col(a));
+    cloud.base[static_cast<std::size_t>(a)] =
+        on_base(boundary, cloud.X.col(a), body.normal().col(closest.triangle));
+  }
 }
 
 double rough_spacing(const BodySurface& body, double count) {
@@ -651,25 +453,14 @@ NodeCloud make_node_cloud(const BodySurface& body, const Boundary& boundary, con
       });
   const auto found = facets_of(body, sizing, h, bound(facets_per_node, static_cast<double>(count)));
   if (!found) throw too_fine_a_rim(sizing);
-  const Facets& facets = *found;
-  double free_area = 0.0;
-  if (sizing.even()) {
-    free_area = std::max(body.area() - std::numbers::pi * std::pow(boundary.radius + 0.5 * h, 2), 0.0);
-  } else {
-    for (std::size_t k = 0; k < facets.triangle.size(); ++k) {
-      const Triangle& t = facets.triangle[k];
-      const double s = facets.sizing[k];
-      if (!near_circle(body, boundary, (t.a + t.b + t.c) / 3.0, t.normal, 0.5 * h * s))
-        free_area += t.area / (s * s);
-    }
-  }
+  const double free_area = free_area_of(body, boundary, sizing, *found, h);
   std::vector<Vec3> placed;
   for (const auto& x : circle.colwise()) placed.push_back(x);
   cloud.circle_count = circle.cols();
   if (options.base_outline)
     for (const Vec3& x : outline_of_base(body, boundary, spacing)) placed.push_back(x);
-  const Index fixed = cloud.fixed_count = static_cast<Index>(placed.size());
-  const Index outline = fixed - cloud.circle_count;
+  cloud.fixed_count = static_cast<Index>(placed.size());
+  const Index outline = cloud.fixed_count - cloud.circle_count;
   const Index free_surface = std::max<Index>(std::lround(free_area / (h * h)), outline);
   const Index inner = count - circle.cols() - free_surface;
   if (inner < 8)
@@ -681,7 +472,7 @@ NodeCloud make_node_cloud(const BodySurface& body, const Boundary& boundary, con
 
   std::mt19937_64 random(options.seed);
   const auto on_surface =
-      surface_candidates(body, facets, boundary, candidates_per_node * free_surface, sizing, h, random);
+      surface_candidates(body, *found, boundary, candidates_per_node * free_surface, sizing, h, random);
   for (const Vec3& x : thin_out(on_surface, placed, free_surface - outline, 1.07, spacing))
     placed.push_back(x);
   cloud.surface_count = static_cast<Index>(placed.size());
@@ -702,14 +493,7 @@ NodeCloud make_node_cloud(const BodySurface& body, const Boundary& boundary, con
   spread_out(body, boundary, spacing, cloud);
   if (options.jitter > 0.0) shake(body, options.jitter, random, cloud);
 
-  cloud.base.assign(static_cast<std::size_t>(cloud.X.cols()), false);
-  for (Index a = cloud.circle_count; a < fixed; ++a) cloud.base[static_cast<std::size_t>(a)] = true;
-  for (Index a = fixed; a < cloud.surface_count; ++a) {
-    if (a % 1024 == 0) stop_if_asked();
-    const auto closest = body.closest(cloud.X.col(a));
-    cloud.base[static_cast<std::size_t>(a)] =
-        on_base(boundary, cloud.X.col(a), body.normal().col(closest.triangle));
-  }
+  mark_base(body, boundary, cloud);
   return cloud;
 }
 

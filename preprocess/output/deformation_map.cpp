@@ -9,6 +9,7 @@
 #include <limits>
 
 #include "io/stop.hpp"
+#include "preprocess/output/lattice_field.hpp"
 
 namespace dimple {
 namespace {
@@ -22,97 +23,6 @@ constexpr double on_edge = 1e-6;       // of a tetrahedron's coordinates
 
 Vec3 vec(const std::array<Index, 3>& a) {
   return {static_cast<double>(a[0]), static_cast<double>(a[1]), static_cast<double>(a[2])};
-}
-
-// A lattice with displacements that are known at some points, for the others to follow from.
-struct Level {
-  std::array<Index, 3> n{};
-  std::vector<char> known;
-  std::vector<float> v;  // [3 x points]
-  Index points() const { return n[0] * n[1] * n[2]; }
-  Index number(Index a, Index b, Index c) const { return a + n[0] * (b + n[1] * c); }
-};
-
-// Every other point of each axis.
-Level coarsened(const Level& fine) {
-  Level coarse;
-  for (std::size_t a = 0; a < 3; ++a) coarse.n[a] = (fine.n[a] - 1) / 2 + 1;
-  coarse.known.resize(static_cast<std::size_t>(coarse.points()));
-  coarse.v.resize(3 * coarse.known.size());
-  for (Index c = 0; c < coarse.n[2]; ++c)
-    for (Index b = 0; b < coarse.n[1]; ++b)
-      for (Index a = 0; a < coarse.n[0]; ++a) {
-        const auto to = static_cast<std::size_t>(coarse.number(a, b, c)),
-                   from = static_cast<std::size_t>(fine.number(2 * a, 2 * b, 2 * c));
-        coarse.known[to] = fine.known[from];
-        for (std::size_t r = 0; r < 3; ++r) coarse.v[3 * to + r] = fine.v[3 * from + r];
-      }
-  return coarse;
-}
-
-void refine(const Level& coarse, Level& fine) {
-  tbb::parallel_for(Index{0}, fine.n[2], [&](Index c) {
-    stop_if_asked();
-    for (Index b = 0; b < fine.n[1]; ++b)
-      for (Index a = 0; a < fine.n[0]; ++a) {
-        const auto to = static_cast<std::size_t>(fine.number(a, b, c));
-        if (fine.known[to]) continue;
-        const std::array<Index, 3> at{a, b, c};
-        std::array<std::array<Index, 2>, 3> near;
-        for (std::size_t d = 0; d < 3; ++d)
-          near[d] = {std::min(at[d] / 2, coarse.n[d] - 1), std::min((at[d] + 1) / 2, coarse.n[d] - 1)};
-        std::array<float, 3> sum{};
-        for (std::size_t corner = 0; corner < 8; ++corner) {
-          const auto from = static_cast<std::size_t>(
-              coarse.number(near[0][corner & 1], near[1][corner >> 1 & 1], near[2][corner >> 2 & 1]));
-          for (std::size_t r = 0; r < 3; ++r) sum[r] += coarse.v[3 * from + r];
-        }
-        for (std::size_t r = 0; r < 3; ++r) fine.v[3 * to + r] = 0.125f * sum[r];
-      }
-  });
-}
-
-// Each point towards the mean of its neighbours, every other one at a time, so that the order is no matter.
-void smooth(Level& level, const Vec3& weight, int sweeps) {
-  constexpr float over = 1.5f;
-  const std::array<Index, 3> stride{1, level.n[0], level.n[0] * level.n[1]};
-  for (int half = 0; half < 2 * sweeps; ++half) {
-    tbb::parallel_for(Index{0}, level.n[2], [&](Index c) {
-      stop_if_asked();
-      for (Index b = 0; b < level.n[1]; ++b)
-        for (Index a = (b + c + half) % 2; a < level.n[0]; a += 2) {
-          const Index m = level.number(a, b, c);
-          if (level.known[static_cast<std::size_t>(m)]) continue;
-          const std::array<Index, 3> at{a, b, c};
-          std::array<float, 3> sum{};
-          float all = 0.0f;
-          for (std::size_t d = 0; d < 3; ++d) {
-            const float w = static_cast<float>(weight[static_cast<Index>(d)]);
-            for (const Index side : {-1, 1}) {
-              if (at[d] + side < 0 || at[d] + side >= level.n[d]) continue;
-              const float* other = level.v.data() + 3 * (m + side * stride[d]);
-              for (std::size_t r = 0; r < 3; ++r) sum[r] += w * other[r];
-              all += w;
-            }
-          }
-          float* own = level.v.data() + 3 * m;
-          for (std::size_t r = 0; r < 3; ++r) own[r] += over * (sum[r] / all - own[r]);
-        }
-    });
-  }
-}
-
-// The nearly harmonic continuation of what is known: from coarse lattices to fine ones.
-void continue_smoothly(Level& level, const Vec3& weight) {
-  constexpr Index coarsest = 6;
-  if (*std::min_element(level.n.begin(), level.n.end()) < 2 * coarsest) {
-    smooth(level, weight, 60);
-    return;
-  }
-  Level coarse = coarsened(level);
-  continue_smoothly(coarse, weight);
-  refine(coarse, level);
-  smooth(level, weight, 8);
 }
 
 // The six tetrahedra of a cell: the ways from its first corner to its last along the axes in any order. They
@@ -140,8 +50,7 @@ DeformationMap::DeformationMap(const Model& model, const FieldAnywhere& field, c
       surface_(to_voxels_ * model.surface.vertex_mm, model.surface.triangles) {
   surface_.mark_clear_cells([&](const Vec3& x) {
     std::vector<double> crossings;
-    const double far = 1e9;
-    rows_inside(x[1], x[2], -far, far, crossings);
+    rows_inside(x[1], x[2], crossings);
     return std::count_if(crossings.begin(), crossings.end(), [&](double at) { return at < x[0]; }) % 2 == 1;
   });
   const double largest_mm = u.cols() > 0 ? 1e3 * u.colwise().norm().maxCoeff() : 0.0;
@@ -199,15 +108,15 @@ Points DeformationMap::displaced(const Points& places) const {
 
 // Where a row along the first axis passes the surface, ascending: between an even one and the next it is
 // inside.
-void DeformationMap::rows_inside(double j, double k, double from, double to,
-                                 std::vector<double>& crossings) const {
+void DeformationMap::rows_inside(double j, double k, std::vector<double>& crossings) const {
   thread_local std::vector<SurfaceCells::Hit> hits;
   crossings.clear();
   constexpr int most_tries = 20;
+  constexpr double far = 1e9;
   for (int attempt = 0; attempt < most_tries; ++attempt) {
     // An edge in its way is stepped aside from.
     const double aside = 1e-6 * attempt * (1.0 + attempt);
-    if (!surface_.line(Vec3(from, j + aside, k + 0.7 * aside), 0, from, to, hits)) continue;
+    if (!surface_.line(Vec3(-far, j + aside, k + 0.7 * aside), 0, -far, far, hits)) continue;
     for (const auto& hit : hits) crossings.push_back(hit.at);
     std::sort(crossings.begin(), crossings.end());
     if (crossings.size() % 2 == 1) crossings.pop_back();
@@ -221,8 +130,7 @@ void DeformationMap::inside(Index k, std::span<char> is_inside) const {
   tbb::parallel_for(Index{0}, grid_.size[1], [&](Index j) {
     stop_if_asked();
     thread_local std::vector<double> crossings;
-    const double far = 1e9;
-    rows_inside(static_cast<double>(j), static_cast<double>(k), -far, far, crossings);
+    rows_inside(static_cast<double>(j), static_cast<double>(k), crossings);
     for (std::size_t c = 0; c + 1 < crossings.size(); c += 2) {
       const Index begin = std::max<Index>(0, static_cast<Index>(std::ceil(crossings[c]))),
                   end = std::min<Index>(ni, static_cast<Index>(std::floor(crossings[c + 1])) + 1);
@@ -248,8 +156,7 @@ void DeformationMap::sample_body() {
     thread_local std::vector<double> crossings;
     const Index b = row % n_[1], c = row / n_[1];
     const Vec3 x = at(0, b, c);
-    const double far = 1e9;
-    rows_inside(x[1], x[2], -far, far, crossings);
+    rows_inside(x[1], x[2], crossings);
     for (std::size_t m = 0; m + 1 < crossings.size(); m += 2) {
       const double scale = 1.0 / static_cast<double>(step_[0]);
       const Index begin = std::max<Index>(0, static_cast<Index>(std::ceil((crossings[m] - x[0]) * scale))),
@@ -328,7 +235,7 @@ bool DeformationMap::go_on_from_inside(const std::array<Index, 3>& at, double la
 
 void DeformationMap::continue_outside() {
   const double largest_mm = 1e3 * u_.colwise().norm().maxCoeff();
-  Level level{.n = n_, .known = inside_, .v = std::move(v_)};
+  LatticeField level{.n = n_, .known = inside_, .v = std::move(v_)};
   tbb::parallel_for(Index{0}, n_[1] * n_[2], [&](Index row) {
     if (row % 64 == 0) stop_if_asked();
     for (Index a = 0; a < n_[0]; ++a) {

@@ -64,7 +64,7 @@ class DeformationMap {
   struct Seeker;
   Index point_number(Index a, Index b, Index c) const { return a + n_[0] * (b + n_[1] * c); }
   bool has_lattice() const { return n_[0] > 0; }
-  void rows_inside(double j, double k, double from, double to, std::vector<double>& crossings) const;
+  void rows_inside(double j, double k, std::vector<double>& crossings) const;
   void sample_body();
   bool go_on_from_inside(const std::array<Index, 3>& at, double largest_mm, Vec3& v) const;
   void continue_outside();

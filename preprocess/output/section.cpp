@@ -77,24 +77,18 @@ std::vector<std::vector<double>> crossings(const std::vector<Piece>& pieces, con
   return result;
 }
 
-}  // namespace
+// Places in the plane, and triangles of them.
+struct FlatMesh {
+  std::vector<Vec2> place;
+  std::vector<std::array<Index, 3>> triangles;
+};
 
-Section cut_open(const Discretisation& body) {
-  Section section;
-  const Vec3 origin = body.tool.centre * 1e3;
-  const BodyFrame frame = body_frame(body.X * 1e3, origin, body.tool.push);
-  section.front = frame.front;
-  const std::vector<Piece> pieces = outline(body.surface, frame, origin);
-  if (pieces.empty()) return section;
-  Vec2 low = pieces.front().from, high = low;
-  for (const Piece& p : pieces)
-    low = low.cwiseMin(p.from).cwiseMin(p.to), high = high.cwiseMax(p.from).cwiseMax(p.to);
-  const double radius = body.tool.radius * 1e3, longest = (high - low).maxCoeff();
-  const double coarse = std::max(longest / 80.0, 1e-6), fine = std::min(radius / 8.0, coarse);
-  const std::vector<double> column = lattice_lines(low[0], high[0], 1.2 * radius, fine, coarse),
-                            row = lattice_lines(low[1], high[1], radius, fine, coarse);
+// The inside of an outline on a lattice of lines across (`column`) and up (`row`).
+FlatMesh mesh_inside(const std::vector<Piece>& pieces, const std::vector<double>& column,
+                     const std::vector<double>& row) {
+  FlatMesh mesh;
+  std::vector<Vec2>& place = mesh.place;
   const auto along_row = crossings(pieces, row, 1), along_column = crossings(pieces, column, 0);
-
   const std::size_t columns = column.size(), rows = row.size();
   std::vector<char> inside(columns * rows, 0);
   for (std::size_t j = 0; j < rows; ++j)
@@ -104,7 +98,6 @@ Section cut_open(const Discretisation& body) {
     }
 
   // Each place is made once: 0 at a lattice's corner, 1 and 2 on the lines to the right and up from it.
-  std::vector<Vec2> place;
   std::vector<std::array<Index, 3>> number(columns * rows, {-1, -1, -1});
   const auto corner = [&](std::size_t i, std::size_t j) {
     Index& n = number[j * columns + i][0];
@@ -126,7 +119,6 @@ Section cut_open(const Discretisation& body) {
     }
     return n;
   };
-  std::vector<std::array<Index, 3>> triangles;
   for (std::size_t j = 0; j + 1 < rows; ++j)
     for (std::size_t i = 0; i + 1 < columns; ++i) {
       const std::array<std::pair<std::size_t, std::size_t>, 4> around = {
@@ -144,9 +136,28 @@ Section cut_open(const Discretisation& body) {
                                    : on_line(i, j, upward));
       }
       for (std::size_t k = 1; k + 1 < polygon.size(); ++k)
-        triangles.push_back({polygon[0], polygon[k], polygon[k + 1]});
+        mesh.triangles.push_back({polygon[0], polygon[k], polygon[k + 1]});
     }
+  return mesh;
+}
 
+}  // namespace
+
+Section cut_open(const Discretisation& body) {
+  Section section;
+  const Vec3 origin = body.tool.centre * 1e3;
+  const BodyFrame frame = body_frame(body.X * 1e3, origin, body.tool.push);
+  section.front = frame.front;
+  const std::vector<Piece> pieces = outline(body.surface, frame, origin);
+  if (pieces.empty()) return section;
+  Vec2 low = pieces.front().from, high = low;
+  for (const Piece& p : pieces)
+    low = low.cwiseMin(p.from).cwiseMin(p.to), high = high.cwiseMax(p.from).cwiseMax(p.to);
+  const double radius = body.tool.radius * 1e3, longest = (high - low).maxCoeff();
+  const double coarse = std::max(longest / 80.0, 1e-6), fine = std::min(radius / 8.0, coarse);
+  const std::vector<double> column = lattice_lines(low[0], high[0], 1.2 * radius, fine, coarse),
+                            row = lattice_lines(low[1], high[1], radius, fine, coarse);
+  const auto [place, triangles] = mesh_inside(pieces, column, row);
   section.place.resize(3, static_cast<Index>(place.size()));
   for (Index n = 0; n < section.place.cols(); ++n) {
     const Vec2& x = place[static_cast<std::size_t>(n)];

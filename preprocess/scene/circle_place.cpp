@@ -17,18 +17,7 @@ namespace {
 using Vec2 = Eigen::Vector2d;
 
 constexpr double finest = 1.0 / 12.0;  // radii: step of a lattice
-constexpr double sought = 2.3;         // radii: a little beyond the room that is wanted
-// How much a slope, or a turn of the normal within half a radius, cuts the surface: not at all up to the
-// first angle, wholly from the second on. The room ends where the cuts within it, so weighed, make up this
-// part of the disc's area: no single voxel ends it, and nothing jumps where a fold is about as steep as a
-// limit.
-constexpr double gentle_slope = 60.0, steep_slope = 80.0, gentle_turn = 25.0, sharp_turn = 60.0;  // degrees
-constexpr double negligible = 0.03;
-constexpr double smoothing = 0.25;        // radii: of the heights before they are judged
-constexpr Index most_lattice_steps = 10;  // of the lattice of cuts, to a radius
-constexpr double whole_disc = 1.05;       // radii: the disc and a little more
-constexpr double half_disc = 0.5;         // radii
-constexpr double price_of_room = 4.0;     // radii of height for a whole radius of margin
+constexpr double price_of_room = 4.0;  // radii of height for a whole radius of margin
 // Slopes less than five degrees, such as the voxels' ripples are, decide nothing: of a plateau its middle is
 // taken, along the directions in which the body is longest and shortest.
 constexpr double level = 0.08;
@@ -43,218 +32,6 @@ constexpr std::size_t places_at_once =
     4096;                      // that are judged before it is asked whether others can be better
 constexpr int most_domes = 8;  // that are looked at closely
 constexpr double infinite = std::numeric_limits<double>::infinity();
-
-double degrees(double radians) {
-  return radians * 180.0 / std::numbers::pi;
-}
-
-// Where a height map is cut, and how far it is to there.
-class Cuts {
- public:
-  Cuts(const HeightMap& map, double radius);
-  Room at(const Vec2& p) const;
-  double step() const { return step_; }
-
- private:
-  void grade(const HeightMap& map);
-  void count_missing();
-  bool any_missing(const Vec2& p, double radii) const;
-  std::optional<Room> within(const Vec2& p, double radii) const;
-  struct Window {
-    Index first[2], last[2];
-  };
-  Window window(const Vec2& p, double radii) const;
-  double radius_;
-  Vec2 corner_;
-  double step_ = 1.0;
-  Eigen::ArrayXXd cut_;             // 0 ... 1
-  Eigen::ArrayXXd missing_;         // 0 ... 1
-  Eigen::ArrayXXi missing_before_;  // how many places (i, j) with i < row and j < column miss anything
-};
-
-Cuts::Cuts(const HeightMap& map, double radius) : radius_(radius), corner_(map.corner), step_(map.step) {
-  grade(map);
-  // Of a lattice that is finer than the question needs the mean of several places.
-  const Index merge = static_cast<Index>(radius / static_cast<double>(most_lattice_steps) / map.step);
-  if (merge < 2) {
-    count_missing();
-    return;
-  }
-  const auto coarse = [&](const Eigen::ArrayXXd& fine) {
-    Eigen::ArrayXXd result((fine.rows() + merge - 1) / merge, (fine.cols() + merge - 1) / merge);
-    for (Index j = 0; j < result.cols(); ++j)
-      for (Index i = 0; i < result.rows(); ++i)
-        result(i, j) = fine.block(i * merge, j * merge, std::min(merge, fine.rows() - i * merge),
-                                  std::min(merge, fine.cols() - j * merge))
-                           .mean();
-    return result;
-  };
-  cut_ = coarse(cut_);
-  missing_ = coarse(missing_);
-  corner_ += Vec2::Constant(0.5 * static_cast<double>(merge - 1) * step_);
-  step_ *= static_cast<double>(merge);
-  count_missing();
-}
-
-void Cuts::count_missing() {
-  missing_before_ = Eigen::ArrayXXi::Zero(missing_.rows() + 1, missing_.cols() + 1);
-  for (Index j = 0; j < missing_.cols(); ++j)
-    for (Index i = 0; i < missing_.rows(); ++i)
-      missing_before_(i + 1, j + 1) = missing_before_(i + 1, j) + missing_before_(i, j + 1) -
-                                      missing_before_(i, j) + (missing_(i, j) > 0.0 ? 1 : 0);
-}
-
-// The places of the lattice in a square about p.
-Cuts::Window Cuts::window(const Vec2& p, double radii) const {
-  const Vec2 middle = (p - corner_) / step_;
-  const double reach = radii * radius_ / step_;
-  Window result;
-  for (const int d : {0, 1}) {
-    const Index count = d == 0 ? cut_.rows() : cut_.cols();
-    result.first[d] = std::max<Index>(0, static_cast<Index>(std::ceil(middle[d] - reach)));
-    result.last[d] = std::min(count - 1, static_cast<Index>(std::floor(middle[d] + reach)));
-  }
-  return result;
-}
-
-bool Cuts::any_missing(const Vec2& p, double radii) const {
-  const auto [first, last] = window(p, radii);
-  if (first[0] > last[0] || first[1] > last[1]) return false;
-  const auto before = [&](Index i, Index j) { return missing_before_(i, j); };
-  return before(last[0] + 1, last[1] + 1) - before(first[0], last[1] + 1) - before(last[0] + 1, first[1]) +
-             before(first[0], first[1]) >
-         0;
-}
-
-// Heights without the voxels' ripples: means weighed by a Gaussian, of the places where the body is.
-Eigen::ArrayXXd smoothed(const Eigen::ArrayXXd& height, double sigma) {
-  if (sigma < 0.5) return height;
-  const auto reach = static_cast<Index>(std::ceil(2.5 * sigma));
-  Eigen::ArrayXd weight(reach + 1);
-  for (Index k = 0; k <= reach; ++k) weight[k] = std::exp(-0.5 * std::pow(static_cast<double>(k) / sigma, 2));
-  // Down the columns of an array and of what counts; the transposed result is smoothed once more.
-  const auto along = [&](const Eigen::ArrayXXd& from) {
-    Eigen::ArrayXXd to = Eigen::ArrayXXd::Zero(from.rows(), from.cols());
-    tbb::parallel_for(Index{0}, from.cols(), [&](Index j) {
-      stop_if_asked();
-      to.col(j) = weight[0] * from.col(j);
-      for (Index k = 1; k <= std::min(reach, from.rows() - 1); ++k) {
-        const Index n = from.rows() - k;
-        to.col(j).head(n) += weight[k] * from.col(j).tail(n);
-        to.col(j).tail(n) += weight[k] * from.col(j).head(n);
-      }
-    });
-    return to;
-  };
-  const auto both = [&](const Eigen::ArrayXXd& from) -> Eigen::ArrayXXd {
-    return along(along(from).transpose()).transpose();
-  };
-  const auto there = height.isFinite();
-  return there.select(both(there.select(height, 0.0)) / both(there.cast<double>()), height);
-}
-
-void Cuts::grade(const HeightMap& map) {
-  const Eigen::ArrayXXd smooth = smoothed(map.height, smoothing * radius_ / map.step);
-  const auto steps = [&](double length) { return std::max<Index>(1, std::lround(length / map.step)); };
-  const Index rows = map.height.rows(), columns = map.height.cols(), slope = steps(radius_ / 8.0),
-              aside = steps(radius_ / 4.0), aslant = steps(radius_ / 4.0 / std::numbers::sqrt2);
-  const double drop = std::max(radius_, 3.0 * map.step);
-  const auto height = [&](Index i, Index j) {
-    return i < 0 || j < 0 || i >= rows || j >= columns ? std::nan("") : smooth(i, j);
-  };
-  // Rise per length, from both sides where there are two.
-  const auto rise = [&](Index i, Index j, Index di, Index dj) {
-    const double before = height(i - di * slope, j - dj * slope),
-                 after = height(i + di * slope, j + dj * slope), here = height(i, j),
-                 length = static_cast<double>(slope) * map.step;
-    if (std::isfinite(before) && std::isfinite(after)) return (after - before) / (2.0 * length);
-    if (std::isfinite(after)) return (after - here) / length;
-    if (std::isfinite(before)) return (here - before) / length;
-    return 0.0;
-  };
-  Eigen::ArrayXXd gu(rows, columns), gv(rows, columns);
-  tbb::parallel_for(Index{0}, columns, [&](Index j) {
-    for (Index i = 0; i < rows; ++i) {
-      gu(i, j) = rise(i, j, 1, 0);
-      gv(i, j) = rise(i, j, 0, 1);
-    }
-  });
-  const auto normal = [&](Index i, Index j) { return Vec3(gu(i, j), gv(i, j), -1.0).normalized(); };
-  const auto between = [](double angle, double first, double last) {
-    return std::clamp((degrees(angle) - first) / (last - first), 0.0, 1.0);
-  };
-  cut_ = missing_ = Eigen::ArrayXXd::Zero(rows, columns);
-  tbb::parallel_for(Index{0}, columns, [&](Index j) {
-    stop_if_asked();
-    for (Index i = 0; i < rows; ++i) {
-      const double here = map.height(i, j);
-      bool whole = std::isfinite(here);
-      for (const auto& [di, dj] : {std::pair<Index, Index>{1, 0}, {-1, 0}, {0, 1}, {0, -1}})
-        if (i + di >= 0 && j + dj >= 0 && i + di < rows && j + dj < columns)
-          whole = whole && !(std::abs(map.height(i + di, j + dj) - here) > drop);
-      if (!whole) {
-        cut_(i, j) = missing_(i, j) = 1.0;
-        continue;
-      }
-      double turn = 1.0;  // cosine
-      for (const auto& [di, dj] :
-           {std::pair<Index, Index>{aside, 0}, {0, aside}, {aslant, aslant}, {aslant, -aslant}})
-        if (std::isfinite(height(i - di, j - dj)) && std::isfinite(height(i + di, j + dj)))
-          turn = std::min(turn, normal(i - di, j - dj).dot(normal(i + di, j + dj)));
-      cut_(i, j) = std::max(between(std::atan(std::hypot(gu(i, j), gv(i, j))), gentle_slope, steep_slope),
-                            between(std::acos(std::max(turn, -1.0)), gentle_turn, sharp_turn));
-    }
-  });
-}
-
-Room Cuts::at(const Vec2& p) const {
-  // Where a fold is near, as it is at most places of a brain, no one needs to look farther; and where all of
-  // the disc is there, not even as far as its edge.
-  if (const double nearer = std::max(0.5 * sought, whole_disc + 2.0 * step_ / radius_); nearer < sought) {
-    std::optional<Room> room;
-    if (!any_missing(p, nearer)) room = within(p, half_disc);
-    if (!room) room = within(p, nearer);
-    if (room) return *room;
-  }
-  return within(p, sought).value_or(Room{});
-}
-
-// Nothing: what lies within so many radii does not tell.
-std::optional<Room> Cuts::within(const Vec2& p, double radii) const {
-  // What is cut by distance, in rings; of what is missing the nearest place.
-  constexpr int rings = 46;
-  constexpr double width = sought / rings;  // radii
-  std::array<double, rings> cut{};
-  Room room{.whole = infinite, .even = sought * radius_};
-  const double reach = radii * radius_;
-  const Vec2 middle = (p - corner_) / step_;
-  const auto [first, last] = window(p, radii);
-  for (Index j = first[1]; j <= last[1]; ++j)
-    for (Index i = first[0]; i <= last[0]; ++i) {
-      if (cut_(i, j) <= 0.0) continue;
-      const double r = (Vec2(static_cast<double>(i), static_cast<double>(j)) - middle).norm() * step_;
-      if (missing_(i, j) > 0.0) room.whole = std::min(room.whole, r);
-      if (r >= reach) continue;
-      // Shared between the two rings that it lies between: nothing jumps as the place moves.
-      const double ring = r / (width * radius_);
-      const auto k = static_cast<std::size_t>(ring);
-      const double outer = ring - std::floor(ring);
-      cut[k] += (1.0 - outer) * cut_(i, j);
-      if (k + 1 < rings) cut[k + 1] += outer * cut_(i, j);
-    }
-  const double enough = negligible * std::numbers::pi * radius_ * radius_ / (step_ * step_);
-  const bool all = radii >= sought;
-  const auto known = all ? std::size_t{rings} : static_cast<std::size_t>(radii / width);  // rings seen whole
-  double sum = 0.0;
-  for (std::size_t k = 0; k < known; ++k) {
-    if (sum + cut[k] >= enough) {
-      room.even = (static_cast<double>(k) + (enough - sum) / cut[k]) * width * radius_;
-      return room;
-    }
-    sum += cut[k];
-  }
-  return all ? std::optional(room) : std::nullopt;
-}
 
 // Where the image ends is no surface of the organ.
 HeightMap without_image_ends(const View& view, HeightMap map) {
@@ -337,7 +114,7 @@ struct Rule {
   }
   double thin = 0.0;  // less tissue than that is bent away where it is free [mm]
   bool has_room(const Room& room, double slack) const {
-    return room.whole >= (just_fits ? radius : whole_disc * radius + slack) &&
+    return room.whole >= (just_fits ? radius : SurfaceCuts::whole_disc * radius + slack) &&
            (with_little_room || room.even >= little_room * radius);
   }
   bool allowed(const Vec2& p) const { return !half || (p - middle).dot(*half) > 0.0; }
@@ -383,7 +160,7 @@ bool bends_at(const HeightMap& map, const Eigen::ArrayXXd& thin, const Rule& rul
 }
 
 // Keeps the better one of a dome and what is at p.
-bool consider(const HeightMap& map, const Eigen::ArrayXXd& thin, const Cuts& cuts, const Rule& rule,
+bool consider(const HeightMap& map, const Eigen::ArrayXXd& thin, const SurfaceCuts& cuts, const Rule& rule,
               const Vec2& p, Dome& best) {
   if (!rule.allowed(p) || (!rule.with_thin_and_free && bends_at(map, thin, rule, p))) return false;
   const Room room = cuts.at(p);
@@ -401,9 +178,9 @@ Dome settle(const View& view, const Rule& rule, Vec2 centre, double step) {
   Dome best;
   for (int round = 0; round < 32; ++round) {
     stop_if_asked();
-    const HeightMap map =
-        map_around(view, centre, reach + (sought + 0.2) * rule.radius, step, rule.with_image_ends);
-    const Cuts cuts(map, rule.radius);
+    const HeightMap map = map_around(view, centre, reach + (SurfaceCuts::sought + 0.2) * rule.radius, step,
+                                     rule.with_image_ends);
+    const SurfaceCuts cuts(map, rule.radius);
     const Eigen::ArrayXXd thin = thin_and_free(view, map, rule.thin, rule.is_free);
     best = {};
     if (!consider(map, thin, cuts, rule, centre, best)) return best;
@@ -431,9 +208,9 @@ Dome look_closely(const View& view, const Rule& rule, Vec2 centre, double step) 
   while (step > fine) {
     const double around = 1.5 * step;
     step = std::max(fine, step / 4.0);
-    const HeightMap map =
-        map_around(view, centre, around + (sought + 0.2) * rule.radius, step, rule.with_image_ends);
-    const Cuts cuts(map, rule.radius);
+    const HeightMap map = map_around(view, centre, around + (SurfaceCuts::sought + 0.2) * rule.radius, step,
+                                     rule.with_image_ends);
+    const SurfaceCuts cuts(map, rule.radius);
     const Eigen::ArrayXXd thin = thin_and_free(view, map, rule.thin, rule.is_free);
     Dome best;
     const auto n = static_cast<Index>(std::ceil(around / step));
@@ -483,7 +260,7 @@ std::vector<Place> possible_places(const Rule& rule, const View& view, const Hei
 }
 
 // From the highest down, until no other can be as good as the best: those with room, the best first.
-void keep_good_places(const Rule& rule, const Cuts& cuts, double slack, std::vector<Place>& places) {
+void keep_good_places(const Rule& rule, const SurfaceCuts& cuts, double slack, std::vector<Place>& places) {
   double best = -infinite;
   std::size_t judged = 0;
   while (judged < places.size() && places[judged].most >= best - slack) {
@@ -560,7 +337,7 @@ std::optional<Chosen> highest_dome_by(Rule rule, const View& view, const Moments
   rule.thin = std::min(2.0 * radius * bending_thickness, slender * *thickness);
   const double slack = 0.01 * height + 2.0 * step;
   std::vector<Place> places = possible_places(rule, view, map, thick_enough * *thickness);
-  keep_good_places(rule, Cuts(map, radius), slack, places);
+  keep_good_places(rule, SurfaceCuts(map, radius), slack, places);
   const std::vector<Dome> domes =
       domes_of(rule, view, places, std::max(2.0 * radius, 0.25 * moments.size), slack, step);
   if (domes.empty()) return std::nullopt;
@@ -574,7 +351,9 @@ std::optional<Chosen> highest_dome_by(Rule rule, const View& view, const Moments
 }  // namespace
 
 Room room_around(const View& view, const Vec2& centre, double radius) {
-  return Cuts(map_around(view, centre, (sought + 0.2) * radius, radius * finest, true), radius).at(centre);
+  return SurfaceCuts(map_around(view, centre, (SurfaceCuts::sought + 0.2) * radius, radius * finest, true),
+                     radius)
+      .at(centre);
 }
 
 std::optional<CirclePlace> highest_dome(const View& view, const Moments& moments, double radius,
@@ -604,7 +383,7 @@ std::optional<CirclePlace> highest_dome(const View& view, const Moments& moments
 std::vector<SurveyedPlace> survey(const View& view, double radius, double stride,
                                   const std::function<bool(const Vec3& leaves)>& is_free) {
   const HeightMap map = height_map(view, step_of_whole(view, radius));
-  const Cuts cuts(map, radius);
+  const SurfaceCuts cuts(map, radius);
   const Eigen::ArrayXXd height = means_over_discs(map.height, map.step, radius),
                         bending = means_over_discs(
                             thin_and_free(view, map, 2.0 * radius * bending_thickness, is_free), map.step,

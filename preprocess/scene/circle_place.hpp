@@ -4,16 +4,9 @@
 #include <optional>
 #include <vector>
 
-#include "preprocess/surface/height_map.hpp"
+#include "preprocess/scene/surface_cuts.hpp"
 
 namespace dimple {
-
-/// What the surface is like where a circle is to be.
-struct Room {
-  double whole = 0.0;  ///< distance from the middle to where the surface ends or drops by a radius [mm]; from
-                       ///< 1.15 radii on it may be said to be larger than it is
-  double even = 0.0;   ///< to where a fold, an edge or a steep slope cuts it, at most 2.3 radii [mm]
-};
 
 /// A disc of the circle's size and a margin of a radius around it: what the rule for its place asks for.
 constexpr double wanted_room = 2.0;   // radii

@@ -41,10 +41,7 @@ double typical_edge(const BodySurface& body) {
 
 Points centres_of(const BodySurface& body) {
   Points centre(3, body.triangles().cols());
-  for (Index t = 0; t < centre.cols(); ++t)
-    centre.col(t) = (body.vertex().col(body.triangles()(0, t)) + body.vertex().col(body.triangles()(1, t)) +
-                     body.vertex().col(body.triangles()(2, t))) /
-                    3.0;
+  for (Index t = 0; t < centre.cols(); ++t) centre.col(t) = body.middle_of(t);
   return centre;
 }
 

@@ -1,8 +1,5 @@
 #include "preprocess/scene/tool_mesh.hpp"
 
-#include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
-#include <CGAL/Polygon_mesh_processing/self_intersections.h>
-#include <CGAL/Surface_mesh.h>
 #include <fmt/format.h>
 #include <tbb/parallel_for.h>
 #include <vtkCellArray.h>
@@ -23,6 +20,7 @@
 #include "io/words.hpp"
 #include "preprocess/surface/body_surface.hpp"
 #include "preprocess/surface/closed_mesh.hpp"
+#include "preprocess/surface/exact_side.hpp"
 
 namespace dimple {
 namespace {
@@ -108,20 +106,11 @@ bool turn_outward(TriangleMesh& mesh) {
 
 // Of a mesh that faces outward and is a manifold.
 void refuse_crossing(const Drawing& of, const TriangleMesh& mesh) {
-  using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
-  using Mesh = CGAL::Surface_mesh<Kernel::Point_3>;
-  Mesh surface;
-  std::vector<Mesh::Vertex_index> corner;
-  for (const auto& x : mesh.vertex.colwise()) corner.push_back(surface.add_vertex({x[0], x[1], x[2]}));
-  const auto at = [&](Index v) { return corner[static_cast<std::size_t>(v)]; };
-  for (const auto& t : mesh.triangles.colwise()) surface.add_face(at(t[0]), at(t[1]), at(t[2]));
-  std::vector<std::pair<Mesh::Face_index, Mesh::Face_index>> crossing;
-  CGAL::Polygon_mesh_processing::self_intersections<CGAL::Parallel_if_available_tag>(
-      surface, std::back_inserter(crossing));
+  const std::vector<std::pair<Index, Index>> crossing = crossing_triangles(mesh);
   if (crossing.empty()) return;
   const auto [t, other] = *std::min_element(crossing.begin(), crossing.end());
-  const auto middle = [&](Mesh::Face_index face) {
-    const auto its = mesh.triangles.col(static_cast<Index>(face.idx()));
+  const auto middle = [&](Index face) {
+    const auto its = mesh.triangles.col(face);
     return Vec3((mesh.vertex.col(its[0]) + mesh.vertex.col(its[1]) + mesh.vertex.col(its[2])) / 3.0);
   };
   refuse(of, fmt::format("passes through itself: {} pairs of its triangles cross", crossing.size()),

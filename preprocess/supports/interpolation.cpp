@@ -242,6 +242,25 @@ struct FieldAnywhere::Parts {
     nodes.erase(std::unique(nodes.begin(), nodes.end()), nodes.end());
   }
 
+  // The nodes that each place is connected with, and all of them. Places of which the first one's nearest
+  // point sees all are connected with the same nodes: true.
+  bool see_alike(const Points& places, std::array<std::vector<int>, most_places>& allowed,
+                 std::vector<int>& all_allowed) const {
+    bool alike = true;
+    all_allowed.clear();
+    int first = -1, own = -1;
+    for (Index k = 0; k < places.cols(); ++k) {
+      auto& list = allowed[static_cast<std::size_t>(k)];
+      connected_with(places.col(k), list, own);
+      if (k == 0) first = own;
+      alike = alike && (k == 0 || own == first || sight->point_sees(first, places.col(k)));
+      all_allowed.insert(all_allowed.end(), list.begin(), list.end());
+    }
+    std::sort(all_allowed.begin(), all_allowed.end());
+    all_allowed.erase(std::unique(all_allowed.begin(), all_allowed.end()), all_allowed.end());
+    return alike;
+  }
+
   // One place with larger supports where it needs them; where none serves, the nearest node's value.
   void by_itself(const Vec3& x, const Points& nodal, std::span<const int> near_x,
                  const std::vector<int>* allowed, Index k, Points& value,
@@ -269,6 +288,21 @@ struct FieldAnywhere::Parts {
 FieldAnywhere::FieldAnywhere(const Model& model) : parts_(std::make_unique<Parts>(model)) {}
 FieldAnywhere::~FieldAnywhere() = default;
 
+namespace {
+
+// Of the field of values at nodes [3xN], at place k of the eight.
+Mat3 gradient_at_place(const MlsOfEight& eight, Index k, const Points& nodal) {
+  Mat3 sum = Mat3::Zero();
+  const double* row = eight.rows.data() + 3 * k * eight.stride;
+  for (std::size_t e = 0; e < eight.nodes.size(); ++e)
+    sum += nodal.col(eight.nodes[e]) *
+           Eigen::RowVector3d(row[e], row[static_cast<std::size_t>(eight.stride) + e],
+                              row[2 * static_cast<std::size_t>(eight.stride) + e]);
+  return sum;
+}
+
+}  // namespace
+
 void FieldAnywhere::at(const Points& places, const Points& nodal, Points& value,
                        Eigen::Matrix<double, 9, Eigen::Dynamic>* derivative) const {
   const Parts& p = *parts_;
@@ -281,28 +315,15 @@ void FieldAnywhere::at(const Points& places, const Points& nodal, Points& value,
   thread_local std::vector<int> nodes;
   p.cloud.reaching(centre, 1.0, nodes, extent);
 
-  // Places of which the first one's nearest point sees all are connected with the same nodes.
-  bool alike = true;
   thread_local std::array<std::vector<int>, most_places> allowed;
   thread_local std::vector<int> all_allowed, reaching;
   const bool hidden =
       p.sight && std::any_of(nodes.begin(), nodes.end(), [&](int a) { return !p.sight->sees_all(a); });
   reaching.assign(nodes.begin(), nodes.end());
-  if (hidden) {
-    all_allowed.clear();
-    int first = -1, own = -1;
-    for (Index k = 0; k < count; ++k) {
-      auto& list = allowed[static_cast<std::size_t>(k)];
-      p.connected_with(places.col(k), list, own);
-      if (k == 0) first = own;
-      alike = alike && (k == 0 || own == first || p.sight->point_sees(first, places.col(k)));
-      all_allowed.insert(all_allowed.end(), list.begin(), list.end());
-    }
-    std::sort(all_allowed.begin(), all_allowed.end());
-    all_allowed.erase(std::unique(all_allowed.begin(), all_allowed.end()), all_allowed.end());
+  const bool alike = !hidden || p.see_alike(places, allowed, all_allowed);
+  if (hidden)
     std::erase_if(reaching,
                   [&](int a) { return !std::binary_search(all_allowed.begin(), all_allowed.end(), a); });
-  }
   const auto single = [&](Index k) {
     const std::vector<int>* list = !hidden ? nullptr
                                    : alike ? &all_allowed
@@ -333,16 +354,8 @@ void FieldAnywhere::at(const Points& places, const Points& nodal, Points& value,
   }
   if (!derivative) return;
   mls_of_eight(x, p.model.X, reaching, p.cloud.radius, p.cloud.pinned, options.interpolation, true, eight);
-  for (Index k = 0; k < count; ++k) {
-    if (!good[static_cast<std::size_t>(k)]) continue;
-    Mat3 sum = Mat3::Zero();
-    const double* row = eight.rows.data() + 3 * k * eight.stride;
-    for (std::size_t e = 0; e < eight.nodes.size(); ++e)
-      sum += nodal.col(eight.nodes[e]) *
-             Eigen::RowVector3d(row[e], row[static_cast<std::size_t>(eight.stride) + e],
-                                row[2 * static_cast<std::size_t>(eight.stride) + e]);
-    derivative->col(k) = sum.reshaped();
-  }
+  for (Index k = 0; k < count; ++k)
+    if (good[static_cast<std::size_t>(k)]) derivative->col(k) = gradient_at_place(eight, k, nodal).reshaped();
 }
 
 }  // namespace dimple

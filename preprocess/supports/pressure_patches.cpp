@@ -313,6 +313,22 @@ std::vector<PartOfPatch> parts_of(const Model& model, const std::vector<Share>& 
   return parts;
 }
 
+// The patches of each point, where point q is a part of point whole[q]; and the points of each patch.
+std::vector<Share> shares_of(const PressurePatches& patches, const std::vector<Index>& whole,
+                             std::vector<std::vector<int>>& of_patch) {
+  std::vector<Share> share(whole.size());
+  of_patch.resize(static_cast<std::size_t>(patches.count()));
+  for (std::size_t q = 0; q < whole.size(); ++q) {
+    const int first = patches.of_point.offset[whole[q]], last = patches.of_point.offset[whole[q] + 1];
+    share[q].reserve(static_cast<std::size_t>(last - first));
+    for (int k = first; k < last; ++k) {
+      share[q].push_back({patches.of_point.member[k], patches.psi[k]});
+      of_patch[static_cast<std::size_t>(patches.of_point.member[k])].push_back(static_cast<int>(q));
+    }
+  }
+  return share;
+}
+
 constexpr double least_part = 0.25;  // of a patch of seven nodes: less than two
 constexpr int none = -1;             // no patch
 
@@ -321,16 +337,8 @@ constexpr int none = -1;             // no patch
 std::vector<Index> divide_patches(Model& model, const std::vector<Index>& whole,
                                   const std::vector<Index>& changed) {
   const PressurePatches& before = model.patches;
-  std::vector<Share> share(whole.size());
-  std::vector<std::vector<int>> of_patch(static_cast<std::size_t>(before.count()));
-  for (std::size_t q = 0; q < whole.size(); ++q) {
-    const int first = before.of_point.offset[whole[q]], last = before.of_point.offset[whole[q] + 1];
-    share[q].reserve(static_cast<std::size_t>(last - first));
-    for (int k = first; k < last; ++k) {
-      share[q].push_back({before.of_point.member[k], before.psi[k]});
-      of_patch[static_cast<std::size_t>(before.of_point.member[k])].push_back(static_cast<int>(q));
-    }
-  }
+  std::vector<std::vector<int>> of_patch;
+  const std::vector<Share> share = shares_of(before, whole, of_patch);
   std::vector<char> touched(of_patch.size(), 0);
   for (const Index q : changed)
     for (const auto& [b, psi] : share[static_cast<std::size_t>(q)]) touched[static_cast<std::size_t>(b)] = 1;

@@ -3,20 +3,18 @@
 #include <fmt/format.h>
 #include <tbb/parallel_for.h>
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <functional>
-#include <limits>
 #include <map>
 #include <numeric>
-#include <optional>
 
 #include "io/error.hpp"
 #include "io/stop.hpp"
 #include "preprocess/cloud/lumped_mass.hpp"
 #include "preprocess/cloud/neighbours.hpp"
+#include "preprocess/supports/divide_cells.hpp"
 #include "preprocess/supports/pressure_patches.hpp"
 #include "preprocess/supports/support.hpp"
 #include "preprocess/surface/sight.hpp"
@@ -24,225 +22,10 @@
 namespace dimple {
 namespace {
 
-constexpr int each_way = 4;              // samples of a cell along each of its axes
-constexpr double least_of_cell = 0.125;  // of a cell
-constexpr double farthest_grown = 2.5;   // radii that a support is enlarged to at most, see find_supports()
-// Of the nodes on the banks, in spacings: from each other, from nodes that are there, from where the sheet
-// ends in the tissue, and off the sheet.
-constexpr double apart = 0.7, from_others = 0.4, from_end = 0.5, off_sheet = 1e-3;
+constexpr double farthest_grown = 2.5;  // radii that a support is enlarged to at most, see find_supports()
 
 [[noreturn]] void refuse(const std::string& fact, const std::string& why, const std::string& remedy) {
   throw ModelError({.fact = fact, .where = "cut", .why = why, .remedy = remedy, .code = "cut"});
-}
-
-// A cell as the box that has its second moments, about its middle.
-struct Box {
-  Mat3 axes;  // columns
-  Vec3 half;  // of its edges
-};
-
-// The cell has a size.
-Box box_of(const Model& model, Index q) {
-  const Mat3 about = as_matrix(model.second_moments, q);
-  const double size = about.trace();
-  const Eigen::SelfAdjointEigenSolver<Mat3> solver(about / size);
-  return {solver.eigenvectors(), (3.0 * size * solver.eigenvalues().cwiseMax(0.0)).cwiseSqrt()};
-}
-
-// A part of a cell.
-struct Part {
-  double share = 0.0;
-  Vec3 middle = Vec3::Zero();
-  Mat3 about = Mat3::Zero();
-};
-
-// Of some samples of a cell, which stand for boxes with the moments `of_sample`.
-Part part_of(const std::vector<Vec3>& sample, const Mat3& of_sample, std::size_t all) {
-  Part part;
-  const auto count = static_cast<double>(sample.size());
-  part.share = count / static_cast<double>(all);
-  for (const Vec3& x : sample) part.middle += x / count;
-  part.about = of_sample;
-  for (const Vec3& x : sample) part.about += (x - part.middle) * (x - part.middle).transpose() / count;
-  return part;
-}
-
-// The two parts that a sheet makes of a cell, the larger first: a box with the cell's second moments, in
-// samples, each on the side of the first one or on the other. Nothing: it leaves it whole.
-std::optional<std::array<Part, 2>> parts_of(const Model& model, Index q, const Sheet& sheet) {
-  const Mat3 about = as_matrix(model.second_moments, q);
-  const double size = about.trace();
-  const Vec3 middle = model.point.col(q);
-  if (!(size > 0.0) || !sheet.reaches(middle, std::sqrt(3.0 * size))) return {};
-  const Box box = box_of(model, q);
-  std::array<std::vector<Vec3>, 2> sides;
-  std::optional<Vec3> first;
-  for (int k = 0; k < each_way * each_way * each_way; ++k) {
-    const Eigen::Array3d at((k % each_way) + 0.5, (k / each_way % each_way) + 0.5,
-                            (k / (each_way * each_way)) + 0.5);
-    const Vec3 x = middle + box.axes * ((2.0 / each_way * at - 1.0) * box.half.array()).matrix();
-    if (!first) first = x;
-    sides[sheet.between(*first, x) ? 1 : 0].push_back(x);
-  }
-  if (sides[1].size() > sides[0].size()) sides[0].swap(sides[1]);
-  const std::size_t all = sides[0].size() + sides[1].size();
-  const Mat3 of_sample = about / (each_way * each_way);
-  const std::array<Part, 2> parts = {part_of(sides[0], of_sample, all), part_of(sides[1], of_sample, all)};
-  return parts[1].share < least_of_cell ? std::nullopt : std::optional(parts);
-}
-
-// Where the way between the middles of a cell's parts passes the sheet; or none, where it goes round it.
-std::optional<Vec3> place_on_sheet(const std::array<Part, 2>& parts, const Sheet& sheet) {
-  constexpr int halvings = 30;
-  Vec3 low = parts[0].middle, high = parts[1].middle;
-  if (!sheet.between(low, high)) return {};
-  for (int k = 0; k < halvings; ++k) {
-    const Vec3 middle = 0.5 * (low + high);
-    (sheet.between(low, middle) ? high : low) = middle;
-  }
-  return low;
-}
-
-// Where there is tissue: in the box of the nearest point's cell.
-class Tissue {
- public:
-  explicit Tissue(const Model& model) : model_(model), points_(model.point) {}
-  bool holds(const Vec3& x) const {
-    const Index q = points_.nearest(x, 1).front();
-    const Box box = box_of(model_, q);
-    const Vec3 away = box.axes.transpose() * (x - model_.point.col(q));
-    return (away.cwiseAbs().array() <= 1.001 * box.half.array()).all();
-  }
-
- private:
-  const Model& model_;
-  Neighbours points_;
-};
-
-double area_within(const Tissue& tissue, const Sheet& sheet) {
-  double area = 0.0;
-  for (const auto& t : sheet.triangles().colwise()) {
-    const Vec3 a = sheet.vertex().col(t[0]), b = sheet.vertex().col(t[1]), c = sheet.vertex().col(t[2]);
-    if (tissue.holds((a + b + c) / 3.0)) area += 0.5 * (b - a).cross(c - a).norm();
-  }
-  return area;
-}
-
-// The pieces of a sheet's border that lie in the tissue.
-std::vector<std::pair<Vec3, Vec3>> ends_of(const Sheet& sheet, const Tissue& tissue) {
-  std::map<std::pair<int, int>, int> times;
-  for (const auto& t : sheet.triangles().colwise())
-    for (int k = 0; k < 3; ++k)
-      ++times[std::minmax(static_cast<int>(t[k]), static_cast<int>(t[(k + 1) % 3]))];
-  std::vector<std::pair<Vec3, Vec3>> ends;
-  for (const auto& [edge, count] : times) {
-    const Vec3 a = sheet.vertex().col(edge.first), b = sheet.vertex().col(edge.second);
-    if (count == 1 && tissue.holds(a) && tissue.holds(b)) ends.emplace_back(a, b);
-  }
-  return ends;
-}
-
-double distance_to(const std::vector<std::pair<Vec3, Vec3>>& edges, const Vec3& x) {
-  double least = std::numeric_limits<double>::infinity();
-  for (const auto& [a, b] : edges) {
-    const Vec3 way = b - a;
-    const double share = std::clamp((x - a).dot(way) / way.squaredNorm(), 0.0, 1.0);
-    least = std::min(least, (x - a - share * way).norm());
-  }
-  return least;
-}
-
-void put(Model& model, Index q, const Part& part, double volume) {
-  model.point.col(q) = part.middle;
-  model.volume[q] = part.share * volume;
-  set_moments(model.second_moments, q, part.about);
-}
-
-// The places of a cut model, without its supports; and the point of the model before that each is a part of.
-struct Divided {
-  Model model;
-  std::vector<Index> whole;
-  Index count = 0;
-  double area = 0.0;
-  std::vector<std::array<Part, 2>> parts;  // [count]
-};
-
-Divided divide(const Model& before, const Sheet& sheet) {
-  const Index points = before.point_count();
-  std::map<Index, std::array<Part, 2>> parts;
-  for (Index q = 0; q < points && before.second_moments.cols() > 0; ++q) {
-    if (q % 4096 == 0) stop_if_asked();
-    if (const auto its = parts_of(before, q, sheet)) parts.emplace(q, *its);
-  }
-  Divided cut;
-  static_cast<Discretisation&>(cut.model) = before;
-  cut.model.scheme = before.scheme;
-  cut.whole.resize(static_cast<std::size_t>(points));
-  std::iota(cut.whole.begin(), cut.whole.end(), Index{0});
-  for (const auto& [q, its] : parts) cut.whole.push_back(q);
-  const auto all = static_cast<Index>(cut.whole.size());
-  cut.count = all - points;
-  Model& model = cut.model;
-  model.point.conservativeResize(3, all);
-  model.volume.conservativeResize(all);
-  if (before.second_moments.cols() > 0) model.second_moments.conservativeResize(6, all);
-  model.label = before.label(cut.whole);
-  model.tissue = before.tissue(cut.whole);
-  for (Index second = points; second < all; ++second) {
-    const Index q = cut.whole[static_cast<std::size_t>(second)];
-    const std::array<Part, 2>& its = parts.at(q);
-    put(model, second, its[1], before.volume[q]);
-    put(model, q, its[0], before.volume[q]);
-    cut.parts.push_back(its);
-  }
-  return cut;
-}
-
-double spacing_at(const Model& model, Index q) {
-  const auto nodes = model.support.member.segment(model.support.offset[q], model.support.count(q));
-  double sum = 0.0;
-  for (const int a : nodes) sum += model.spacing[a];
-  return sum / static_cast<double>(nodes.size());
-}
-
-// Nodes on both banks, behind those that are there.
-void add_nodes(const Model& before, const Sheet& sheet, Divided& cut) {
-  if (cut.parts.empty()) return;
-  const Tissue tissue(before);
-  const std::vector<std::pair<Vec3, Vec3>> ends = ends_of(sheet, tissue);
-  cut.area = area_within(tissue, sheet);
-  const Neighbours nodes(before.X);
-  std::vector<Vec3> on_sheet, added;
-  std::vector<double> spacing;
-  std::vector<int> near;
-  for (std::size_t k = 0; k < cut.parts.size(); ++k) {
-    const Index q = cut.whole[static_cast<std::size_t>(before.point_count()) + k];
-    const double h = spacing_at(before, q);
-    const std::optional<Vec3> place = place_on_sheet(cut.parts[k], sheet);
-    if (!place || distance_to(ends, *place) < from_end * h ||
-        std::any_of(on_sheet.begin(), on_sheet.end(),
-                    [&](const Vec3& other) { return (other - *place).norm() < apart * h; }))
-      continue;
-    on_sheet.push_back(*place);
-    const Vec3 across = (cut.parts[k][0].middle - cut.parts[k][1].middle).normalized();
-    for (const double side : {1.0, -1.0}) {
-      const Vec3 x = *place + side * off_sheet * h * across;
-      if (before.sight && !before.sight->point_sees(q, x)) continue;  // it would belong to no point
-      nodes.within(*place, from_others * h, near);
-      if (std::any_of(near.begin(), near.end(), [&](int a) { return !sheet.between(before.X.col(a), x); }))
-        continue;
-      added.push_back(x);
-      spacing.push_back(h);
-    }
-  }
-  Model& model = cut.model;
-  const auto count = static_cast<Index>(added.size());
-  model.X.conservativeResize(3, before.node_count() + count);
-  model.spacing.conservativeResize(before.node_count() + count);
-  for (Index k = 0; k < count; ++k) {
-    model.X.col(before.node_count() + k) = added[static_cast<std::size_t>(k)];
-    model.spacing[before.node_count() + k] = spacing[static_cast<std::size_t>(k)];
-  }
 }
 
 // Of a point's cell from its middle, about.
@@ -262,7 +45,7 @@ double farthest_place(const Model& model, Index q) {
 
 // Points whose cell is divided, that a node of theirs is hidden from, or that an added one reaches;
 // ascending.
-std::vector<Index> changed_points(const Model& before, const Divided& cut, const Sheet& sheet,
+std::vector<Index> changed_points(const Model& before, const DividedCells& cut, const Sheet& sheet,
                                   Looked looked) {
   const auto all = static_cast<Index>(cut.whole.size());
   std::vector<char> changed(cut.whole.size(), 0);
@@ -660,8 +443,7 @@ std::shared_ptr<const Sheet> not_cut_yet(const Model& before, const std::shared_
 SheetCut cut_by_sheet(const Model& before, const std::shared_ptr<const Sheet>& blade,
                       const std::vector<double>& density, const std::vector<Index>& held, Looked looked) {
   const std::shared_ptr<const Sheet> sheet = not_cut_yet(before, blade);
-  Divided divided = divide(before, *sheet);
-  add_nodes(before, *sheet, divided);
+  DividedCells divided = divide_cells(before, *sheet);
   const std::vector<Index> changed = changed_points(before, divided, *sheet, looked);
   SheetCut cut{.model = std::move(divided.model),
                .added = {},

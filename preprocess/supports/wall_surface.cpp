@@ -18,6 +18,7 @@ namespace {
 constexpr double most_held = 0.5;  // of a sample that moves with the base: it has nothing to give
 
 using PiecesOfSamples = std::vector<std::vector<Index>>;  // the pieces of each sample
+using PiecesByNode = std::map<std::array<Index, 2>, std::vector<Index>>;
 
 double held_share(const Model& model, const std::vector<Index>& pieces, const Points& area,
                   const Interpolation& at_piece) {
@@ -34,8 +35,8 @@ double held_share(const Model& model, const std::vector<Index>& pieces, const Po
 
 // By the node that is nearest to each piece; of one node two samples where its surface faces two ways, as
 // thin tissue has it.
-std::map<std::array<Index, 2>, std::vector<Index>> by_node(const std::vector<int>& node, const Points& area) {
-  std::map<std::array<Index, 2>, std::vector<Index>> cell;
+PiecesByNode by_node(const std::vector<int>& node, const Points& area) {
+  PiecesByNode cell;
   std::map<Index, Vec3> first;
   for (Index k = 0; k < area.cols(); ++k) {
     const Index a = node[static_cast<std::size_t>(k)];
@@ -43,6 +44,38 @@ std::map<std::array<Index, 2>, std::vector<Index>> by_node(const std::vector<int
     cell[{a, facing.dot(area.col(k)) < 0.0 ? 1 : 0}].push_back(k);
   }
   return cell;
+}
+
+// Pieces of neighbouring nodes joined in a grid as coarse as at most `most` samples need; less what moves
+// with the base. `spacing` receives that of each sample [m].
+PiecesOfSamples samples_of(const Model& model, const PiecesByNode& of_node, const std::vector<int>& node,
+                           const Points& area, const Interpolation& at_piece, Index most,
+                           std::vector<double>& spacing) {
+  const Vec3 corner = model.X.rowwise().minCoeff();  // counted from there one cell holds all at last
+  for (double edge = 0.0;; edge = edge > 0.0 ? 1.2 * edge : model.spacing.minCoeff()) {
+    stop_if_asked();
+    std::map<std::array<Index, 5>, std::vector<Index>> joined;
+    for (const auto& [key, own] : of_node) {
+      std::array<Index, 5> at{0, 0, 0, key[0], key[1]};
+      if (edge > 0.0) {
+        const Vec3 x = (model.X.col(key[0]) - corner) / edge, n = area.col(own.front());
+        Index side = 0;
+        n.cwiseAbs().maxCoeff(&side);
+        at = {static_cast<Index>(std::floor(x.x())), static_cast<Index>(std::floor(x.y())),
+              static_cast<Index>(std::floor(x.z())), side, n[side] > 0.0 ? 1 : 0};
+      }
+      auto& all = joined[at];
+      all.insert(all.end(), own.begin(), own.end());
+    }
+    if (static_cast<Index>(joined.size()) > most) continue;
+    PiecesOfSamples cells;
+    for (auto& [key, own] : joined) {
+      if (held_share(model, own, area, at_piece) > most_held) continue;
+      spacing.push_back(std::max(edge, model.spacing[node[static_cast<std::size_t>(own.front())]]));
+      cells.push_back(std::move(own));
+    }
+    return cells;
+  }
 }
 
 }  // namespace
@@ -65,35 +98,8 @@ ContactSurface wall_surface(const Model& model, const MayTouch& may_touch, Index
   const Points area = pieces.area(Eigen::all, taken);
   result.at_between = surface_interpolation(model, result.between, area);
   const auto of_node = by_node(node, area);
-  // Neighbours in a grid that is as coarse as it must be join.
-  PiecesOfSamples cells;
   std::vector<double> spacing;
-  double coarse = 0.0;
-  const Vec3 corner = model.X.rowwise().minCoeff();  // counted from there one cell holds all at last
-  for (double edge = 0.0;; edge = edge > 0.0 ? 1.2 * edge : model.spacing.minCoeff()) {
-    stop_if_asked();
-    std::map<std::array<Index, 5>, std::vector<Index>> joined;
-    for (const auto& [key, own] : of_node) {
-      std::array<Index, 5> at{0, 0, 0, key[0], key[1]};
-      if (edge > 0.0) {
-        const Vec3 x = (model.X.col(key[0]) - corner) / edge, n = area.col(own.front());
-        Index side = 0;
-        n.cwiseAbs().maxCoeff(&side);
-        at = {static_cast<Index>(std::floor(x.x())), static_cast<Index>(std::floor(x.y())),
-              static_cast<Index>(std::floor(x.z())), side, n[side] > 0.0 ? 1 : 0};
-      }
-      auto& all = joined[at];
-      all.insert(all.end(), own.begin(), own.end());
-    }
-    if (static_cast<Index>(joined.size()) > most) continue;
-    coarse = edge;
-    for (auto& [key, own] : joined) {
-      if (held_share(model, own, area, result.at_between) > most_held) continue;
-      spacing.push_back(std::max(coarse, model.spacing[node[static_cast<std::size_t>(own.front())]]));
-      cells.push_back(std::move(own));
-    }
-    break;
-  }
+  const PiecesOfSamples cells = samples_of(model, of_node, node, area, result.at_between, most, spacing);
   static_cast<CellMeans&>(result) =
       means_of(cells, result.between, area, result.at_between, model.node_count());
   // What the base holds is no part of it.

@@ -1,11 +1,6 @@
 #include "preprocess/surface/body_surface.hpp"
 
-#include <CGAL/AABB_face_graph_triangle_primitive.h>
-#include <CGAL/AABB_traits.h>
-#include <CGAL/AABB_tree.h>
 #include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
-#include <CGAL/Side_of_triangle_mesh.h>
-#include <CGAL/Surface_mesh.h>
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -17,6 +12,7 @@
 #include "io/error.hpp"
 #include "io/stop.hpp"
 #include "preprocess/surface/closed_mesh.hpp"
+#include "preprocess/surface/exact_side.hpp"
 #include "preprocess/surface/sight.hpp"
 #include "preprocess/surface/surface_cells.hpp"
 
@@ -24,9 +20,6 @@ namespace dimple {
 namespace {
 
 using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
-using Mesh = CGAL::Surface_mesh<Kernel::Point_3>;
-using Primitive = CGAL::AABB_face_graph_triangle_primitive<Mesh>;
-using AabbTree = CGAL::AABB_tree<CGAL::AABB_traits<Kernel, Primitive>>;
 
 Kernel::Point_3 to_cgal(const Vec3& x) {
   return {x.x(), x.y(), x.z()};
@@ -39,28 +32,13 @@ Vec3 from_cgal(const Kernel::Point_3& x) {
 
 // The cells answer what is beyond doubt, and CGAL what is not: its tree is only built when it is asked.
 struct BodySurface::Tree {
-  struct Exact {
-    Mesh mesh;
-    AabbTree aabb;
-    std::unique_ptr<CGAL::Side_of_triangle_mesh<Mesh, Kernel>> side;
-  };
   std::once_flag asked;
-  Exact exact;
+  std::optional<ExactSide> exact;
   std::optional<SurfaceCells> cells;
 
   bool contains(const BodySurface& surface, const Vec3& x) {
-    std::call_once(asked, [&] {
-      for (const auto& v : surface.vertex().colwise()) exact.mesh.add_vertex(to_cgal(v));
-      for (const auto& t : surface.triangles().colwise())
-        exact.mesh.add_face(vertex_of(t[0]), vertex_of(t[1]), vertex_of(t[2]));
-      exact.aabb.insert(faces(exact.mesh).first, faces(exact.mesh).second, exact.mesh);
-      exact.aabb.build();
-      exact.side = std::make_unique<CGAL::Side_of_triangle_mesh<Mesh, Kernel>>(exact.aabb);
-    });
-    return (*exact.side)(to_cgal(x)) != CGAL::ON_UNBOUNDED_SIDE;
-  }
-  static Mesh::Vertex_index vertex_of(Index v) {
-    return Mesh::Vertex_index(static_cast<Mesh::Vertex_index::size_type>(v));
+    std::call_once(asked, [&] { exact.emplace(surface.vertex(), surface.triangles()); });
+    return exact->contains(x);
   }
 };
 

@@ -28,6 +28,10 @@ class BodySurface {
   const Triangles& triangles() const { return triangles_; }
   const Points& normal() const { return normal_; }                         ///< [3xT] outward unit normals
   const Eigen::VectorXd& triangle_area() const { return triangle_area_; }  ///< [T] mm^2
+  Vec3 middle_of(Index t) const {                                          ///< of a triangle
+    return (vertex_.col(triangles_(0, t)) + vertex_.col(triangles_(1, t)) + vertex_.col(triangles_(2, t))) /
+           3.0;
+  }
   const Eigen::Isometry3d& to_world() const { return to_world_; }
   double volume() const { return volume_; }             ///< mm^3
   double area() const { return triangle_area_.sum(); }  ///< mm^2

@@ -19,8 +19,8 @@
 namespace dimple {
 namespace {
 
-// The constants were chosen with tests/bench/surface.cpp (balls of 6 to 60 voxels, boxes, a torus). Lengths
-// are in units, the cube root of a voxel's volume or half the lattice's step, unless said otherwise.
+// The constants were chosen by tests/bench/results/surface.csv (balls of 6 to 60 voxels, boxes, a torus).
+// Lengths are in units, the cube root of a voxel's volume or half the lattice's step, unless said otherwise.
 struct Rules {
   double smallest_window = 4.5;  // 4: a ball of 25 is off by 0.08 instead of 0.05 at its top
   double growth = 1.4142135623730951;

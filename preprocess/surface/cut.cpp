@@ -260,6 +260,24 @@ TriangleMesh swept_sheet(const Vec3& x, const Vec3& y, const Vec3& into, double 
   return sheet;
 }
 
+namespace {
+
+// What a sheet takes away: the region that it encloses, or the sheet itself, as thick as the gap.
+Mesh solid_of(const TriangleMesh& sheet, double gap, bool& is_region) {
+  Mesh solid = to_mesh(sheet.vertex, sheet.triangles);
+  is_region = CGAL::is_closed(solid);
+  if (!is_region) {
+    const TriangleMesh thick = thickened(sheet, gap);
+    solid = to_mesh(thick.vertex, thick.triangles);
+  } else if (enclosed_volume(sheet) < 0.0) {
+    pmp::reverse_face_orientations(solid);
+  }
+  refuse_folded(solid, is_region, gap);
+  return solid;
+}
+
+}  // namespace
+
 CutBody cut(const BodySurface& body, const std::vector<TriangleMesh>& sheets, double gap, const Vec3& keep) {
   TriangleMesh now_is{body.vertex(), body.triangles()};
   Mesh mesh = to_mesh(now_is.vertex, now_is.triangles);
@@ -267,15 +285,8 @@ CutBody cut(const BodySurface& body, const std::vector<TriangleMesh>& sheets, do
   std::vector<BodySurface> taken;
   for (const TriangleMesh& sheet : sheets) {
     stop_if_asked();
-    Mesh solid = to_mesh(sheet.vertex, sheet.triangles);
-    const bool is_region = CGAL::is_closed(solid);
-    if (!is_region) {
-      const TriangleMesh thick = thickened(sheet, gap);
-      solid = to_mesh(thick.vertex, thick.triangles);
-    } else if (enclosed_volume(sheet) < 0.0) {
-      pmp::reverse_face_orientations(solid);
-    }
-    refuse_folded(solid, is_region, gap);
+    bool is_region = false;
+    Mesh solid = solid_of(sheet, gap, is_region);
     const TriangleMesh outline = from_mesh(solid);
     taken.emplace_back(outline.vertex, outline.triangles);
     Mesh left;

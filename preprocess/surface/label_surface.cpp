@@ -431,11 +431,7 @@ double facing_share(const BodySurface& surface, double width_mm) {
   double area = 0.0, facing = 0.0;
   for (Index t = 0; t < surface.triangles().cols(); t += every) {
     stop_if_asked();
-    const Vec3 middle =
-        (surface.vertex().col(surface.triangles()(0, t)) + surface.vertex().col(surface.triangles()(1, t)) +
-         surface.vertex().col(surface.triangles()(2, t))) /
-        3.0;
-    const Vec3 normal = surface.normal().col(t);
+    const Vec3 middle = surface.middle_of(t), normal = surface.normal().col(t);
     const double here = surface.triangle_area()[t];
     area += here;
     if (surface.is_between(middle + lift * width_mm * normal, middle + width_mm * normal)) facing += here;

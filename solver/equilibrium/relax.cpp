@@ -171,6 +171,25 @@ Relaxed Relaxation::from_near(Nodal& u, Eigen::VectorXd& lambda, Nodal& f,
   return found;
 }
 
+void Relaxation::come_to_rest(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const RelaxOptions& options,
+                              Relaxed& result) const {
+  Nodal end = u;
+  Eigen::VectorXd end_lambda = lambda;
+  const Relaxed at_rest =
+      (*mixed_)(end, end_lambda, f,
+                {.tolerance = options.tolerance,
+                 .evaluations = std::min<std::int64_t>(2 * evaluations_of_viscous_step,
+                                                       options.evaluations - result.evaluations)},
+                true);
+  result.evaluations += at_rest.evaluations;
+  if (!at_rest.converged) return;
+  u = end;
+  lambda = end_lambda;
+  result.residual = at_rest.residual;
+  result.sweep = at_rest.sweep;
+  result.converged = true;
+}
+
 Relaxed Relaxation::give_way(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const RelaxOptions& options) const {
   const Index n = u.cols();
   Relaxed result;
@@ -222,23 +241,8 @@ Relaxed Relaxation::give_way(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const 
     if (result.evaluations < options.evaluations &&
         result.residual <
             std::min({before, std::max(0.5 * tried, options.tolerance), 5.0 * options.tolerance})) {
-      Nodal end = u;
-      Eigen::VectorXd end_lambda = lambda;
-      const Relaxed at_rest =
-          (*mixed_)(end, end_lambda, f,
-                    {.tolerance = options.tolerance,
-                     .evaluations = std::min<std::int64_t>(2 * evaluations_of_viscous_step,
-                                                           options.evaluations - result.evaluations)},
-                    true);
-      result.evaluations += at_rest.evaluations;
-      if (at_rest.converged) {
-        u = end;
-        lambda = end_lambda;
-        result.residual = at_rest.residual;
-        result.sweep = at_rest.sweep;
-        result.converged = true;
-        return result;
-      }
+      come_to_rest(u, lambda, f, options, result);
+      if (result.converged) return result;
       tried = result.residual;
       anew = true;
     }

@@ -46,6 +46,9 @@ class Relaxation {
   MixedIteration& mixed() const { return *mixed_; }  ///< of models that it serves
 
  private:
+  // From where viscous steps have led: takes an equilibrium near u if there is one, and says so in `result`.
+  void come_to_rest(ForceSystem::Nodal& u, Eigen::VectorXd& lambda, ForceSystem::Nodal& f,
+                    const RelaxOptions& options, Relaxed& result) const;
   Relaxed give_way(ForceSystem::Nodal& u, Eigen::VectorXd& lambda, ForceSystem::Nodal& f,
                    const RelaxOptions& options) const;
   Relaxed relax_dynamically(ForceSystem::Nodal& u, ForceSystem::Nodal& f, const RelaxOptions& options,

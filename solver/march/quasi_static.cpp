@@ -2,15 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <optional>
 #include <utility>
 
 #include "io/error.hpp"
-#include "io/stop.hpp"
-#include "solver/equilibrium/relax.hpp"
-#include "solver/march/ledger.hpp"
-#include "solver/march/predictor.hpp"
+#include "solver/march/frames_between.hpp"
 #include "solver/text.hpp"
 
 namespace dimple {
@@ -18,9 +14,8 @@ namespace {
 
 constexpr double nudge = 0.02;           // of the first increment
 constexpr double shortest = 1.0 / 16.0;  // increment in which an equilibrium is looked for; of a load step
-constexpr std::int64_t evaluations_of_step = 60;  // of a load step, on the average of a whole run
-constexpr double same_depth = 1e-6;               // of a step
-constexpr std::size_t few = 3;                    // equilibria, before which the curve between two is a guess
+constexpr double same_depth = 1e-6;      // of a step
+constexpr std::size_t few = 3;           // equilibria, before which the curve between two is a guess
 
 // Of a load step. What first comes to touch slides freely for an increment, as nothing tells yet from where
 // it slips (TouchingTool::foresee): three of them, each twice the last, lose a fifth of what one does.
@@ -60,87 +55,8 @@ double work_of_last(const std::vector<double>& depth, const std::vector<double>&
   return curved;
 }
 
-Frame frame_of(const System& system, int number, const Moment& at, const Nodal& u, const Nodal& f) {
-  Frame frame{number, at.t, at.depth, u, f, system.tissue()};
-  frame.aside = system.aside();
-  frame.turned = system.turned();
-  frame.tool = system.touching();
-  frame.walls = system.walls();
-  if (frame.tool) frame.contact_force = system.along_push(f);
-  return frame;
-}
-
 // How far the tool, or what moves in its place, has come in this step of a scene is its travel [m], which is
 // an Instant's depth; a Moment's depth counts the steps before, too.
-
-// Frames at depths between two equilibria of the march, which does not notice.
-struct FramesBetween {
-  System& system;
-  const Relaxation& relax;
-  const Loading& loading;
-  const SolverOptions& options;
-  const Observer& observer;
-  const Ledger& ledger;
-  History& history;
-
-  double travel_of(int frame) const { return loading.depth / options.frames * frame; }
-
-  // Those after the frame `last` that lie before a depth; `path` holds the equilibria on both sides, and that
-  // at `from` is the last that the tissue's past knows. False: the observer has enough.
-  bool show(int& last, double before, double from, const Predictor& path) {
-    Rest now{path.point.back().u, path.point.back().lambda};
-    Nodal f = now.u;
-    for (; last < options.frames && travel_of(last + 1) < before; ++last) {
-      const double travel = travel_of(last + 1);
-      const Moment at{loading.t_at(travel), loading.depth_at(travel)};
-      system.begin_step((travel - from) / loading.rate);
-      const std::int64_t swept = system.tissue().sweeps();
-      path.extrapolate(travel, now.u, now.lambda);
-      system.bring_back(now.lambda);
-      system.set({.t = at.t, .depth = travel}, now.u);
-      const bool found = find(now, f);
-      history.extra_evaluations += system.tissue().sweeps() - swept;
-      if (found)
-        ledger.add(ledger.force(at, now.u, f));
-      else
-        tell_of_line(at.depth);
-      if (observer.frame) observer.frame(frame_of(system, loading.begun.frame + last + 1, at, now.u, f));
-      if (found && !ledger.show_force()) return false;
-    }
-    return true;
-  }
-
-  // False: no equilibrium was found, and `now` is as it was. A mixed search begins close by and is short, or
-  // fails: it gets twice what a load step costs on the average.
-  bool find(Rest& now, Nodal& f) {
-    const Rest guess = now;
-    try {
-      const bool mixed = relax.has_mixed();
-      const RelaxOptions how{.tolerance = options.tolerance,
-                             .evaluations = mixed ? std::min(options.evaluations, 2 * evaluations_of_step)
-                                                  : options.evaluations};
-      if ((mixed ? relax.from_near(now.u, now.lambda, f, how) : relax(now.u, f, how, &now.lambda)).converged)
-        return true;
-    } catch (const SolveError&) {
-    }
-    now = guess;
-    system.force_at(now.u, now.lambda, f);
-    return false;
-  }
-
-  void tell_of_line(double depth) {
-    if (std::any_of(history.guards.begin(), history.guards.end(),
-                    [](const Finding& f) { return f.report.code == "frame"; }))
-      return;
-    history.guards.push_back(
-        {.report = {.fact = text("the frame at ", 1e3 * depth, " mm shows the line between two equilibria"),
-                    .where = "static solver",
-                    .why = "none was found at its own depth; the force curve leaves it out",
-                    .remedy = "look at the frames before and after it, or choose other --frames",
-                    .code = "frame"},
-         .worst = depth});
-  }
-};
 
 // From one equilibrium to the next.
 struct Increment {

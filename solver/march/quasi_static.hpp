@@ -30,7 +30,10 @@ AfterCut settle_after_cut(System& system, const Loading& loading, double t, cons
 
 /// How many steps that load takes, where none is shortened.
 int steps_of_load(const Model& model, const Loading& loading, const SolverOptions& options);
-/// Of the force by the mixed iteration, for all equilibria of so many steps of the load together.
+/// Force evaluations of the mixed iteration for a step of the load, on average over a whole run.
+constexpr std::int64_t evaluations_of_step = 60;
+/// Force evaluations of the mixed iteration for all equilibria of so many steps of the load together, at
+/// most.
 std::int64_t most_evaluations(int steps, const SolverOptions& options);
 
 /// A first guess of the displacements u [4xN] m when the tool has moved by `way` [m] along `direction`: they

@@ -6,6 +6,7 @@
 #include "preprocess/model.hpp"
 #include "solver/huge_pages.hpp"
 #include "solver/material.hpp"
+#include "solver/terms/projected_loops.hpp"
 
 namespace dimple {
 
@@ -18,28 +19,6 @@ constexpr Index points_at_once = 32;
 struct Tissues {
   std::vector<Material> material;
   Eigen::VectorXi of_point;  ///< [Q] number in `material`
-};
-
-/// Layouts of the hot loops. Four nodes of a point, their gradients and twice their numbers (in single
-/// precision a line of the cache, and eight times what it holds is the node's place in bytes); a matrix at
-/// each of eight points; three columns, padded; a weighted member.
-template <class Real>
-struct alignas(sizeof(Real) == 4 ? 64 : 8) ProjectedQuad {
-  Real d[4][3];
-  std::uint16_t twice[4];
-};
-template <class Real>
-struct alignas(32) ProjectedOctet {
-  Real column[3][3][8];
-};
-template <class Real>
-struct alignas(4 * sizeof(Real)) ProjectedColumns {
-  Real column[3][4];
-};
-template <class Real>
-struct ProjectedShare {
-  std::int32_t number;
-  Real weight;
 };
 
 /// The stored energy of the converging scheme and its forces; Real is float or double. Without patches: the
@@ -147,6 +126,7 @@ class ProjectedKernel {
   Eigen::Matrix<double, 9, Eigen::Dynamic> stresses(const State& s) const;
 
  private:
+  using Loops = ProjectedLoops<Real>;
   using Quad = ProjectedQuad<Real>;
   using Octet = ProjectedOctet<Real>;
   using Columns = ProjectedColumns<Real>;

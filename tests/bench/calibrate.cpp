@@ -10,10 +10,8 @@
 // 2001 on have large bodies and those from 3001 on thin ones (--from 2001 --scenes 2016). A scene that
 // the file holds is not computed again, so that a study that was stopped goes on. --finer adds a cloud of so
 // many nodes to scenes that hold one of half as many, --points writes band_points.csv: where a random place
-// of each scene's body goes. --bodies writes band_bodies.csv, what each scene's circle sees of its body, and
-// --held-out N adds to band_held_out.csv: N random lumps (tests/helpers/random_bodies.hpp), with the
-// default's pair of clouds and the truth's. Then band.md, .png and .svg: what the band says against what is
-// true; --again makes these alone.
+// of each scene's body goes, --bodies writes band_bodies.csv, what each scene's circle sees of its body. Then
+// band.md: what the band says against what is true; --again makes this alone.
 
 #include <fmt/format.h>
 
@@ -21,7 +19,6 @@
 #include <algorithm>
 #include <array>
 #include <filesystem>
-#include <functional>
 #include <map>
 #include <optional>
 #include <set>
@@ -39,10 +36,8 @@
 #include "preprocess/supports/support.hpp"
 #include "solver/solve.hpp"
 #include "tests/bench/calibration_scenes.hpp"
-#include "tests/bench/picture.hpp"
 #include "tests/helpers/band_scenes.hpp"
 #include "tests/helpers/draw.hpp"
-#include "tests/helpers/random_bodies.hpp"
 #include "tests/helpers/shapes.hpp"
 
 namespace dimple {
@@ -171,13 +166,12 @@ const std::vector<std::string> groups = {"calibration", "first proof", "second p
 // What the band says against what is true, with each number of nodes. A band holds if all that the truth may
 // be lies in it.
 std::string table_of_bands(const std::vector<BandScene>& scenes, const std::vector<std::string>& of_groups,
-                           Plot& stated_against_true, std::string& misses) {
+                           std::string& misses) {
   std::string table =
       "| scenes | depth | nodes | bands | hold the truth | median half width, % | median error, % "
       "|\n|---|---|---:|---:|---:|---:|"
       "---:|\n";
   for (const std::string& group : of_groups) {
-    PlotSeries points{.name = group, .line = false, .hollow = group == "calibration"};
     for (const bool deep : {false, true})
       for (Index nodes = fewest_nodes_with_band(0.0); nodes <= band_finest_truth / band_compared;
            nodes *= 2) {
@@ -201,8 +195,6 @@ std::string table_of_bands(const std::vector<BandScene>& scenes, const std::vect
                          error_most = error_at_most(scene, nodes, k);
             widest = said, largest = std::max(largest, error);
             holds = holds && error_most <= said;
-            points.x.push_back(100.0 * said);
-            points.y.push_back(100.0 * error);
             if (error_most > said)
               missed = fmt::format(
                   "- {}, scene {} ({}), {} nodes, {:.2f} radii deep: {:.2f} % off and {:.2f} % unsure, said "
@@ -222,7 +214,6 @@ std::string table_of_bands(const std::vector<BandScene>& scenes, const std::vect
                         deep ? "1 to 1.7 radii" : "to 1 radius", nodes, halves.size(),
                         100.0 * held / static_cast<double>(halves.size()), median(halves), median(errors));
       }
-    if (!points.x.empty()) stated_against_true.series.push_back(std::move(points));
   }
   return table;
 }
@@ -265,32 +256,6 @@ void write_bodies(const fs::path& folder, const fs::path& data, const fs::path& 
   }
   for (const auto& [number, row] : rows) csv += row;
   write_file(folder / "band_bodies.csv", csv);
-}
-
-// The default's pair of clouds, on bodies that nothing was chosen by.
-std::string table_of_held_out(const std::vector<BandScene>& scenes) {
-  std::string table =
-      "| scene | body | radii deep | said, % | off, % | off and unsure, % "
-      "|\n|---:|---|---:|---:|---:|---:|\n";
-  int held = 0, held_alone = 0;
-  std::vector<double> halves;
-  for (const BandScene& scene : scenes) {
-    const std::vector<HeldOut> errors = held_out_errors(scene);
-    const HeldOut last = errors.back();
-    const bool holds = holds_the_truth(errors);
-    held += holds;
-    held_alone += last.error <= last.half;
-    halves.push_back(100.0 * last.half);
-    table += fmt::format("| {} | {} | {:.2f} | {:.2f} | {:.2f} | {:.2f} |{}\n", scene.number, scene.body,
-                         scene.forces.at(scene.truth).back().depth / scene.radius, 100.0 * last.half,
-                         100.0 * last.error, 100.0 * last.error_most, holds ? "" : " missed");
-  }
-  return fmt::format(
-      "{} of {} bands of {} and {} nodes hold all that the truth may be, at all depths; {} hold the truth's "
-      "own number at "
-      "the last. Half a band's width there, median: {:.1f} %.\n\n{}",
-      held, scenes.size(), default_nodes_of_band, default_nodes_of_band / 2, held_alone, median(halves),
-      table);
 }
 
 // What asking for an accuracy comes to: the program's refinement over the recorded clouds, up to the finest
@@ -398,26 +363,12 @@ std::string table_of_points(const std::vector<PointScene>& scenes, double multip
 void report(const fs::path& folder) {
   const std::vector<BandScene> scenes = band_scenes(folder / "band_scenes.csv");
   const BandScores scores = band_scores(scenes);
-  Plot chart{.title = "What the band says against what is true",
-             .subtitle = {fmt::format(
-                 "points below the line: the force of the finest cloud, {} to {} nodes, lies in the band",
-                 band_truth, band_finest_truth)},
-             .x_label = "half the band's width [% of the force]",
-             .y_label = "difference from the finest cloud [%]",
-             .log_x = true,
-             .log_y = true,
-             .x_range = std::array{0.5, 30.0},
-             .y_range = std::array{0.005, 30.0}};
   std::string missed_bands, missed_goals;
-  std::string unlisted;
-  Plot undrawn;
-  std::string missed_further;
-  const std::string further = table_of_bands(scenes, extending, undrawn, missed_further);
-  const std::string bands = table_of_bands(scenes, groups, chart, missed_bands),
+  std::string unlisted, missed_further;
+  const std::string further = table_of_bands(scenes, extending, missed_further);
+  const std::string bands = table_of_bands(scenes, groups, missed_bands),
                     goals = table_of_goals(scenes, 1, missed_goals),
                     second = table_of_goals(scenes, second_proof, unlisted);
-  chart.series.push_back(
-      {.name = "as large as said", .x = {0.5, 30.0}, .y = {0.5, 30.0}, .markers = false, .dashed = true});
   std::string text = fmt::format(
       "Multiplier: {:.3f}, from {}.\n\n{}\nBoth "
       "proofs:\n\n{}\nThe "
@@ -433,10 +384,7 @@ void report(const fs::path& folder) {
     text += fmt::format("\nDisplacement of a random place: multiplier {:.3f}, from {}.\n\n{}", multiplier,
                         counted(of_points, least_points), table_of_points(points, multiplier));
   }
-  if (const fs::path file = folder / "band_held_out.csv"; fs::exists(file))
-    text += "\nHeld out, at the last depth:\n\n" + table_of_held_out(band_scenes(file));
   write_file(folder / "band.md", text);
-  write_plots(folder, "band", {chart});
   fmt::print("{}", text);
 }
 
@@ -448,24 +396,20 @@ int main(int argc, char** argv) try {
   fs::path folder, data, atlases;
   int scenes = 285, first = 1;
   CLI::App app("Scenes at random, from which the band of a force is taken and on which it is proved");
-  app.add_option("folder", folder, "for tables and pictures")->required();
+  app.add_option("folder", folder, "for tables")->required();
   app.add_option("--data", data, "folder of the label images");
   app.add_option("--atlases", atlases, "folder of the folded brains");
   app.add_option("--scenes", scenes, "how many");
   app.add_option("--from", first, "the first to be computed");
   bool again = false, points = false, bodies = false;
-  int held_out = 0;
   dimple::Index finer = 0;
   app.add_option("--finer", finer, "a cloud of so many nodes, on scenes that hold one of half as many");
   app.add_flag("--points", points, "displacements of a random place, instead of forces");
   app.add_flag("--bodies", bodies, "what each scene's circle sees of its body, without a run");
-  app.add_option("--held-out", held_out, "so many lumps, with the default's pair of clouds");
-  app.add_flag("--again", again, "tables and picture of band_scenes.csv, without a run");
+  app.add_flag("--again", again, "tables of band_scenes.csv, without a run");
   CLI11_PARSE(app, argc, argv);
   dimple::make_folder(folder);
-  const fs::path file = folder / (points         ? "band_points.csv"
-                                  : held_out > 0 ? "band_held_out.csv"
-                                                 : "band_scenes.csv");
+  const fs::path file = folder / (points ? "band_points.csv" : "band_scenes.csv");
   std::string csv = fs::exists(file) ? dimple::read_file(file)
                     : points         ? dimple::points_header
                                      : dimple::header;
@@ -476,11 +420,6 @@ int main(int argc, char** argv) try {
     sizes.insert(sizes.begin(), dimple::finest);
   if (first >= dimple::first_large)  // the truth, and those that the default's number lies between
     sizes = {dimple::finest, dimple::finest / 2, 500, 1000, 2000};
-  if (held_out > 0) {
-    sizes = {dimple::finest, dimple::finest / 2, dimple::default_nodes_of_band,
-             dimple::default_nodes_of_band / 2};
-    first = dimple::first_held_out, scenes = first + held_out - 1;
-  }
   if (bodies) dimple::write_bodies(folder, data, atlases);
   again = again || bodies;
   std::set<int> done;  // also by the finer cloud

@@ -35,6 +35,15 @@ constexpr std::array<Organ, 3> organs_to_prove = {{{"heart", "heart_ct_1.5mm.nii
 // matter alone.
 constexpr std::array folded = {"brodmann.nii.gz", "natbrainlab.nii.gz", "inia19-NeuroMaps.nii.gz"};
 
+void set_organ(Draw& draw, Scene& scene, const Organ& organ, const fs::path& data) {
+  scene.body = organ.name, scene.image = data / organ.file;
+  scene.surface = [=] {
+    return make_body_surface(read_label_image(data / organ.file),
+                             organ.label > 0 ? std::vector<int>{organ.label} : std::vector<int>{});
+  };
+  scene.boundary.base = draw.of(std::array{"organ", "inferior", "posterior", "left", "right"});
+}
+
 Scene first_scene_of(int number, const fs::path& data, const fs::path& atlases) {
   Draw draw{std::mt19937_64(static_cast<std::uint64_t>(number))};
   Scene scene;
@@ -96,13 +105,7 @@ Scene first_scene_of(int number, const fs::path& data, const fs::path& atlases) 
       break;
     }
     default: {
-      const Organ organ = proves(number) ? draw.of(organs_to_prove) : draw.of(organs_to_calibrate);
-      scene.body = organ.name, scene.image = data / organ.file;
-      scene.surface = [=] {
-        return make_body_surface(read_label_image(data / organ.file),
-                                 organ.label > 0 ? std::vector<int>{organ.label} : std::vector<int>{});
-      };
-      scene.boundary.base = draw.of(std::array{"organ", "inferior", "posterior", "left", "right"});
+      set_organ(draw, scene, proves(number) ? draw.of(organs_to_prove) : draw.of(organs_to_calibrate), data);
     }
   }
   scene.boundary.indenter_diameter_mm = diameter;
@@ -113,19 +116,6 @@ Scene first_scene_of(int number, const fs::path& data, const fs::path& atlases) 
   }
   scene.depth_mm = std::min(draw.between(0.3, 1.7) * 0.5 * diameter, 0.35 * thickness);
   scene.nu = draw.of(std::array{0.45, 0.49, 0.499});
-  scene.law = draw.of(std::array{"neo-Hookean", "neo-Hookean", "Mooney-Rivlin", "Ogden"});
-  return scene;
-}
-
-Scene held_out_scene(int number) {
-  Draw draw{std::mt19937_64(static_cast<std::uint64_t>(number) + 5'000)};
-  const RandomBody body = random_body(number);
-  Scene scene{.number = number, .body = "lump " + body.name, .surface = {}};
-  scene.boundary = body.boundary;
-  scene.boundary.voxel_mm = body.image.spacing().maxCoeff();
-  scene.surface = [image = body.image] { return make_body_surface(image, {}); };
-  scene.depth_mm = 0.5 * body.boundary.indenter_diameter_mm * draw.between(0.3, 1.7);
-  scene.nu = body.nu;
   scene.law = draw.of(std::array{"neo-Hookean", "neo-Hookean", "Mooney-Rivlin", "Ogden"});
   return scene;
 }
@@ -181,15 +171,6 @@ void set_lump(Scene& scene, double larger, double higher) {
   scene.surface = [image] { return make_body_surface(image, {}); };
 }
 
-void set_organ(Draw& draw, Scene& scene, const Organ& organ, const fs::path& data) {
-  scene.body = organ.name, scene.image = data / organ.file;
-  scene.surface = [=] {
-    return make_body_surface(read_label_image(data / organ.file),
-                             organ.label > 0 ? std::vector<int>{organ.label} : std::vector<int>{});
-  };
-  scene.boundary.base = draw.of(std::array{"organ", "inferior", "posterior", "left", "right"});
-}
-
 // A body of the two groups that extend the range: a solid, or an organ or a lump.
 Scene extension_scene(int number, const fs::path& data) {
   Draw draw{std::mt19937_64(static_cast<std::uint64_t>(number))};
@@ -239,12 +220,11 @@ Material material_of(const Scene& scene, double mu) {
 
 Scene scene_of(int number, const fs::path& data, const fs::path& atlases) {
   if (number >= first_large) return extension_scene(number, data);
-  return number >= first_held_out ? held_out_scene(number) : first_scene_of(number, data, atlases);
+  return first_scene_of(number, data, atlases);
 }
 
 std::string set_of(const Scene& scene) {
   if (scene.number >= first_large) return scene.number < first_thin ? "large" : "thin";
-  if (scene.number >= first_held_out) return "held out";
   if (proves(scene.number)) return "proof";
   // The tracts of white matter are no body that anybody can touch: as thin as their own nodes, so that 8000
   // of these are not enough.

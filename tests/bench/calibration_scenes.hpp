@@ -13,12 +13,12 @@ namespace dimple {
 
 // The random scenes of dimple_calibrate. A scene's number fixes everything that is drawn.
 
-/// Scenes with these numbers prove, the others up to `first_held_out` calibrate. The second range was drawn
+/// Scenes with these numbers prove, the others up to `first_large` calibrate. The second range was drawn
 /// when the multipliers that the first had been proved with were known.
 constexpr bool proves(int number) {
   return (number >= 51 && number <= 120) || (number >= 166 && number <= 225);
 }
-inline constexpr int second_proof = 166, first_folded = 256, first_held_out = 1001;
+inline constexpr int second_proof = 166, first_folded = 256;
 /// Two groups are of other bodies, and the multiplier is not computed from them: large ones of 20 to 320
 /// radii of the circle, and thin ones of 0.8 to 3 radii. The largest were added so that more than four are
 /// larger than 200 radii.

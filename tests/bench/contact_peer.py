@@ -1,11 +1,11 @@
-"""A rigid sphere of 5 mm pressed 4 mm into a bonded cylinder, without friction: Dimple beside GetFEM and CalculiX, error against time.
+"""A rigid sphere of 5 mm pressed 4 mm into a bonded cylinder, without friction: Dimple beside GetFEM, error against time.
 
-    python3 tests/bench/contact_peer.py build/release OUT     (apt install python3-getfem gmsh calculix-ccx; a quarter of an hour)
+    python3 tests/bench/contact_peer.py build/release OUT     (apt install python3-getfem gmsh; a quarter of an hour)
     python3 tests/bench/contact_peer.py --draw OUT            the picture and the table again, from OUT/contact_peer.csv
 
 Writes contact_peer.csv and contact_peer.svg. Ours goes from a label image of the cylinder (1 mm) to the force at eight depths. The others
 know the exact cylinder. GetFEM: gmsh's tetrahedra, quadratic displacement and linear pressure, contact by an augmented Lagrangian with a
-multiplier on the surface, Newton, MUMPS, from one depth to the next along the line through the last two. CalculiX: contact_calculix.py.
+multiplier on the surface, Newton, MUMPS, from one depth to the next along the line through the last two.
 The reference is axisymmetric (tests/verification/reference/contact.csv, known to 0.1 to 0.4 %). Leave the machine alone meanwhile: they
 run in turn.
 """
@@ -15,16 +15,13 @@ import os
 import subprocess
 import sys
 import tempfile
-import time
 
-import contact_calculix
 from fair_peer import REFERENCE, largest, pyplot, read_rows, run_to_depths, timed
 
 RADIUS, HEIGHT, SPHERE, DEPTHS = 30.0, 30.0, 5.0, [0.5 * (k + 1) for k in range(8)]  # mm
 MU, NU = 210e-6, 0.499  # N/mm2
 NODES, SEEDS = [400, 600, 1000, 1500, 2000, 3000, 4000], [1, 2, 3]
 MESHES = [(fine, growth, far) for fine in [2.5, 2, 1.5, 1.2, 1] for growth, far in [(0.3, 8), (0.5, 10), (0.8, 15)]]
-HEXAHEDRA = [(4, 0.5), (2, 0.5), (2, 0.3)]  # edge under the sphere in mm, and by how much it grows to the next
 COLUMNS = ["program", "setting", "unknowns", "wall_s", *(f"force_{d:g}mm_N" for d in DEPTHS), "error_percent", "error_at_4mm_percent"]
 
 
@@ -94,16 +91,6 @@ Mesh.MeshSizeExtendFromBoundary = 0; Mesh.MeshSizeFromPoints = 0; Mesh.MshFileVe
     print(model.nbdof(), *(f"{f:.6g}" for f in forces))
 
 
-def calculix(mesh, folder):
-    scene = (RADIUS, HEIGHT, SPHERE, DEPTHS, MU, 2 * MU * (1 + NU) / (3 * (1 - 2 * NU)))
-    began = time.monotonic()
-    unknowns, force = contact_calculix.forces(*mesh, scene, folder)
-    if len(force) != len(DEPTHS):
-        return None
-    wall = time.monotonic() - began
-    return {"program": "CalculiX", "setting": "edge {:g} growth {:g}".format(*mesh), "unknowns": unknowns, "wall_s": wall, "force": force}
-
-
 def measure(build, out):
     known = [float(row["force_N"]) for row in read_rows(os.path.join(REFERENCE, "contact.csv")) if row["scene"] == "sphere"]
     with tempfile.TemporaryDirectory() as folder, open(os.path.join(out, "contact_peer.csv"), "w", newline="") as file:
@@ -117,7 +104,6 @@ def measure(build, out):
             tool = ["--tool", f"sphere:{SPHERE:g}mm"]
             runs = [run_to_depths(build, image, tool, DEPTHS, *clouds[k], folder)] if k < len(clouds) else []
             runs += [other(MESHES[k], folder)] if k < len(MESHES) else []
-            runs += [calculix(HEXAHEDRA[k], folder)] if k < len(HEXAHEDRA) else []
             for run in filter(None, runs):
                 table.writerow([run["program"], run["setting"], run["unknowns"], f"{run['wall_s']:.2f}",
                                 *(f"{f:.6g}" for f in run["force"]), f"{largest(run['force'], known):.2f}",
@@ -129,7 +115,7 @@ def draw(out):
     plt, rows = pyplot(), read_rows(os.path.join(out, "contact_peer.csv"))
     figure, panels = plt.subplots(1, 2, figsize=(8, 3.6), sharey=True, constrained_layout=True)
     for panel, (column, title) in zip(panels, [("error_percent", "largest of eight depths"), ("error_at_4mm_percent", "at 4 mm")]):
-        for program, colour, marker in [("Dimple", "C0", "o"), ("GetFEM", "C1", "^"), ("CalculiX", "C2", "s")]:
+        for program, colour, marker in [("Dimple", "C0", "o"), ("GetFEM", "C1", "^")]:
             of = [row for row in rows if row["program"] == program]
             panel.plot([float(r["wall_s"]) for r in of], [float(r[column]) for r in of], marker, color=colour, ms=4, alpha=0.7,
                        label=program)
@@ -138,7 +124,7 @@ def draw(out):
     panels[0].set_ylabel("error of the force, %")
     panels[0].legend()
     figure.savefig(os.path.join(out, "contact_peer.svg"), metadata={"Date": None})
-    programs = ("Dimple", "GetFEM", "CalculiX")
+    programs = ("Dimple", "GetFEM")
     print("error_of,error_percent", *(f"{program}_s" for program in programs), sep=",")
     for column in ["error_percent", "error_at_4mm_percent"]:
         for level in [1, 2, 3, 5, 10]:

@@ -3,14 +3,12 @@
 //
 //   dimple_organs FOLDER [--data DIR] [--bodies A,B] [--nodes 1000,2000] [--seeds N] [--depth MM] [--frames
 //   N]
-//                 [--vary CONSTANT=FACTOR] [--sensitivity] [--again]
+//                 [--sensitivity]
 //
-// Writes organs_forces.csv: a row for each body, number of nodes, seed and depth; and organs.md, .png and
-// .svg: how far the means over the seeds are from the finite elements of tests/verification/reference at 2
-// and 4 mm. Bodies whose images are not there are left out, in words. --sensitivity halves and doubles each
-// constant of the scheme instead, and writes sensitivity.csv and .md. organs_orders.csv, .png and .svg: how
-// much the force changes from each size to the next, and the order, where three sizes stand in the same
-// ratio. --again draws what organs_forces.csv holds.
+// Writes organs_forces.csv: a row for each body, number of nodes, seed and depth; and organs.md: how far the
+// means over the seeds are from the finite elements of tests/verification/reference at 2 and 4 mm. Bodies
+// whose images are not there are left out, in words. --sensitivity halves and doubles each constant of the
+// scheme instead, and writes sensitivity.csv and .md.
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -31,7 +29,6 @@
 #include "preprocess/build_model.hpp"
 #include "preprocess/image/phantom.hpp"
 #include "solver/solve.hpp"
-#include "tests/bench/picture.hpp"
 #include "tests/helpers/shapes.hpp"
 
 namespace dimple {
@@ -153,7 +150,7 @@ void vary(ModelOptions& options, const Variation& variation) {
 
 struct Options {
   fs::path folder, data;
-  std::vector<Variation> varied = {};
+  Variation varied = {};
   std::vector<std::string> bodies;
   std::vector<Index> nodes = {1000, 2000, 4250};
   int seeds = 1, frames = 4;
@@ -179,7 +176,7 @@ Forces measure(const Body& body, const Options& wanted, std::string& csv) {
       options.cloud.count = nodes;
       options.cloud.seed = static_cast<std::uint64_t>(seed);
       options.boundary = body.boundary;
-      for (const Variation& variation : wanted.varied) vary(options, variation);
+      vary(options, wanted.varied);
       const Stopwatch building;
       try {
         TissueOptions tissues;
@@ -268,124 +265,31 @@ void compare(const std::vector<std::pair<Body, Forces>>& measured, const Options
   table += "\n|---|---:|";
   for (std::size_t k = 0; k < wanted.nodes.size(); ++k) table += "---:|---:|";
   table += "\n";
-  std::vector<Plot> panels;
-  for (const double depth : depths) {
-    panels.push_back(
-        {.title = fmt::format("Difference from the finite elements at {:g} mm", depth),
-         .subtitle = {fmt::format("mean over {} seeds; each reference is known to 0.3 to 6 %", wanted.seeds)},
-         .x_label = "nodes",
-         .y_label = "difference of the force [%]",
-         .log_x = true});
-    panels.back().lines.push_back({.at = 0.0, .text = "reference"});
-  }
-  int colour = 0;
   for (const auto& [body, forces] : measured) {
     const std::map<double, Known> known = reference_of(body);
     if (forces.empty() || !known.contains(depths[0]) || !known.contains(depths[1])) continue;
     table += fmt::format("| {} | {:.2g} / {:.2g} |", body.name, known.at(depths[0]).percent,
                          known.at(depths[1]).percent);
-    std::array<PlotSeries, 2> series;
-    for (PlotSeries& line : series) line = {.name = body.name, .colour = colour};
-    ++colour;
     for (const Index n : wanted.nodes) {
       std::vector<std::string> off, scatter;
-      for (std::size_t d = 0; d < depths.size(); ++d) {
-        const SecondMoments spread = over_seeds(forces, n, depths[d]);
-        const double percent = 100.0 * (spread.mean / known.at(depths[d]).force - 1.0);
+      for (const double depth : depths) {
+        const SecondMoments spread = over_seeds(forces, n, depth);
+        const double percent = 100.0 * (spread.mean / known.at(depth).force - 1.0);
         off.push_back(spread.mean > 0.0 ? fmt::format("{:+.1f}", percent) : "none");
         scatter.push_back(fmt::format("{:.1f}", 100.0 * spread.scatter));
-        if (!(spread.mean > 0.0)) continue;
-        series[d].x.push_back(static_cast<double>(n));
-        series[d].y.push_back(percent);
       }
       table += fmt::format(" {} | {} |", fmt::join(off, " / "), fmt::join(scatter, " / "));
     }
     table += "\n";
-    for (std::size_t d = 0; d < depths.size(); ++d) panels[d].series.push_back(series[d]);
   }
   write_file(wanted.folder / "organs.md", table);
-  write_plots(wanted.folder, "organs", panels, 2);
-}
-
-// Orders of convergence in the spacing, h ~ nodes^(-1/3), from each three sizes that stand in the same ratio:
-// of the differences between neighbours. Positive: the second is smaller than the first.
-void write_orders(const std::vector<std::pair<Body, Forces>>& measured, const Options& wanted) {
-  std::string csv =
-      "body,indentation_mm,nodes_1,nodes_2,nodes_3,change_12_percent,change_23_percent,scatter_percent,"
-      "order\n";
-  std::vector<Plot> panels;
-  for (const double depth : depths)
-    panels.push_back(
-        {.title = fmt::format("Change of the force at {:g} mm from one size to the next", depth),
-         .subtitle = {fmt::format("mean over {} seeds; a falling line is a positive order", wanted.seeds)},
-         .x_label = "nodes of the finer cloud",
-         .y_label = "change [%]",
-         .log_x = true,
-         .log_y = true});
-  int colour = 0;
-  for (const auto& [body, forces] : measured) {
-    std::array<PlotSeries, depths.size()> series;
-    for (PlotSeries& line : series) line = {.name = body.name, .colour = colour};
-    ++colour;
-    for (std::size_t a = 0; a < wanted.nodes.size(); ++a)
-      for (std::size_t b = a + 1; b < wanted.nodes.size(); ++b)
-        for (std::size_t c = b + 1; c < wanted.nodes.size(); ++c) {
-          const auto n = [&](std::size_t k) { return static_cast<double>(wanted.nodes[k]); };
-          if (n(a) * n(c) != n(b) * n(b)) continue;
-          for (const double depth : {1.0, 2.0, 3.0, 4.0}) {
-            const SecondMoments one = over_seeds(forces, wanted.nodes[a], depth),
-                                two = over_seeds(forces, wanted.nodes[b], depth),
-                                three = over_seeds(forces, wanted.nodes[c], depth);
-            if (!(one.mean > 0.0 && two.mean > 0.0 && three.mean > 0.0)) continue;
-            const double first = 100.0 * (two.mean / one.mean - 1.0);
-            const double second = 100.0 * (three.mean / two.mean - 1.0);
-            csv += fmt::format("{},{:g},{},{},{},{:.3f},{:.3f},{:.2f},{:.2f}\n", body.name, depth,
-                               wanted.nodes[a], wanted.nodes[b], wanted.nodes[c], first, second,
-                               100.0 * std::max({one.scatter, two.scatter, three.scatter}),
-                               std::log(std::abs(first / second)) / std::log(std::cbrt(n(b) / n(a))));
-            for (std::size_t d = 0; d < depths.size(); ++d)
-              if (depth == depths[d] && n(b) > 3.0 * n(a)) {
-                series[d].x = {n(b), n(c)};
-                series[d].y = {std::abs(first), std::abs(second)};
-              }
-          }
-        }
-    for (std::size_t d = 0; d < depths.size(); ++d)
-      if (!series[d].x.empty()) panels[d].series.push_back(series[d]);
-  }
-  if (panels.front().series.empty()) return;
-  write_file(wanted.folder / "organs_orders.csv", csv);
-  write_plots(wanted.folder, "organs_orders", panels, 2);
-}
-
-// What an earlier run wrote.
-std::map<std::string, Forces> forces_in(const fs::path& file) {
-  std::map<std::string, Forces> result;
-  std::istringstream lines(read_file(file));
-  std::string line;
-  std::getline(lines, line);
-  while (std::getline(lines, line)) {
-    std::replace(line.begin(), line.end(), ',', ' ');
-    std::istringstream fields(line);
-    std::string body;
-    Index nodes = 0, points = 0;
-    int seed = 0;
-    double depth = 0.0, force = 0.0;
-    if (fields >> body >> nodes >> points >> seed >> depth >> force)
-      result[body][{nodes, seed}][depth] = force;
-  }
-  return result;
 }
 
 // What each constant, halved and doubled, does to the mean force over the seeds.
 void measure_sensitivity(const std::vector<Body>& list, const Options& wanted) {
-  struct Run {
-    Variation variation;
-    std::string text = {};
-  };
-  std::vector<Run> runs = {{{"none", 1.0}}};
+  std::vector<Variation> runs = {{"none", 1.0}};
   for (const Constant& constant : constants())
-    for (const double factor : {0.5, 2.0}) runs.push_back({{constant.name, factor}});
+    for (const double factor : {0.5, 2.0}) runs.push_back({constant.name, factor});
   std::string csv =
       "constant,value,factor,body,nodes,indentation_mm,force_N,scatter_percent,change_percent,difference_"
       "percent\n";
@@ -394,21 +298,20 @@ void measure_sensitivity(const std::vector<Body>& list, const Options& wanted) {
   table += "\n" + rule + "\n";
   std::map<std::string, Forces> plain;
   const Index nodes = wanted.nodes.front();
-  for (const Run& run : runs) {
+  for (const Variation& variation : runs) {
     ModelOptions options;
     double value = 0.0;
     for (const Constant& constant : constants())
-      if (constant.name == run.variation.constant) value = constant.of(options);
-    table +=
-        fmt::format("| {} | {} | {:g} |", run.variation.constant,
-                    run.variation.constant == "none" ? "" : fmt::format("{:g}", value), run.variation.factor);
+      if (constant.name == variation.constant) value = constant.of(options);
+    table += fmt::format("| {} | {} | {:g} |", variation.constant,
+                         variation.constant == "none" ? "" : fmt::format("{:g}", value), variation.factor);
     for (const Body& body : list) {
       Options here = wanted;
       here.nodes = {nodes};
-      here.varied.push_back(run.variation);
+      here.varied = variation;
       std::string unused;
       const Forces forces = measure(body, here, unused);
-      if (run.variation.constant == "none") plain[body.name] = forces;
+      if (variation.constant == "none") plain[body.name] = forces;
       const std::map<double, Known> known = reference_of(body);
       std::vector<std::string> changes, scatters;
       for (const double depth : depths) {
@@ -417,10 +320,10 @@ void measure_sensitivity(const std::vector<Body>& list, const Options& wanted) {
         if (!(now.mean > 0.0 && before.mean > 0.0)) continue;
         const double change = 100.0 * (now.mean / before.mean - 1.0);
         const double off = known.contains(depth) ? 100.0 * (now.mean / known.at(depth).force - 1.0) : 0.0;
-        csv += fmt::format("{},{:g},{:g},{},{},{:g},{:.6g},{:.2f},{:.2f},{}\n", run.variation.constant, value,
-                           run.variation.factor, body.name, nodes, depth, now.mean, 100.0 * now.scatter,
-                           change, known.contains(depth) ? fmt::format("{:.2f}", off) : "");
-        changes.push_back(fmt::format("{:+.1f}", run.variation.constant == "none" ? off : change));
+        csv += fmt::format("{},{:g},{:g},{},{},{:g},{:.6g},{:.2f},{:.2f},{}\n", variation.constant, value,
+                           variation.factor, body.name, nodes, depth, now.mean, 100.0 * now.scatter, change,
+                           known.contains(depth) ? fmt::format("{:.2f}", off) : "");
+        changes.push_back(fmt::format("{:+.1f}", variation.constant == "none" ? off : change));
         scatters.push_back(fmt::format("{:.1f}", 100.0 * now.scatter));
       }
       table += changes.empty()
@@ -439,30 +342,17 @@ void measure_sensitivity(const std::vector<Body>& list, const Options& wanted) {
 int main(int argc, char** argv) try {
   dimple::Options wanted;
   CLI::App app("Forces of many bodies over the number of nodes");
-  app.add_option("folder", wanted.folder, "for tables and pictures")->required();
+  app.add_option("folder", wanted.folder, "for tables")->required();
   app.add_option("--data", wanted.data, "folder of the label images");
   app.add_option("--bodies", wanted.bodies, "some of them only")->delimiter(',');
   app.add_option("--nodes", wanted.nodes)->delimiter(',');
   app.add_option("--seeds", wanted.seeds);
   app.add_option("--frames", wanted.frames);
   app.add_option("--depth", wanted.depth_mm, "mm");
-  std::vector<std::string> varied;
-  bool sensitivity = false, again = false;
-  app.add_flag("--again", again, "tables and pictures of organs_forces.csv, without a run");
-  app.add_option("--vary", varied, "CONSTANT=FACTOR")->delimiter(',');
+  bool sensitivity = false;
   app.add_flag("--sensitivity", sensitivity,
                "each constant halved and doubled, with the first number of nodes");
   CLI11_PARSE(app, argc, argv);
-  for (const std::string& text : varied) {
-    const std::size_t sign = text.find('=');
-    if (sign == std::string::npos ||
-        std::none_of(dimple::constants().begin(), dimple::constants().end(),
-                     [&](const auto& c) { return c.name == text.substr(0, sign); })) {
-      fmt::print(stderr, "{} is not CONSTANT=FACTOR\n", text);
-      return 2;
-    }
-    wanted.varied.push_back({text.substr(0, sign), std::atof(text.c_str() + sign + 1)});
-  }
   std::string csv =
       "body,nodes,points,seed,indentation_mm,force_N,rim_spacing_mm,far_spacing_mm,evaluations,build_s,solve_"
       "s\n";
@@ -478,19 +368,11 @@ int main(int argc, char** argv) try {
     dimple::measure_sensitivity(list, wanted);
     return 0;
   }
-  const std::map<std::string, dimple::Forces> before =
-      again ? dimple::forces_in(wanted.folder / "organs_forces.csv")
-            : std::map<std::string, dimple::Forces>();
   for (const dimple::Body& body : list) {
-    if (again) {
-      if (before.contains(body.name)) measured.emplace_back(body, before.at(body.name));
-      continue;
-    }
     measured.emplace_back(body, dimple::measure(body, wanted, csv));
     dimple::write_file(wanted.folder / "organs_forces.csv", csv);
   }
   dimple::compare(measured, wanted);
-  dimple::write_orders(measured, wanted);
 } catch (const dimple::Error& error) {
   fmt::print(stderr, "{}\n{}\n", error.report.fact, error.report.remedy);
   return static_cast<int>(error.code);

@@ -35,14 +35,6 @@ std::string as_file_name(std::string name) {
   return result;
 }
 
-bool starts_with(const std::string& text, const std::string& start) {
-  return text.rfind(start, 0) == 0;
-}
-
-std::string after_last_slash(const std::string& text) {
-  return text.substr(text.rfind('/') + 1);
-}
-
 const char* memory_for(double bytes) {
   const auto away = [bytes](const Memory& m) {
     return std::abs(std::log(bytes / static_cast<double>(m.bytes)));
@@ -118,8 +110,8 @@ std::string Results::write(const std::string& folder, const std::string& version
   const auto number = [](double a) { return a > 0.0 ? fmt::format("{:.4g}", a * 1e-9) : ""; };
   for (const Line& l : lines_) {
     double memory = 0.0, arithmetic = 0.0;
-    if (starts_with(l.name, "force/") || starts_with(l.name, "reference/")) {
-      const std::string threads = after_last_slash(l.name);
+    if (l.name.starts_with("force/") || l.name.starts_with("reference/")) {
+      const std::string threads = l.name.substr(l.name.rfind('/') + 1);
       const double bytes = l.bytes_per_second * l.time_us * 1e-6;
       memory = roof(fmt::format("roof/read_{}/{}", memory_for(bytes), threads));
       const bool is_single = l.name.find("single") != std::string::npos;

@@ -58,17 +58,6 @@ void compare_with_reference(const Scene& scene) {
 
 }  // namespace
 
-Config scene_config(const std::string& scheme, Index nodes) {
-  Config config;
-  config.scheme.name = scheme;
-  config.cloud.nodes = nodes;
-  return config;
-}
-
-LabelImage scene_image() {
-  return make_phantom({.shape = "block", .size_mm = {60.0, 60.0, 30.0}});
-}
-
 Model whole_model(const LabelImage& image, const Config& config) {
   const SegmentedBody body = make_body_surface(image, {});
   return build_model(body.surface, model_options(config), {.density = {material_of(config).density}}).model;
@@ -76,14 +65,15 @@ Model whole_model(const LabelImage& image, const Config& config) {
 
 namespace {
 std::map<std::pair<std::string, Index>, Scene> made;
-}
+}  // namespace
 
 const Scene& scene(const std::string& scheme, Index nodes) {
   const auto found = made.find({scheme, nodes});
   if (found != made.end()) return found->second;
   Scene& now = made[{scheme, nodes}];
-  now.config = scene_config(scheme, nodes);
-  now.image = scene_image();
+  now.config.scheme.name = scheme;
+  now.config.cloud.nodes = nodes;
+  now.image = make_phantom({.shape = "block", .size_mm = {60.0, 60.0, 30.0}});
   now.material = material_of(now.config);
   now.model = whole_model(now.image, now.config);
   now.u = dent(now.model);

@@ -20,9 +20,6 @@ struct Scene {
   ForceSystem::Nodal u;  ///< [N] m: a dent as under the tool, for force evaluations
 };
 
-Config scene_config(const std::string& scheme, Index nodes);
-LabelImage scene_image();
-
 /// From the image to a model that a solver can take.
 Model whole_model(const LabelImage& image, const Config& config);
 

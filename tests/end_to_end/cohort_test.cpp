@@ -1,25 +1,13 @@
 // Many cases by one command: a table of them, their results, and one table of all.
 
-#include <gtest/gtest.h>
-
-#include <chrono>
-#include <cmath>
-#include <csignal>
 #include <map>
-#include <nlohmann/json.hpp>
-#include <set>
-#include <thread>
 #include <tuple>
 
-#include "io/table.hpp"
 #include "tests/end_to_end/in_folder.hpp"
 #include "tests/end_to_end/whole_files.hpp"
 
 namespace dimple {
 namespace {
-
-namespace fs = std::filesystem;
-using Json = nlohmann::json;
 
 class Batch : public InFolder {
  protected:
@@ -96,7 +84,7 @@ TEST_F(Batch, GoesOnAfterCasesThatFailAndTellsWhyEachDid) {
   const std::string line = "batch cases.csv -o out --nodes 400 --frames 2 --write force";
   const Ran ran = dimple(folder, line);
   EXPECT_EQ(ran.code, 3) << ran.err;  // of the first that failed
-  EXPECT_NE(ran.out.find("2 finished, 0 skipped, 5 failed of 7 cases"), std::string::npos) << ran.out;
+  EXPECT_THAT(ran.out, HasSubstr("2 finished, 0 skipped, 5 failed of 7 cases"));
   const std::vector<std::tuple<std::string, int, std::string>> failures = {{"missing", 3, "nowhere.nrrd"},
                                                                            {"soft", 2, "soft is not allowed"},
                                                                            {"words", 3, "words.nrrd"},
@@ -107,14 +95,13 @@ TEST_F(Batch, GoesOnAfterCasesThatFailAndTellsWhyEachDid) {
     const Json failure = summary("out/" + id);
     EXPECT_EQ(failure.at("status"), "failed");
     EXPECT_EQ(failure.at("exit_code"), code);
-    EXPECT_NE(failure.at("failure").at("fact").get<std::string>().find(word), std::string::npos) << failure;
+    EXPECT_THAT(failure.at("failure").at("fact").get<std::string>(), HasSubstr(word)) << failure;
     for (const char* part : {"code", "where", "why", "remedy"})
       EXPECT_NE(failure.at("failure").at(part), "") << part;
-    EXPECT_NE(ran.out.find(failure.at("failure").at("fact").get<std::string>()), std::string::npos)
-        << ran.out;
+    EXPECT_THAT(ran.out, HasSubstr(failure.at("failure").at("fact").get<std::string>()));
   }
-  EXPECT_NE(summary("out/soft").at("failure").at("where").get<std::string>().find("cases.csv, line 4"),
-            std::string::npos);
+  EXPECT_THAT(summary("out/soft").at("failure").at("where").get<std::string>(),
+              HasSubstr("cases.csv, line 4"));
   EXPECT_EQ(summary("out/missing").at("image"), "nowhere.nrrd");
   EXPECT_EQ(summary("out/words").at("image"), "words.nrrd");
   EXPECT_FALSE(summary("out/no_image").contains("image"));
@@ -126,7 +113,7 @@ TEST_F(Batch, GoesOnAfterCasesThatFailAndTellsWhyEachDid) {
     const Json before = summary("out/" + id);
     const Ran task = dimple(folder, line + " --id " + id + " -q");
     EXPECT_EQ(task.code, code) << task.err;
-    EXPECT_NE(task.err.find(word), std::string::npos) << task.err;
+    EXPECT_THAT(task.err, HasSubstr(word));
     EXPECT_EQ(summary("out/" + id).at("failure"), before.at("failure"));
     EXPECT_EQ(summary("out/" + id).value("image", ""), before.value("image", ""));
   }
@@ -156,23 +143,22 @@ TEST_F(Batch, SkipsWhatIsFinishedAndSaysSoOfWhatIsAnotherRun) {
   const std::string before = text_of(folder / "out/one/summary.json");
   Ran ran = dimple(folder, line);
   EXPECT_EQ(ran.code, 0) << ran.err;
-  EXPECT_NE(ran.out.find("0 finished, 2 skipped, 0 failed"), std::string::npos) << ran.out;
+  EXPECT_THAT(ran.out, HasSubstr("0 finished, 2 skipped, 0 failed"));
 
   // Another option in one row, another image in the other.
   write("cases.csv", "id,image,mu\none,block.nrrd,300\ntwo,a.nrrd,200\n");
   good("phantom a.nrrd --shape block --size 60,60,24 --spacing 3");
   ran = dimple(folder, line);
   EXPECT_EQ(ran.code, 2) << ran.err;
-  for (const char* words : {"0 finished, 0 skipped, 2 failed", "material.mu_Pa is 300.0 now, and was 200.0",
-                            "the image or model is another one, or has changed", "--force", "[other-run]"})
-    EXPECT_NE(ran.out.find(words), std::string::npos) << words << "\n" << ran.out;
+  expect_words(ran.out, {"0 finished, 0 skipped, 2 failed", "material.mu_Pa is 300.0 now, and was 200.0",
+                         "the image or model is another one, or has changed", "--force", "[other-run]"});
   EXPECT_EQ(text_of(folder / "out/one/summary.json"), before);
 
   // With --force that is made anew which would be another, and no more.
   write("cases.csv", "id,image,mu\none,block.nrrd,200\ntwo,a.nrrd,200\n");
   ran = dimple(folder, line + " --force");
   EXPECT_EQ(ran.code, 0) << ran.err;
-  EXPECT_NE(ran.out.find("1 finished, 1 skipped, 0 failed"), std::string::npos) << ran.out;
+  EXPECT_THAT(ran.out, HasSubstr("1 finished, 1 skipped, 0 failed"));
   EXPECT_EQ(text_of(folder / "out/one/summary.json"), before);
 
   // What is not ours stays.
@@ -180,7 +166,7 @@ TEST_F(Batch, SkipsWhatIsFinishedAndSaysSoOfWhatIsAnotherRun) {
   write("out/one/thesis.txt", "years of work");
   ran = dimple(folder, line + " --force");
   EXPECT_EQ(ran.code, 6) << ran.err;
-  EXPECT_NE(ran.out.find("not results of dimple"), std::string::npos) << ran.out;
+  EXPECT_THAT(ran.out, HasSubstr("not results of dimple"));
   EXPECT_EQ(text_of(folder / "out/one/thesis.txt"), "years of work");
   EXPECT_FALSE(fs::exists(folder / "out/one/summary.json"));
 }
@@ -189,11 +175,11 @@ TEST_F(Batch, TakesOneRowOfAnArrayJob) {
   write("cases.csv", "id,image,mu\none,block.nrrd,200\ntwo,block.nrrd,300\n");
   const std::string line = "batch cases.csv -o out --nodes 400 --depth 1 --frames 2 --write force --index ";
   const Ran ran = good(line + "2");
-  EXPECT_NE(ran.out.find("N at 1.00 mm"), std::string::npos) << ran.out;
+  EXPECT_THAT(ran.out, HasSubstr("N at 1.00 mm"));
   EXPECT_TRUE(fs::exists(folder / "out/two/summary.json"));
   EXPECT_FALSE(fs::exists(folder / "out/one"));
   const Ran again = good(line + "2");
-  EXPECT_NE(again.err.find("nothing to do"), std::string::npos) << again.err;
+  EXPECT_THAT(again.err, HasSubstr("nothing to do"));
   EXPECT_EQ(again.out, ran.out);
   ends_with(folder, 2, line + "3", {"row 3 is asked for, and the table has 2"});
   EXPECT_EQ(dimple(folder, line + "0").code, 2);
@@ -208,8 +194,7 @@ TEST_F(Batch, TakesOneRowOfAnArrayJob) {
   const auto changed = collected("out --cases cases.csv").at("two");
   EXPECT_EQ(changed.at("status"), "changed");
   EXPECT_EQ(changed.at("code"), "other-run");
-  EXPECT_NE(changed.at("fact").find("material.mu_Pa is 400.0 now, and was 300.0"), std::string::npos)
-      << changed.at("fact");
+  EXPECT_THAT(changed.at("fact"), HasSubstr("material.mu_Pa is 400.0 now, and was 300.0"));
 }
 
 TEST_F(Batch, RefusesTwoModuliInOneRowAlsoWhereOneIsTheUsual) {
@@ -217,12 +202,8 @@ TEST_F(Batch, RefusesTwoModuliInOneRowAlsoWhereOneIsTheUsual) {
   EXPECT_EQ(dimple(folder, "batch cases.csv -o out --nodes 400 --depth 1 --frames 2 --write force -q").code,
             2);
   for (const char* id : {"usual", "other"})
-    EXPECT_NE(summary(std::string("out/") + id)
-                  .at("failure")
-                  .at("fact")
-                  .get<std::string>()
-                  .find("both a shear modulus"),
-              std::string::npos)
+    EXPECT_THAT(summary(std::string("out/") + id).at("failure").at("fact").get<std::string>(),
+                HasSubstr("both a shear modulus"))
         << id;
 }
 
@@ -233,7 +214,7 @@ TEST_F(Batch, OfScenesOfStepsShowsTheirLargestForceOnItsPage) {
                          "0,0,top --set step.press.move=1mm --set step.lift.move=-3mm --write force");
   ASSERT_EQ(ran.code, 0) << ran.out << ran.err;
   collected("out");
-  EXPECT_NE(text_of(folder / "out/index.html").find("largest force "), std::string::npos);
+  EXPECT_THAT(text_of(folder / "out/index.html"), HasSubstr("largest force "));
 }
 
 TEST_F(Batch, RefusesATableThatIsWrongAsAWhole) {
@@ -282,9 +263,8 @@ TEST_F(Batch, IsStoppedWithinTwoSecondsAndGoesOnFromThere) {
   for (int n = 1; n <= 4; ++n)
     content += "slow_" + std::to_string(n) + ",block.nrrd,21" + std::to_string(n) + ",400\n";
   write("cases.csv", content);
-  const std::vector<std::string> words = {"batch",   "cases.csv", "-o",      "out",   "--nodes", "400",
-                                          "--depth", "2mm",       "--write", "force", "--jobs",  "2"};
-  Program program(folder, words);
+  const std::string line = "batch cases.csv -o out --nodes 400 --depth 2mm --write force --jobs 2";
+  Program program(folder, words_of(line));
   program.wait_until_it_listens();
   while (program.running() && !fs::exists(folder / "out/slow_2/checkpoint.cbor"))
     std::this_thread::sleep_for(std::chrono::milliseconds(5));
@@ -293,14 +273,13 @@ TEST_F(Batch, IsStoppedWithinTwoSecondsAndGoesOnFromThere) {
   Ran ran = program.wait();
   EXPECT_LT(ran.cpu_s - before_s, cpu_of(2.0));
   EXPECT_EQ(ran.code, 130) << ran.err;
-  EXPECT_NE(ran.err.find("interrupted"), std::string::npos) << ran.err;
+  EXPECT_THAT(ran.err, HasSubstr("interrupted"));
   expect_whole_files(folder / "out", true);
   EXPECT_EQ(summary("out/quick").at("status"), "finished");
   EXPECT_FALSE(fs::exists(folder / "out/slow_4/force.csv"));
 
-  ran = dimple(folder, words);
-  EXPECT_EQ(ran.code, 0) << ran.err;
-  EXPECT_NE(ran.out.find(" skipped, 0 failed of 5 cases"), std::string::npos) << ran.out;
+  ran = good(line);
+  EXPECT_THAT(ran.out, HasSubstr(" skipped, 0 failed of 5 cases"));
   good("run block.nrrd -o alone --mu 212 --frames 400 --nodes 400 --depth 2mm --write force -q");
   EXPECT_EQ(text_of(folder / "out/slow_2/force.csv"), text_of(folder / "alone/force.csv"));
 }
@@ -308,10 +287,8 @@ TEST_F(Batch, IsStoppedWithinTwoSecondsAndGoesOnFromThere) {
 // By kill -9, as the system does where memory is short.
 TEST_F(Batch, LosesNoOtherCaseWhenTheProcessOfOneDies) {
   write("cases.csv", "id,image,frames\nslow,block.nrrd,400\nquick,block.nrrd,2\n");
-  const std::vector<std::string> words = {"batch",  "cases.csv", "-o",  "out",     "--nodes",
-                                          "400",    "--depth",   "2mm", "--write", "force",
-                                          "--jobs", "1",         "-v"};
-  Program program(folder, words);
+  const std::string command = "batch cases.csv -o out --nodes 400 --depth 2mm --write force --jobs 1 -v";
+  Program program(folder, words_of(command));
   while (program.running() && !fs::exists(folder / "out/slow/checkpoint.cbor"))
     std::this_thread::sleep_for(std::chrono::milliseconds(5));
   pid_t victim = -1;
@@ -328,13 +305,12 @@ TEST_F(Batch, LosesNoOtherCaseWhenTheProcessOfOneDies) {
   kill(victim, SIGKILL);
   Ran ran = program.wait();
   EXPECT_EQ(ran.code, 4) << ran.err;
-  EXPECT_NE(ran.out.find("1 finished, 0 skipped, 1 failed"), std::string::npos) << ran.out;
-  EXPECT_NE(ran.out.find("died of signal 9"), std::string::npos) << ran.out;
+  EXPECT_THAT(ran.out, HasSubstr("1 finished, 0 skipped, 1 failed"));
+  EXPECT_THAT(ran.out, HasSubstr("died of signal 9"));
   EXPECT_EQ(summary("out/slow").at("failure").at("code"), "crashed");
   EXPECT_TRUE(fs::exists(folder / "out/slow.log"));
-  ran = dimple(folder, words);
-  EXPECT_EQ(ran.code, 0) << ran.err;
-  EXPECT_NE(ran.out.find("1 finished, 1 skipped, 0 failed"), std::string::npos) << ran.out;
+  ran = good(command);
+  EXPECT_THAT(ran.out, HasSubstr("1 finished, 1 skipped, 0 failed"));
   EXPECT_FALSE(fs::exists(folder / "out/slow.log"));
 }
 
@@ -369,19 +345,19 @@ TEST_F(Batch, IsCollectedAsOneTableWithForcesAtDepths) {
   EXPECT_NE(rows.at("a & b's").at("force_at_1mm_N"), "");
   EXPECT_EQ(rows.at("c").at("status"), "failed");
   EXPECT_EQ(rows.at("c").at("code"), "input");
-  EXPECT_NE(rows.at("c").at("fact").find("nowhere.nrrd"), std::string::npos);
+  EXPECT_THAT(rows.at("c").at("fact"), HasSubstr("nowhere.nrrd"));
   EXPECT_EQ(rows.at("d").at("status"), "failed");
-  EXPECT_NE(rows.at("d").at("fact").find("damaged"), std::string::npos);
+  EXPECT_THAT(rows.at("d").at("fact"), HasSubstr("damaged"));
 
   // The page: failures first, pictures by links that lead somewhere, names as text.
   const std::string page = text_of(folder / "out/index.html");
   EXPECT_LT(page.find("nowhere.nrrd"), page.find("src=\"a%20%26%20b%27s/overview.png\""));
-  EXPECT_NE(page.find("<b>a &amp; b's</b>"), std::string::npos);
-  EXPECT_EQ(page.find("<b>a & b"), std::string::npos);
-  EXPECT_NE(page.find("loading=lazy"), std::string::npos);
+  EXPECT_THAT(page, HasSubstr("<b>a &amp; b's</b>"));
+  EXPECT_THAT(page, Not(HasSubstr("<b>a & b")));
+  EXPECT_THAT(page, HasSubstr("loading=lazy"));
   EXPECT_TRUE(fs::exists(folder / "out/b/overview.png"));
   good("collect out -o table.csv --page pages.html -q");
-  EXPECT_NE(text_of(folder / "pages.html").find("src=\"out/b/overview.png\""), std::string::npos);
+  EXPECT_THAT(text_of(folder / "pages.html"), HasSubstr("src=\"out/b/overview.png\""));
   EXPECT_EQ(read_text_csv(folder / "table.csv").row.size(), 4u);
 
   EXPECT_EQ(dimple(folder, "collect nowhere").code, 3);

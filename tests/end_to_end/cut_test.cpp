@@ -1,19 +1,10 @@
 // dimple run --cut: a body that is cut, or a part of it taken out, before the load, through the program
 // itself.
 
-#include <gtest/gtest.h>
-
-#include <cmath>
-#include <fstream>
-#include <nlohmann/json.hpp>
-
 #include "tests/end_to_end/in_folder.hpp"
 
 namespace dimple {
 namespace {
-
-namespace fs = std::filesystem;
-using Json = nlohmann::json;
 
 constexpr const char* quick = " -q --write force --nodes 1000 --depth 2mm --frames 2 --band off ";
 const std::string block = DIMPLE_SAMPLE_DATA "/block_3mm.nrrd";  // 60 x 60 x 30 mm, the circle at (0, 0, 30)
@@ -22,6 +13,11 @@ const std::string two = DIMPLE_SAMPLE_DATA "/two_labels_3mm.nii.gz";
 Json run_of(const fs::path& folder, const std::string& image, const std::string& options, const char* out) {
   const Ran ran = good(folder, "run " + image + " -o " + out + quick + options);
   return ran.code == 0 ? summary_of(folder / out) : Json();
+}
+
+void write_cube(const fs::path& file) {
+  std::ofstream(file) << "v 12 -6 20\nv 24 -6 20\nv 24 6 20\nv 12 6 20\nv 12 -6 40\nv 24 -6 40\nv 24 6 "
+                         "40\nv 12 6 40\nf 4 3 2 1\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n";
 }
 
 TEST(Cut, BesideTheCircleMakesItSofterTheNearerItIs) {
@@ -35,7 +31,7 @@ TEST(Cut, BesideTheCircleMakesItSofterTheNearerItIs) {
     if (before > 0.0) {
       EXPECT_LT(force, 0.999 * before) << cut;
       const Json& of = summary["model"]["cut"];
-      EXPECT_NEAR(of["removed_mm3"].get<double>(), 0.5 * of["area_mm2"].get<double>(), 1e-6);
+      EXPECT_NEAR(of["removed_mm3"], 0.5 * of["area_mm2"].get<double>(), 1e-6);
       EXPECT_NEAR(summary["model"]["surface_volume_mm3"].get<double>() + of["removed_mm3"].get<double>(),
                   108e3, 108.0);
     }
@@ -55,15 +51,8 @@ TEST(Cut, ByALineBeneathTheSurfaceOpensItFromTheOutside) {
   const fs::path folder = fresh_folder();
   const Json cut = run_of(folder, block, "--cut line:20,-20,25,20,20,25,depth=10mm", "out")["model"]["cut"];
   // The smooth surface around the voxels is between 30.0 and 30.7 mm high.
-  EXPECT_GT(cut["area_mm2"].get<double>(), 40.0 * (10.0 + 5.0));
-  EXPECT_LT(cut["area_mm2"].get<double>(), 40.0 * (10.0 + 5.7));
-}
-
-TEST(Cut, IsRepeatedByTheConfigurationThatItsRunWroteAndByAnyNumberOfThreads) {
-  const fs::path folder = fresh_folder();
-  run_of(folder, block, "--threads 2 --cut line:9,-20,30,9,20,30,depth=15mm", "out");
-  good(folder, "run " + block + " --config out/config.resolved.toml -o again -q --threads 1");
-  EXPECT_EQ(text_of(folder / "out" / "force.csv"), text_of(folder / "again" / "force.csv"));
+  EXPECT_GT(cut["area_mm2"], 40.0 * (10.0 + 5.0));
+  EXPECT_LT(cut["area_mm2"], 40.0 * (10.0 + 5.7));
 }
 
 TEST(Cut, OfALabelIsTheBodyOfTheOthers) {
@@ -83,12 +72,12 @@ TEST(Cut, ThatPartsTheBodySaysWhatIsLeftOutAndRefusesAToolOnWhatNothingHolds) {
   good(folder, "run " + block + " -o out --cut plane:12,0,0,1,0,0" + quick);
   const Json cut = summary_of(folder / "out")["model"]["cut"];
   ASSERT_EQ(cut["parted"].size(), 1U);
-  EXPECT_NEAR(cut["parted"][0]["volume_mm3"].get<double>(), 17.75 * 1800.0, 0.02 * 17.75 * 1800.0);
-  EXPECT_NEAR(cut["parted"][0]["centre_mm"][0].get<double>(), 21.1, 0.3);
-  EXPECT_NE(summary_of(folder / "out")["warnings"].dump().find("it is left out"), std::string::npos);
+  EXPECT_NEAR(cut["parted"][0]["volume_mm3"], 17.75 * 1800.0, 0.02 * 17.75 * 1800.0);
+  EXPECT_NEAR(cut["parted"][0]["centre_mm"][0], 21.1, 0.3);
+  EXPECT_THAT(summary_of(folder / "out")["warnings"].dump(), HasSubstr("it is left out"));
   const Json image = summary_of(folder / "out")["verdict"]["image"];  // what was asked for is no doubt
   EXPECT_EQ(image["word"], "good") << image;
-  EXPECT_NE(image["of"].get<std::string>().find("cut away"), std::string::npos);
+  EXPECT_THAT(image["of"].get<std::string>(), HasSubstr("cut away"));
   ends_with(folder, 4, "run " + block + " -o falls --cut plane:0,0,12,0,0,1" + quick,
             {"parted from the base"});
 }
@@ -107,9 +96,7 @@ TEST(Cut, ThatReachesToWhereNodesAreTooFarApartToKeepItOpenSaysSo) {
 TEST(Cut, ByADrawnSheetIsThatByTheSamePlaneAndAClosedOneIsTakenOutWhole) {
   const fs::path folder = fresh_folder();
   std::ofstream(folder / "sheet.obj") << "v 9 -20 10\nv 9 20 10\nv 9 20 40\nv 9 -20 40\nf 1 2 3 4\n";
-  std::ofstream(folder / "cube.obj")
-      << "v 12 -6 20\nv 24 -6 20\nv 24 6 20\nv 12 6 20\nv 12 -6 40\nv 24 -6 40\nv 24 6 "
-         "40\nv 12 6 40\nf 4 3 2 1\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n";
+  write_cube(folder / "cube.obj");
   const auto finer = [&](const std::string& cut,
                          const std::string& out) {  // with 1000 nodes seeds differ by 2 %
     good(folder, "run " + block +
@@ -119,51 +106,36 @@ TEST(Cut, ByADrawnSheetIsThatByTheSamePlaneAndAClosedOneIsTakenOutWhole) {
     return summary_of(folder / out);
   };
   const Json sheet = finer("sheet.obj", "sheet"), line = finer("line:9,-20,30,9,20,30,depth=20mm", "line");
-  EXPECT_NEAR(sheet["force_N"].get<double>(), line["force_N"].get<double>(),
-              0.005 * line["force_N"].get<double>());
+  EXPECT_NEAR(sheet["force_N"], line["force_N"], 0.005 * line["force_N"].get<double>());
   const Ran region = good(folder, "run " + block +
                                       " --write force --nodes 1000 --depth 2mm --frames 2 --band off "
                                       "--cut cube.obj -o cube");
-  EXPECT_NE(region.err.find("cm3 removed"), std::string::npos) << region.err;
+  EXPECT_THAT(region.err, HasSubstr("cm3 removed"));
   const Json cube = summary_of(folder / "cube");
-  EXPECT_NEAR(cube["model"]["cut"]["removed_mm3"].get<double>(), 1440.0, 0.05 * 1440.0);
+  EXPECT_NEAR(cube["model"]["cut"]["removed_mm3"], 1440.0, 0.05 * 1440.0);
 }
 
 TEST(Cut, ThatIsNoneIsRefusedByWhatIsWrongWithIt) {
   const fs::path folder = fresh_folder();
   std::ofstream(folder / "broken.stl") << "dear";
   std::ofstream(folder / "metres.obj") << "v .009 -.02 .01\nv .009 .02 .01\nv .009 .02 .04\nf 1 2 3\n";
-  const struct {
-    const char* cut;
-    int code;
-    const char* words;
-  } refused[] = {{"hatchet:1,2,3", 2, "is not known"},
-                 {"sheet.ply", 2, ".obj and .vtp"},
-                 {"plane:1,2,3", 2, "has 3 numbers"},
-                 {"plane:1,2,3,0,0,0", 2, "has no normal"},
-                 {"plane:1,2,3,0,0,1,depth=3mm", 2, "does not take 'depth'"},
-                 {"plane:1,2,three,0,0,1", 2, "three"},
-                 {"line:0,0,30,10,0,30", 2, "has no depth"},
-                 {"line:0,0,30,0,0,30,depth=5mm", 2, "begins where it ends"},
-                 {"line:0,0,30,10,0,30,depth=-5mm", 2, "depth = -5mm is not allowed"},
-                 {"label:", 2, "names no label"},
-                 {"label:tumour", 3, "no label is called 'tumour'"},
-                 {"label:block", 3, "nothing of the body is left"},
-                 {"broken.stl", 3, "is no STL file"},
-                 {"nowhere.stl", 3, "nowhere.stl"},
-                 {"metres.obj", 2, "is 0.0400 mm long or deep"},
-                 {"plane:20,0,30,1,0,0,radius=0.012", 2, "is 0.0240 mm long or deep"},
-                 {"line:20,-15,30,20,15,30,depth=0.012", 2, "is 0.0120 mm long or deep"},
-                 {"plane:200,0,0,1,0,0", 4, "meets no tissue"},
-                 {"line:-9,-20,30,9,20,30,depth=10mm", 4, "passes under the circle"},
-                 {"plane:0,0,30.7,1,0.3,0,radius=3mm", 4, "passes under the circle"}};
-  for (const auto& [cut, code, words] : refused) {
-    const Ran ran = dimple(folder, "run " + block + " -o out --cut " + cut + quick);
-    EXPECT_EQ(ran.code, code) << cut << ": " << ran.err;
-    EXPECT_NE(ran.err.find(words), std::string::npos) << cut << ": " << ran.err;
-    EXPECT_NE(ran.err.find("try:"), std::string::npos);
-    EXPECT_FALSE(fs::exists(folder / "out" / "force.csv")) << cut;
-  }
+  expect_refusals(folder, "run " + block + " -o out" + quick + "--cut",
+                  {{2, "hatchet:1,2,3", {"is not known"}},
+                   {2, "sheet.ply", {".obj and .vtp"}},
+                   {2, "plane:1,2,3,0,0,0", {"has no normal"}},
+                   {2, "line:0,0,30,0,0,30,depth=5mm", {"begins where it ends"}},
+                   {2, "line:0,0,30,10,0,30,depth=-5mm", {"depth = -5mm is not allowed"}},
+                   {3, "label:tumour", {"no label is called 'tumour'"}},
+                   {3, "label:block", {"nothing of the body is left"}},
+                   {3, "broken.stl", {"is no STL file"}},
+                   {3, "nowhere.stl", {"nowhere.stl"}},
+                   {2, "metres.obj", {"is 0.0400 mm long or deep"}},
+                   {2, "plane:20,0,30,1,0,0,radius=0.012", {"is 0.0240 mm long or deep"}},
+                   {2, "line:20,-15,30,20,15,30,depth=0.012", {"is 0.0120 mm long or deep"}},
+                   {4, "plane:200,0,0,1,0,0", {"meets no tissue"}},
+                   {4, "line:-9,-20,30,9,20,30,depth=10mm", {"passes under the circle"}},
+                   {4, "plane:0,0,30.7,1,0.3,0,radius=3mm", {"passes under the circle"}}});
+  EXPECT_FALSE(fs::exists(folder / "out" / "force.csv"));
 }
 
 TEST(Cut, ByASheetThatWasDrawnInCentimetresIsWarnedOfAndOneInMillimetresIsNot) {
@@ -173,8 +145,8 @@ TEST(Cut, ByASheetThatWasDrawnInCentimetresIsWarnedOfAndOneInMillimetresIsNot) {
   const auto warnings = [&](const std::string& sheet) {
     return run_of(folder, block, "--cut " + sheet, "out")["warnings"].dump();
   };
-  EXPECT_NE(warnings("cm.obj").find("scale it if it was drawn in metres"), std::string::npos);
-  EXPECT_EQ(warnings("mm.obj --force").find("scale it if"), std::string::npos);
+  EXPECT_THAT(warnings("cm.obj"), HasSubstr("scale it if it was drawn in metres"));
+  EXPECT_THAT(warnings("mm.obj --force"), Not(HasSubstr("scale it if")));
 }
 
 TEST(Cut, UnderAToolThatTouchesIsPressedOnBothBanksAndMakesTheBodySofter) {
@@ -200,14 +172,12 @@ TEST(Cut, HasBanksThatBearNoMembraneAndAreOnNoSideOfTheBody) {
   const std::string held = "--set support.wall.on=left --set support.wall.hold=sliding";
   const Json wall = run_of(folder, block, held, "held")["supports"]["wall"],
              beside = run_of(folder, block, held + across, "cut_held")["supports"]["wall"];
-  EXPECT_LT(beside["nodes"].get<double>(), 1.5 * wall["nodes"].get<double>());
+  EXPECT_LT(beside["nodes"], 1.5 * wall["nodes"].get<double>());
 }
 
 TEST(Cut, TakesWhatIsCutOutFromTheDeformedLabelsToo) {
   const fs::path folder = fresh_folder();
-  std::ofstream(folder / "cube.obj")
-      << "v 12 -6 20\nv 24 -6 20\nv 24 6 20\nv 12 6 20\nv 12 -6 40\nv 24 -6 40\nv 24 6 "
-         "40\nv 12 6 40\nf 4 3 2 1\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n";
+  write_cube(folder / "cube.obj");
   const auto run = [&](const std::string& image, const std::string& cut, const std::string& out) {
     good(folder, "run " + image +
                      " -q --write force,images --nodes 1000 --depth 2mm --frames 1 "
@@ -218,7 +188,7 @@ TEST(Cut, TakesWhatIsCutOutFromTheDeformedLabelsToo) {
   const Json cube = run(block, "cube.obj", "cube");
   const double removed = cube["model"]["cut"]["removed_mm3"], rest = cube["images"]["labels_at_rest_mm3"];
   EXPECT_NEAR(rest, 108e3 - removed, 0.3 * removed);  // voxels of 3 mm
-  EXPECT_NEAR(cube["images"]["labels_mm3"].get<double>(), rest, 0.02 * rest);
+  EXPECT_NEAR(cube["images"]["labels_mm3"], rest, 0.02 * rest);
 
   const Json info = Json::parse(dimple(folder, "info " + two + " --json").out);
   const int gone = info["labels"][1]["value"];
@@ -239,14 +209,7 @@ TEST(Cut, ThatTheLoadClosesSaysThatItsBanksPassThroughEachOtherAndOneThatOpensDo
   EXPECT_FALSE(closes(beneath + "--set image.cut_gap=4mm", "wide"));
   const std::string lifted = std::string(quick).substr(0, std::string(quick).find("--depth"));
   good(folder, "run " + block + " -o lifted --band off --set step.lift.move=-2mm " + beneath + lifted);
-  EXPECT_EQ(text_of(folder / "lifted" / "summary.json").find("pass through each other"), std::string::npos);
-}
-
-TEST(Cut, IsRefusedWhereTheBodyWouldStayWhole) {
-  const fs::path folder = fresh_folder();
-  for (const char* command : {"places ", "poke --socket s ", "export -o e.inp "}) {
-    ends_with(folder, 2, command + block + " --cut plane:20,0,0,1,0,0", {"cut"});
-  }
+  EXPECT_THAT(text_of(folder / "lifted" / "summary.json"), Not(HasSubstr("pass through each other")));
 }
 
 TEST(SelfContact, OfACutUnderTheToolCarriesNearlyAsMuchAsTheWholeBodyAndNeverMore) {
@@ -260,8 +223,8 @@ TEST(SelfContact, OfACutUnderTheToolCarriesNearlyAsMuchAsTheWholeBodyAndNeverMor
   EXPECT_GT(touching, 0.8 * whole);
   EXPECT_LT(touching, whole);
   const Json& contact = closed["self_contact"];
-  EXPECT_NEAR(contact["sum_of_forces_N"].get<double>(), touching, 0.3 * touching);
-  EXPECT_LT(contact["largest_penetration_mm"].get<double>(), 0.3) << "the gap; open, they pass by 3 mm";
+  EXPECT_NEAR(contact["sum_of_forces_N"], touching, 0.3 * touching);
+  EXPECT_LT(contact["largest_penetration_mm"], 0.3) << "the gap; open, they pass by 3 mm";
   good(folder, "run " + block + " --config closed/config.resolved.toml -o again -q --threads 1");
   EXPECT_EQ(text_of(folder / "closed" / "force.csv"), text_of(folder / "again" / "force.csv"));
 }
@@ -284,19 +247,8 @@ TEST(SelfContact, OfABodyThatNowhereFacesItselfSaysThatNothingCanTouch) {
   const Ran ran = good(folder, "run " + block +
                                    " -o out --write force --nodes 300 --depth 1mm --frames 1 --band off "
                                    "--self-contact on");
-  EXPECT_NE(ran.err.find("nothing can touch"), std::string::npos) << ran.err;
+  EXPECT_THAT(ran.err, HasSubstr("nothing can touch"));
   EXPECT_FALSE(summary_of(folder / "out").contains("self_contact"));
-}
-
-TEST(SelfContact, IsRefusedWhereNothingLooksForIt) {
-  const fs::path folder = fresh_folder();
-  for (const char* beside : {"--time explicit", "--scheme horton2007"}) {
-    ends_with(folder, 2, "run " + block + " -o out --self-contact on " + beside, {"folds are to touch"});
-  }
-  for (const char* command : {"poke --socket s ", "export -o e.inp "}) {
-    ends_with(folder, 2, command + block + " --set load.self_contact=on",
-              {"lets folds pass through each other"});
-  }
 }
 
 }  // namespace

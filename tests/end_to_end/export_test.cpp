@@ -1,18 +1,9 @@
 // `dimple export` through the real program.
 
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
-
-#include <cstdlib>
-#include <fstream>
-
-#include "tests/end_to_end/program.hpp"
+#include "tests/end_to_end/in_folder.hpp"
 
 namespace dimple {
 namespace {
-
-namespace fs = std::filesystem;
-using testing::HasSubstr;
 
 // [N] along -z, of the lines of CalculiX's FILE.dat that follow each "total force" [mN].
 std::vector<double> forces_in(const fs::path& dat) {
@@ -87,22 +78,6 @@ TEST(Export, CalculixGivesTheForceOfTissueThatDoesNotLock) {
   EXPECT_NEAR(forces[0], 0.5 * forces[1], 0.0003);
 }
 
-TEST(Export, CalculixsHexahedraDoNotLock) {
-  if (std::system("command -v ccx > /dev/null 2>&1") != 0)
-    GTEST_SKIP() << "CalculiX is not installed (Debian: calculix-ccx)";
-  const fs::path folder = fresh_folder();
-  good(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3");
-  const std::string scene =
-      " block.nrrd block.inp --set cloud.nodes=1000 --set solver.frames=1 --set load.depth=1mm --set "
-      "boundary.indent_at=0,0,top --set boundary.base=inferior > mesh.json";
-  ASSERT_EQ(std::system(("cd '" + folder.string() + "' && '" DIMPLE_PEER "'" + scene).c_str()), 0);
-  EXPECT_THAT(text_of(folder / "mesh.json"), HasSubstr("\"nodes\": "));
-  ASSERT_EQ(std::system(("cd '" + folder.string() + "' && ccx block > words.txt 2>&1").c_str()), 0);
-  const auto forces = forces_in(folder / "block.dat");
-  ASSERT_EQ(forces.size(), 1u);
-  EXPECT_NEAR(forces[0], 0.00975, 0.10 * 0.00975);
-}
-
 TEST(Export, ReplacesNoFileOfOthersUnlessForced) {
   const fs::path folder = fresh_folder();
   good(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3 -q");
@@ -121,21 +96,11 @@ TEST(Export, ReplacesNoFileOfOthersUnlessForced) {
 TEST(Export, RefusesWhatItCannotSay) {
   const fs::path folder = fresh_folder();
   good(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3");
-  ends_with(folder, 2, "export block.nrrd -o a.inp --format ansys", {"'ansys' is no format"});
-  ends_with(folder, 2, "export block.nrrd -o a.txt", {"does not say for which program"});
-  ends_with(folder, 2, "export block.nrrd -o a.inp --elements hexahedra",
-            {"there are no hexahedra to export", "ten-node tetrahedra"});
-  ends_with(folder, 2, "export block.nrrd -o a.inp --set material.prony_g=0.5 --set material.prony_tau_s=1",
-            {"only one neo-Hookean tissue"});
-  for (const auto& [option, what] :
-       {std::pair{"--set tool.x.shape=sphere:3mm", "further tools cannot be exported"},
-        {"--set load.fluid_lost=superior,50%", "lost fluid cannot be exported"},
-        {"--gravity inferior", "gravity cannot be exported"},
-        {"--scheme horton2007", "a scheme cannot be exported"},
-        {"--time explicit", "inertia cannot be exported"},
-        {"--set load.imaged=loaded", "imaged under its loads cannot be exported"}}) {
-    ends_with(folder, 2, std::string("export block.nrrd -o a.inp ") + option, {what});
-  }
+  expect_refusals(
+      folder, "export block.nrrd -o",
+      {{2, "a.inp --format ansys", {"'ansys' is no format"}},
+       {2, "a.txt", {"does not say for which program"}},
+       {2, "a.inp --elements hexahedra", {"there are no hexahedra to export", "ten-node tetrahedra"}}});
   EXPECT_FALSE(fs::exists(folder / "a.inp"));
 }
 

@@ -1,23 +1,17 @@
 // Results that cannot be written: exit code 6, in words, and no broken file under a final name.
 
 #include <fcntl.h>
-#include <gtest/gtest.h>
 #include <sched.h>
 #include <sys/mount.h>
 #include <sys/resource.h>
 #include <sys/statvfs.h>
 #include <unistd.h>
 
-#include <csignal>
-#include <fstream>
-
 #include "tests/end_to_end/in_folder.hpp"
 #include "tests/end_to_end/whole_files.hpp"
 
 namespace dimple {
 namespace {
-
-namespace fs = std::filesystem;
 
 /// No file may grow beyond `bytes` while this lives, by this process and those that it starts.
 struct SmallFiles {

@@ -1,24 +1,12 @@
 // What guards say and do, in the real program: summary.json, the console, the exit code, and what lies on
 // disk.
 
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
-
-#include <cmath>
 #include <map>
-#include <nlohmann/json.hpp>
-#include <regex>
 
-#include "io/table.hpp"
-#include "io/vtk_files.hpp"
 #include "tests/end_to_end/in_folder.hpp"
 
 namespace dimple {
 namespace {
-
-namespace fs = std::filesystem;
-using Json = nlohmann::json;
-using testing::HasSubstr;
 
 class GuardedRun : public InFolder {
  protected:
@@ -55,9 +43,8 @@ TEST_F(GuardedRun, ThatHasNoEquilibriumEndsWithItsCodeAndKeepsWhatThereIs) {
              "run block.nrrd -o out --nodes 400 --depth 2mm --frames 2 --set solver.tolerance=1e-8"
              " --set solver.evaluations=100 --set solver.precision=single");
   EXPECT_EQ(ran.code, 5) << ran.err;
-  for (const char* word :
-       {"no equilibrium", "where:", "try:", "code:  no-equilibrium", "it came again", "retry"})
-    EXPECT_THAT(ran.err, HasSubstr(word));
+  expect_words(ran.err,
+               {"no equilibrium", "where:", "try:", "code:  no-equilibrium", "it came again", "retry"});
   const Json s = summary("out");
   EXPECT_EQ(s.at("status"), "failed");
   EXPECT_EQ(s.at("failure").at("code"), "no-equilibrium");
@@ -65,7 +52,7 @@ TEST_F(GuardedRun, ThatHasNoEquilibriumEndsWithItsCodeAndKeepsWhatThereIs) {
     EXPECT_FALSE(s.at("failure").at(part).get<std::string>().empty()) << part;
   ASSERT_GE(s.at("retries").size(), 2u);
   EXPECT_EQ(s.at("retries")[0].at("code"), "no-equilibrium");
-  EXPECT_GT(s.at("retries")[0].at("at_mm").get<double>(), s.at("retries").back().at("at_mm").get<double>());
+  EXPECT_GT(s.at("retries")[0].at("at_mm"), s.at("retries").back().at("at_mm").get<double>());
   EXPECT_THAT(s.at("retries")[0].at("what").get<std::string>(), HasSubstr("mm"));
   expect_valid("out");
 }
@@ -84,7 +71,7 @@ TEST_F(GuardedRun, WithALongTimeStepRecoversToTheForceOfAShortOne) {
     EXPECT_EQ(s.at("status"), "finished");
     ASSERT_FALSE(s.at("retries").empty());
     EXPECT_EQ(s.at("retries")[0].at("code"), "time-step");
-    EXPECT_NEAR(s.at("force_N").get<double>(), right, 2e-3 * right) << safety;
+    EXPECT_NEAR(s.at("force_N"), right, 2e-3 * right) << safety;
   }
   good(scene + " -o one --safety 2 --threads 1 -q");
   good(scene + " -o three --safety 2 --threads 3 -q");

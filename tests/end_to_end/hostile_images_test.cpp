@@ -307,6 +307,9 @@ std::vector<Case> nifti_cases() {
   std::string dicom(2000, '\0');
   dicom.replace(128, 4, "DICM");
   const Nifti pair = Nifti().set(108, 0.0f).set(344, std::array<char, 4>{'n', 'i', '1', '\0'});
+  SmallOrgan shifted;
+  for (double& v : shifted.voxel) v = 7.0 + 2.0 * v;
+  const std::string stored = as_bytes<std::int16_t>(shifted.voxel);
 
   std::vector<Case> cases = {
       // cut short or damaged
@@ -415,6 +418,8 @@ std::vector<Case> nifti_cases() {
               {{"a.nii", of_type(1280, 64, as_bytes<std::uint64_t>(with_voxel(9.3e18).voxel))}},
               {"larger than"}),
       right("A NIfTI of 64 bits", {{"a.nii", of_type(1024, 64, as_bytes<std::int64_t>(SmallOrgan().voxel))}}),
+      right("A NIfTI of 64 bits without a sign",
+            {{"a.nii", of_type(1280, 64, as_bytes<std::uint64_t>(SmallOrgan().voxel))}}),
       right("A NIfTI of whole doubles", {{"a.nii", of_type(64, 64, as_bytes<double>(SmallOrgan().voxel))}}),
       counted("A NIfTI with a label above 65535",
               {{"a.nii", of_type(8, 32, as_bytes<std::int32_t>(with_voxel(70000).voxel))}},
@@ -431,6 +436,8 @@ std::vector<Case> nifti_cases() {
       refused("A NIfTI of nothing but background", {{"a.nii", Nifti().data(std::string(504, '\0')).file()}},
               {"all 504 voxels are background"}),
       counted("A NIfTI whose numbers are scaled", {{"a.nii", Nifti().set(112, 2.0f).file()}}, doubled_counts),
+      right("A NIfTI whose numbers are scaled and shifted",
+            {{"a.nii", Nifti().type(4, 16).data(stored).set(112, 0.5f).set(116, -3.5f).file()}}),
       right("A NIfTI scaled by what is not a number", {{"a.nii", Nifti().set(112, float(nan)).file()}}),
       refused("A NIfTI scaled to fractions", {{"a.nii", Nifti().set(112, 0.1f).file()}},
               {"0.2, which is not a whole number"}),
@@ -447,13 +454,18 @@ std::vector<Case> nifti_cases() {
       placed("A NIfTI skewed by a tenth", {{"a.nii", sform_only(sheared(0.1))}}, sheared(0.1),
              {"not at right angles"}),
       right("A NIfTI with a qform alone", {{"a.nii", qform_only().file()}}),
+      right("A NIfTI with a qform of no handedness", {{"a.nii", qform_only().pixdim(0, 0.0).file()}}),
+      placed("A NIfTI whose quaternion mirrors its third axis",
+             {{"a.nii", qform_only().pixdim(0, -1.0).file()}}, plain * Scaling(1.0, 1.0, -1.0)),
       right("A NIfTI with an empty sform beside its qform",
             {{"a.nii", Nifti().sform(1, Affine3d(Scaling(0.0))).file()}}, {"sform"}),
       placed("A NIfTI that does not say how it lies", {{"a.nii", without_place().file()}}, bare,
              {"does not say how the image lies"}),
       placed("A NIfTI whose sform and qform disagree",
              {{"a.nii", Nifti().sform(1, Eigen::Translation3d(10, 0, 0) * plain).file()}},
-             Eigen::Translation3d(10, 0, 0) * plain, {"sform and qform place the image up to 10"}),
+             Eigen::Translation3d(10, 0, 0) * plain,
+             {"sform and qform place the image up to 10 mm apart: the sform says 1.5 x 2 x 2.5 mm from "
+              "(10.25, -33.5, 7), the qform 1.5 x 2 x 2.5 mm from (20.25, -33.5, 7)"}),
       placed("A NIfTI whose sform leads to an atlas",
              {{"a.nii", Nifti().sform(4, Scaling(1.25) * plain).file()}}, Scaling(1.25) * plain,
              {"sform and qform"}),
@@ -551,7 +563,7 @@ std::vector<Case> nrrd_cases() {
     text += std::to_string(int{v}) + " ";
     hex += "0123456789abcdef"[v >> 4], hex += "0123456789abcdef"[v & 15];
   }
-  const auto layers = [&](const std::string& kind, int count) {
+  const auto layers = [&](const std::string& kind, int count, const std::string& more = "") {
     std::string all;
     for (const char v : voxels) all.append(static_cast<std::size_t>(count), v);
     return Nrrd()
@@ -559,6 +571,7 @@ std::vector<Case> nrrd_cases() {
         .set("sizes", std::to_string(count) + " 9 8 7")
         .set("space directions", "none (1.5,0,0) (0,2,0) (0,0,2.5)")
         .set("kinds", kind + " domain domain domain")
+        .more(more)
         .data(all)
         .file();
   };
@@ -567,6 +580,18 @@ std::vector<Case> nrrd_cases() {
         .geometry(Scaling(1.0 / factor) * plain)
         .set("space units", "\"" + unit + "\" \"" + unit + "\" \"" + unit + "\"")
         .file();
+  };
+  const auto last_axis = [&](const std::string& kind, int count) {
+    return Nrrd()
+        .set("dimension", "4")
+        .set("sizes", "9 8 7 " + std::to_string(count))
+        .set("space directions", "(1.5,0,0) (0,2,0) (0,0,2.5) none")
+        .set("kinds", "domain domain domain " + kind)
+        .data(voxels + voxels)
+        .file();
+  };
+  const auto without_place = [] {
+    return Nrrd().erase("space").erase("space directions").erase("space origin");
   };
   const auto segments = [](const std::string& name_1, const std::string& name_2, const std::string& value_2) {
     return Nrrd()
@@ -632,10 +657,14 @@ std::vector<Case> nrrd_cases() {
       refused("A flat NRRD", {{"a.nrrd", "NRRD0004\ntype: uint8\ndimension: 2\nsizes: 24 21\nencoding: raw\n\n" + voxels}},
               {"flat: 24 x 21"}),
       refused("An NRRD of one slice", {{"a.nrrd", with("sizes", "24 21 1")}}, {"flat"}),
-      refused("An NRRD of two layers", {{"a.seg.nrrd", layers("list", 2)}}, {"holds 2 numbers", "overlap"}),
+      refused("An NRRD of two layers",
+              {{"a.seg.nrrd", layers("list", 2, "Segment0_ID:=a\nSegment0_Name:=liver\nSegment0_Layer:=0\nSegment1_ID:=b\nSegment1_Layer:=1\n")}},
+              {"every voxel holds 2 numbers", "'liver' in layer 0, 'Segment1' in layer 1", "may overlap", "3D Slicer"}),
       refused("An NRRD of vectors", {{"a.nrrd", layers("vector", 3)}}, {"holds 3 numbers"}),
       refused("An NRRD of colours", {{"a.nrrd", layers("RGB-color", 3)}}, {"holds 3 numbers"}),
-      refused("An NRRD with an axis of time", {{"a.nrrd", layers("time", 2)}}, {"4 axes (sizes: 2 9 8 7)", "time frame"}),
+      refused("An NRRD with an axis of time", {{"a.nrrd", layers("time", 2)}}, {"4 axes (sizes: 2 9 8 7)", "one time frame"}),
+      refused("An NRRD whose last axis is time", {{"a.nrrd", last_axis("time", 2)}}, {"4 axes (sizes: 9 8 7 2)", "one time frame"}),
+      refused("An NRRD with a fourth axis in space", {{"a.nrrd", last_axis("space", 1)}}, {"4 axes (sizes: 9 8 7 1)", "one time frame"}),
       right("An NRRD of one layer", {{"a.seg.nrrd", layers("list", 1)}}),
 
       // types and values
@@ -660,6 +689,9 @@ std::vector<Case> nrrd_cases() {
       right("An NRRD in right anterior superior",
             {{"a.nrrd", Nrrd().set("space", "right-anterior-superior").geometry(ras).file()}}),
       right("An NRRD in RAS for short", {{"a.nrrd", Nrrd().set("space", "RAS").geometry(ras).file()}}),
+      right("An NRRD in LPS for short", {{"a.nrrd", with("space", "LPS")}}),
+      right("An NRRD in LAS for short",
+            {{"a.nrrd", Nrrd().set("space", "LAS").geometry(Scaling(1.0, -1.0, 1.0) * plain).file()}}),
       right("An NRRD in left anterior superior",
             {{"a.nrrd", Nrrd().set("space", "left-anterior-superior").geometry(Scaling(1.0, -1.0, 1.0) * plain).file()}}),
       right("An NRRD in the coordinates of a scanner", {{"a.nrrd", with("space", "scanner-xyz")}},
@@ -701,13 +733,18 @@ std::vector<Case> nrrd_cases() {
       placed("An NRRD without an origin", {{"a.nrrd", lacking("space origin")}}, Affine3d(Scaling(1.5, 2.0, 2.5)),
              {"no space origin"}),
       placed("An NRRD with spacings alone",
-             {{"a.nrrd", Nrrd().erase("space").erase("space directions").erase("space origin").set("spacings", "1.5 2 2.5").file()}},
+             {{"a.nrrd", without_place().set("spacings", "1.5 2 2.5").file()}},
              Affine3d(Scaling(1.5, 2.0, 2.5)), {"no space directions"}),
       refused("An NRRD with a spacing that is not a number",
-              {{"a.nrrd", Nrrd().erase("space").erase("space directions").erase("space origin").set("spacings", "1.5 nan 2.5").file()}},
+              {{"a.nrrd", without_place().set("spacings", "1.5 nan 2.5").file()}},
               {"a.nrrd"}),
       right("An NRRD in metres", {{"a.nrrd", in_unit("m", 1000.0)}}, {"lengths in m;"}),
       right("An NRRD in microns", {{"a.nrrd", in_unit("um", 0.001)}}, {"lengths in um;"}),
+      placed("An NRRD of metres that says nothing of them", {{"a.nrrd", at(Scaling(0.001) * plain)}}, Scaling(0.001) * plain,
+             {"check the unit"}),
+      refused("An NRRD that does not say how large its voxels are", {{"a.nrrd", without_place().file()}}, {"a.nrrd"}),
+      refused("An NRRD that says how thick its voxels are alone",
+              {{"a.nrrd", without_place().set("thicknesses", "1.5 2 2.5").file()}}, {"a.nrrd"}),
       right("An NRRD in an unknown unit", {{"a.nrrd", in_unit("pc", 1.0)}}, {"'pc' is unknown"}),
 
       // header and voxels apart
@@ -857,6 +894,10 @@ std::vector<Case> metaimage_cases() {
       placed("An oblique MetaImage", {{"a.mha", at(turned())}}, turned()),
       placed("A left-handed MetaImage", {{"a.mha", at(left_handed())}}, left_handed()),
       placed("A skewed MetaImage", {{"a.mha", at(sheared(0.1))}}, sheared(0.1), {"not at right angles"}),
+      right("A MetaImage in centimetres",
+            {{"a.mha", inserted("DistanceUnits", "cm").geometry(Scaling(0.1) * SmallOrgan().to_world).file()}}, {"lengths in cm;"}),
+      right("A MetaImage in millimetres", {{"a.mha", inserted("DistanceUnits", "mm").file()}}),
+      right("A MetaImage in an unknown unit", {{"a.mha", inserted("DistanceUnits", "furlong").file()}}, {"'furlong' is unknown"}),
       refused("A MetaImage with axes in one plane", {{"a.mha", at(degenerate())}}, {"one plane"}),
       refused("A MetaImage with NaN in its origin", {{"a.mha", at(not_finite())}}, {"instead of 3 finite numbers"}),
       refused("A MetaImage with a spacing of zero", {{"a.mha", with("ElementSpacing", "1.5 0 2.5")}}, {"1.5 x 0 x 2.5 mm"}),

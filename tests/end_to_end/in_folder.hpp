@@ -1,23 +1,65 @@
 #pragma once
 
+// What nearly every test of the program needs.
+
+#include <fmt/format.h>
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <csignal>
+#include <cstdlib>
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <regex>
+#include <set>
+#include <sstream>
+#include <thread>
 
+#include "io/table.hpp"
+#include "io/vtk_files.hpp"
 #include "tests/end_to_end/program.hpp"
 
 namespace dimple {
 
+namespace fs = std::filesystem;
+using Json = nlohmann::json;
+using testing::HasSubstr;
+using testing::Not;
+
 /// The summary of the results in this folder.
-inline nlohmann::json summary_of(const std::filesystem::path& out) {
-  return nlohmann::json::parse(text_of(out / "summary.json"));
+inline Json summary_of(const fs::path& out) {
+  return Json::parse(text_of(out / "summary.json"));
+}
+
+/// Its force.csv, and the last number of a column there.
+inline Table curve_of(const fs::path& out) {
+  return read_csv(out / "force.csv");
+}
+inline double end_of(const fs::path& out, const char* column = "force_N") {
+  return curve_of(out).find(column)->back();
+}
+
+/// The object that a page holds under this name; nothing: it holds none.
+template <class Object = Json>
+Object held_by(const std::string& page, const std::string& id) {
+  const std::string head = "<script type=\"application/json\" id=\"" + id + "\">";
+  const std::size_t at = page.find(head);
+  if (at == std::string::npos) return {};
+  const std::size_t from = at + head.size();
+  return Object::parse(page.substr(from, page.find("</script>", from) - from));
+}
+
+inline Vec3 vector_of(const Json& list) {
+  return Vec3(list.at(0), list.at(1), list.at(2));
 }
 
 /// Tests of the program in a folder of their own.
 class InFolder : public testing::Test {
  protected:
-  const std::filesystem::path folder = fresh_folder();
+  const fs::path folder = fresh_folder();
 
   /// It must end well.
   Ran good(const std::string& arguments) const { return dimple::good(folder, arguments); }
@@ -25,11 +67,15 @@ class InFolder : public testing::Test {
     SCOPED_TRACE("dimple " + arguments);
     expect_refusal(dimple(folder, arguments), code, words);
   }
-  void write(const std::filesystem::path& name, const std::string& content) const {
-    std::filesystem::create_directories((folder / name).parent_path());
+  void refuses(const std::string& command, const std::vector<RefusedLine>& lines) const {
+    expect_refusals(folder, command, lines);
+  }
+  void write(const fs::path& name, const std::string& content) const {
+    fs::create_directories((folder / name).parent_path());
     std::ofstream(folder / name, std::ios::binary) << content;
   }
-  nlohmann::json summary(const std::string& out = "out") const { return summary_of(folder / out); }
+  std::string text(const fs::path& name) const { return text_of(folder / name); }
+  Json summary(const std::string& out = "out") const { return summary_of(folder / out); }
   /// A block of 60 x 60 x 30 mm, block.nrrd.
   void make_block(int spacing_mm = 3) const {
     good("phantom block.nrrd --shape block --size 60,60,30 -q --spacing " + std::to_string(spacing_mm));

@@ -1,7 +1,5 @@
 // Gravity, pressures and supports, from the words of a user to the files of a run.
 
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
 #include <vtkDataArray.h>
 #include <vtkNew.h>
 #include <vtkPointData.h>
@@ -9,31 +7,14 @@
 #include <vtkXMLUnstructuredGridReader.h>
 
 #include <Eigen/Geometry>
-#include <chrono>
-#include <cmath>
-#include <csignal>
 #include <cstdio>
-#include <fstream>
-#include <nlohmann/json.hpp>
-#include <regex>
-#include <thread>
 
-#include "io/table.hpp"
 #include "io/types.hpp"
-#include "io/vtk_files.hpp"
 #include "tests/end_to_end/in_folder.hpp"
 #include "tests/end_to_end/whole_files.hpp"
 
 namespace dimple {
 namespace {
-
-namespace fs = std::filesystem;
-using Json = nlohmann::json;
-using testing::HasSubstr;
-
-Vec3 three(const Json& list) {
-  return Vec3(list.at(0), list.at(1), list.at(2));
-}
 
 // A block of 60 x 60 x 30 mm that stands on its inferior face, with the tool in the middle of the superior
 // one.
@@ -46,7 +27,7 @@ class Block : public InFolder {
     good("run block.nrrd --force -o " + out + scene + " --mu " + mu + options);
     return summary(out);
   }
-  std::string force(const std::string& out = "out") const { return text_of(folder / out / "force.csv"); }
+  std::string force(const std::string& out = "out") const { return text(fs::path(out) / "force.csv"); }
 };
 
 using GravityInAScene = Block;
@@ -72,7 +53,7 @@ TEST_F(GravityInAScene, SettlesByWhatItsNodesAreDisplaced) {
   vtkDataArray* moved = nodes->GetOutput()->GetPointData()->GetArray("displacement_mm");
   ASSERT_NE(moved, nullptr);
   const Json summary = Json::parse(text_of(folder / "out/summary.json"));
-  EXPECT_NEAR(summary["loads"]["settled_mm"].get<double>(), moved->GetMaxNorm(), 1e-4);
+  EXPECT_NEAR(summary["loads"]["settled_mm"], moved->GetMaxNorm(), 1e-4);
   EXPECT_THAT(summary["warnings"].dump(), HasSubstr("3 1/s of damping is not used"));
 }
 
@@ -91,7 +72,7 @@ TEST_F(GravityInAScene, CarriesTheToolInFilesAndPicturesToWhereTheCircleIs) {
   const SurfaceFile tool = read_vtp(folder / "out" / "tool" / "tool_0002.vtp");
   const Vec3 axis = tool.position_mm.rowwise().mean();  // at rest through x = y = 0
   EXPECT_LT((axis - moved).head<2>().norm(), 0.1) << axis.transpose() << '\n' << moved.transpose();
-  EXPECT_LT((three(summary["loads"]["circle_moved_mm"]) - moved).head<2>().norm(), 0.1);
+  EXPECT_LT((vector_of(summary["loads"]["circle_moved_mm"]) - moved).head<2>().norm(), 0.1);
 }
 
 // What gravity did before the tool came is several times the tool's work, which an error is a part of.
@@ -102,7 +83,7 @@ TEST_F(GravityInAScene, IsNoWorkOfTheTool) {
   ASSERT_GT(work.front(), 2.0 * (work.back() - work.front()));
   double largest = 0.0;
   for (const double e : error) largest = std::max(largest, std::abs(e));
-  EXPECT_NEAR(summary["energy_error"].get<double>(), largest / (work.back() - work.front()), 1e-6);
+  EXPECT_NEAR(summary["energy_error"], largest / (work.back() - work.front()), 1e-6);
   EXPECT_THAT(summary["verdict"]["energy"]["of"].get<std::string>(),
               HasSubstr("since the body came to rest"));
 }
@@ -123,21 +104,9 @@ TEST_F(GravityInAScene, IsBorneByTheBaseWhereTheToolBarelyTouches) {
   EXPECT_NEAR(curve.find("base_force_N")->front(), weight, 1e-3 * weight);
   EXPECT_NEAR(curve.find("force_N")->front(), 0.0, 1e-3 * weight);
   EXPECT_NEAR(curve.find("base_force_N")->back() - curve.find("force_N")->back(), weight, 1e-3 * weight);
-  EXPECT_LT(summary["momentum_error"].get<double>(), 1e-3) << "the tissue's own forces add up to nothing";
+  EXPECT_LT(summary["momentum_error"], 1e-3) << "the tissue's own forces add up to nothing";
   EXPECT_TRUE(summary["band"].contains("unknown")) << summary["band"];
   EXPECT_FALSE(summary["band"].contains("low_N")) << summary["band"];
-}
-
-TEST_F(GravityInAScene, SettlesTheBodyTheMoreTheStrongerItIs) {
-  double before = 0.0;
-  for (const char* g : {"0,0,-2", "0,0,-4", "inferior"}) {
-    const double settled =
-        run(std::string(" --nodes 500 --depth 0.1mm --write force --gravity ") + g)["loads"]["settled_mm"]
-            .get<double>();
-    EXPECT_GT(settled, 1.5 * before) << g;
-    before = settled;
-  }
-  EXPECT_LT(before, 3.0);
 }
 
 const std::string supports =
@@ -164,14 +133,7 @@ TEST_F(Block, UnderLoadsAndOnSupportsIsResumedToTheSameBits) {
       "--write nodes --quantity displacement@0,0,25" +
       everything;
   good(slow + " -o whole");
-  {
-    Program program(folder, words_of(slow + " -o out"));
-    while (program.running() && !fs::exists(folder / "out" / "checkpoint.cbor"))
-      std::this_thread::sleep_for(std::chrono::milliseconds(5));
-    ASSERT_TRUE(program.running()) << program.err_so_far();
-    program.send(SIGTERM);
-    EXPECT_EQ(program.wait().code, 130);
-  }
+  stopped_at_checkpoint(folder, slow + " -o out", SIGTERM);
   good(slow + " -o out --resume");
   expect_same_results(folder / "whole", folder / "out");
 }
@@ -207,7 +169,7 @@ TEST_F(Block, ThatIsPressedFromAllAroundFeelsTheToolAsWithoutThat) {
         run(ball + "--write points --set load.pressure.csf.pressure_Pa=" + std::to_string(p), "out", "210Pa");
     EXPECT_NEAR(summary["force_N"].get<double>() / alone, 1.0, 3e-3);
     EXPECT_NEAR(summary["base_force_N"].get<double>() / alone, 1.0, 3e-3) << "it has no resultant";
-    EXPECT_LT(summary["energy_error"].get<double>(), 5e-3);
+    EXPECT_LT(summary["energy_error"], 5e-3);
     settled.push_back(summary["loads"]["settled_mm"].get<double>() / p);
     const PointFile points = read_vtu(folder / "out" / "points" / "points_0000.vtu");
     const Eigen::MatrixXd &stress = points.find("cauchy_stress_Pa")->values,
@@ -222,7 +184,7 @@ TEST_F(Block, ThatIsPressedFromAllAroundFeelsTheToolAsWithoutThat) {
   const std::string quick = " --depth 2mm --nodes 600 --nu 0.49 --time explicit --rate 10mm/s --write force ";
   const Json in_waves = run(quick + "--set load.pressure.csf.pressure=500Pa"), waves = run(quick);
   EXPECT_NEAR(in_waves["force_N"].get<double>() / waves["force_N"].get<double>(), 1.0, 0.02);
-  EXPECT_LT(in_waves["energy_error"].get<double>(), 1e-3);
+  EXPECT_LT(in_waves["energy_error"], 1e-3);
   EXPECT_NEAR(settled[1] / settled[0], 1.0, 0.1) << "in proportion to the pressure";
   EXPECT_LT(settled[0], 0.04e-3) << "mm per Pa";
 }
@@ -232,11 +194,11 @@ TEST_F(Block, IsInBalanceWithToolBaseAndSupports) {
   const Json summary = run(" --nodes 1200 --depth 2mm --write nodes --gravity inferior" + supports);
   const PointFile nodes = read_vtu(folder / "out" / "nodes" / "nodes_0002.vtu");
   const auto &set = nodes.find("node_set")->values, &reaction = nodes.find("reaction_N")->values;
-  const Vec3 push = three(summary["counts"]["push"]);
+  const Vec3 push = vector_of(summary["counts"]["push"]);
   // Supports go by their names.
   std::map<int, Vec3> on = {{1, Vec3::Zero()}, {2, Vec3::Zero()}, {4, Vec3::Zero()}, {8, Vec3::Zero()}};
   std::map<int, int> count;
-  const Vec3 normal = three(summary["supports"]["plate"]["force_N"]).normalized();
+  const Vec3 normal = vector_of(summary["supports"]["plate"]["force_N"]).normalized();
   for (Index a = 0; a < set.cols(); ++a) {
     const int bits = static_cast<int>(set(0, a));
     if (bits == 0) continue;
@@ -249,13 +211,13 @@ TEST_F(Block, IsInBalanceWithToolBaseAndSupports) {
   EXPECT_EQ(plate["nodes"], count[4]);
   EXPECT_EQ(retractor["nodes"], count[8]);
   EXPECT_GT(count[8], 10);
-  EXPECT_EQ(three(retractor["moved_mm"]), Vec3(-1, 0, 0));
-  EXPECT_EQ(three(plate["moved_mm"]), Vec3(0, 0, 0));
+  EXPECT_EQ(vector_of(retractor["moved_mm"]), Vec3(-1, 0, 0));
+  EXPECT_EQ(vector_of(plate["moved_mm"]), Vec3(0, 0, 0));
   const double largest = std::max({on[1].norm(), on[2].norm(), on[4].norm(), on[8].norm()});
-  EXPECT_LT((three(plate["force_N"]) - on[4]).norm(), 1e-5 * largest);
-  EXPECT_LT((three(retractor["force_N"]) - on[8]).norm(), 1e-5 * largest);
-  EXPECT_NEAR(summary["force_N"].get<double>(), -on[2].dot(push), 1e-5 * largest);
-  EXPECT_NEAR(summary["base_force_N"].get<double>(), on[1].dot(push), 1e-5 * largest);
+  EXPECT_LT((vector_of(plate["force_N"]) - on[4]).norm(), 1e-5 * largest);
+  EXPECT_LT((vector_of(retractor["force_N"]) - on[8]).norm(), 1e-5 * largest);
+  EXPECT_NEAR(summary["force_N"], -on[2].dot(push), 1e-5 * largest);
+  EXPECT_NEAR(summary["base_force_N"], on[1].dot(push), 1e-5 * largest);
   EXPECT_GT(on[8].x(), 0.0) << "pushed into the tissue, it is pushed back";
   const Vec3 weight(0, 0, -1e-3 * summary["mass_g"].get<double>() * 9.81);
   EXPECT_LT((on[1] + on[2] + on[4] + on[8] - weight).norm(), 1e-4 * largest);
@@ -270,29 +232,14 @@ TEST_F(ASupport, OnEachSideFeelsTheOppositeOfTheOther) {
   const Json fixed = run(scene + left + right);
   const Json drawn = run(scene + left + right + " --set support.l.move=2,0,0 --set support.r.move=-2,0,0");
   for (const Json* summary : {&fixed, &drawn}) {
-    const Vec3 l = three((*summary)["supports"]["l"]["force_N"]),
-               r = three((*summary)["supports"]["r"]["force_N"]);
+    const Vec3 l = vector_of((*summary)["supports"]["l"]["force_N"]),
+               r = vector_of((*summary)["supports"]["r"]["force_N"]);
     EXPECT_LT((l - Vec3(-r.x(), r.y(), r.z())).norm(), 0.1 * l.norm())
         << l.transpose() << ", " << r.transpose();
     EXPECT_NE((*summary)["force_N"].get<double>(), alone);
   }
-  EXPECT_LT(three(drawn["supports"]["l"]["force_N"]).x(), -0.02) << "drawn outwards, it is drawn back";
-  EXPECT_EQ(three(drawn["supports"]["l"]["moved_mm"]), Vec3(2, 0, 0));
-}
-
-// Between four smooth walls, where strains are small: u = rho g (H z - z^2 / 2) / M, M = kappa + 4/3 mu.
-TEST_F(ASupport, ThatSlidesLetsAColumnSettleAlongIt) {
-  std::string walls;
-  for (const std::string side : {"left", "right", "anterior", "posterior"})
-    walls += " --set support." + side + ".on=" + side + " --set support." + side + ".hold=sliding";
-  const std::string column =
-      " --nodes 2000 --depth 0.001mm --write force --nu 0.3 --gravity 0,0,-2 --quantity displacement@0,0,25";
-  const double mu = 2000.0, nu = 0.3, modulus = 2.0 * mu * (1.0 - nu) / (1.0 - 2.0 * nu), H = 30e-3,
-               z = 25e-3;
-  const double expected_mm = 1e3 * 1000.0 * 2.0 * (H * z - 0.5 * z * z) / modulus;
-  EXPECT_NEAR(run(column + walls)["displacement"]["displacement_mm"][2].get<double>(), -expected_mm,
-              0.05 * expected_mm);
-  EXPECT_GT(run(column)["loads"]["settled_mm"].get<double>(), 1.2 * expected_mm);
+  EXPECT_LT(vector_of(drawn["supports"]["l"]["force_N"]).x(), -0.02) << "drawn outwards, it is drawn back";
+  EXPECT_EQ(vector_of(drawn["supports"]["l"]["moved_mm"]), Vec3(2, 0, 0));
 }
 
 // Before each direction had its own inverse it took nine times as many, and none was found at larger depths.
@@ -301,13 +248,6 @@ TEST_F(ASupport, ThatSlidesBesideASlidingCircleTakesNoMoreEvaluationsThanTheCirc
   const double of_circle = run(alone)["force_evaluations"].get<double>();
   EXPECT_LT(run(alone + " --set support.r.on=left --set support.r.hold=sliding")["force_evaluations"],
             1.5 * of_circle);
-}
-
-TEST_F(ASupport, ThatMovesFurtherThanTheToolArrives) {
-  const Json summary =
-      run(" --nodes 1000 --depth 0.5mm --write force --set support.r.on=left --set support.r.move=6,0,0");
-  EXPECT_LT((three(summary["supports"]["r"]["moved_mm"]) - Vec3(6, 0, 0)).norm(), 1e-9);
-  EXPECT_LT(three(summary["supports"]["r"]["force_N"]).x(), 0.0);
 }
 
 TEST_F(ASupport, MayBeCalledIndenterAndTheForceIsTheSame) {
@@ -327,7 +267,8 @@ TEST_F(ASupport, KeepsForcesProportionalToTheModulus) {
       " --nodes 600 --depth 1mm --write force --set support.r.on=left --set support.r.move=1,0,0";
   const Json known = run(scene, "out", "2kPa+-30%"), stiff = run(scene, "out", "2.6kPa");
   EXPECT_NEAR(known["band_of_mu"]["high_N"].get<double>() / stiff["force_N"].get<double>(), 1.0, 2e-4);
-  const Vec3 one = three(known["supports"]["r"]["force_N"]), other = three(stiff["supports"]["r"]["force_N"]);
+  const Vec3 one = vector_of(known["supports"]["r"]["force_N"]),
+             other = vector_of(stiff["supports"]["r"]["force_N"]);
   EXPECT_LT((1.3 * one - other).norm(), 2e-4 * other.norm());
 }
 
@@ -341,9 +282,8 @@ TEST_F(ASupport, MayBeTheTissueOfALabel) {
     return summary_of(folder / "out");
   };
   const Json held = force_of(" --set support.bone.on=label:1");
-  EXPECT_GT(held["supports"]["bone"]["nodes"].get<int>(), 20);
-  EXPECT_GT(held["force_N"].get<double>(), 1.02 * force_of("")["force_N"].get<double>())
-      << "a layer half as thick";
+  EXPECT_GT(held["supports"]["bone"]["nodes"], 20);
+  EXPECT_GT(held["force_N"], 1.02 * force_of("")["force_N"].get<double>()) << "a layer half as thick";
   refused(3, "run two.nrrd -o no -q --set support.bone.on=label:7",
           {"label '7'", "support.bone.on", "dimple info"});
   good("model two.nrrd -o model --nodes 500 -q");
@@ -376,64 +316,47 @@ TEST_F(Block, WithoutTheLoadsUnderWhichItWasImagedIsNotSolvedWithAnythingOnAPart
 }
 
 TEST_F(Block, RefusesLoadsAndSupportsThatItDoesNotUnderstand) {
-  const std::string scene = " -q --base inferior --indent-at 0,0,top --nodes 600 --depth 1mm ";
-  const std::string start = "run block.nrrd -o no" + scene;
-  const std::string support = start + "--set support.r.on=";
-  refused(2, start + "--gravity sideways", {"gravity 'sideways'", "give inferior"});
-  refused(2, start + "--gravity 0,1", {"gravity '0,1'"});
-  refused(2, start + "--set load.pressure.csf.on=lleft", {"'csf'", "'lleft'", "a side such as superior"});
-  refused(2, start + "--set load.pressure.csf.pressure=1Pa --set load.pressure.csf.on=500,0,0,1",
-          {"meets no part of the surface", "it would act on nothing"});
-  refused(2, start + "--set load.pressure.csf.pressure=50N", {"pressure_Pa = 50N"});
-  refused(2, support + "lleft", {"'r'", "'lleft'", "label:NAME"});
-  refused(2, start + "--set support.r.hold=fixed", {"'r' is nowhere", "support.r.on"});
-  refused(2, support + "left --set support.r.hold=loose", {"hold = loose", "fixed, sliding"});
-  refused(2, start + "--gravity inferior --set load.imaged=loaded --self-contact on",
-          {"contact between folds stands beside a body that was imaged under its loads"});
-  refused(2, start + "--set load.imaged=loaded", {"imaged under its loads, and there are none"});
-  refused(2, support + "left --set support.r.move=1,2", {"2 numbers", "x,y,z in mm"});
-  refused(2, support + "label:1 --set support.r.hold=sliding", {"slides, and is the tissue of a label"});
-  refused(2, start + "--set support.r.om=left", {"there is no option 'support.r.om'"});
-  for (const char* taken : {"tool", "base"})
-    refused(2, start + "--set support." + taken + ".on=left",
-            {std::string("a support is named '") + taken + "'", "name it differently"});
-  refused(2, start + "--set support.radius_factor.on=left",
-          {"named 'radius_factor'", "moving least squares"});
-  refused(5,
-          "run block.nrrd -o crushed" + scene +
-              "--set load.pressure.p.pressure=1e9Pa --set load.pressure.p.on=superior",
-          {"does not carry its loads", "the tolerance is", "--set solver.tolerance"});
-  refused(4, support + "500,0,0,3", {"meets no node", "from the ball's middle", "a larger ball"});
-  refused(4, start + "--tool sphere:5mm --set support.x.on=0,0,30,5",
-          {"the support 'x' holds", "of the nodes under the tool", "--indent-at"});
-  refused(4,
-          start +
-              "--tool sphere:5mm --set tool.o.shape=sphere:4mm --set tool.o.at=18,0,30 --set "
-              "tool.o.move=1 --set support.x.on=18,0,30,6",
-          {"the support 'x' holds", "of the nodes under the tool 'o'", "tool.o.at_mm"});
-  refused(4, support + "superior", {"nodes of the tool's circle", "--indent-at"});
-  refused(4, support + "inferior", {"no node but the base's", "--base-depth"});
-  refused(4, support + "left --set support.r.hold=sliding --set support.r.move=0,2,0",
-          {"moves along the surface", "45 degrees"});
-  refused(2, "run block.nrrd -o no -q --accuracy 5% --set support.r.on=left",
-          {"not calibrated for further tools or supports"});
+  const std::string start =
+                        "run block.nrrd -o no -q --base inferior --indent-at 0,0,top --nodes 600 --depth 1mm",
+                    pressure = "--set load.pressure.csf.";
+  refuses(start, {{2, "--gravity sideways", {"gravity 'sideways'", "give inferior"}},
+                  {2, "--gravity 0,1", {"gravity '0,1'"}},
+                  {2, pressure + "on=lleft", {"'csf'", "'lleft'", "a side such as superior"}},
+                  {2,
+                   pressure + "pressure=1Pa " + pressure + "on=500,0,0,1",
+                   {"meets no part of the surface", "it would act on nothing"}},
+                  {2, pressure + "pressure=50N", {"pressure_Pa = 50N"}},
+                  {2, "--set load.imaged=loaded", {"imaged under its loads, and there are none"}},
+                  {5,
+                   pressure + "pressure=1e9Pa " + pressure + "on=superior",
+                   {"does not carry its loads", "the tolerance is", "--set solver.tolerance"}}});
+  refuses(start + " --set",
+          {{2, "support.r.hold=fixed", {"'r' is nowhere", "support.r.on"}},
+           {2, "support.r.om=left", {"there is no option 'support.r.om'"}},
+           {2, "support.tool.on=left", {"a support is named 'tool'", "name it differently"}},
+           {2, "support.base.on=left", {"a support is named 'base'", "name it differently"}},
+           {2, "support.radius_factor.on=left", {"named 'radius_factor'", "moving least squares"}},
+           {4,
+            "tool.shape=sphere:5mm --set support.x.on=0,0,30,5",
+            {"the support 'x' holds", "of the nodes under the tool", "--indent-at"}},
+           {4,
+            "tool.shape=sphere:5mm --set tool.o.shape=sphere:4mm --set tool.o.at=18,0,30 --set "
+            "tool.o.move=1 --set support.x.on=18,0,30,6",
+            {"the support 'x' holds", "of the nodes under the tool 'o'", "tool.o.at_mm"}}});
+  refuses(start + " --set support.r.hold=sliding --set",
+          {{2, "support.r.on=label:1", {"slides, and is the tissue of a label"}},
+           {4, "support.r.on=left --set support.r.move=0,2,0", {"moves along the surface", "45 degrees"}}});
+  refuses(start + " --set",
+          {{2, "support.r.on=lleft", {"'r'", "'lleft'", "label:NAME"}},
+           {2, "support.r.on=left --set support.r.hold=loose", {"hold = loose", "fixed, sliding"}},
+           {2, "support.r.on=left --set support.r.move=1,2", {"2 numbers", "x,y,z in mm"}},
+           {4, "support.r.on=500,0,0,3", {"meets no node", "from the ball's middle", "a larger ball"}},
+           {4, "support.r.on=superior", {"nodes of the tool's circle", "--indent-at"}},
+           {4, "support.r.on=inferior", {"no node but the base's", "--base-depth"}}});
   refused(4,
           "poke block.nrrd --socket s -q --base inferior --indent-at 0,0,top --nodes 600 --set "
           "support.r.on=superior",
           {"nodes of the tool's circle"});
-}
-
-TEST_F(Block, IsNeitherExportedNorFittedWithoutItsLoads) {
-  std::ofstream(folder / "curve.csv") << "indentation_mm,force_N\n1,0.01\n2,0.03\n3,0.05\n";
-  const std::vector<std::pair<std::string, std::string>> loads = {
-      {"load.gravity=inferior", "gravity"}, {"load.pressure.csf.pressure=5Pa", "pressures"}};
-  for (const auto& [load, word] : loads) {
-    refused(2, "export block.nrrd -o block.inp --set " + load, {word + " cannot be exported"});
-    refused(2, "fit block.nrrd -o fit --curve curve.csv --set " + load,
-            {"cannot be told from a force", "gravity and pressures"});
-  }
-  refused(2, "export block.nrrd -o block.inp --set support.r.on=left", {"supports cannot be exported"});
-  EXPECT_FALSE(fs::exists(folder / "block.inp"));
 }
 
 }  // namespace

@@ -1,24 +1,10 @@
 // Membranes, from the words of a user to the files of a run.
 
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
-
-#include <chrono>
-#include <csignal>
-#include <fstream>
-#include <nlohmann/json.hpp>
-#include <thread>
-
 #include "tests/end_to_end/in_folder.hpp"
 #include "tests/end_to_end/whole_files.hpp"
 
 namespace dimple {
 namespace {
-
-namespace fs = std::filesystem;
-using Json = nlohmann::json;
-using testing::HasSubstr;
-using testing::Not;
 
 // A block of 60 x 60 x 30 mm with the tool in the middle of its superior face.
 class AMembrane : public InFolder {
@@ -37,9 +23,8 @@ class AMembrane : public InFolder {
 TEST_F(AMembrane, ByOneFlagIsTheOneOfThatNameInAFile) {
   const Json by_flag = run(" --membrane 0.1mm:400kPa");
   const std::string curve = text_of(folder / "out" / "force.csv");
-  EXPECT_NEAR(by_flag["membranes"]["surface"]["stiffness_N_per_m"].get<double>(), 40.0, 1e-9);
-  EXPECT_NEAR(by_flag["membranes"]["surface"]["area_mm2"].get<double>(), 14400.0, 0.1 * 14400.0)
-      << "its edges are round";
+  EXPECT_NEAR(by_flag["membranes"]["surface"]["stiffness_N_per_m"], 40.0, 1e-9);
+  EXPECT_NEAR(by_flag["membranes"]["surface"]["area_mm2"], 14400.0, 0.1 * 14400.0) << "its edges are round";
   EXPECT_THAT(text_of(folder / "out" / "config.resolved.toml"), HasSubstr("membrane = \"0.1mm:400kPa\""));
   std::ofstream(folder / "pia.toml") << "[membrane.pia]\nthickness_mm = 0.1\nmu_Pa = 4e5\n";
   const Json by_file = run(" --config pia.toml");
@@ -62,7 +47,7 @@ TEST_F(AMembrane, NeverSoftensTheBodyAndResistsTheMoreTheMoreItCovers) {
 
 TEST_F(AMembrane, WithoutTensionLeavesTheBodyWhereItIsAndWithTensionDrawsItTogether) {
   EXPECT_FALSE(run(" --membrane 0.1mm:400kPa").contains("loads"));
-  EXPECT_GT(run(" --set membrane.skin.tension=2N/m")["loads"]["settled_mm"].get<double>(), 0.01);
+  EXPECT_GT(run(" --set membrane.skin.tension=2N/m")["loads"]["settled_mm"], 0.01);
 }
 
 // It is a thousand times as stiff within its plane as across it, along which a sphere presses: what a force
@@ -100,57 +85,21 @@ TEST_F(AMembrane, GivesTheSameBitsWithAnyNumberOfThreads) {
   }
 }
 
-TEST_F(AMembrane, IsResumedToTheSameBits) {
-  const std::string slow =
-      "run block.nrrd --base inferior --indent-at 0,0,top --mu 2kPa -q --nodes 700 --depth 4mm --frames 60 "
-      "--write nodes --membrane 0.1mm:400kPa --set membrane.skin.tension=1N/m";
-  good(slow + " -o whole");
-  {
-    Program program(folder, words_of(slow + " -o out"));
-    while (program.running() && !fs::exists(folder / "out" / "checkpoint.cbor"))
-      std::this_thread::sleep_for(std::chrono::milliseconds(5));
-    ASSERT_TRUE(program.running()) << program.err_so_far();
-    program.send(SIGTERM);
-    EXPECT_EQ(program.wait().code, 130);
-  }
-  good(slow + " -o out --resume");
-  expect_same_results(folder / "whole", folder / "out");
-  EXPECT_EQ(dimple(folder, slow + " -o out --resume --membrane 0.1mm:300kPa").code, 2);
-}
-
 TEST_F(AMembrane, ThatIsNotUnderstoodIsRefusedInWords) {
-  const std::string start = "run block.nrrd -o no -q ";
-  const std::string pia = start + "--set membrane.pia.";
-  refused(2, start + "--membrane 0.1mm", {"'0.1mm'", "thickness:shear modulus", "0.1mm:400kPa"});
-  refused(2, start + "--membrane 400kPa:0.1mm", {"400kPa is not allowed", "--membrane"});
-  refused(2, start + "--membrane 0:400kPa", {"'surface'", "has no thickness"});
-  refused(2, pia + "thickness=0.1mm", {"'pia'", "has no modulus"});
-  refused(2, pia + "on=all", {"neither stiffness nor tension"});
-  refused(2, pia + "tension=2N/m --set membrane.pia.on=lleft", {"'lleft'", "names no part of the surface"});
-  refused(2, pia + "tension=2N/m --set membrane.pia.on=500,0,0,1", {"meets no part of the surface"});
-  refused(2, pia + "tension=-2N/m", {"tension_N_per_m = -2N/m is not allowed"});
-  refused(2, pia + "tension=2kPa", {"'kPa' is not one of its units"});
-  refused(2, pia + "thicknes=1", {"there is no option 'membrane.pia.thicknes'"});
-  refused(2, start + "--membrane 0.1mm:4kPa --set membrane.surface.tension=1N/m", {"is given twice"});
+  const std::string start = "run block.nrrd -o no -q";
+  refuses(start + " --membrane", {{2, "0.1mm", {"'0.1mm'", "thickness:shear modulus", "0.1mm:400kPa"}},
+                                  {2, "400kPa:0.1mm", {"400kPa is not allowed", "--membrane"}},
+                                  {2, "0:400kPa", {"'surface'", "has no thickness"}},
+                                  {2, "0.1mm:4kPa --set membrane.surface.tension=1N/m", {"is given twice"}}});
+  refuses(start + " --set", {{2, "membrane.pia.thickness=0.1mm", {"'pia'", "has no modulus"}},
+                             {2, "membrane.pia.on=all", {"neither stiffness nor tension"}},
+                             {2, "membrane.pia.tension=-2N/m", {"tension_N_per_m = -2N/m is not allowed"}},
+                             {2, "membrane.pia.tension=2kPa", {"'kPa' is not one of its units"}},
+                             {2, "membrane.pia.thicknes=1", {"there is no option 'membrane.pia.thicknes'"}}});
+  refuses(start + " --set membrane.pia.tension=2N/m --set",
+          {{2, "membrane.pia.on=lleft", {"'lleft'", "names no part of the surface"}},
+           {2, "membrane.pia.on=500,0,0,1", {"meets no part of the surface"}}});
   EXPECT_FALSE(fs::exists(folder / "no" / "force.csv"));
-}
-
-TEST_F(AMembrane, IsRefusedInWordsWhereItIsNotModelled) {
-  std::ofstream(folder / "curve.csv") << "indentation_mm,force_N\n1,0.01\n2,0.03\n3,0.05\n";
-  const std::string pia = " --membrane 0.1mm:400kPa", run_it = "run block.nrrd -o no -q";
-  const std::string no_mass = "they have no mass";
-  refused(2, run_it + pia + " --time explicit", {"a run with inertia takes no membrane", no_mass});
-  refused(2, run_it + pia + " --rate 500mm/s --nodes 600", {"a run with inertia takes no membrane"});
-  refused(2, run_it + pia + " --scheme horton2007", {"the scheme of 2007 takes no membrane"});
-  refused(2, run_it + pia + " --explain", {"--explain takes no membrane"});
-  refused(2, run_it + pia + " --mu 2kPa+-30%", {"a membrane's stiffness does not grow with mu"});
-  refused(2, run_it + pia + " --accuracy 5%", {"not calibrated for membranes"});
-  refused(2, "export block.nrrd -o block.inp" + pia, {"dimple export takes no membrane"});
-  refused(2, "fit block.nrrd -o fit --curve curve.csv" + pia,
-          {"a membrane's stiffness does not grow with mu"});
-  refused(2, "poke block.nrrd --socket s -q --set membrane.pia.tension=2N/m",
-          {"a tool that is moved by hand takes no membrane", "where: membrane"});
-  EXPECT_FALSE(fs::exists(folder / "block.inp"));
 }
 
 }  // namespace

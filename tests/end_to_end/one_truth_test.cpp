@@ -2,33 +2,16 @@
 // the page, in explain.md. The picture's strings are made by the same functions (io/digits.hpp), which
 // picture_test tries.
 
-#include <gtest/gtest.h>
-
-#include <cmath>
-#include <nlohmann/json.hpp>
-#include <regex>
-
 #include "io/digits.hpp"
-#include "io/table.hpp"
-#include "tests/end_to_end/program.hpp"
+#include "tests/end_to_end/in_folder.hpp"
 
 namespace dimple {
 namespace {
 
-namespace fs = std::filesystem;
-using Json = nlohmann::ordered_json;
-
-/// The object that the page holds under that name.
-Json held(const std::string& page, const std::string& id) {
-  const std::string head = "<script type=\"application/json\" id=\"" + id + "\">";
-  const std::size_t at = page.find(head);
-  if (at == std::string::npos) return {};
-  const std::size_t from = at + head.size();
-  return Json::parse(page.substr(from, page.find("</script>", from) - from));
-}
+using Ordered = nlohmann::ordered_json;  // as the page has it
 
 /// "75.4 mN at 8.00 mm, 69.3 to 81.5 (discretisation)", from the summary.
-std::string headline(const Json& summary) {
+std::string headline(const Ordered& summary) {
   const double force = summary.at("force_N");
   const Written as = force_written(force);
   std::string text = as(force) + " at " + length_in_words(summary.at("indentation_mm"));
@@ -48,13 +31,13 @@ class OneTruth : public testing::Test {
  protected:
   const fs::path folder = fresh_folder();
   Ran ran;
-  Json summary;
+  Ordered summary;
   std::string page;
 
   void run(const std::string& words, int code = 0) {
     ran = dimple(folder, "run " + words);
     ASSERT_EQ(ran.code, code) << ran.err;
-    summary = Json::parse(text_of(folder / "out/summary.json"));
+    summary = Ordered::parse(text_of(folder / "out/summary.json"));
     page = text_of(folder / "out/report.html");
   }
   void expect_on_stderr(const std::string& text) const {
@@ -67,12 +50,12 @@ class OneTruth : public testing::Test {
     EXPECT_DOUBLE_EQ(curve.find("force_N")->back(), summary.at("force_N").get<double>());
     EXPECT_DOUBLE_EQ(curve.find("base_force_N")->back(), summary.at("base_force_N").get<double>());
     EXPECT_DOUBLE_EQ(curve.find("indentation_mm")->back(), summary.at("indentation_mm").get<double>());
-    const Json drawn = held(page, "dimple-data").at("curve");
+    const Ordered drawn = held_by<Ordered>(page, "dimple-data").at("curve");
     EXPECT_DOUBLE_EQ(drawn.at("force_N").back().get<double>(), summary.at("force_N").get<double>());
-    const Json& image = summary.at("image_error");
+    const Ordered& image = summary.at("image_error");
     if (image.contains("half_N"))
       EXPECT_DOUBLE_EQ(curve.find("image_half_N")->back(), image.at("half_N").get<double>());
-    const Json& band = summary.at("band");
+    const Ordered& band = summary.at("band");
     if (!band.contains("low_N")) return;
     EXPECT_DOUBLE_EQ(curve.find("low_N")->back(), band.at("low_N").get<double>());
     EXPECT_DOUBLE_EQ(curve.find("high_N")->back(), band.at("high_N").get<double>());
@@ -84,13 +67,14 @@ class OneTruth : public testing::Test {
   // Each number that the page takes from the program's words is the summary's, in the terminal's unit and
   // digits.
   void expect_the_page_to_say_what_the_summary_holds() const {
-    EXPECT_EQ(held(page, "dimple-summary"), summary);
-    const Json words = held(page, "dimple-words");
+    EXPECT_EQ(held_by<Ordered>(page, "dimple-summary"), summary);
+    const Ordered words = held_by<Ordered>(page, "dimple-words");
     const Written force = force_written(summary.at("force_N"));
     int forces = 0, volumes = 0, lengths = 0, shares = 0;
     for (const auto& [key, word] : words.items()) {
       SCOPED_TRACE(key + ": " + word.dump());
-      const double x = summary.at(Json::json_pointer("/" + std::regex_replace(key, std::regex("\\."), "/")));
+      const double x =
+          summary.at(Ordered::json_pointer("/" + std::regex_replace(key, std::regex("\\."), "/")));
       const std::string said = word[0].get<std::string>() + " " + word[1].get<std::string>();
       if (key.ends_with("_N")) {
         EXPECT_EQ(said, force(x));
@@ -125,7 +109,7 @@ class OneTruth : public testing::Test {
   }
 
   void expect_the_terminal_to_say_what_the_summary_holds() const {
-    const Json &model = summary.at("model"), &counts = summary.at("counts");
+    const Ordered &model = summary.at("model"), &counts = summary.at("counts");
     const auto count = [&](const char* what) { return std::to_string(counts.at(what).get<int>()); };
     expect_on_stderr("model    " + count("nodes") + " nodes: " + length_in_words(model.at("rim_spacing_mm")) +
                      " apart at the tool, " + length_in_words(model.at("largest_spacing_mm")) +
@@ -140,7 +124,7 @@ class OneTruth : public testing::Test {
   // The parts are the whole, and the terminal's parts are the summary's but for what comes after the
   // summary.
   void expect_times_to_be_of_one_clock() const {
-    const Json& parts = summary.at("parts_wall_s");
+    const Ordered& parts = summary.at("parts_wall_s");
     const double total = summary.at("total_wall_s");
     double sum = 0.0;
     for (const auto& [name, s] : parts.items()) sum += s.get<double>();
@@ -186,7 +170,8 @@ TEST_F(OneTruth, OfTwoTissuesWithoutABand) {
       "tissue.left_hemisphere.mu=12500Pa");
   expect_one_truth();
   expect_on_stderr("mu 12.5 kPa");
-  EXPECT_EQ(held(page, "dimple-words").at("material.0.mu_Pa"), Json::array({"20", "kPa", 1e-3}));
+  EXPECT_EQ(held_by<Ordered>(page, "dimple-words").at("material.0.mu_Pa"),
+            Ordered::array({"20", "kPa", 1e-3}));
 }
 
 TEST_F(OneTruth, IsRepeatedFromAnyFolderByTheCommandOnThePage) {
@@ -194,8 +179,9 @@ TEST_F(OneTruth, IsRepeatedFromAnyFolderByTheCommandOnThePage) {
   ran = dimple(folder, {"run", "block.nrrd", "-o", "its $results", "--nodes", "400", "--depth", "1mm",
                         "--frames", "1", "--band", "off", "--write", "report"});
   ASSERT_EQ(ran.code, 0) << ran.err;
-  std::string command =
-      held(text_of(folder / "its $results" / "report.html"), "dimple-data").at("command").get<std::string>();
+  std::string command = held_by<Ordered>(text_of(folder / "its $results" / "report.html"), "dimple-data")
+                            .at("command")
+                            .get<std::string>();
   const std::size_t program = command.find("&& dimple run ");
   ASSERT_NE(program, std::string::npos) << command;
   command.replace(program, 9, "&& " DIMPLE_PROGRAM);
@@ -213,7 +199,7 @@ TEST_F(OneTruth, OfAnExplanationTooAndOfHowItEnded) {
   EXPECT_EQ(summary.at("exit_code"), 130);
   EXPECT_EQ(summary.at("status"), "interrupted");
   EXPECT_EQ(summary.at("failure").at("code"), "out-of-time");
-  EXPECT_EQ(held(page, "dimple-summary"), summary);
+  EXPECT_EQ(held_by<Ordered>(page, "dimple-summary"), summary);
   if (!fs::exists(folder / "out/explain.md"))
     GTEST_SKIP() << "too slow a machine: no comparison came to its end";
   const std::string told = text_of(folder / "out/explain.md");

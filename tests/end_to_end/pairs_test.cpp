@@ -1,25 +1,16 @@
 // The table of what does not go together (apps/scene/compatibility.hpp): each pair of features, and of a
 // feature and a driver, is computed by the real program or refused in the table's words.
 
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
-
-#include <algorithm>
 #include <cctype>
-#include <fstream>
-#include <nlohmann/json.hpp>
 #include <optional>
 #include <utility>
 
 #include "apps/scene/compatibility.hpp"
-#include "tests/end_to_end/program.hpp"
+#include "tests/end_to_end/in_folder.hpp"
 
 namespace dimple {
 namespace {
 
-namespace fs = std::filesystem;
-using Json = nlohmann::json;
-using testing::HasSubstr;
 using Options = std::vector<std::pair<std::string, std::string>>;
 
 // A block of 60 x 60 x 30 mm that stands on its inferior face, with the tool in the middle of the superior
@@ -164,6 +155,7 @@ struct Driver {
   const char* command;
   bool has_force;
   bool is_quick;  // else only what the table refuses is asked for
+  Options needs = {};
 };
 const Driver drivers[] = {
     {Feature::run, "run block.nrrd -o out --force -q", true, true},
@@ -172,6 +164,7 @@ const Driver drivers[] = {
     {Feature::fit, "fit block.nrrd -o fitted --curve curve.csv --force -q", false, true},
     {Feature::export_mesh, "export block.nrrd -o block.inp --force -q", false, true},
     {Feature::by_hand, "poke block.nrrd --script path.csv -q", false, true},
+    {Feature::by_hand, "poke block.nrrd --script path.csv -q", false, false, {{"tool.shape", "sphere:5mm"}}},
     {Feature::places, "places block.nrrd -q", false, true},
     {Feature::explain, "run block.nrrd -o out --force -q --explain", true, false},
     {Feature::shift, "shift block.nrrd -o out --force -q --opening 0,0,30,15 --up superior", false, false},
@@ -280,7 +273,7 @@ class Pairs : public testing::TestWithParam<Feature> {
 
   // One feature, or two of them, with a driver; the second feature is the driver where there is one.
   void expect_together(Feature one, Feature other, const Driver& driver) const {
-    const auto asked = together(asking_for(one), is_driver(other) ? Options{} : asking_for(other));
+    const auto asked = together(asking_for(one), is_driver(other) ? driver.needs : asking_for(other));
     if (!asked) return;
     const Options options = on_the_block(*asked, driver.feature);
     std::vector<std::string> line = dimple::words_of(std::string(driver.command));

@@ -205,16 +205,37 @@ void ends_with(const fs::path& folder, int code, const std::string& arguments,
   SCOPED_TRACE("dimple " + arguments);
   const Ran ran = dimple(folder, arguments);
   EXPECT_EQ(ran.code, code) << ran.err;
+  expect_words(ran.err, words);
+}
+
+void expect_words(const std::string& text, const std::vector<std::string>& words) {
   for (const std::string& word : words)
-    EXPECT_NE(ran.err.find(word), std::string::npos) << "no '" << word << "' in\n" << ran.err;
+    EXPECT_NE(text.find(word), std::string::npos) << "no '" << word << "' in\n" << text;
 }
 
 void expect_refusal(const Ran& ran, int code, const std::vector<std::string>& words) {
   EXPECT_EQ(ran.code, code) << ran.err;
-  for (const char* part : {"dimple: ", "\n  where: ", "\n  why:   ", "\n  try:   "})
-    EXPECT_NE(ran.err.find(part), std::string::npos) << "no '" << part << "' in\n" << ran.err;
-  for (const std::string& word : words)
-    EXPECT_NE(ran.err.find(word), std::string::npos) << "no '" << word << "' in\n" << ran.err;
+  expect_words(ran.err, {"dimple: ", "\n  where: ", "\n  why:   ", "\n  try:   "});
+  expect_words(ran.err, words);
+}
+
+void expect_refusals(const fs::path& folder, const std::string& command,
+                     const std::vector<RefusedLine>& lines) {
+  for (const RefusedLine& line : lines) {
+    SCOPED_TRACE("dimple " + command + ' ' + line.options);
+    expect_refusal(dimple(folder, command + ' ' + line.options), line.code, line.words);
+  }
+}
+
+Ran stopped_at_checkpoint(const fs::path& folder, const std::string& arguments, int signal) {
+  Program program(folder, words_of(arguments));
+  while (program.running() && !fs::exists(folder / "out" / "checkpoint.cbor"))
+    std::this_thread::sleep_for(std::chrono::milliseconds(2));
+  EXPECT_TRUE(program.running()) << program.err_so_far();
+  program.send(signal);
+  const Ran ran = program.wait();
+  EXPECT_EQ(ran.code, 130) << ran.err;
+  return ran;
 }
 
 }  // namespace dimple

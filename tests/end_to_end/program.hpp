@@ -73,4 +73,22 @@ void ends_with(const std::filesystem::path& folder, int code, const std::string&
 /// The exit code, and a message with its four parts and these words.
 void expect_refusal(const Ran& ran, int code, const std::vector<std::string>& words);
 
+/// Options that a command refuses.
+struct RefusedLine {
+  int code;
+  std::string options;
+  std::vector<std::string> words;  ///< of the message
+};
+
+/// The command with each of these options in turn ends in the refusal that its line says.
+void expect_refusals(const std::filesystem::path& folder, const std::string& command,
+                     const std::vector<RefusedLine>& lines);
+
+/// Expects that the text holds each of these words.
+void expect_words(const std::string& text, const std::vector<std::string>& words);
+
+/// Runs a command that writes to out/, and sends it the signal when its first checkpoint is there. It must be
+/// at work then, and end with code 130.
+Ran stopped_at_checkpoint(const std::filesystem::path& folder, const std::string& arguments, int signal);
+
 }  // namespace dimple

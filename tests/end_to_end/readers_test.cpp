@@ -1,6 +1,5 @@
 // Results in VTK's own readers, those of ParaView and 3D Slicer: what they show lies where the organ is.
 
-#include <gtest/gtest.h>
 #include <vtkCellArray.h>
 #include <vtkCellData.h>
 #include <vtkCellType.h>
@@ -17,16 +16,10 @@
 #include <vtkXMLPolyDataReader.h>
 #include <vtkXMLUnstructuredGridReader.h>
 
-#include <algorithm>
-#include <cmath>
-
-#include "io/table.hpp"
-#include "tests/end_to_end/program.hpp"
+#include "tests/end_to_end/in_folder.hpp"
 
 namespace dimple {
 namespace {
-
-namespace fs = std::filesystem;
 
 template <class Reader>
 void read(Reader& reader, const fs::path& file) {

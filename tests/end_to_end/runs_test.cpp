@@ -1,28 +1,13 @@
 // What the program does when all is well: its files, its words, and the same bits each time.
 
-#include <gtest/gtest.h>
-
-#include <algorithm>
-#include <csignal>
 #include <cstring>
-#include <fstream>
-#include <nlohmann/json.hpp>
-#include <regex>
-#include <set>
-#include <sstream>
-#include <thread>
 
 #include "io/label_image.hpp"
-#include "io/table.hpp"
-#include "io/vtk_files.hpp"
 #include "tests/end_to_end/in_folder.hpp"
 #include "tests/helpers/image.hpp"
 
 namespace dimple {
 namespace {
-
-namespace fs = std::filesystem;
-using Json = nlohmann::json;
 
 // Coarse and fast, so that each takes a second or so; 400 and 500 nodes in a swine brain are 6 to 7 mm apart.
 const std::string cloud = " --nodes 500";
@@ -35,9 +20,9 @@ class Run : public InFolder {
   void SetUp() override { good("phantom brain.nrrd --spacing 3"); }
 
   std::string force(const std::string& out) const {
-    const std::string text = text_of(folder / out / "force.csv");
-    EXPECT_EQ(text.rfind("time_s,indentation_mm,force_N", 0), 0u) << text;
-    return text;
+    const std::string curve = text(fs::path(out) / "force.csv");
+    EXPECT_THAT(curve, testing::StartsWith("time_s,indentation_mm,force_N"));
+    return curve;
   }
   /// force.csv without the column of the image, which a model's files do not hold.
   std::string without_image_error(const std::string& out) const {
@@ -56,9 +41,7 @@ class Run : public InFolder {
     }
     return result;
   }
-  double last_force(const std::string& out) const {
-    return read_csv(folder / out / "force.csv").find("force_N")->back();
-  }
+  double last_force(const std::string& out) const { return end_of(folder / out); }
 };
 
 /// The frames that a .pvd lists, as paths; each must be there.
@@ -76,8 +59,7 @@ std::vector<fs::path> frames_of(const fs::path& pvd) {
 TEST_F(Run, GoesFromImageToForceStepByStep) {
   EXPECT_EQ(good("phantom other.nrrd --spacing 3").out, "other.nrrd\n");
   const Ran info = good("info brain.nrrd");
-  for (const char* word : {"left_hemisphere", "right_hemisphere", "LPS", "3 x 3 x 3 mm", "volume", "cm3"})
-    EXPECT_NE(info.out.find(word), std::string::npos) << word;
+  expect_words(info.out, {"left_hemisphere", "right_hemisphere", "LPS", "3 x 3 x 3 mm", "volume", "cm3"});
 
   good("model brain.nrrd -o model" + cloud);
   for (const char* name : {"model.toml", "nodes.vtu", "points.vtu", "surface.vtp", "label.vti"})
@@ -95,18 +77,22 @@ TEST_F(Run, GoesFromImageToForceStepByStep) {
     EXPECT_EQ(frames_of(folder / "out" / name).size(), 5u) << name;
   EXPECT_EQ(frames_of(folder / "out" / "points.pvd").size(), 1u) << "the last";
   EXPECT_EQ(summary("out").at("status"), "finished");
-  EXPECT_GT(summary("out").at("force_N").get<double>(), 0.0);
+  EXPECT_GT(summary("out").at("force_N"), 0.0);
   EXPECT_EQ(text_of(folder / "out" / "overview.png").substr(1, 3), "PNG");
   for (const auto& entry : fs::recursive_directory_iterator(folder))
-    EXPECT_EQ(entry.path().string().find(".part"), std::string::npos) << "left over: " << entry.path();
+    EXPECT_THAT(entry.path().string(), Not(HasSubstr(".part"))) << "left over: " << entry.path();
 }
 
-TEST_F(Run, IsModelAndSolveBitForBit) {
-  good("model brain.nrrd -o model" + cloud);
-  good("solve model -o two_steps" + load);
-  good("run brain.nrrd -o one_step" + cloud + load);
+TEST_F(Run, IsModelAndSolveBitForBitAndPrintsJsonAloneIfAsked) {
+  const Ran made = good("model brain.nrrd -o model --quiet --json" + cloud),
+            solved = good("solve model -o two_steps --quiet" + load),
+            run = good("run brain.nrrd -o one_step --quiet --json" + cloud + load);
+  for (const Ran* ran : {&made, &solved, &run}) EXPECT_EQ(ran->err, "");
+  EXPECT_EQ(Json::parse(made.out).at("counts").at("nodes"), 500);
+  EXPECT_EQ(Json::parse(run.out), summary("one_step"));
+  EXPECT_EQ(Json::parse(good("info brain.nrrd --json").out).at("labels").size(), 2u);
   EXPECT_EQ(force("two_steps"), without_image_error("one_step"));
-  EXPECT_EQ(text_of(folder / "model" / "nodes.vtu"), text_of(folder / "one_step" / "model" / "nodes.vtu"));
+  EXPECT_EQ(text("model/nodes.vtu"), text("one_step/model/nodes.vtu"));
   good("solve one_step/model -o again" + load);
   EXPECT_EQ(force("again"), without_image_error("one_step"));
 }
@@ -118,7 +104,7 @@ TEST_F(Run, IsRepeatedBitForBitByTheConfigurationItWrote) {
       cloud + tables_alone);
   good("run --config first/config.resolved.toml -o second");
   EXPECT_EQ(force("first"), force("second"));
-  EXPECT_NE(text_of(folder / "second" / "config.resolved.toml").find("mu_Pa = 300.0"), std::string::npos);
+  EXPECT_THAT(text_of(folder / "second" / "config.resolved.toml"), HasSubstr("mu_Pa = 300.0"));
   good("run --config first/config.resolved.toml -o third --mu 600");  // the command line wins
   EXPECT_NE(force("first"), force("third"));
   EXPECT_NEAR(last_force("third") / last_force("first"), 2.0, 0.5);
@@ -164,9 +150,9 @@ TEST_F(Run, SaysWhyItsBandIsUnknown) {
       {"--nodes 1000 --nu 0.4", "nu outside 0.45 to 0.499"}};
   for (const auto& [options, reason] : why) {
     const Ran ran = good("run brain.nrrd --force -o out -q " + options + slow_load);
-    EXPECT_NE(ran.out.find("no error estimate: "), std::string::npos) << ran.out;
-    EXPECT_NE(ran.out.find(reason), std::string::npos) << ran.out;
-    EXPECT_NE(summary("out").at("band").at("unknown").get<std::string>().find(reason), std::string::npos);
+    EXPECT_THAT(ran.out, HasSubstr("no error estimate: "));
+    EXPECT_THAT(ran.out, HasSubstr(reason));
+    EXPECT_THAT(summary("out").at("band").at("unknown").get<std::string>(), HasSubstr(reason));
   }
 }
 
@@ -176,7 +162,7 @@ TEST_F(Run, HasNoBandDeeperThanItWasMeasured) {
   good(scene + " -o within --depth 6.4mm");
   EXPECT_TRUE(summary("within").at("band").contains("half_N")) << summary("within").at("band").dump();
   good(scene + " -o deeper --depth 7mm");
-  EXPECT_NE(summary("deeper").at("band").value("unknown", "").find("above 1.7 radii"), std::string::npos)
+  EXPECT_THAT(summary("deeper").at("band").value("unknown", ""), HasSubstr("above 1.7 radii"))
       << summary("deeper").at("band").dump();
   EXPECT_EQ(read_csv(folder / "deeper" / "force.csv").find("low_N"), nullptr);
 }
@@ -187,8 +173,8 @@ TEST_F(Run, TooFastForEquilibriumIsSampledAndWarnsWhereTheBaseDoesNotBearTheForc
       good("run brain.nrrd -o out --nodes 400 --depth 1mm --rate 1m/s --frames 2 --write force --band off");
   EXPECT_GE(read_csv(folder / "out" / "force.csv").rows(), 20u);
   const std::string inertia = "inertia takes part in the force";
-  EXPECT_NE(ran.err.find("warning: " + inertia), std::string::npos) << ran.err;
-  EXPECT_NE(summary("out").at("warnings").dump().find(inertia), std::string::npos);
+  EXPECT_THAT(ran.err, HasSubstr("warning: " + inertia));
+  EXPECT_THAT(summary("out").at("warnings").dump(), HasSubstr(inertia));
 }
 
 TEST_F(Run, AsksForTheUnitOfNumbersThatLookLikeMetresOrKilopascals) {
@@ -200,10 +186,10 @@ TEST_F(Run, AsksForTheUnitOfNumbersThatLookLikeMetresOrKilopascals) {
            {"--depth 1mm --membrane 0.1:400", "the membrane 'surface'"},
            {"--depth 1mm --membrane 0.0001:400kPa", "the membrane 'surface'"}}) {
     const Ran ran = good(scene + numbers);
-    EXPECT_NE(ran.err.find(question + of), std::string::npos) << numbers << '\n' << ran.err;
-    EXPECT_NE(summary("out").at("warnings").dump().find(question + of), std::string::npos) << numbers;
+    EXPECT_THAT(ran.err, HasSubstr(question + of)) << numbers;
+    EXPECT_THAT(summary("out").at("warnings").dump(), HasSubstr(question + of)) << numbers;
   }
-  EXPECT_EQ(good(scene + "--depth 1mm --membrane 0.1mm:400kPa").err.find(question), std::string::npos);
+  EXPECT_THAT(good(scene + "--depth 1mm --membrane 0.1mm:400kPa").err, Not(HasSubstr(question)));
   ends_with(folder, 2, "run brain.nrrd -o small --tool sphere:0.005 --depth 1", {question + "--tool"});
 }
 
@@ -219,9 +205,9 @@ TEST_F(Run, RestsOnItsBaseWithTheForceThatTheToolFeels) {
     const Json json = summary("out");
     const double force = json.at("force_N");
     EXPECT_GT(force, 0.0);
-    EXPECT_NEAR(json.at("base_force_N").get<double>(), force, within * force);
+    EXPECT_NEAR(json.at("base_force_N"), force, within * force);
     if (way == "--time quasi-static") {
-      EXPECT_LE(json.at("residual").get<double>(), 1e-4);
+      EXPECT_LE(json.at("residual"), 1e-4);
     }
     // The nodes' own reactions say so too.
     const std::vector<fs::path> frames = frames_of(folder / "out" / "nodes.pvd");
@@ -240,8 +226,8 @@ TEST_F(Run, RestsOnItsBaseWithTheForceThatTheToolFeels) {
     const Vec3 way =
         (read_vtp(tools.back()).position_mm - read_vtp(tools.front()).position_mm).rowwise().mean();
     EXPECT_LT((way - Vec3(push[0], push[1], push[2])).norm(), 1e-3) << way.transpose();
-    EXPECT_NEAR(json.at("mass_g").get<double>(), 1e-3 * json.at("volume_mm3").get<double>(), 1e-3);
-    EXPECT_NEAR(on_base, json.at("base_force_N").get<double>(), 1e-4 * force);
+    EXPECT_NEAR(json.at("mass_g"), 1e-3 * json.at("volume_mm3").get<double>(), 1e-3);
+    EXPECT_NEAR(on_base, json.at("base_force_N"), 1e-4 * force);
   }
 }
 
@@ -249,10 +235,10 @@ TEST_F(Run, RestsOnItsBaseWithTheForceThatTheToolFeels) {
 TEST_F(Run, OfTheDefaultPhantomGivesTheForceThatTheReadmeShows) {
   good("phantom default.nrrd");
   const Ran ran = good("run default.nrrd -o out --band off --write force");
-  EXPECT_NE(ran.out.find("76.5 mN at 8.00 mm"), std::string::npos) << ran.out;
-  EXPECT_NEAR(summary("out").at("force_N").get<double>(), 0.0765, 5e-5);
+  EXPECT_THAT(ran.out, HasSubstr("76.5 mN at 8.00 mm"));
+  EXPECT_NEAR(summary("out").at("force_N"), 0.0765, 5e-5);
   EXPECT_EQ(summary("out").at("counts").at("nodes"), 1500);
-  EXPECT_NE(text_of(fs::path(DIMPLE_SOURCE) / "README.md").find("76.5 mN at 8.00 mm"), std::string::npos);
+  EXPECT_THAT(text_of(fs::path(DIMPLE_SOURCE) / "README.md"), HasSubstr("76.5 mN at 8.00 mm"));
 }
 
 TEST_F(Run, ForAnAccuracyIsThatOfTheFewestNodesOfItsRefinement) {
@@ -261,10 +247,10 @@ TEST_F(Run, ForAnAccuracyIsThatOfTheFewestNodesOfItsRefinement) {
   ASSERT_GE(levels.size(), 2u);
   EXPECT_EQ(levels.front().at("nodes"), 500);
   EXPECT_TRUE(levels.front().at("half_N").is_null()) << "one cloud has no band";
-  EXPECT_LE(levels.back().at("half_N").get<double>(), 0.06 * last_force("out"));
+  EXPECT_LE(levels.back().at("half_N"), 0.06 * last_force("out"));
   for (std::size_t k = 1; k + 1 < levels.size(); ++k)
-    EXPECT_GT(levels[k].at("half_N").get<double>(), 0.06 * levels[k].at("force_N").get<double>());
-  EXPECT_NE(ran.err.find("refine   level 1, 500 nodes: "), std::string::npos) << ran.err;
+    EXPECT_GT(levels[k].at("half_N"), 0.06 * levels[k].at("force_N").get<double>());
+  EXPECT_THAT(ran.err, HasSubstr("refine   level 1, 500 nodes: "));
   for (const char* name : {"overview.png", "force.csv"})
     EXPECT_GT(fs::file_size(folder / "out" / name), 0u) << name;
 
@@ -274,7 +260,7 @@ TEST_F(Run, ForAnAccuracyIsThatOfTheFewestNodesOfItsRefinement) {
 
   const Ran in_time = good("run brain.nrrd -o in_time --budget 0.01s" + slow_load);
   EXPECT_EQ(summary("in_time").at("ladder").size(), 1u) << "there is one cloud in any case";
-  EXPECT_NE(in_time.out.find("no error estimate"), std::string::npos) << in_time.out;
+  EXPECT_THAT(in_time.out, HasSubstr("no error estimate"));
   good("run brain.nrrd -o by_force --accuracy 1N" + slow_load);
   EXPECT_EQ(summary("by_force").at("ladder").size(), 2u) << "the first cloud that has a band";
 }
@@ -287,11 +273,11 @@ TEST_F(Run, ForAnAccuracyThatFinerCloudsCannotReachHasTheBandOfTheCoarserOnes) {
   EXPECT_TRUE(ran.err.find("with 4000 nodes: the tissue gave way") != std::string::npos ||
               ran.err.find("with 4000 nodes: no equilibrium was found") != std::string::npos)
       << ran.err;
-  EXPECT_NE(ran.err.find("was not reached: the error is +- "), std::string::npos) << ran.err;
-  EXPECT_EQ(ran.err.find("half the error would take"), std::string::npos) << "finer clouds end";
+  EXPECT_THAT(ran.err, HasSubstr("was not reached: the error is +- "));
+  EXPECT_THAT(ran.err, Not(HasSubstr("half the error would take"))) << "finer clouds end";
   EXPECT_EQ(levels.back().at("force_N").get<double>(), last_force("out")) << "of the finest";
-  EXPECT_GT(levels.back().at("nodes").get<int>(), levels.front().at("nodes").get<int>());
-  EXPECT_GT(levels.back().at("half_N").get<double>(), 0.05 * last_force("out"));
+  EXPECT_GT(levels.back().at("nodes"), levels.front().at("nodes").get<int>());
+  EXPECT_GT(levels.back().at("half_N"), 0.05 * last_force("out"));
   EXPECT_EQ(told.at("band").at("coarser_nodes"), levels.front().at("nodes"));
 }
 
@@ -301,10 +287,10 @@ TEST_F(Run, ForTheAccuracyOfADisplacementClimbsUntilItsBandIsAsNarrow) {
   const Json moved = summary("out").at("displacement"), levels = summary("out").at("ladder");
   ASSERT_GE(levels.size(), 2u);
   EXPECT_TRUE(levels.front().at("half_mm").is_null()) << "one cloud has no band";
-  EXPECT_GT(moved.at("half_mm").get<double>(), 0.0);
-  EXPECT_LE(moved.at("half_mm").get<double>(), 0.1 * moved.at("length_mm").get<double>());
-  EXPECT_NE(ran.out.find("moved by"), std::string::npos) << ran.out;
-  EXPECT_NE(ran.out.find("(discretisation)"), std::string::npos) << ran.out;
+  EXPECT_GT(moved.at("half_mm"), 0.0);
+  EXPECT_LE(moved.at("half_mm"), 0.1 * moved.at("length_mm").get<double>());
+  EXPECT_THAT(ran.out, HasSubstr("moved by"));
+  EXPECT_THAT(ran.out, HasSubstr("(discretisation)"));
   good("run brain.nrrd -o by_length --accuracy 1mm" + place + slow_load);
   EXPECT_EQ(summary("by_length").at("ladder").size(), 2u) << "the first cloud that has a band";
   ends_with(folder, 2, "run brain.nrrd -o no --accuracy 1mN" + place, {"not one of its units"});
@@ -315,11 +301,11 @@ TEST_F(Run, TellsWhatItsForceDependsOn) {
   const std::string line =
       "run " + sample + " -o out --nodes 1000 --depth 3mm --frames 4 --band off --write report";
   const Ran ran = good(line + " --explain");
-  EXPECT_NE(text_of(folder / "out/report.html").find("What the force depends on: "), std::string::npos)
+  EXPECT_THAT(text_of(folder / "out/report.html"), HasSubstr("What the force depends on: "))
       << "the chart is in the page";
   for (const char* name : {"explain.csv", "explain.md", "explain.png", "explain.svg"})
     EXPECT_GT(fs::file_size(folder / "out" / name), 0u) << name;
-  EXPECT_NE(ran.err.find("explain  "), std::string::npos) << ran.err;
+  EXPECT_THAT(ran.err, HasSubstr("explain  "));
 
   // choice -> least and largest effect [%], in the order of the lines
   std::istringstream lines(text_of(folder / "out/explain.csv"));
@@ -354,31 +340,17 @@ TEST_F(Run, TellsWhatItsForceDependsOn) {
   // The force itself is the run's own, and a run without the flag leaves no word of an older one.
   good(line + " --force -q");
   EXPECT_FALSE(fs::exists(folder / "out/explain.md"));
-  ends_with(folder, 2, "run brain.nrrd -o no --scheme horton2007 --explain", {"--explain"});
-  EXPECT_FALSE(fs::exists(folder / "no"));
 }
 
 TEST_F(Run, IsProportionalToAModulusThatIsKnownToAShare) {
   const Ran ran = good("run brain.nrrd -o out --mu 210Pa+-30%" + cloud + slow_load);
-  EXPECT_NE(ran.out.find("(mu +- 30 %)"), std::string::npos) << ran.out;
+  EXPECT_THAT(ran.out, HasSubstr("(mu +- 30 %)"));
   const Table curve = read_csv(folder / "out" / "force.csv");
   good("run brain.nrrd -o stiff --mu 273Pa" + cloud + slow_load);
   EXPECT_NEAR(curve.find("mu_high_N")->back() / last_force("stiff"), 1.0, 2e-4);
   good("run brain.nrrd -o soft --mu 147Pa" + cloud + slow_load);
   EXPECT_NEAR(curve.find("mu_low_N")->back() / last_force("soft"), 1.0, 2e-4);
   EXPECT_DOUBLE_EQ(summary("out").at("band_of_mu").at("low_N").get<double>(), curve.find("mu_low_N")->back());
-
-  for (const char* other : {" --set tissue.2.mu=900Pa", " --set tissue.2.mu=900Pa+-10%", " --time explicit",
-                            " --set material.mooney_c01=20Pa"}) {
-    ends_with(folder, 2, "run brain.nrrd -o no --mu 210Pa+-30%" + std::string(other), {"several runs"});
-  }
-}
-
-TEST_F(Run, GivesTheSameBitsWithAnyNumberOfThreads) {
-  for (const char* threads : {"1", "2", "3"})
-    good("run brain.nrrd -o threads" + std::string(threads) + cloud + tables_alone + " --threads " + threads);
-  EXPECT_EQ(force("threads1"), force("threads2"));
-  EXPECT_EQ(force("threads1"), force("threads3"));
 }
 
 TEST_F(Run, WritesTheSameFilesBesideTheMarchAsWithOneThread) {
@@ -442,18 +414,11 @@ TEST_F(Run, WritesWhatIsAskedForAndTheSameForce) {
 
 /// A block of 60 x 60 x 30 mm in voxels of 1.5 mm; three slits 3 mm wide go 18 mm into its left side.
 void write_comb(const fs::path& file) {
-  LabelImage image;
-  image.size = {44, 44, 24};
-  image.to_world = Eigen::Affine3d(Eigen::Scaling(1.5));
-  std::vector<std::int32_t> voxel;
-  for (Index k = 0; k < 24; ++k)
-    for (Index j = 0; j < 44; ++j)
-      for (Index i = 0; i < 44; ++i) {
-        const bool block = i >= 2 && i < 42 && j >= 2 && j < 42 && k >= 2 && k < 22;
-        voxel.push_back(block && !(i >= 30 && k % 6 >= 4) ? 1 : 0);
-      }
-  set_voxels(image, voxel);
-  write_label_image(file, image);
+  const auto label = [](Index i, Index j, Index k) {
+    const bool block = i >= 2 && i < 42 && j >= 2 && j < 42 && k >= 2 && k < 22;
+    return block && !(i >= 30 && k % 6 >= 4);
+  };
+  write_label_image(file, image_of({44, 44, 24}, Vec3::Constant(1.5), label));
 }
 
 TEST_F(Run, HasTheFoldsOfAFoldedBodyTouchUnlessTheyAreToPassOrInertiaTakesPart) {
@@ -461,8 +426,8 @@ TEST_F(Run, HasTheFoldsOfAFoldedBodyTouchUnlessTheyAreToPassOrInertiaTakesPart) 
   const std::string scene = " --depth 2mm --frames 2";  // gaps up to twice the depth are watched
   good("run comb.nrrd -o touching --nodes 4000 --write model" + scene);
   const Json touching = summary("touching");
-  EXPECT_GT(touching.at("self_contact").at("places").get<int>(), 100);
-  EXPECT_LT(touching.at("band").at("low_N").get<double>(), touching.at("force_N").get<double>());
+  EXPECT_GT(touching.at("self_contact").at("places"), 100);
+  EXPECT_LT(touching.at("band").at("low_N"), touching.at("force_N").get<double>());
   good("solve touching/model -o solved --write force" + scene);
   EXPECT_EQ(summary("solved").at("force_N"), touching.at("force_N"));
   EXPECT_EQ(summary("solved").at("self_contact"), touching.at("self_contact"));
@@ -490,9 +455,9 @@ TEST_F(Run, TellsOfNarrowFoldsAndClosesThemOnRequest) {
            ran.err.find("--close 4mm") != std::string::npos;
   };
   EXPECT_TRUE(warns(open)) << open.err;
-  EXPECT_GT(summary("open").at("model").at("facing_share").get<double>(), 0.2);
+  EXPECT_GT(summary("open").at("model").at("facing_share"), 0.2);
   EXPECT_EQ(summary("open").at("model").at("closed_volume_mm3"), 0.0);
-  EXPECT_NE(open.err.find("touch here in equilibrium"), std::string::npos) << open.err;
+  EXPECT_THAT(open.err, HasSubstr("touch here in equilibrium"));
 
   const Ran closed = good("run comb.nrrd -o closed --close 4mm" + scene);
   EXPECT_FALSE(warns(closed)) << closed.err;
@@ -500,16 +465,14 @@ TEST_F(Run, TellsOfNarrowFoldsAndClosesThemOnRequest) {
       closed.err, std::regex("closed   gaps narrower than 4 mm: [0-9.]+ cm3 added \\([0-9.]+ %\\)")))
       << closed.err;
   const Json model = summary("closed").at("model");
-  EXPECT_LT(model.at("facing_share").get<double>(), 0.02);
-  EXPECT_NEAR(model.at("closed_volume_mm3").get<double>(), 3 * 3.0 * 60 * 18, 1500.0);
-  EXPECT_NEAR(model.at("organ_volume_mm3").get<double>(), 60 * 60 * 30, 1500.0);
-  EXPECT_NE(text_of(folder / "closed" / "model" / "model.toml").find("gaps narrower than 4 mm"),
-            std::string::npos);
+  EXPECT_LT(model.at("facing_share"), 0.02);
+  EXPECT_NEAR(model.at("closed_volume_mm3"), 3 * 3.0 * 60 * 18, 1500.0);
+  EXPECT_NEAR(model.at("organ_volume_mm3"), 60 * 60 * 30, 1500.0);
+  EXPECT_THAT(text_of(folder / "closed" / "model" / "model.toml"), HasSubstr("gaps narrower than 4 mm"));
 
   const Ran plain = good("run brain.nrrd -o plain" + scene);
   EXPECT_FALSE(warns(plain)) << plain.err;
-  EXPECT_NE(good("model comb.nrrd -o thin --nodes 600 --close 2mm").err.find("closes nothing"),
-            std::string::npos);
+  EXPECT_THAT(good("model comb.nrrd -o thin --nodes 600 --close 2mm").err, HasSubstr("closes nothing"));
 }
 
 TEST_F(Run, SolvesTwoPlainListsOfLocations) {
@@ -547,32 +510,16 @@ TEST_F(Run, SolvesTwoPlainListsOfLocations) {
   write_csv(folder / "plain" / "points.csv", list(points, {}));
   std::ofstream(folder / "plain" / "model.toml") << toml;
   const Ran ran = good("solve plain -o from_plain" + tables_alone);
-  for (const char* word : {"warning", "no spacing", "no volume", "no node_set", "inertia takes part"})
-    EXPECT_NE(ran.err.find(word), std::string::npos) << "no '" << word << "' in\n" << ran.err;
+  expect_words(ran.err, {"warning", "no spacing", "no volume", "no node_set", "inertia takes part"});
   EXPECT_GT(last_force("from_plain"), 0.0);
   EXPECT_EQ(summary("from_plain").at("warnings").size(), 4u + summary("from_plain").at("guards").size());
-}
-
-TEST_F(Run, PrintsJsonAndNothingElseOnStdout) {
-  const Ran run = good("run brain.nrrd -o out --json" + cloud + load);
-  const Json json = Json::parse(run.out);
-  EXPECT_EQ(json, summary("out"));
-  EXPECT_EQ(json.at("counts").at("nodes"), 500);
-  EXPECT_EQ(Json::parse(good("model brain.nrrd -o model --json" + cloud).out).at("counts").at("nodes"), 500);
-  EXPECT_EQ(Json::parse(good("info brain.nrrd --json").out).at("labels").size(), 2u);
-}
-
-TEST_F(Run, IsSilentOnStderrWhenAskedToBe) {
-  EXPECT_EQ(good("run brain.nrrd -o out --quiet" + cloud + load).err, "");
-  EXPECT_EQ(good("model brain.nrrd -o model --quiet" + cloud).err, "");
-  EXPECT_EQ(good("solve model -o again --quiet" + load).err, "");
 }
 
 TEST_F(Run, SaysEveryTenthWithoutATerminalIfDetailIsWanted) {
   const Ran run =
       good("run brain.nrrd -o out -v --write force --depth 8mm --set solver.step_radii=0.1" + cloud);
-  EXPECT_EQ(run.err.find('\r'), std::string::npos);
-  EXPECT_EQ(run.err.find('\033'), std::string::npos);
+  EXPECT_THAT(run.err, Not(HasSubstr("\r")));
+  EXPECT_THAT(run.err, Not(HasSubstr("\033")));
   for (int tenth = 1; tenth <= 10; ++tenth) {
     // What has been done, not the tenth below it.
     std::ostringstream line;
@@ -581,62 +528,18 @@ TEST_F(Run, SaysEveryTenthWithoutATerminalIfDetailIsWanted) {
   }
 }
 
-TEST_F(Run, LeavesAValidPartialResultWhenInterrupted) {
-  Program program(folder, {"run", "brain.nrrd", "-o", "out", "--nodes", "500", "--depth", "8mm", "--rate",
-                           "0.02mm/s", "--frames", "400", "--json"});
-  while (program.running() && program.err_so_far().find("circle ") == std::string::npos)
-    std::this_thread::sleep_for(std::chrono::milliseconds(20));
-  while (program.running() && !fs::exists(folder / "out" / "nodes" / "nodes_0002.vtu"))
-    std::this_thread::sleep_for(std::chrono::milliseconds(20));
-  ASSERT_TRUE(program.running()) << "it ended before it could be interrupted: " << program.err_so_far();
-  program.send(SIGINT);
-  const Ran ran = program.wait();
-  EXPECT_EQ(ran.code, 130) << ran.err;
-  EXPECT_EQ(Json::parse(ran.out), summary("out"));
-  EXPECT_EQ(summary("out").at("status"), "interrupted");
-  const double reached = summary("out").at("indentation_mm").get<double>();
-  EXPECT_GT(reached, 0.0);
-  EXPECT_LT(reached, 8.0);
-  const Table table = read_csv(folder / "out" / "force.csv");
-  ASSERT_GT(table.rows(), 1u);
-  EXPECT_EQ(table.find("indentation_mm")->back(), reached);
-  EXPECT_EQ(table.find("force_N")->back(), summary("out").at("force_N").get<double>());
-  const auto frames = frames_of(folder / "out" / "nodes.pvd");
-  ASSERT_GE(frames.size(), 2u);
-  for (const fs::path& frame : frames) EXPECT_EQ(read_vtu(frame).position_mm.cols(), 500);
-  EXPECT_GE(frames_of(folder / "out" / "surface.pvd").size(), 2u);
-  EXPECT_EQ(frames_of(folder / "out" / "points.pvd").size(), 1u) << "the last that was reached";
-  EXPECT_FALSE(fs::exists(folder / "out" / "overview.png")) << "there is no time for a picture";
-}
-
-TEST_F(Run, CanSlideUnderTheIndenter) {
-  good("run brain.nrrd -o bonded" + cloud + tables_alone);
-  good("run brain.nrrd -o frictionless --contact frictionless" + cloud + tables_alone);
-  for (const char* out : {"bonded", "frictionless"}) {
-    EXPECT_EQ(summary(out).at("status"), "finished") << out;
-    EXPECT_GT(last_force(out), 0.0) << out;
-    EXPECT_LT(last_force(out), 0.2) << out;
-  }
-  EXPECT_NE(force("bonded"), force("frictionless"));
-}
-
-TEST_F(Run, TakesALabelByNameOrByNumber) {
-  good("run brain.nrrd -o by_name --label Right_Hemisphere --nodes 400" +
-       tables_alone);  // case does not matter
-  good("run brain.nrrd -o by_number --label 2 --nodes 400" + tables_alone);
+TEST_F(Run, TakesALabelByNameOrByNumberAndNamesFromATable) {
+  good("phantom brain.nii.gz --spacing 3");  // NIfTI has no names: they lie beside it
+  const std::string few = " --nodes 400" + tables_alone;
+  good("run brain.nrrd -o by_name --label Right_Hemisphere" + few);  // case does not matter
+  good("run brain.nrrd -o by_number --label 2" + few);
+  good("run brain.nii.gz -o named --label right_hemisphere --label-names brain.labels.txt" + few);
+  good("run brain.nii.gz -o numbered --label 2" + few);
   EXPECT_EQ(force("by_name"), force("by_number"));
+  EXPECT_EQ(force("named"), force("numbered"));
   good("run brain.nrrd -o both --label 1,2" + cloud + tables_alone);
   good("run brain.nrrd -o all" + cloud + tables_alone);
   EXPECT_EQ(force("both"), force("all"));
-}
-
-TEST_F(Run, TakesLabelNamesFromATable) {
-  good("phantom brain.nii.gz --spacing 3");  // NIfTI has no names: they lie beside it
-  ASSERT_TRUE(fs::exists(folder / "brain.labels.txt"));
-  good("run brain.nii.gz -o named --label right_hemisphere --label-names brain.labels.txt --nodes 400" +
-       tables_alone);
-  good("run brain.nii.gz -o numbered --label 2 --nodes 400" + tables_alone);
-  EXPECT_EQ(force("named"), force("numbered"));
 }
 
 TEST_F(Run, TakesBothLabelsOfATwoLabelImageAsOneBody) {
@@ -645,7 +548,7 @@ TEST_F(Run, TakesBothLabelsOfATwoLabelImageAsOneBody) {
   good("run two.seg.nrrd -o two" + cloud + tables_alone);
   good("run one.seg.nrrd -o one" + cloud + tables_alone);
   EXPECT_EQ(force("two"), force("one"));
-  EXPECT_NEAR(summary("two").at("volume_mm3").get<double>(), 60.0 * 60.0 * 30.0, 0.01 * 60.0 * 60.0 * 30.0);
+  EXPECT_NEAR(summary("two").at("volume_mm3"), 60.0 * 60.0 * 30.0, 0.01 * 60.0 * 60.0 * 30.0);
 }
 
 TEST_F(Run, TakesAMaterialForEachLabelByNumberOrName) {
@@ -655,7 +558,7 @@ TEST_F(Run, TakesAMaterialForEachLabelByNumberOrName) {
   const Ran by_number = good(
       "run two.seg.nrrd -o by_number --set tissue.2.mu=900 --nodes 400 --depth 0.5mm --frames 1 --write "
       "force");
-  EXPECT_NE(by_number.err.find("material of label 2, "), std::string::npos) << by_number.err;
+  EXPECT_THAT(by_number.err, HasSubstr("material of label 2, "));
   const auto names = Json::parse(good("info two.seg.nrrd --json").out).at("labels");
   std::ofstream(folder / "tissues.toml") << "[tissue." << names[1].at("name") << "]\nmu_Pa = 900\n";
   good("run two.seg.nrrd -o by_name --config tissues.toml" + shallow);
@@ -686,25 +589,7 @@ TEST_F(Run, ATiltedPushFeelsAlongTheSurfaceTwoThirdsOfWhatItFeelsAcross) {
   const double moved = 0.1e-3 / std::sqrt(1.04), disc = 210.0 * 5e-3 * moved;
   EXPECT_NEAR(on_tool[2].get<double>() / (8.0 * disc), 1.05, 0.05) << "it is six diameters thick";
   EXPECT_NEAR(-on_tool[0].get<double>() / (16.0 / 3.0 * disc * 0.2), 1.0, 0.1);
-  EXPECT_NEAR(on_tool[1].get<double>(), 0.0, 1e-2 * on_tool[2].get<double>());
-}
-
-// The force of a ramp over the elastic one is 1 - g + g tau / t (1 - exp(-t / tau)) (Lee and Radok 1960).
-TEST_F(Run, ATissueThatRelaxesHasUnderARampTheShareOfTheElasticForceThatLeeAndRadokSay) {
-  good("phantom block.nrrd --shape block --size 60,60,30 --spacing 3");
-  const std::string ramp =
-      "run block.nrrd --nodes 600 --depth 0.05mm --rate 0.05mm/s --frames 5 --time "
-      "quasi-static --write force --band off -q ";
-  good(ramp + "-o elastic");
-  good(ramp + "-o relaxing --set material.prony_g=0.6 --set material.prony_tau_s=0.3");
-  const Table elastic = read_csv(folder / "elastic" / "force.csv"),
-              relaxing = read_csv(folder / "relaxing" / "force.csv");
-  for (std::size_t k = 1; k < elastic.find("time_s")->size(); ++k) {
-    const double t = (*elastic.find("time_s"))[k];
-    EXPECT_NEAR((*relaxing.find("force_N"))[k] / (*elastic.find("force_N"))[k],
-                0.4 + 0.6 * 0.3 / t * (1.0 - std::exp(-t / 0.3)), 3e-3)
-        << t;
-  }
+  EXPECT_NEAR(on_tool[1], 0.0, 1e-2 * on_tool[2].get<double>());
 }
 
 TEST_F(Run, SaysWhatWasAskedOfItAndEveryWarning) {
@@ -719,27 +604,26 @@ TEST_F(Run, SaysWhatWasAskedOfItAndEveryWarning) {
   EXPECT_EQ(json.at("labels")[1].at("name"), "right_hemisphere");
   const Json material = json.at("material").at(0);
   EXPECT_EQ(material.at("mu_Pa"), 300.0);
-  EXPECT_NEAR(material.at("nu").get<double>(), 0.499, 1e-9);
+  EXPECT_NEAR(material.at("nu"), 0.499, 1e-9);
   EXPECT_EQ(material.at("law"), "neo-hookean");
   EXPECT_EQ(material.at("default"), false);
   EXPECT_EQ(material.at("points"), json.at("counts").at("integration_points"));
-  for (const char* part : {"kappa_Pa", "density_kg_per_m3"}) EXPECT_GT(material.at(part).get<double>(), 0.0);
+  for (const char* part : {"kappa_Pa", "density_kg_per_m3"}) EXPECT_GT(material.at(part), 0.0);
 
   // As many on stderr as in the summary, and the guards among them.
   std::size_t printed = 0;
   for (std::size_t at = 0; (at = ran.err.find("warning: ", at)) != std::string::npos; ++at) ++printed;
   EXPECT_EQ(json.at("warnings").size(), printed);
   for (const Json& warning : json.at("warnings"))
-    EXPECT_NE(ran.err.find("warning: " + warning.get<std::string>()), std::string::npos) << warning;
+    EXPECT_THAT(ran.err, HasSubstr("warning: " + warning.get<std::string>())) << warning;
   for (const Json& guard : json.at("guards")) {
     const std::string code = "[" + guard.at("code").get<std::string>() + "]";
     EXPECT_TRUE(std::any_of(json.at("warnings").begin(), json.at("warnings").end(), [&](const Json& warning) {
       return warning.get<std::string>().find(code) != std::string::npos;
     })) << code;
   }
-  EXPECT_NE(ran.err.find("labels   all: 1 (left_hemisphere), 2 (right_hemisphere)"), std::string::npos)
-      << ran.err;
-  EXPECT_NE(ran.err.find("2 labels form one body of one material"), std::string::npos) << ran.err;
+  EXPECT_THAT(ran.err, HasSubstr("labels   all: 1 (left_hemisphere), 2 (right_hemisphere)"));
+  EXPECT_THAT(ran.err, HasSubstr("2 labels form one body of one material"));
   // A part that lasts longer than the line's last digit is named there; on a quiet machine some are shorter.
   std::smatch line;
   ASSERT_TRUE(std::regex_search(ran.err, line, std::regex("time     ([0-9.]+) s: ([^\n]*)"))) << ran.err;
@@ -749,13 +633,13 @@ TEST_F(Run, SaysWhatWasAskedOfItAndEveryWarning) {
     EXPECT_TRUE(std::regex_search(line.str(2), std::regex("[0-9.]+ " + part))) << part << ": " << line.str(0);
   }
   for (const char* part : {"surface", "cloud", "supports", "solving", "writing"})
-    EXPECT_GT(json.at("parts_wall_s").at(part).get<double>(), 0.0) << part;
-  EXPECT_EQ(ran.err.find("swine brain"), std::string::npos) << ran.err;
+    EXPECT_GT(json.at("parts_wall_s").at(part), 0.0) << part;
+  EXPECT_THAT(ran.err, Not(HasSubstr("swine brain")));
 
   const Ran one = good("run brain.nrrd -o one --label 2 --nodes 400" + tables_alone);
-  EXPECT_EQ(one.err.find("labels form one body"), std::string::npos) << one.err;
-  EXPECT_NE(one.err.find("labels   chosen: 2 (right_hemisphere)"), std::string::npos) << one.err;
-  EXPECT_NE(one.err.find("mu 210 Pa of swine brain"), std::string::npos) << one.err;
+  EXPECT_THAT(one.err, Not(HasSubstr("labels form one body")));
+  EXPECT_THAT(one.err, HasSubstr("labels   chosen: 2 (right_hemisphere)"));
+  EXPECT_THAT(one.err, HasSubstr("mu 210 Pa of swine brain"));
   EXPECT_EQ(summary("one").at("material").at(0).at("default"), true);
 }
 
@@ -776,41 +660,17 @@ TEST_F(Run, MakesPhantomsWhoseLengthsHaveUnits) {
   EXPECT_EQ(text_of(folder / "one.nrrd"), text_of(folder / "other.nrrd"));
   for (const char* wrong : {"--spacing 2kPa", "--spacing -1", "--size 40,30", "--size 4,4,4s"})
     EXPECT_EQ(dimple(folder, "phantom third.nrrd " + std::string(wrong)).code, 2) << wrong;
+  refused(2, "phantom round.nrrd --shape cylinder --size 30,20,10",
+          {"a cylinder is 30 mm wide and 20 mm deep"});
 }
 
 TEST_F(Run, MakesABlockOfWholeVoxelsAndSaysSoWhereItIsNotWhatWasAskedFor) {
   EXPECT_EQ(good("phantom even.nrrd --shape block --size 60,60,30 --spacing 3").err, "");
   const Ran odd = good("phantom odd.nrrd --shape block --size 61,60,31 --spacing 3 --json");
-  EXPECT_NE(odd.err.find("the block is 63 x 60 x 30 mm: whole voxels of 3 mm, not 61 x 60 x 31 mm"),
-            std::string::npos)
-      << odd.err;
+  EXPECT_THAT(odd.err, HasSubstr("the block is 63 x 60 x 30 mm: whole voxels of 3 mm, not 61 x 60 x 31 mm"));
   const Json brain = Json::parse(good("phantom long.nrrd --size 40,60,20 --spacing 2 --json").out);
-  EXPECT_LT(brain["size"][0].get<int>(), brain["size"][1].get<int>()) << "40 mm along L, 60 mm along P";
+  EXPECT_LT(brain["size"][0], brain["size"][1].get<int>()) << "40 mm along L, 60 mm along P";
   EXPECT_EQ(Json::parse(odd.out)["labels"], Json::parse(good("info odd.nrrd --json").out)["labels"]);
-}
-
-TEST_F(Run, AsksForTheUnitOfAnImageOfAnotherScale) {
-  good("phantom small.nrrd --shape block --size 60,60,30 --spacing 3");
-  const std::string axes = "(3,0,0) (0,3,0) (0,0,3)";
-  for (const std::string size : {"0.0015", "1500"}) {
-    std::string scaled = text_of(folder / "small.nrrd");
-    scaled.replace(scaled.find(axes), axes.size(),
-                   "(" + size + ",0,0) (0," + size + ",0) (0,0," + size + ")");
-    std::ofstream(folder / "scaled.nrrd", std::ios::binary) << scaled;
-    for (const char* command :
-         {"info scaled.nrrd", "run scaled.nrrd -o out --force --nodes 400 --frames 1 --time-limit 2s"}) {
-      const Ran ran = dimple(folder, command);
-      EXPECT_NE(ran.err.find("check the unit"), std::string::npos) << command << '\n' << ran.err;
-    }
-  }
-}
-
-TEST_F(Run, ReplacesAnEarlierRunsResultsWholly) {
-  good("run brain.nrrd -o out --nodes 500 --depth 0.5mm --rate 20mm/s --frames 9");
-  EXPECT_EQ(frames_of(folder / "out" / "nodes.pvd").size(), 10u);
-  good("run brain.nrrd -o out --nodes 500 --depth 0.5mm --rate 20mm/s --frames 2 --force");
-  EXPECT_EQ(frames_of(folder / "out" / "nodes.pvd").size(), 3u);
-  EXPECT_EQ(std::distance(fs::directory_iterator(folder / "out" / "nodes"), fs::directory_iterator()), 3);
 }
 
 }  // namespace

@@ -1,19 +1,12 @@
 // The images of sample_data: the program still makes them, voxel for voxel, and they still give what is
 // written about them in expected.json.
 
-#include <gtest/gtest.h>
-
-#include <nlohmann/json.hpp>
-
 #include "io/label_image.hpp"
-#include "tests/end_to_end/program.hpp"
+#include "tests/end_to_end/in_folder.hpp"
 #include "tests/helpers/image.hpp"
 
 namespace dimple {
 namespace {
-
-namespace fs = std::filesystem;
-using Json = nlohmann::json;
 
 const fs::path sample_data = DIMPLE_SAMPLE_DATA;
 
@@ -63,7 +56,7 @@ TEST(SampleData, GivesTheForceThatIsWrittenAboutIt) {
       const Json summary = Json::parse(ran.out);
       EXPECT_EQ(summary.at("status"), "finished");
       const double force = run.at("force_N").get<double>();
-      EXPECT_NEAR(summary.at("force_N").get<double>(), force, run.at("tolerance").get<double>() * force);
+      EXPECT_NEAR(summary.at("force_N"), force, run.at("tolerance").get<double>() * force);
     }
   }
 }

@@ -1,23 +1,13 @@
 // Ctrl-C, SIGTERM and a limit of time: an answer within two seconds, exit code 130, and only valid files.
 
-#include <gtest/gtest.h>
 #include <sys/stat.h>
 
-#include <chrono>
-#include <csignal>
-#include <fstream>
-#include <nlohmann/json.hpp>
-#include <thread>
-
-#include "io/table.hpp"
 #include "tests/end_to_end/in_folder.hpp"
 #include "tests/end_to_end/whole_files.hpp"
 
 namespace dimple {
 namespace {
 
-namespace fs = std::filesystem;
-using Json = nlohmann::json;
 using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
 
@@ -132,7 +122,7 @@ TEST_F(Stop, OfWorkThatDoesNotListenIsDoneForIt) {
   ASSERT_EQ(mkfifo((folder / "pipe").c_str(), 0600), 0);  // nobody ever writes to it
   const Ran ran = expect_end("run brain.nrrd -o out --config pipe", milliseconds(300), SIGINT);
   EXPECT_EQ(ran.code, 130);
-  EXPECT_NE(ran.err.find("does not listen"), std::string::npos) << ran.err;
+  EXPECT_THAT(ran.err, HasSubstr("does not listen"));
 }
 
 TEST_F(Stop, AskedForTwiceIsAtOnce) {
@@ -159,7 +149,7 @@ TEST_F(Stop, ByALimitOfTimeKeepsTheBestStateSoFarAndMayBeResumedWithAnother) {
     if (ran.out.find("force_N") == std::string::npos) ran.out.clear();
   }
   EXPECT_EQ(ran.code, 130) << ran.err;
-  EXPECT_NE(ran.err.find("[out-of-time]"), std::string::npos) << ran.err;
+  EXPECT_THAT(ran.err, HasSubstr("[out-of-time]"));
   EXPECT_EQ(std::count(ran.err.begin(), ran.err.end(), '\n'), 1) << ran.err;
   const Json json = summary("out");
   EXPECT_EQ(Json::parse(ran.out), json);
@@ -168,12 +158,19 @@ TEST_F(Stop, ByALimitOfTimeKeepsTheBestStateSoFarAndMayBeResumedWithAnother) {
   EXPECT_EQ(json.at("failure").at("code"), "out-of-time");
   const double reached = json.at("indentation_mm").get<double>();
   EXPECT_GT(reached, 0.0);
+  EXPECT_LT(reached, 8.0);
+  const Table curve = curve_of(folder / "out");
+  EXPECT_EQ(curve.find("indentation_mm")->back(), reached);
+  EXPECT_EQ(curve.find("force_N")->back(), json.at("force_N"));
+  EXPECT_EQ(std::distance(fs::directory_iterator(folder / "out/points"), fs::directory_iterator()), 1)
+      << "the last that was reached";
+  EXPECT_FALSE(fs::exists(folder / "out/overview.png")) << "there is no time for a picture";
   expect_whole_files(folder / "out", true);
 
   EXPECT_EQ(dimple(folder, slow).code, 6);
   const Ran again = dimple(folder, slow + " --resume --time-limit " + std::to_string(limit / 60.0) + "min");
   EXPECT_TRUE(again.code == 130 || again.code == 0) << again.err;
-  EXPECT_GT(summary("out").at("indentation_mm").get<double>(), reached);
+  EXPECT_GT(summary("out").at("indentation_mm"), reached);
 }
 
 TEST_F(Stop, ByALimitOfTimeBeforeThereIsAResultSaysSoAndTheCorrectedCommandJustWorks) {

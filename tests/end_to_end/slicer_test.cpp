@@ -1,24 +1,17 @@
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
 #include <vtkNew.h>
 #include <vtkSmartPointer.h>
 #include <vtkXMLDataElement.h>
 #include <vtkXMLUtilities.h>
 
 #include <map>
-#include <regex>
-#include <set>
 
-#include "tests/end_to_end/program.hpp"
+#include "tests/end_to_end/in_folder.hpp"
 
 // As 3D Slicer runs a module: it reads what --xml prints, makes a panel of it, and calls the program with all
 // values.
 
 namespace dimple {
 namespace {
-
-namespace fs = std::filesystem;
-using testing::HasSubstr;
 
 class Slicer : public testing::Test {
  protected:
@@ -140,7 +133,7 @@ TEST_F(Slicer, TheDescriptionHasTheElementsOfTheExecutionModel) {
   EXPECT_GT(compared, 25);
 }
 
-TEST_F(Slicer, APanelThatNobodyTouchedIsTheDefaultRun) {
+TEST_F(Slicer, APanelThatNobodyTouchedIsTheDefaultRunAndItsValuesAreObeyed) {
   ASSERT_TRUE(root) << xml;
   dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3");
   const std::map<std::string, std::string> small = {
@@ -168,24 +161,19 @@ TEST_F(Slicer, APanelThatNobodyTouchedIsTheDefaultRun) {
   EXPECT_GE(told, 8);
   EXPECT_THAT(text_of(folder / "returned.txt"),
               testing::MatchesRegex("force_N = 0\\.0[0-9]+\nindentation_mm = 1\nlow_N = -1\nhigh_N = -1\n"));
-}
 
-TEST_F(Slicer, APointAndOtherValuesOfThePanelAreObeyed) {
-  ASSERT_TRUE(root) << xml;
-  dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3");
-  std::vector<std::string> words = command_line({{"--nodes", "300"},
-                                                 {"--depth", "1.0"},
-                                                 {"--frames", "2"},
-                                                 {"--write", "force"},
-                                                 {"--out", "panel"},
-                                                 {"--young", "900.0"},
-                                                 {"--indent-at", "-10,5,30"}});
+  // A point and other values.
+  std::map<std::string, std::string> chosen = small;
+  chosen["--young"] = "900.0";
+  chosen["--indent-at"] = "-10,5,30";
+  chosen["--out"] = "chosen";
+  words = command_line(chosen);
   words.push_back("block.nrrd");
   good(folder, words);
-  dimple(folder,
-         "run block.nrrd -o plain --nodes 300 --depth 1 --frames 2 --write force --young 900 --indent-at "
-         "-10,5,30");
-  EXPECT_EQ(text_of(folder / "panel/force.csv"), text_of(folder / "plain/force.csv"));
+  good(folder,
+       "run block.nrrd -o same --nodes 300 --depth 1 --frames 4 --write force --young 900 --indent-at "
+       "-10,5,30");
+  EXPECT_EQ(text_of(folder / "chosen/force.csv"), text_of(folder / "same/force.csv"));
 }
 
 }  // namespace

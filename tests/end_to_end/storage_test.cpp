@@ -1,18 +1,10 @@
 // One organ, stored in every way that files allow, gives one model and one force; a turned organ the turned
 // ones.
 
-#include <fmt/format.h>
-#include <gtest/gtest.h>
-
-#include <algorithm>
-#include <cmath>
-#include <fstream>
 #include <iostream>
 
 #include "io/label_image.hpp"
-#include "io/table.hpp"
-#include "io/vtk_files.hpp"
-#include "tests/end_to_end/program.hpp"
+#include "tests/end_to_end/in_folder.hpp"
 #include "tests/helpers/brain.hpp"
 #include "tests/helpers/image.hpp"
 #include "tests/helpers/stored_image.hpp"
@@ -20,49 +12,20 @@
 namespace dimple {
 namespace {
 
-namespace fs = std::filesystem;
-
 /// A cut ellipsoid with a bump off its middle: no turn and no mirror maps it to itself, all extents differ,
 /// and so do the voxel's edges, which like the origin are exact in NIfTI's single precision.
 LabelImage organ() {
-  LabelImage image;
-  image.size = {48, 34, 20};
-  image.to_world = Eigen::Translation3d(-30.25, 12.5, -101.75) * Eigen::Scaling(1.5, 1.75, 2.0);
+  const Eigen::Affine3d place = Eigen::Translation3d(-30.25, 12.5, -101.75) * Eigen::Scaling(1.5, 1.75, 2.0);
   const Vec3 middle(-30.25 + 0.5 * 47 * 1.5, 12.5 + 0.5 * 33 * 1.75, -101.75 + 16.0);
-  std::vector<std::int32_t> voxel;
-  for (Index k = 0; k < image.size[2]; ++k)
-    for (Index j = 0; j < image.size[1]; ++j)
-      for (Index i = 0; i < image.size[0]; ++i) {
-        const Vec3 x =
-            image.to_world * Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k)) -
-            middle;
-        const bool body = x.cwiseQuotient(Vec3(31.0, 24.0, 16.0)).norm() < 1.0 && x.z() > -11.0;
-        const bool bump = (x - Vec3(11.0, -5.0, 9.0)).norm() < 10.5;
-        voxel.push_back(body || bump ? 1 : 0);
-      }
-  set_voxels(image, voxel);
+  LabelImage image = image_of({48, 34, 20}, Vec3::Ones(), [&](Index i, Index j, Index k) {
+    const Vec3 at(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k));
+    const Vec3 x = place * at - middle;
+    const bool body = x.cwiseQuotient(Vec3(31.0, 24.0, 16.0)).norm() < 1.0 && x.z() > -11.0;
+    const bool bump = (x - Vec3(11.0, -5.0, 9.0)).norm() < 10.5;
+    return body || bump;
+  });
+  image.to_world = place;
   return image;
-}
-
-/// With up to eleven more empty planes of voxels at each of the six sides.
-StoredImage padded(const StoredImage& image, std::mt19937& random) {
-  StoredImage result = image;
-  std::array<Index, 3> before{};
-  Vec3 corner;
-  for (std::size_t d = 0; d < 3; ++d) {
-    before[d] = static_cast<Index>(random() % 12);
-    result.size[d] += before[d] + static_cast<Index>(random() % 12);
-    corner[static_cast<Index>(d)] = -static_cast<double>(before[d]);
-  }
-  result.to_world.translation() = image.to_world * corner;
-  result.voxel.assign(static_cast<std::size_t>(result.size[0] * result.size[1] * result.size[2]), 0);
-  for (Index k = 0; k < image.size[2]; ++k)
-    for (Index j = 0; j < image.size[1]; ++j) {
-      const Index from = image.size[0] * (j + image.size[1] * k),
-                  to = before[0] + result.size[0] * (j + before[1] + result.size[1] * (k + before[2]));
-      std::copy_n(image.voxel.begin() + from, image.size[0], result.voxel.begin() + to);
-    }
-  return result;
 }
 
 void write(const fs::path& file, const std::string& bytes) {
@@ -71,8 +34,6 @@ void write(const fs::path& file, const std::string& bytes) {
 
 struct Result {
   Points nodes;
-  Eigen::RowVectorXd sets;  // of the base, of the circle, or neither
-  Vec3 centroid;            // of the integration points, by volume
   Eigen::VectorXd force;
 };
 
@@ -84,14 +45,10 @@ Result run(const fs::path& folder, const std::string& image, const std::string& 
   const Ran ran = good(folder, "run " + image + " -o " + out +
                                    " -q --nodes 500 --depth 1mm --frames 1 --write model " + options);
   if (ran.code != 0) return {};
-  const PointFile points = read_vtu(folder / out / "model" / "points.vtu");
-  const auto volume = points.find("volume_mm3")->values.row(0);
   const Table table = read_csv(folder / out / "force.csv");
   const auto* force = table.find("force_N");
   const PointFile nodes = read_vtu(folder / out / "model" / "nodes.vtu");
   return {.nodes = nodes.position_mm,
-          .sets = nodes.find("node_set")->values.row(0),
-          .centroid = points.position_mm * volume.transpose() / volume.sum(),
           .force = Eigen::Map<const Eigen::VectorXd>(force->data(), static_cast<Index>(force->size()))};
 }
 
@@ -103,123 +60,7 @@ void expect_same(const Result& a, const Result& b, double tolerance_mm = 1e-6) {
   EXPECT_LT((a.force - b.force).cwiseAbs().maxCoeff(), 1e-6 * a.force.cwiseAbs().maxCoeff());
 }
 
-Vec3 centroid_of_labels(const StoredImage& image) {
-  Vec3 sum = Vec3::Zero();
-  double count = 0.0;
-  std::size_t v = 0;
-  for (Index k = 0; k < image.size[2]; ++k)
-    for (Index j = 0; j < image.size[1]; ++j)
-      for (Index i = 0; i < image.size[0]; ++i)
-        if (image.voxel[v++]) {
-          sum +=
-              image.to_world * Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k));
-          count += 1.0;
-        }
-  return sum / count;
-}
-
-// How much of an image is empty says nothing about the organ. With what a run does of itself, whose forces
-// stop at a tolerance: where these are the same, so is all that is before them.
-TEST(Storage, WithAnyNumberOfEmptyPlanesAroundTheOrganGivesOneModelAndOneForce) {
-  const fs::path folder = fresh_folder();
-  std::mt19937 random(5);
-  LabelImage image = organ();
-  for (const bool oblique : {false, true}) {
-    if (oblique)
-      image.to_world = Eigen::Translation3d(17.123456, -33.987, 91.31) *
-                       Eigen::AngleAxisd(0.4, Vec3(0.3, -0.5, 1.0).normalized()) *
-                       Eigen::Scaling(0.9375, 1.01, 1.013) * image.to_world;
-    const StoredImage plain = stored_as(image, {0, 1, 2}, {false, false, false});
-    write(folder / "plain.nrrd", nrrd_of(plain));
-    for (const char* place : {"top", "asked"}) {
-      std::string options;
-      if (place != std::string("top")) {
-        const Vec3 at = image.to_world * Vec3(27.3, 14.6, 19.0);
-        options = fmt::format("--base inferior --indent-at={},{},{}", at.x(), at.y(), at.z());
-      }
-      const Result first = run(folder, "plain.nrrd", options + " --force");
-      ASSERT_EQ(first.nodes.cols(), 500);
-      for (int draw = 0; draw < 3; ++draw) {
-        SCOPED_TRACE(fmt::format("oblique {}, {}, draw {}", oblique, place, draw));
-        write(folder / "padded.nrrd", nrrd_of(padded(plain, random)));
-        const Result again = run(folder, "padded.nrrd", options + " --force");
-        expect_same(again, first, 1e-9);
-        EXPECT_EQ(again.sets, first.sets);
-      }
-    }
-  }
-}
-
 const Mat3 turn = Eigen::AngleAxisd(0.35, Vec3(0.3, -0.5, 1.0).normalized()).toRotationMatrix();
-
-/// The organ and how it may be stored, by file name.
-std::map<std::string, StoredImage> stored_in_every_way(const fs::path& folder, const LabelImage& image) {
-  const StoredImage lps = stored_as(image, {0, 1, 2}, {false, false, false});
-  const StoredImage ras = stored_as(image, {0, 1, 2}, {true, true, false});
-  const StoredImage permuted = stored_as(image, {2, 0, 1}, {false, true, true});
-  const StoredImage left_handed = stored_as(image, {1, 0, 2}, {false, false, false});
-  const StoredImage mirrored = stored_as(image, {0, 1, 2}, {true, false, false});
-  EXPECT_GT(permuted.to_world.linear().determinant(), 0.0);
-  EXPECT_LT(left_handed.to_world.linear().determinant(), 0.0);
-  EXPECT_LT(mirrored.to_world.linear().determinant(), 0.0);
-  const std::map<std::string, StoredImage> files = {{"lps.nrrd", lps},
-                                                    {"ras_axes.nrrd", ras},
-                                                    {"ras_space.nrrd", ras},
-                                                    {"permuted.nrrd", permuted},
-                                                    {"left_handed.nrrd", left_handed},
-                                                    {"mirrored.mha", mirrored},
-                                                    {"lps.mha", lps},
-                                                    {"permuted.mha", permuted},
-                                                    {"ras.nii", ras},
-                                                    {"permuted.nii", permuted},
-                                                    {"left_handed.nii", left_handed}};
-  for (const auto& [name, stored] : files)
-    if (name.ends_with(".nrrd"))
-      write(folder / name, nrrd_of(stored, name == "ras_space.nrrd"));
-    else if (name.ends_with(".mha"))
-      write(folder / name, metaimage_of(stored));
-    else
-      write(folder / name, NiftiFile(stored).file());
-  return files;
-}
-
-void expect_one_result_for_every_way(const LabelImage& image) {
-  const fs::path folder = fresh_folder();
-  const auto files = stored_in_every_way(folder, image);
-  const Result first = run(folder, "lps.nrrd");
-  ASSERT_EQ(first.nodes.cols(), 500);
-  for (const auto& [name, stored] : files) {
-    SCOPED_TRACE(name);
-    const Result result = name == "lps.nrrd" ? first : run(folder, name);
-    // A NIfTI header holds the corner that it counts from in single precision: for a turned image another
-    // corner is another number, rounded otherwise, and the organ that the file describes lies elsewhere by
-    // that much.
-    const bool turned = !image.to_world.linear().isDiagonal(1e-9);
-    expect_same(result, first, turned && name.ends_with(".nii") ? 4e-6 : 1e-6);
-    // In the place where the file itself says that its labels are: a tenth of a voxel.
-    EXPECT_LT((result.centroid - centroid_of_labels(stored)).norm(), 0.15);
-  }
-  write_label_image(folder / "ours.nii.gz", read_label_image(folder / "permuted.nii"));
-  expect_same(run(folder, "ours.nii.gz"), first, image.to_world.linear().isDiagonal(1e-9) ? 1e-6 : 4e-6);
-  write_label_image(folder / "ours.seg.nrrd", read_label_image(folder / "mirrored.mha"));
-  expect_same(run(folder, "ours.seg.nrrd"), first);
-}
-
-TEST(Storage, OfOneOrganInManyWaysGivesOneModelAndOneForce) {
-  expect_one_result_for_every_way(organ());
-}
-
-TEST(Storage, OfOneObliqueOrganInManyWaysGivesOneModelAndOneForce) {
-  // NIfTI holds single precision; the geometry that it gives back is what all formats are given.
-  const fs::path folder = fresh_folder();
-  LabelImage oblique = organ();
-  oblique.to_world = turn * oblique.to_world;
-  write(folder / "oblique.nii", NiftiFile(stored_as(oblique, {0, 1, 2}, {false, false, false})).file());
-  const LabelImage image = read_label_image(folder / "oblique.nii");
-  ASSERT_EQ(image.size, oblique.size);
-  EXPECT_LT((image.to_world.matrix() - oblique.to_world.matrix()).cwiseAbs().maxCoeff(), 1e-5);
-  expect_one_result_for_every_way(image);
-}
 
 // The last digits of a header, and none of its decisions: what is inside, the base, the circle, where nodes
 // stand.

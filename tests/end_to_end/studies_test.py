@@ -196,7 +196,7 @@ class Stop(Study):
         self.block()
         for words in (
             "converge.py block.nrrd -o out/converge --sizes 2000,4000,8000",
-            "chart.py -o out/chart --only a --nodes 1000,2000 --calculix none",
+            "chart.py -o out/chart --only a --nodes 1000,2000",
             "atlas.py -o out/atlas --map depth-nu --finest 500 --limit 20",
         ):
             code, said = self.stopped(words, 3.0)
@@ -338,9 +338,9 @@ class Maps(unittest.TestCase):
             "load.depth=1mm,2mm,4mm": "the depths are not even steps",
         }
         for text, words in wrong.items():
-            with self.assertRaises(pydimple.UsageError, msg=text) as caught:
+            with self.assertRaises((pydimple.UsageError, _study.Refused), msg=text) as caught:
                 atlas.axis_of(text, "--x")
-            self.assertIn(words, caught.exception.fact)
+            self.assertIn(words, str(caught.exception))
 
     def test_names_are_their_own_and_values_are_taken(self):
         names = [of.name for of in atlas.MAPS]
@@ -483,7 +483,7 @@ class Atlas(Study):
         axes = " --x material.nu=0.3,0.4 --y cloud.nodes=200,300"
         wrong = [
             ("", 2, "no folder for the results"),
-            ("-o out --map depht-nu", 2, "'depht-nu' is not known, did you mean 'depth-nu'?"),
+            ("-o out --map depht-nu", 2, "'depht-nu' is not known"),
             ("-o out --x material.nu=0.3,0.4", 2, "a map of one side"),
             ("-o out --x material.nu=0.3,0.4 --y material.nu=0.3,0.4", 2, "both axes are material.nu"),
             ("-o out --x material.nu=0.3,0.8 --y cloud.nodes=200,300", 2, "nu=0.8 is not allowed"),
@@ -513,8 +513,8 @@ class Atlas(Study):
 # ------------------------------------------------------------------------------------------------------------- the chart
 
 
-class Programs(unittest.TestCase):
-    """What is read of other programs, and which points no other one beats."""
+class Front(unittest.TestCase):
+    """Which points no other one beats, and what the scenes are compared with."""
 
     def test_the_front_holds_what_no_other_beats(self):
         nan = math.nan
@@ -522,27 +522,6 @@ class Programs(unittest.TestCase):
         self.assertEqual(chart.pareto_front([1, 1, 1], [2, 1, 1]), [1, 2], "equals stay")
         self.assertEqual(chart.pareto_front([nan, 2, 3], [1, nan, 4]), [2])
         self.assertEqual(chart.pareto_front([], []), [])
-
-    def test_forces_of_calculix_are_the_totals_along_the_push_in_newtons(self):
-        dat = (
-            "\n total force (fx,fy,fz) for set CIRCLE and time  0.1250000E+00\n\n"
-            "        6.7E-02  1.8E-02 -1.201215E+01\n"
-            "\n total force (fx,fy,fz) for set CIRCLE and time  0.2500000E+00\n\n"
-            "        1.5E-01  5.2E-02 -2.435996E+01\n"
-        )
-        np.testing.assert_allclose(chart.calculix_forces(dat, [0, 0, -1]), [0.01201215, 0.02435996], atol=1e-12)
-        with self.assertRaises(pydimple.InputError):
-            chart.calculix_forces("total force\n\n no numbers\n", [0, 0, 1])
-
-    def test_forces_of_febio_are_summed_over_the_nodes_at_the_depths_only(self):
-        log = (
-            "*Step  = 1\n*Time  = 0.25\n*Data  = Rx;Ry;Rz\n2 0 0 -1\n5 0 0 -2\n"
-            "*Step  = 2\n*Time  = 0.5\n*Data  = Rx;Ry;Rz\n2 0 0 -3\n5 0 1 -4\n"
-            "*Step  = 3\n*Time  = 1\n*Data  = Rx;Ry;Rz\n2 0 0 -5\n5 0 1 -6\n"
-        )
-        np.testing.assert_allclose(chart.febio_forces(log, [0, 0, -1], 2), [0.007, 0.011])
-        with self.assertRaises(pydimple.InputError):
-            chart.febio_forces("*Time = 1\n2 a b c\n", [0, 0, 1], 1)
 
     def test_the_scenes_are_those_of_the_reference_files(self):
         for name, file in (("a", "block.csv"), ("b", "cut_ellipsoid.csv")):
@@ -554,7 +533,7 @@ class Programs(unittest.TestCase):
 
 
 class Chart(Study):
-    SMALL = "--schemes converging --time quasi-static --calculix none"
+    SMALL = "--schemes converging --time quasi-static"
 
     def test_a_small_one_of_an_image_and_a_scene(self):
         dimple(self.folder, "phantom brain.nrrd --spacing 3")
@@ -593,22 +572,6 @@ class Chart(Study):
         pathlib.Path("half.csv").write_text("indentation_mm,force_N\n0.5,0.005\n")
         self.refused(chart, words + " --reference half.csv", 3, "no force at 1 mm")
 
-    def test_calculix_has_its_points_beside_ours(self):
-        if not shutil.which("ccx"):
-            self.skipTest("CalculiX is not installed (Debian: calculix-ccx)")
-        self.good(chart, "-o out --only a --nodes 600 --goals none --schemes converging --time quasi-static --peer-nodes 500")
-        peer = self.table("out/chart.csv")[-1]
-        self.assertEqual((peer["program"], peer["scheme"], peer["status"]), ("calculix", "C3D20R", "ok"))
-        self.assertAlmostEqual(float(peer["force_1_mm_N"]), 0.00975, delta=0.2 * 0.00975)
-
-    def test_another_program_without_time_is_a_row_that_says_so(self):
-        pathlib.Path("slow").write_text("#!/bin/sh\nsleep 30000\n")
-        os.chmod("slow", 0o755)
-        self.good(chart, "-o out --only a --nodes 300 --goals none --schemes converging --time quasi-static "
-                  "--calculix ./slow --peer-nodes 300,400 --peer-limit 0.2")  # fmt: skip
-        peers = [row for row in self.table("out/chart.csv") if row["program"] == "calculix"]
-        self.assertEqual([row["status"] for row in peers], ["stopped after 0.2 s at 0 of 8 depths"])
-
     def test_what_makes_no_chart_is_refused_before_the_first_run(self):
         wrong = {
             "--only a,c": "'c' is not known",
@@ -616,10 +579,7 @@ class Chart(Study):
             "--reference known.csv": "a reference was given, but no label image",
             "--nodes 50": "50 nodes are too few",
             "--goals 5%,much": "accuracy.goal = much is not allowed",
-            "--elements pyramids": "'pyramids' is not known",
             "--time slow": "'slow' is not known",
-            "--febio no/such/febio4": "there is no program no/such/febio4",
-            "--calculix no/such/ccx": "there is no program no/such/ccx",
         }
         for words, said in wrong.items():
             self.refused(chart, "-o out " + words, 2, said)

@@ -1,19 +1,10 @@
 // sample_data/tutorial.md and craniotomy.md: their commands work in the order in which a reader types them,
 // say what the page shows, and leave the files that it names.
 
-#include <gtest/gtest.h>
-
-#include <fstream>
-#include <regex>
-#include <set>
-#include <sstream>
-
-#include "tests/end_to_end/program.hpp"
+#include "tests/end_to_end/in_folder.hpp"
 
 namespace dimple {
 namespace {
-
-namespace fs = std::filesystem;
 
 std::string page_of(const char* name) {
   return text_of(fs::path(DIMPLE_SAMPLE_DATA) / name);
@@ -72,7 +63,7 @@ std::set<std::string> tried_of(const std::string& page, const fs::path& folder) 
     const Ran ran = good(folder, step.command);
     const std::string said = without_times(ran.out + ran.err);
     for (const std::string& line : step.shown)
-      EXPECT_NE(said.find(without_times(line)), std::string::npos) << line << '\n' << ran.err;
+      EXPECT_THAT(said, HasSubstr(without_times(line))) << line << ran.err;
     tried.insert(step.command.substr(0, step.command.find(' ')));
   }
   return tried;

@@ -102,28 +102,6 @@ inline double error_at_most(const BandScene& scene, Index nodes, std::size_t k) 
   return std::abs(band_error(scene, nodes, k)) + truth_error(scene, k);
 }
 
-/// Of the default's pair of clouds, at each depth: half the band's width, the error, and that with the
-/// truth's own, as parts of the force.
-inline constexpr Index default_nodes_of_band = 1500;
-struct HeldOut {
-  double half, error, error_most;
-};
-inline std::vector<HeldOut> held_out_errors(const BandScene& scene) {
-  const std::vector<ForceSample>& fine = scene.forces.at(default_nodes_of_band);
-  const std::vector<double> half =
-      half_widths(fine, default_nodes_of_band, scene.forces.at(default_nodes_of_band / 2), scene.radius,
-                  scene.several_tissues);
-  std::vector<HeldOut> errors;
-  for (std::size_t k = 1; k < half.size(); ++k)
-    errors.push_back({half[k] / std::abs(fine[k].force),
-                      std::abs(band_error(scene, default_nodes_of_band, k)),
-                      error_at_most(scene, default_nodes_of_band, k)});
-  return errors;
-}
-inline bool holds_the_truth(const std::vector<HeldOut>& errors) {
-  return std::all_of(errors.begin(), errors.end(), [](const HeldOut& e) { return e.error_most <= e.half; });
-}
-
 /// Half the width of the error bounds of so many nodes, against a coarser set, at each depth [N].
 inline std::vector<double> error_bounds(const BandScene& scene, Index nodes, Index coarse) {
   const std::vector<ForceSample>& fine = scene.forces.at(nodes);

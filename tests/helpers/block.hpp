@@ -103,6 +103,13 @@ inline ForceSystem::Nodal affine(const Model& model, const Mat3& F) {
   return to_nodal((F - Mat3::Identity()) * model.X);
 }
 
+/// Internal forces of a body that nothing has loaded before [N].
+inline ForceSystem::Nodal forces_at(const ForceSystem& system, const ForceSystem::Nodal& u) {
+  ForceSystem::Nodal f = u;
+  ForceState(system).internal_force(u, f);
+  return f;
+}
+
 inline ForceSystem::Nodal random_displacement(const Model& model, double size, unsigned seed = 3) {
   std::mt19937 random(seed);
   std::uniform_real_distribution<double> noise(-size, size);

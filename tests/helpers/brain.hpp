@@ -17,21 +17,16 @@ using Inside = std::function<bool(const Vec3&)>;
 /// A body within `reach` of the origin, in voxels of edge h whose lattice is turned by `grid`.
 inline LabelImage image_of(const Inside& inside, double reach, double h,
                            const Mat3& grid = Mat3::Identity()) {
-  LabelImage image;
   const auto n = static_cast<Index>(2.0 * std::ceil(reach / h)) + 2;
-  image.size = {n, n, n};
-  image.to_world = Eigen::Affine3d::Identity();
-  image.to_world.linear() = h * grid;
+  Eigen::Affine3d to_world = Eigen::Affine3d::Identity();
+  to_world.linear() = h * grid;
   // No place of the lattice is special to the body.
-  image.to_world.translation() =
+  to_world.translation() =
       -h * grid * (Vec3::Constant(0.5 * static_cast<double>(n - 1)) + Vec3(0.13, 0.29, 0.41));
-  std::vector<std::int32_t> voxel;
-  for (Index k = 0; k < n; ++k)
-    for (Index j = 0; j < n; ++j)
-      for (Index i = 0; i < n; ++i)
-        voxel.push_back(inside(image.to_world *
-                               Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k))));
-  set_voxels(image, voxel);
+  LabelImage image = image_of({n, n, n}, Vec3::Ones(), [&](Index i, Index j, Index k) {
+    return inside(to_world * place_of(i, j, k));
+  });
+  image.to_world = to_world;
   return image;
 }
 

@@ -12,9 +12,4 @@ inline double strain_energy(const Material& material, const Mat3& F) {
   return distortional_energy(material, F) + 0.5 * material.kappa * dilation * dilation;
 }
 
-/// Cauchy stress P F^T / J [Pa]. Needs: J not 0.
-inline Mat3 cauchy_stress(const Material& material, const Mat3& F) {
-  return pk1_stress(material, F) * F.transpose() / F.determinant();
-}
-
 }  // namespace dimple::testing_bodies

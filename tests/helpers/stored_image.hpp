@@ -117,12 +117,6 @@ struct NiftiFile {
         set(static_cast<std::size_t>(280 + 16 * r + 4 * c),
             static_cast<float>((r < 2 ? -1.0 : 1.0) * lps.matrix()(r, c)));
   }
-  /// Rotation-free qform in RAS with the spacing of pixdim.
-  void qform(std::int16_t code, const Vec3& ras_origin) {
-    set(252, code);
-    for (std::size_t r = 0; r < 3; ++r)
-      set(268 + 4 * r, static_cast<float>(ras_origin[static_cast<Index>(r)]));
-  }
   explicit NiftiFile(const StoredImage& raw) : voxels(bytes_of(raw.voxel)) {
     set<std::int32_t>(0, 348);
     dims({raw.size[0], raw.size[1], raw.size[2]});

@@ -1,7 +1,6 @@
 """What the studies share: options of the command line, the folder of results, the program `dimple`, and pictures."""
 
 import argparse
-import difflib
 import logging
 import os
 import pathlib
@@ -25,8 +24,12 @@ _CODES = {
 }
 
 
-def refuse(fact, where, why, remedy, kind=pydimple.UsageError, code="usage"):
-    raise kind(fact, where, why, remedy, code)
+class Refused(Exception):
+    """What a study does not do: its words, and the exit code that `dimple` has for such a mistake."""
+
+
+def refuse(words, code=2):
+    raise Refused(words, code)
 
 
 def key_of(word):
@@ -92,22 +95,6 @@ def text_of(value):
     return value if isinstance(value, str) else repr(value)
 
 
-def _from_file(file):
-    import tomllib
-
-    with open(file, "rb") as opened:
-        table = tomllib.load(opened)
-
-    def flat(table, before):
-        for name, value in table.items():
-            if isinstance(value, dict):
-                yield from flat(value, f"{before}{name}.")
-            else:
-                yield before + name, str(value).lower() if isinstance(value, bool) else text_of(value)
-
-    return dict(flat(table, ""))
-
-
 def words(text):
     return [word for word in text.split(",") if word]
 
@@ -121,7 +108,6 @@ def parser(name, description, flags=False):
     result = argparse.ArgumentParser(prog=f"python3 tests/studies/{name}.py", description=description, allow_abbrev=False)
     result.add_argument("image", nargs="?", default="", metavar="IMAGE", help="label image")
     result.add_argument("-o", "--out", default="", metavar="FOLDER", help="for the results")
-    result.add_argument("--config", metavar="FILE", help="TOML file with options; see `dimple options`")
     result.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="any option, as section.key=value")
     result.add_argument("--threads", type=int, help="at most this many; results do not depend on it")
     result.add_argument("-q", "--quiet", action="store_true", help="errors only")
@@ -134,29 +120,22 @@ def parser(name, description, flags=False):
 def known_words(given, known, where):
     for word in given:
         if word not in known:
-            near = difflib.get_close_matches(word, known, 1)
-            hint = f", did you mean '{near[0]}'?" if near else ""
-            refuse(f"'{word}' is not known{hint}", where, "it takes " + ", ".join(known), "choose among these")
+            refuse(f"{where}: '{word}' is not known, but {', '.join(known)}")
 
 
 def _case(options):
     given = {}
-    if options.config:
-        try:
-            given = {key_of(key): text for key, text in _from_file(options.config).items()}
-        except (OSError, ImportError, ValueError) as error:
-            refuse(f"{options.config} cannot be read", "--config", str(error), "give a TOML file", pydimple.InputError, "input")
     for pair in options.set:
         key, equals, text = pair.partition("=")
         if not equals:
-            refuse(f"'{pair}' is not key=value", "--set", "there is no =", "for instance --set material.mu=300Pa")
+            refuse(f"--set: '{pair}' is not key=value")
         given[key_of(key)] = text
     given |= {key: text for key, text in vars(options).items() if key in _TABLE and text is not None}
     case = Case(options.image, given)
     values = case.values()
     for key in ("accuracy.goal", "accuracy.budget_s"):
         if values[key]:
-            refuse("a study takes no accuracy", key, "it chooses the numbers of nodes itself", f"leave {key} out")
+            refuse(f"a study takes no accuracy, since it chooses the numbers of nodes itself: leave {key} out")
     return case
 
 
@@ -173,27 +152,24 @@ def main(of, study, argv=None):
     except KeyboardInterrupt as stop:  # pydimple.Stopped too
         print(f"interrupted{': ' + str(stop.args[0]) if stop.args else ''}", file=sys.stderr)
         return 130
+    except Refused as refused:
+        print(refused.args[0], file=sys.stderr)
+        return refused.args[1]
     except pydimple.Error as error:
         print(error, file=sys.stderr)
         return _CODES.get(type(error), 1)
 
 
-def folder_for(out, own, study):
+def folder_for(out, own):
     """The folder for the results, which write() makes. Refused where it cannot be, or holds files and none is `own`."""
     folder = pathlib.Path(out)
     if not out:
-        refuse("no folder for the results was given", "-o", "there is nowhere to put them", f"for instance {study} -o out")
+        refuse("no folder for the results was given: -o FOLDER")
     there = next(place for place in [folder, *folder.absolute().parents] if place.exists() or place.is_symlink())
     if not there.is_dir() or not os.access(there, os.W_OK):
-        refuse(
-            f"{folder} cannot be made or written to", "-o", f"{there} is no folder, or a locked one", "give another folder with -o",
-            pydimple.OutputError, "output",
-        )  # fmt: skip
+        refuse(f"{folder} cannot be made or written to", 6)
     if folder.is_dir() and any(folder.iterdir()) and not (folder / own).exists():
-        refuse(
-            f"{folder} holds files that are not results of {study}", "-o", "they could be overwritten",
-            "give an empty or a new folder with -o", pydimple.OutputError, "output",
-        )  # fmt: skip
+        refuse(f"{folder} holds files that are not results of this study: give an empty or a new folder", 6)
     return folder
 
 
@@ -206,7 +182,7 @@ def _whole(file, make):
         os.replace(part, file)
     except OSError as error:
         part.unlink(missing_ok=True)
-        refuse(f"{file} cannot be written", "output", str(error), "make room, or give another folder", pydimple.OutputError, "output")
+        refuse(f"{file} cannot be written: {error}", 6)
     except KeyboardInterrupt:
         part.unlink(missing_ok=True)
         raise
@@ -226,13 +202,12 @@ def shortest(value):
     return text_of(float(value))
 
 
-def program(of="program"):
-    """Of the command `dimple`: DIMPLE_PROGRAM, or on the path; or that of tests/bench/peer: DIMPLE_PEER."""
-    usual, variable = {"program": "dimple", "peer": "dimple_peer"}[of], f"DIMPLE_{of.upper()}"
-    name = os.environ.get(variable, usual)
+def program():
+    """Of the command `dimple`: DIMPLE_PROGRAM, or on the path."""
+    name = os.environ.get("DIMPLE_PROGRAM", "dimple")
     found = shutil.which(name)
     if not found:
-        refuse(f"there is no program {name}", "PATH", "the study starts it", f"build it, and say where: {variable}=build/release/{usual}")
+        refuse(f"there is no program {name}: build it, and say where by DIMPLE_PROGRAM=build/release/dimple")
     return os.path.abspath(found)
 
 
@@ -252,14 +227,7 @@ def reference_at(file, at_mm=None):
         with open(file, newline="", encoding="utf-8") as opened:
             known = {float(row["indentation_mm"]): float(row["force_N"]) for row in csv.DictReader(opened)}
     except (OSError, KeyError, TypeError, ValueError) as error:
-        refuse(
-            f"{file} is no table of a force",
-            "--reference",
-            f"{type(error).__name__}: {error}",
-            "give a CSV with the columns indentation_mm,force_N",
-            pydimple.InputError,
-            "input",
-        )
+        refuse(f"{file} is no table with the columns indentation_mm,force_N: {error}", 3)
 
     def at(d):
         return next((force for depth, force in known.items() if abs(depth - d) < 1e-6), None)
@@ -271,14 +239,7 @@ def reference_at(file, at_mm=None):
             wanted.append(len(wanted) + 1.0)
     for d in wanted:
         if at(d) is None:
-            refuse(
-                f"the reference has no force at {d:.4g} mm",
-                str(file),
-                "the study compares at each of these depths",
-                "give a table with a row for each of them",
-                pydimple.InputError,
-                "input",
-            )
+            refuse(f"the reference has no force at {d:.4g} mm", 3)
     return [at(d) for d in wanted]
 
 
@@ -291,7 +252,7 @@ def pyplot():
     try:
         import matplotlib
     except ImportError:
-        refuse("matplotlib is not installed", "pictures", "the study draws with it", "apt install python3-matplotlib, or pip install matplotlib")
+        refuse("matplotlib is not installed: apt install python3-matplotlib")
     matplotlib.use("Agg")
     from matplotlib import pyplot as plt
 

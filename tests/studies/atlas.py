@@ -18,7 +18,6 @@ import math
 import os
 import pathlib
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -28,7 +27,6 @@ import time
 from dataclasses import dataclass, field
 
 import numpy as np
-import pydimple
 
 import _study
 from _study import Case, refuse
@@ -190,12 +188,11 @@ MAPS = [
 
 
 def check_axis(axis, flag):
-    example = f"for instance {flag} material.nu=0.3,0.45,0.499"
     if len(axis.values) < 2:
         count = f"{len(axis.values)} value{'' if len(axis.values) == 1 else 's'}"
-        refuse(f"{axis.key} has {count}", flag, "a side of a map has at least two", example)
+        refuse(f"{flag}: {axis.key} has {count}, and a side of a map at least two")
     if len(set(axis.values)) < len(axis.values):
-        refuse(f"a value of {axis.key} is given twice", flag, "each is a column or row of its own", example)
+        refuse(f"{flag}: a value of {axis.key} is given twice")
     if axis.is_height:
         return
     values = [Case("", {axis.key: value}).values().get(axis.key) for value in axis.values]
@@ -203,19 +200,14 @@ def check_axis(axis, flag):
         for k, depth in enumerate(values):
             even = values[-1] * (k + 1) / len(values)
             if abs(depth - even) > 1e-6 * values[-1]:
-                refuse(
-                    f"the depths are not even steps: {axis.values[k]} where {even:.6g} mm is expected",
-                    flag,
-                    "all of them come from one run, whose frames are evenly apart",
-                    example,
-                )
+                refuse(f"{flag}: the depths are not even steps: {axis.values[k]} where {even:.6g} mm is expected")
 
 
 def axis_of(text, flag):
-    """ "material.nu=0.3,0.45" as an axis. Raises UsageError."""
+    """ "material.nu=0.3,0.45" as an axis."""
     key, equals, values = text.partition("=")
     if not equals:
-        refuse(f"'{text}' is not key=value,value", flag, "there is no =", f"for instance {flag} material.nu=0.3,0.45,0.499")
+        refuse(f"{flag}: '{text}' is not key=value,value")
     axis = Axis(_study.key_of(key), values.split(","))
     Case("", {} if axis.is_height else {axis.key: axis.values[0]}).values()  # an unknown option, before the number of values
     check_axis(axis, flag)
@@ -405,10 +397,6 @@ def _frames_of(out):
     return frames
 
 
-class Refused(Exception):
-    """What a run refuses is for the user to mend: exit code, and its words."""
-
-
 # ------------------------------------------------------------------------------------------------------------ running
 
 
@@ -502,7 +490,7 @@ class Runner:
             process.communicate()
             return None
         if process.returncode in (2, 3, 6):
-            raise Refused(process.returncode, said)
+            refuse(said.strip(), process.returncode)  # for the user to mend
         run = Run()
         try:
             summary = json.loads((out / "summary.json").read_text())
@@ -530,7 +518,7 @@ def _sha256(file):
     try:
         return hashlib.sha256(pathlib.Path(file).read_bytes()).hexdigest()
     except OSError as error:
-        refuse(f"{file} cannot be read", "image", str(error), "give the name of a label image", pydimple.InputError, "input")
+        refuse(f"{file} cannot be read: {error}", 3)
 
 
 # ---------------------------------------------------------------------------------------------------------- from a map
@@ -787,27 +775,18 @@ def draw(plt, folder, of, panels, finest):
 def maps_asked_for(case, options):
     if not options.x and not options.y:
         if case.image:
-            refuse(
-                "an image was given, but no axes", "command line", "the maps with names are about the block",
-                "give --x and --y, for instance --x material.nu=0.3,0.499 --y cloud.nodes=500,1000",
-            )  # fmt: skip
+            refuse("an image was given, but no axes --x and --y: the maps with names are about the block")
         _study.known_words(options.map, [of.name for of in MAPS], "--map")
         return [of for of in MAPS if not options.map or of.name in options.map]
     if not options.x or not options.y:
-        refuse(
-            "a map of one side", "--x, --y", "it has two",
-            "give both, for instance --x material.nu=0.3,0.499 --y cloud.nodes=500,1000",
-        )  # fmt: skip
+        refuse("a map of one side: it has --x and --y")
     if options.map:
-        refuse("both a map's name and axes were given", "--map, --x, --y", "a map has two axes", "leave --map out, or --x and --y")
+        refuse("both a map's name and axes were given")
     x, y = axis_of(options.x, "--x"), axis_of(options.y, "--y")
     if x.key == y.key:
-        refuse(f"both axes are {x.key}", "--x, --y", "there would be one line of cells", "choose two options")
+        refuse(f"both axes are {x.key}")
     if case.image and (x.is_height or y.is_height):
-        refuse(
-            "the height of an image cannot be swept", "--x, --y", "phantom.height_mm is about the block",
-            "leave the image out, or choose another option",
-        )  # fmt: skip
+        refuse("the height of an image cannot be swept: phantom.height_mm is about the block")
     scene = os.path.basename(case.image) if case.image else "block 60 x 60 x 30 mm"
     settings = {} if case.image else {"boundary.base": "inferior", "boundary.indent_at": "0,0,top"}
     return [Map("own", f"{x.key} and {y.key}", scene, x, y, settings)]
@@ -818,23 +797,17 @@ def study(case, options, say):
         return "\n".join(f"{of.name:<14} {of.x.key} x {of.y.key}" for of in MAPS)
     _study.known_words(options.schemes, SCHEMES, "--schemes")
     if not options.schemes or not options.finest:
-        refuse(
-            "a map needs a scheme and a finest run to compare with", "--schemes, --finest", "there would be nothing to draw",
-            "for instance --schemes converging --finest 4000",
-        )  # fmt: skip
+        refuse("a map needs a scheme and a finest run to compare with")
     for nodes in options.finest:
         if nodes < 100:
-            refuse(f"{nodes} nodes are too few", "--finest", "a cloud has at least 100", "for instance --finest 4000,2000")
+            refuse(f"--finest: {nodes} nodes are too few, a cloud has at least 100")
     if not options.limit > 0:
-        refuse(f"--limit {options.limit:g} is not allowed", "--limit", "a run takes some time", "for instance --limit 300")
+        refuse(f"--limit {options.limit:g} is not allowed")
     maps = maps_asked_for(case, options)
     for of in maps:
         if not of.schemes(options.schemes, case.given):
-            refuse(
-                f"the map {of.name} is of a tool that touches", "--schemes", "the scheme of 2007 knows no contact",
-                "leave --schemes out, or choose other maps by --map",
-            )  # fmt: skip
-    folder = _study.folder_for(options.out, "stress.csv", "python3 tests/studies/atlas.py").absolute()
+            refuse(f"--schemes: the map {of.name} is of a tool that touches, and the scheme of 2007 knows no contact")
+    folder = _study.folder_for(options.out, "stress.csv").absolute()
     plt = _study.pyplot()
     if case.image:
         case.image = os.path.abspath(case.image)
@@ -847,13 +820,6 @@ def study(case, options, say):
     stopped = False
     try:
         _run_all(maps, case, options, runner, blocks)
-    except Refused as refused:
-        code, said = refused.args
-        fact, *lines = said.strip().split("\n")
-        part = dict(line.strip().partition(":")[::2] for line in lines)
-        kind = {2: pydimple.UsageError, 3: pydimple.InputError}.get(code, pydimple.OutputError)
-        parts = (part.get(name, "").strip() for name in ("where", "why", "try", "code"))
-        raise kind(fact.partition(": ")[2] or fact, *parts) from None
     except KeyboardInterrupt:
         stopped = True
     overview, text = "map,scheme,cells,survived,codes\n", ""

@@ -1,35 +1,29 @@
-"""Error of the force against wall time: schemes, sizes of clouds, accuracies asked for, and other programs beside them.
+"""Error of the force against wall time: schemes, sizes of clouds, accuracies asked for.
 
     python3 tests/studies/chart.py -o OUT                                   two scenes whose force is known
-    python3 tests/studies/chart.py IMAGE -o OUT [--reference known.csv]     and an image of yours; --set and --config are its
+    python3 tests/studies/chart.py IMAGE -o OUT [--reference known.csv]     and an image of yours; --set is its
 
 chart.csv, chart.png and chart.svg. Scenes A and B are made here as 1 mm images, left in the folder. An image without a
-reference of its own is shown by the difference from the finest of its runs, with no front and no verdict on other programs.
-Times are those of the whole, from the image to the force; of other programs (apt install calculix-ccx) with the mesh, which
-`dimple export` makes of tetrahedra and `dimple_peer` of hexahedra. A run that fails is a row without an error. Below, what the runs with a band say of their own error, the
-band's time counted in.
+reference of its own is shown by the difference from the finest of its runs, without a front. Times are those of the whole,
+from the image to the force. A run that fails is a row without an error. Below, what the runs with a band say of their own
+error, the band's time counted in. Other programs are compared by fair_peer.py and contact_peer.py of tests/bench.
 """
 
-import json
 import math
 import os
 import re
-import shutil
-import signal
 import statistics
 import subprocess
 import sys
-import time
 from dataclasses import dataclass, field
 
-import numpy as np
 import pydimple
 
 import _study
 from _study import Case, in_words, refuse
 
 MOST_DEPTHS = 8  # 1, 2, ... mm
-SCHEMES, TIMES, ELEMENTS = ["converging", "horton2007"], ["quasi-static", "explicit"], ["hexahedra", "tetrahedra"]
+SCHEMES, TIMES = ["converging", "horton2007"], ["quasi-static", "explicit"]
 
 # Horton, Wittek, Miller, MICCAI 2007, section 5: 0.131 N computed; 0.181 and 0.125 N measured at the two hemispheres of a swine
 # brain, 0.153 N in the mean; 55 s on a 3 GHz Pentium 4.
@@ -84,7 +78,6 @@ class Point:
     |force / reference - 1|; stated: half the band at the deepest as a part of the force; band_s: that it took besides."""
 
     scene: str
-    program: str
     scheme: str
     time: str
     depths: int
@@ -154,7 +147,7 @@ def own_point(subject, scheme, of_time, nodes, repeat):
     with_band = scheme == "converging" and of_time == "quasi-static"
     settings = {"scheme.name": scheme, "solver.time": of_time, "cloud.nodes": nodes, "cloud.spacing_mm": 0}
     case = subject.case.having(settings | {"accuracy.band": "on" if with_band else "off"})
-    point = Point(subject.name, "dimple", scheme, of_time, subject.depths)
+    point = Point(subject.name, scheme, of_time, subject.depths)
     build, solve, band = [], [], []
 
     def take(result):
@@ -172,7 +165,7 @@ def own_point(subject, scheme, of_time, nodes, repeat):
 
 def dial_point(subject, goal, repeat):
     """The ladder for an accuracy, all its clouds together."""
-    point = Point(subject.name, "dimple", f"accuracy {goal}", "quasi-static", subject.depths)
+    point = Point(subject.name, f"accuracy {goal}", "quasi-static", subject.depths)
     solve = []
 
     def take(result):
@@ -185,124 +178,6 @@ def dial_point(subject, goal, repeat):
     _run_all_seeds(point, subject, case.having({"accuracy.goal": goal}), repeat, take)
     if solve:
         point.solve_s = statistics.median(solve)
-    return point
-
-
-# -------------------------------------------------------------------------------------------------------- other programs
-
-
-@dataclass
-class Peer:
-    name: str
-    scheme: str
-    elements: str
-    program: str
-
-
-def _unreadable(what, line):
-    refuse(f"{what} holds '{line.strip()}'", what, "another form was expected", "report the version", pydimple.InputError, "input")
-
-
-def calculix_forces(dat, push):
-    """The force [N] along the push at each depth that CalculiX reached, from its FILE.dat, in mN."""
-    forces, lines = [], iter(line for line in dat.split("\n") if line.strip())
-    for line in lines:
-        if "total force" in line:
-            numbers = next(lines, "end of file")
-            try:
-                forces.append(1e-3 * float(np.dot([float(word) for word in numbers.split()], push)))
-            except ValueError:
-                _unreadable("CalculiX's .dat file", numbers)
-    return forces
-
-
-def febio_forces(log, push, frames):
-    """Likewise, from what FEBio wrote. Blocks of "*Step  = 1", "*Time  = 0.125", "*Data  = Rx;Ry;Rz", then "node Rx Ry Rz"
-    lines: one for every step, also those between the depths, and no sign that all versions share."""
-    forces, wanted = [], False
-    for line in filter(str.strip, log.split("\n")):
-        try:
-            if line.startswith("*Time"):
-                at = float(line.partition("=")[2]) * frames
-                wanted = at > 0 and abs(at - round(at)) < 1e-4
-                forces += [0.0] if wanted else []
-            elif not line.startswith("*"):
-                _, *force = (float(word) for word in line.split())
-                if wanted:
-                    forces[-1] += 1e-3 * float(np.dot(force, push))
-        except ValueError:
-            _unreadable("FEBio's node data", line)
-    return [abs(force) for force in forces]
-
-
-def _push_in(text, calculix):
-    """The unit vector along which an input file moves the circle."""
-    way = np.zeros(3)
-    found = re.findall(r"^circle, (\d), \1, (\S+)$" if calculix else r"<dof>(.)</dof>\s*<value[^>]*>([^<]*)<", text, re.MULTILINE)
-    for axis, length in found:
-        way["123xyz".index(axis) % 3] = float(length)
-    return way / np.linalg.norm(way)
-
-
-def ran(command, folder, limit_s, threads):
-    """Exit code, or None after the limit; seconds. What it says goes to words.txt; what it starts ends with it."""
-    begun = time.monotonic()
-    with open(folder / "words.txt", "w", encoding="utf-8") as words:
-        process = subprocess.Popen(
-            command, cwd=folder, stdin=subprocess.DEVNULL, stdout=words, stderr=subprocess.STDOUT, start_new_session=True,
-            env=os.environ | {"OMP_NUM_THREADS": str(threads)},
-        )  # fmt: skip
-        try:
-            code = process.wait(limit_s)
-        except subprocess.TimeoutExpired:
-            code = None
-        finally:
-            if process.poll() is None:
-                os.killpg(process.pid, signal.SIGKILL)
-                process.wait()
-    return code, time.monotonic() - begun
-
-
-def peer_point(subject, peer, nodes, options, folder, threads):
-    point = Point(subject.name, peer.name, peer.scheme, "quasi-static", subject.depths, nodes=nodes)
-    calculix = peer.name == "calculix"
-    file = folder / ("peer.inp" if calculix else "peer.feb")
-    case = subject.case.having({"cloud.nodes": nodes, "cloud.spacing_mm": 0})
-    build, solve = [], []
-    try:
-        for _ in range(options.repeat):
-            shutil.rmtree(folder, ignore_errors=True)
-            folder.mkdir(parents=True)
-            begun = time.monotonic()
-            if peer.elements == "hexahedra":
-                command = [_study.program("peer"), case.image, str(file)]
-            else:
-                command = [_study.program(), "export", case.image, "-o", str(file), "--json", "-q"]
-            made = subprocess.run(command + case.arguments(), capture_output=True, text=True, check=False)
-            if made.returncode:
-                point.status = made.stderr.strip().split("\n")[0].removeprefix("dimple: ")
-                break
-            build.append(time.monotonic() - begun)
-            mesh = json.loads(made.stdout)
-            point.nodes, point.points = mesh["nodes"], mesh["elements"] * (4 if calculix and peer.elements == "tetrahedra" else 8)
-            words = [peer.program, "peer"] if calculix else [peer.program, "-i", "peer.feb", "-nosplash"]
-            code, seconds = ran(words, folder, options.peer_limit, threads)
-            solve.append(seconds)
-            results = folder / ("peer.dat" if calculix else "circle_forces.txt")
-            push = _push_in(file.read_text(), calculix)
-            log = results.read_text() if results.exists() else ""
-            force = calculix_forces(log, push) if calculix else febio_forces(log, push, subject.depths)
-            if code is None:
-                point.status = f"stopped after {options.peer_limit:.3g} s at {len(force)} of {subject.depths} depths"
-            elif len(force) < subject.depths:
-                point.status = f"ended with code {code} after {len(force)} of {subject.depths} depths"
-            point.runs.append(force)
-            if point.status != "ok":
-                break
-        if solve:
-            point.build_s, point.solve_s = statistics.median(build), statistics.median(solve)
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
     return point
 
 
@@ -335,7 +210,7 @@ def pareto_front(cost, error):
 
 
 def mark_front(points, subject):
-    """Differences between our own runs say nothing of whose are right: without a reference there is no front."""
+    """Differences between our own runs say nothing of which is right: without a reference there is no front."""
     here = [p.scene == subject.name for p in points]
     for p, is_here in zip(points, here):
         if is_here:
@@ -359,7 +234,7 @@ def table(points, subjects):
 
     of = {subject.name: subject for subject in subjects}
     for p in points:
-        row = [p.scene, p.program, p.scheme, p.time, p.nodes, p.points, *(f"{s:.4g}" for s in (p.build_s, p.solve_s, p.wall_s))]
+        row = [p.scene, "dimple", p.scheme, p.time, p.nodes, p.points, *(f"{s:.4g}" for s in (p.build_s, p.solve_s, p.wall_s))]
         row += [number(p.error), number(p.error_last), int(p.on_front), f"{p.band_s:.4g}", number(p.stated), int(p.on_stated_front)]
         row += [_study.quoted(of[p.scene].reference_name), _study.quoted(p.status)]
         force = p.runs[0] if p.runs else []
@@ -368,37 +243,13 @@ def table(points, subjects):
     return "\n".join(lines) + "\n"
 
 
-def comparison(points, subjects):
-    """How much faster the quickest own run is that errs no more than another program's, where that is known."""
-    known = {subject.name for subject in subjects if subject.known}
-    text = ""
-    for peer in (p for p in points if p.program != "dimple" and p.scene in known and p.complete):
-        own = [p for p in points if p.scene == peer.scene and p.program == "dimple" and p.complete and p.error <= peer.error]
-        best = min(own, key=lambda p: p.wall_s, default=None)
-        text += (
-            f"scene {peer.scene}: {peer.program} with {peer.nodes} nodes errs by {100 * peer.error:.1f} % in {peer.wall_s:.1f} s "
-            f"({peer.solve_s:.1f} s without the mesh); "
-        )
-        text += (
-            f"{best.scheme} ({best.time}) with {best.nodes} nodes by {100 * best.error:.1f} % in {best.wall_s:.2f} s: "
-            f"{peer.wall_s / best.wall_s:.0f} times faster\n"
-            if best
-            else "no run of ours errs less\n"
-        )
-    return text
-
-
 # ------------------------------------------------------------------------------------------------------------- pictures
 
-# Program, scheme, time, legend, beside the points, hue, filled: lines that belong together, the same look in every panel.
+# Scheme, time, legend, beside the points, hue: lines that belong together, the same look in every panel.
 _FAMILIES = [
-    ("dimple", "converging", "quasi-static", "converging, quasi-static", "converging", 0, True),
-    ("dimple", "accuracy", "quasi-static", "an accuracy asked for: all clouds of its ladder", "", 2, True),
-    ("dimple", "horton2007", "explicit", "horton2007, explicit", "horton2007", 1, True),
-    ("calculix", "C3D20R", "quasi-static", "CalculiX, hexahedra (C3D20R)", "CalculiX", 3, True),
-    ("calculix", "C3D10", "quasi-static", "CalculiX, tetrahedra (C3D10)", "C3D10", 3, False),
-    ("febio", "hex8", "quasi-static", "FEBio, hexahedra (hex8, mixed)", "FEBio", 4, True),
-    ("febio", "tet10", "quasi-static", "FEBio, tetrahedra (tet10, mixed)", "tet10", 4, False),
+    ("converging", "quasi-static", "converging, quasi-static", "converging", 0),
+    ("accuracy", "quasi-static", "an accuracy asked for: all clouds of its ladder", "", 2),
+    ("horton2007", "explicit", "horton2007, explicit", "horton2007", 1),
 ]
 
 
@@ -418,18 +269,14 @@ def _labelled(axes, x, y, labels, name, hue, filled=True, line="-"):
 def _error_panel(axes, subject, points):
     here = [p for p in points if p.scene == subject.name]
     what = "error of the force" if subject.known else "difference from that run"
-    lines = subject.subtitle + [f"No point for {p.program} ({p.scheme}) with {p.nodes} nodes: {p.status}" for p in here if p.status != "ok"]
+    lines = subject.subtitle + [f"No point for {p.scheme} with {p.nodes} nodes: {p.status}" for p in here if p.status != "ok"]
     _study.headed(axes, subject.title, lines)
     _front(axes, [(p.wall_s, 100 * p.error) for p in here if p.on_front])
-    for program, scheme, of_time, name, short, hue, filled in _FAMILIES:
-        of_family = [
-            p
-            for p in here
-            if p.program == program and p.time == of_time and p.complete and (p.is_dial if scheme == "accuracy" else p.scheme == scheme)
-        ]
+    for scheme, of_time, name, short, hue in _FAMILIES:
+        of_family = [p for p in here if p.time == of_time and p.complete and (p.is_dial if scheme == "accuracy" else p.scheme == scheme)]
         if of_family:
             labels = [p.scheme if p.is_dial else f"{short} {p.nodes}" for p in of_family]
-            _labelled(axes, [p.wall_s for p in of_family], [100 * p.error for p in of_family], labels, name, hue, filled)
+            _labelled(axes, [p.wall_s for p in of_family], [100 * p.error for p in of_family], labels, name, hue)
     _study.logarithmic(axes)
     axes.set_xlabel("wall time, from the image to the force curve [s]")
     axes.set_ylabel(f"largest {what} at 1, 2, ... {subject.depths} mm [%]")
@@ -446,12 +293,9 @@ def _error_panel(axes, subject, points):
 
 
 def _stated_panel(axes, subject, points):
-    """What runs say of their own error. No other program says anything."""
+    """What runs say of their own error."""
     here = [p for p in points if p.scene == subject.name and p.states_its_error]
-    note = (
-        f"half the band of the force at {subject.depths} mm; the time includes all clouds that it takes. No other program in the "
-        "chart states its error"
-    )
+    note = f"half the band of the force at {subject.depths} mm; the time includes all clouds that it takes"
     _study.headed(axes, subject.title.rsplit(": ", 1)[0] + ": stated error against wall time", [note])
     _front(axes, [(p.wall_s + p.band_s, 100 * p.stated) for p in here if p.on_stated_front])
     for dial, name, hue in ((False, "a number of nodes asked for", 0), (True, "an accuracy asked for", 2)):
@@ -485,47 +329,18 @@ def _check(case, options):
     _study.known_words(options.only, ["a", "b", "image"], "--only")
     _study.known_words(options.schemes, SCHEMES, "--schemes")
     _study.known_words(options.time, TIMES, "--time")
-    _study.known_words(options.elements, ELEMENTS, "--elements")
     for nodes in options.nodes + options.explicit_nodes:
         if nodes < 100:
-            refuse(f"{nodes} nodes are too few", "--nodes", "a cloud has at least 100", "for instance --nodes 500,1000,2000")
+            refuse(f"{nodes} nodes are too few: a cloud has at least 100")
     for goal in options.goals:
         if not re.fullmatch(r"\d+(\.\d+)?%", goal) or not float(goal[:-1]) > 0:
-            refuse(f"accuracy.goal = {goal} is not allowed", "--goals", "it is no share of the force", "for instance --goals 5%,3%")
+            refuse(f"accuracy.goal = {goal} is not allowed: for instance --goals 5%,3%")
     if not options.nodes or options.repeat < 1:
-        refuse(
-            "a chart needs at least one cloud size and one run of it", "--nodes, --repeat", "there would be no point",
-            "for instance --nodes 500,1000,2000",
-        )  # fmt: skip
-    again = "python3 tests/studies/chart.py IMAGE -o OUT"
+        refuse("a chart needs at least one cloud size and one run of it")
     if not case.image and "image" in options.only:
-        refuse("no label image was given", "--only image", "there is nothing to run", f"give one: {again}")
+        refuse("no label image was given, and --only image takes one")
     if not case.image and options.reference:
-        refuse(
-            "a reference was given, but no label image that it is of", "--reference",
-            "the two scenes have references of their own", f"give the image: {again} --reference FILE",
-        )  # fmt: skip
-
-
-def _peers(options, say):
-    def asked_for(name, flag):
-        found = shutil.which(name)
-        if not found:
-            refuse(f"there is no program {name}", flag, "it is not there, or may not be executed", f"give its path, or leave {flag} out")
-        return os.path.abspath(found)
-
-    peers = []
-    if options.calculix == "ccx" and not shutil.which("ccx"):
-        say("CalculiX is not installed (apt install calculix-ccx) and is left out")
-    elif options.calculix != "none":
-        program = asked_for(options.calculix, "--calculix")
-        peers += [Peer("calculix", "C3D20R" if e == "hexahedra" else "C3D10", e, program) for e in options.elements]
-    if options.febio:
-        program = asked_for(options.febio, "--febio")
-        peers += [Peer("febio", "hex8" if e == "hexahedra" else "tet10", e, program) for e in options.elements]
-    if any(peer.elements == "hexahedra" for peer in peers):
-        _study.program("peer")  # is there, before the first run
-    return peers
+        refuse("a reference was given, but no label image that it is of: the two scenes have references of their own")
 
 
 def _how(options, threads):
@@ -575,9 +390,8 @@ class Notes:
         own = [
             p
             for p in self.points
-            if p.scene == subject.name and p.program == "dimple" and p.scheme == "converging" and p.status == "ok"
-            and len(p.runs[0]) == p.depths
-        ]  # fmt: skip
+            if p.scene == subject.name and p.scheme == "converging" and p.status == "ok" and len(p.runs[0]) == p.depths
+        ]
         return max(own, key=lambda p: p.nodes, default=None)
 
     def __call__(self, subject, point):
@@ -604,30 +418,24 @@ class Notes:
         elif point.status == "ok":
             what = "difference" if finest else "error"
             words = f"{point.wall_s:.2f} s, {what} {100 * point.error:.2f} % at most, {100 * point.error_last:.2f} % at the end"
-        self.say(f"{point.scene:<5} {point.program:<8} {point.scheme:<10} {point.time:<12} {point.nodes:>6} nodes: {words}")
+        self.say(f"{point.scene:<5} {point.scheme:<10} {point.time:<12} {point.nodes:>6} nodes: {words}")
 
 
-def _run_all(subject, options, peers, note, threads):
+def _run_all(subject, options, note):
     nodes = sorted(options.nodes)
     explicit = sorted(options.explicit_nodes) or [n for n in nodes if n <= 4250]
-    for program, scheme, of_time, *_ in _FAMILIES:
-        if program == "dimple" and scheme in options.schemes and of_time in options.time:
+    for scheme, of_time, *_ in _FAMILIES:
+        if scheme in options.schemes and of_time in options.time:
             for count in explicit if of_time == "explicit" else nodes:
                 note(subject, own_point(subject, scheme, of_time, count, options.repeat))
     for goal in options.goals:
         note(subject, dial_point(subject, goal, options.repeat))
-    for peer in peers:
-        for count in options.peer_nodes:
-            note(subject, peer_point(subject, peer, count, options, note.folder / "peer", threads))
-            if note.points[-1].status.startswith("stopped"):  # a finer mesh would take longer still
-                break
 
 
 def study(case, options, say):
     options.goals = [goal for goal in options.goals if goal != "none"]
     _check(case, options)
-    peers = _peers(options, say)
-    folder = _study.folder_for(options.out, "chart.csv", "python3 tests/studies/chart.py").absolute()
+    folder = _study.folder_for(options.out, "chart.csv").absolute()
     plt = _study.pyplot()
     known = _study.reference_at(options.reference) if options.reference else []
     threads = options.threads or len(os.sched_getaffinity(0))
@@ -642,18 +450,18 @@ def study(case, options, say):
     stopped = False
     try:
         for subject in subjects:
-            _run_all(subject, options, peers, note, threads)
+            _run_all(subject, options, note)
     except KeyboardInterrupt:
         stopped = True
     if stopped:  # a picture takes longer than an answer to Ctrl-C may
         raise KeyboardInterrupt(f"chart.csv has the {len(note.points)} runs until then")
     draw(plt, folder, note.points, subjects)
     drawn = sum(p.complete for p in note.points)
-    return f"{comparison(note.points, subjects)}{drawn} of {len(note.points)} runs in the chart"
+    return f"{drawn} of {len(note.points)} runs in the chart"
 
 
 def main(argv=None):
-    of = _study.parser("chart", "Draw error against wall time: two scenes whose force is known, an image of yours, and other programs.")
+    of = _study.parser("chart", "Draw error against wall time: two scenes whose force is known, and an image of yours.")
     words, numbers = _study.words, _study.whole_numbers
     of.add_argument("--only", type=words, default=[], help="scenes: a, b, image [all]")
     of.add_argument("--reference", help="CSV with columns indentation_mm, force_N of the image: its depths are run")
@@ -663,11 +471,6 @@ def main(argv=None):
     of.add_argument("--time", type=words, default=TIMES, help="quasi-static, explicit")
     of.add_argument("--explicit-nodes", type=numbers, default=[], help="of explicit runs [those of --nodes up to 4250]")
     of.add_argument("--repeat", type=int, default=1, help="clouds of each size: times are medians, errors the largest")
-    of.add_argument("--calculix", default="ccx", metavar="PATH", help="CalculiX, if not as ccx on PATH; none: leave it out")
-    of.add_argument("--febio", metavar="PATH", help="FEBio 4, to run it too")
-    of.add_argument("--elements", type=words, default=["hexahedra"], help="of their meshes: hexahedra, tetrahedra")
-    of.add_argument("--peer-nodes", type=numbers, default=[500, 1000, 2000], help="nodes of their meshes, about")
-    of.add_argument("--peer-limit", type=float, default=120.0, help="for each run of theirs [120 s]")
     return _study.main(of, study, argv)
 
 

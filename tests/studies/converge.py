@@ -12,7 +12,6 @@ import itertools
 import sys
 
 import numpy as np
-import pydimple
 
 import _study
 from _study import in_words, refuse, shortest
@@ -121,21 +120,16 @@ def draw(plt, folder, title, groups, depths, reference, ratio, seeds):
 
 def study(case, options, say):
     if len(options.sizes) < 2 or not options.densities or options.seeds < 1:
-        refuse(
-            "a study needs at least two cloud sizes, one density and one seed",
-            "--sizes, --densities, --seeds",
-            "convergence is a comparison",
-            "for instance --sizes 1000,2000,4000",
-        )
+        refuse("a study needs at least two cloud sizes, one density and one seed")
     if not case.image:
-        refuse("no label image was given", "IMAGE", "there is nothing to run", "python3 tests/studies/converge.py IMAGE -o OUT")
+        refuse("no label image was given")
     values = case.values()
     frames, deepest = values["solver.frames"], values["load.depth_mm"]
     depths = [deepest * (k + 1) / frames for k in range(frames)]
     reference = np.array(_study.reference_at(options.reference, depths)) if options.reference else None
     ratio = values["grid.ratio"] or _POINTS_PER_NODE[values["scheme.name"]]
     plt = _study.pyplot()
-    folder = _study.folder_for(options.out, "convergence.csv", "python3 tests/studies/converge.py")
+    folder = _study.folder_for(options.out, "convergence.csv")
     rows, runs = [_HEADER + (["reference_N"] if options.reference else [])], []
     case = case.having({"accuracy.band": "off", "cloud.spacing_mm": 0, "grid.points": 0})
     try:

@@ -1,7 +1,6 @@
 // From a label image to a closed surface: whatever the body's shape and however fine its voxels.
 
 #include <gtest/gtest.h>
-#include <tbb/global_control.h>
 
 #include <algorithm>
 #include <array>
@@ -26,8 +25,7 @@ bool in_box(Index i, Index j, Index k, std::array<Index, 3> low, std::array<Inde
 
 LabelImage ellipsoid(Index across, const Vec3& half) {
   return image_of({across, across, across}, Vec3::Ones(), [&](Index i, Index j, Index k) {
-    const Vec3 x = Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k)).array() -
-                   0.5 * static_cast<double>(across - 1);
+    const Vec3 x = place_of(i, j, k).array() - 0.5 * static_cast<double>(across - 1);
     return x.cwiseQuotient(half).squaredNorm() < 1.0;
   });
 }
@@ -282,10 +280,7 @@ TEST(Surface, OfRandomBlobsIsClosedOrRefusedInWords) {
         image_of(size, n % 3 == 0 ? Vec3(Vec3::Ones()) : spacing, [&](Index i, Index j, Index k) {
           if (noise) return unit(random) > above;
           double sum = 0.0;
-          for (const auto& [k_vector, phase] : wave)
-            sum += std::cos(
-                k_vector.dot(Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k))) +
-                phase);
+          for (const auto& [k_vector, phase] : wave) sum += std::cos(k_vector.dot(place_of(i, j, k)) + phase);
           return sum > above || (i < 2 && j < 2 && k < 2);
         });
     const double step = n % 2 == 0 ? 0.0 : spacing.minCoeff() * (1.0 + 2.0 * unit(random));
@@ -357,13 +352,6 @@ TEST(Surface, IsLeftWhenTheWorkIsAskedToEnd) {
   ask_to_stop(StopReason::interrupted);
   EXPECT_THROW(make_body_surface(ellipsoid(20, {8.0, 8.0, 8.0}), {}), Stopped);
   forget_stop();
-}
-
-TEST(Surface, IsTheSameForAnyNumberOfThreads) {
-  const LabelImage image = ellipsoid(60, {27.0, 24.0, 22.0});
-  const SegmentedBody all = make_body_surface(image, {}, {.step_mm = 1.7});
-  const tbb::global_control one(tbb::global_control::max_allowed_parallelism, 1);
-  EXPECT_TRUE(make_body_surface(image, {}, {.step_mm = 1.7}).surface.vertex() == all.surface.vertex());
 }
 
 }  // namespace

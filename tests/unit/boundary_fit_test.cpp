@@ -28,23 +28,17 @@ Distance box(const Vec3& half) {
 
 // Voxel centres inside are labelled. The body's centre lies `offset` voxels from the middle of the image.
 LabelImage voxelised(const Distance& body, double reach, const Vec3& spacing, const Vec3& offset) {
-  LabelImage image;
+  std::array<Index, 3> size;
   Vec3 corner;
   for (Index d = 0; d < 3; ++d) {
     const auto voxels = 2 * static_cast<Index>(std::ceil((reach + 4.0) / spacing[d]));
-    image.size[static_cast<std::size_t>(d)] = voxels;
+    size[static_cast<std::size_t>(d)] = voxels;
     corner[d] = spacing[d] * (offset[d] - 0.5 * static_cast<double>(voxels - 1));
   }
-  image.to_world = Eigen::Translation3d(corner) * Eigen::Scaling(spacing);
-  std::vector<std::int32_t> label;
-  for (Index k = 0; k < image.size[2]; ++k)
-    for (Index j = 0; j < image.size[1]; ++j)
-      for (Index i = 0; i < image.size[0]; ++i)
-        label.push_back(body(image.to_world * Vec3(static_cast<double>(i), static_cast<double>(j),
-                                                   static_cast<double>(k))) < 0.0
-                            ? 1
-                            : 0);
-  set_voxels(image, label);
+  const Eigen::Affine3d to_world = Eigen::Translation3d(corner) * Eigen::Scaling(spacing);
+  LabelImage image = image_of(
+      size, spacing, [&](Index i, Index j, Index k) { return body(to_world * place_of(i, j, k)) < 0.0; });
+  image.to_world = to_world;
   return image;
 }
 

@@ -1,18 +1,14 @@
-// Whole models: refused in words and at once, or made; and stopped wherever they are.
+// Whole models: refused in words and at once, or made.
 
 #include "preprocess/build_model.hpp"
 
 #include <gtest/gtest.h>
 #include <sys/resource.h>
-#include <tbb/global_control.h>
 
 #include <algorithm>
 #include <ctime>
-#include <random>
-#include <thread>
 
 #include "io/error.hpp"
-#include "io/stop.hpp"
 #include "tests/helpers/image.hpp"
 #include "tests/helpers/report.hpp"
 #include "tests/helpers/shapes.hpp"
@@ -123,40 +119,6 @@ TEST(BuildModel, RefusesMoreThanTheMemoryAtHandBeforeItBegins) {
                            {.where = "--nodes", .code = "memory"});
   EXPECT_LT(cpu_seconds() - begin, 1.0);
   setrlimit(RLIMIT_AS, &limit);
-}
-
-TEST(BuildModel, StopsWithinHalfASecondWhereverItIsAsked) {
-  const BodySurface body = block_surface(Vec3(0, 0, 0), Vec3(50, 50, 30));
-  const auto threads =
-      static_cast<double>(tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism));
-  std::mt19937 random(5);
-  double latest = 2.0;  // CPU seconds; grows to what a whole model takes
-  int stopped = 0;
-  for (int round = 0; round < 6; ++round) {
-    const double ask_after = latest * std::uniform_real_distribution<double>(0.0, 1.0)(random);
-    std::atomic<double> asked_at = 0.0;
-    std::atomic<bool> done = false;
-    const double begin = cpu_seconds();
-    std::thread asking([&] {
-      while (!done && cpu_seconds() - begin < ask_after)
-        std::this_thread::sleep_for(std::chrono::milliseconds(2));
-      if (done) return;
-      asked_at = cpu_seconds();
-      ask_to_stop(StopReason::interrupted);
-    });
-    try {
-      build_model(body, options_for(15000));
-      latest = cpu_seconds() - begin;
-    } catch (const Stopped&) {
-      ++stopped;
-      EXPECT_LT(cpu_seconds() - asked_at, 0.5 * threads) << "asked after " << ask_after << " s";
-      latest = std::max(latest, 2.0 * ask_after);
-    }
-    done = true;
-    asking.join();
-    forget_stop();
-  }
-  EXPECT_GE(stopped, 3);
 }
 
 }  // namespace

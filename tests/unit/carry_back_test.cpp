@@ -12,6 +12,7 @@
 #include "preprocess/supports/support.hpp"
 #include "preprocess/surface/cut.hpp"
 #include "tests/helpers/image.hpp"
+#include "tests/helpers/report.hpp"
 #include "tests/helpers/shapes.hpp"
 
 namespace dimple {
@@ -41,13 +42,9 @@ Points shifted_by(const Model& model, const std::function<Vec3(const Vec3&)>& u)
 }
 
 std::string refusal_of(const TriangleMesh& sheet, const Model& model, const Points& u) {
-  try {
-    carried_back(sheet, model, u);
-  } catch (const ModelError& error) {
-    EXPECT_EQ(error.report.code, "cut");
-    return error.report.fact;
-  }
-  return "";
+  const Report report = report_of<ModelError>([&] { carried_back(sheet, model, u); });
+  EXPECT_EQ(report.code, "cut");
+  return report.fact;
 }
 
 // x = A X + b, which moving least squares have exactly.
@@ -95,7 +92,7 @@ TEST(ABladeCarriedBack, ThatMissesTheBodyAsItThenIsIsRefusedThoughItMetTheBodyAt
   const Points u = shifted_by(whole_block(), [](const Vec3&) { return Vec3(0.1, 0.0, 0.0); });
   const TriangleMesh sheet = disc_sheet({0.0, 0.0, 15.0}, Vec3::UnitX(), 10.0, 2.0);
   EXPECT_EQ(refusal_of(sheet, whole_block(), u), "a cut meets no tissue");
-  EXPECT_EQ(refusal_of(disc_sheet({100.0, 0.0, 15.0}, Vec3::UnitX(), 10.0, 2.0), whole_block(), u), "");
+  EXPECT_NO_THROW(carried_back(disc_sheet({100.0, 0.0, 15.0}, Vec3::UnitX(), 10.0, 2.0), whole_block(), u));
 }
 
 // A slit whose banks have passed through each other by 12 mm: two pieces of tissue lie there.
@@ -109,7 +106,7 @@ TEST(ABladeCarriedBack, IsRefusedWhereTwoPartsOfTheBodyHaveComeToLie) {
   });
   const TriangleMesh through = disc_sheet({12.25, 0.0, 26.0}, Vec3::UnitY(), 3.0, 1.0);
   EXPECT_NE(refusal_of(through, slit, u).find("two parts of the body"), std::string::npos);
-  EXPECT_EQ(refusal_of(disc_sheet({-15.0, 0.0, 20.0}, Vec3::UnitY(), 3.0, 1.0), slit, u), "");
+  EXPECT_NO_THROW(carried_back(disc_sheet({-15.0, 0.0, 20.0}, Vec3::UnitY(), 3.0, 1.0), slit, u));
 }
 
 // In the gap there is no tissue to follow: between the banks the blade goes straight on.

@@ -18,8 +18,7 @@ const Vec3 half_lengths(14.0, 11.0, 9.0), middle(20.0, 18.0, 15.0);
 // Of two labels, the smaller one in its core; an odd number of voxels along one axis.
 LabelImage ellipsoid(const Vec3& spacing = Vec3(1.0, 1.0, 1.5)) {
   return image_of({41, 36, 20}, spacing, [&](Index i, Index j, Index k) {
-    const Vec3 x =
-        spacing.cwiseProduct(Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k)));
+    const Vec3 x = spacing.cwiseProduct(place_of(i, j, k));
     const double r = (x - middle).cwiseQuotient(half_lengths).norm();
     return r > 1.0 ? 0 : r > 0.5 ? 3 : 2;
   });
@@ -62,33 +61,13 @@ TEST(FarTissue, IsCutAwayOutsideOfACylinderAroundTheTool) {
   for (Index k = 0; k < image.size[2]; ++k)
     for (Index j = 0; j < image.size[1]; ++j)
       for (Index i = 0; i < image.size[0]; ++i) {
-        const Vec3 d =
-            image.to_world * Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k)) -
-            middle;
+        const Vec3 d = image.to_world * place_of(i, j, k) - middle;
         const bool is_near = (d - d.dot(direction) * direction).norm() <= 6.0;
         ASSERT_EQ(near.at(i, j, k), is_near ? image.at(i, j, k) : 0);
       }
   EXPECT_GT(reach_of(image, {}, Vec3::UnitX()), reach_of(near, {}, Vec3::UnitX()));
   EXPECT_NEAR(reach_of(image, {}, Vec3::UnitX()), middle.x() + half_lengths.x(), 1.0);
   EXPECT_NEAR(reach_of(image, {2}, Vec3::UnitX()), middle.x() + 0.5 * half_lengths.x(), 1.0);
-}
-
-TEST(Surface, DrawnHalfAVoxelFurtherOutIsThatFurtherOutEverywhere) {
-  const LabelImage image = ellipsoid(Vec3::Ones());
-  const SegmentedBody as_it_is = make_body_surface(image, {});
-  for (const double outward : {0.5, -0.5}) {
-    const SegmentedBody moved = make_body_surface(image, {}, {.outward_mm = outward});
-    EXPECT_NEAR((moved.surface.volume() - as_it_is.surface.volume()) / as_it_is.surface.area(), outward,
-                0.06);
-    double least = 1e9, most = -1e9;
-    for (Index v = 0; v < moved.surface.vertex().cols(); ++v) {
-      const Vec3 x = moved.surface.vertex().col(v);
-      const double d = as_it_is.surface.closest(x).distance * (as_it_is.surface.contains(x) ? -1.0 : 1.0);
-      least = std::min(least, d), most = std::max(most, d);
-    }
-    EXPECT_GT(least, outward - 0.3);  // each is relaxed by up to half a voxel
-    EXPECT_LT(most, outward + 0.3);
-  }
 }
 
 TEST(Surface, SmoothedTwiceAsMuchStillEnclosesTheVoxels) {

@@ -46,21 +46,5 @@ TEST(Consistency, MakesTheDivergenceTheoremHoldForEveryShapeFunction) {
   EXPECT_LT(residual.cwiseAbs().maxCoeff(), 1e-6 * wanted.cwiseAbs().maxCoeff());
 }
 
-TEST(Consistency, KeepsTheGradientsOfConstantsAndLinearFields) {
-  Model model = inconsistent_block();
-  make_consistent(model, wanted_of(model));
-  for (Index q = 0; q < model.point_count(); ++q) {
-    Mat3 of_position = Mat3::Zero();
-    Vec3 of_one = Vec3::Zero();
-    for (int k = model.support.offset[q]; k < model.support.offset[q + 1]; ++k) {
-      of_position +=
-          (model.X.col(model.support.member[k]) - model.point.col(q)) * model.dphi.col(k).transpose();
-      of_one += model.dphi.col(k);
-    }
-    ASSERT_LT((of_position - Mat3::Identity()).cwiseAbs().maxCoeff(), 1e-9);
-    ASSERT_LT(of_one.norm() * 20e-3, 1e-9);
-  }
-}
-
 }  // namespace
 }  // namespace dimple

@@ -106,7 +106,6 @@ TEST(Constraints, PutEachSetWhereItsShareOfTheWayHasBroughtIt) {
 TEST(Constraints, ARetractorIsFollowedByEveryWayOfMarching) {
   const Model model = averaged_block(5);
   const ForceSystem system(model, neo_hookean(210.0, 0.45, 1000.0));
-  ForceState forces(system);
   HeldSet retractor{.name = "retractor", .node = {}, .direction = Vec3::UnitX(), .share = 0.5};
   const double side = model.X.row(0).maxCoeff(), middle = 0.5 * model.X.row(2).maxCoeff();
   for (Index a = 0; a < model.node_count(); ++a)

@@ -13,7 +13,7 @@ namespace {
 // A sphere above the block, its tip where it first touches, and `deeper` [m] along its push.
 Touch sphere(const Model& model, double deeper, double friction = 0.0) {
   Touch touch;
-  touch.shape.radius = 10e-3;  // over several of the nodes, which are 3.3 mm apart
+  touch.shape = sphere_shape(10e-3);  // over several of the nodes, which are 3.3 mm apart
   touch.surface = contact_surface(model, 9e-3);
   touch.pose = first_touch(touch.shape, model.tool, touch.surface);
   touch.pose.tip += deeper * touch.pose.points_at;

@@ -143,48 +143,6 @@ TEST_F(Deformed, ForthAndBackEveryVoxelOfTheBodyIsWhereItWas) {
   }
 }
 
-TEST_F(Deformed, AsManyVoxelsShowTheBodyAsItsDeformedVolumeHolds) {
-  Index shown = 0;
-  const Mat3 oblique = Eigen::AngleAxisd(0.4, Vec3(1, 2, 3).normalized()).toRotationMatrix();
-  const VoxelGrid grid = grid_with(oblique, {0.8, 0.8, 0.8});
-  const DeformationMap map(model, field, u, grid);
-  const WayBack back = way_back(map, grid);
-  for (Index v = 0; v < grid.voxels(); ++v) shown += in_block(grid.to_world * place(back, v));
-  // The volume of the deformed block: the mean of det F over it, by its own gradients.
-  double volume = 0.0;
-  Points value;
-  Eigen::Matrix<double, 9, Eigen::Dynamic> derivative;
-  constexpr int n = 40;
-  for (int i = 0; i < n; ++i)
-    for (int j = 0; j < n; ++j)
-      for (int k = 0; k < n; ++k) {
-        field.at(1e-3 / n * Vec3(30 * (i + 0.5), 30 * (j + 0.5), 20 * (k + 0.5)), u, value, &derivative);
-        volume += (Mat3::Identity() + derivative.col(0).reshaped(3, 3)).determinant() * 18000.0 / (n * n * n);
-      }
-  const double counted = static_cast<double>(shown) * grid.voxel_volume();
-  EXPECT_LT(volume, 17500.0);  // it has changed by far more than the tolerance
-  EXPECT_NEAR(counted / volume, 1.0, 0.01);
-}
-
-TEST_F(Deformed, WhatAVoxelShowsHasMovedTheWayTheToolPushed) {
-  for (const auto& [name, grid] : grids()) {
-    SCOPED_TRACE(name);
-    const DeformationMap map(model, field, u, grid);
-    const WayBack back = way_back(map, grid);
-    std::vector<float> forth(static_cast<std::size_t>(3 * grid.slice()));
-    // Under the tool, in the middle of the tissue that is left there.
-    const Vec3 x = (grid.to_world.inverse() * Vec3(15, 15, 11)).array().round();
-    const auto v = static_cast<Index>(x[0] + static_cast<double>(grid.size[0]) *
-                                                 (x[1] + static_cast<double>(grid.size[1]) * x[2]));
-    const Vec3 came = grid.to_world * x - grid.to_world * place(back, v);
-    EXPECT_LT(came.z(), -2.0);  // what it shows came from above
-    EXPECT_LT(came.head<2>().norm(), 0.5);
-    map.displacement(static_cast<Index>(x[2]), forth, {});
-    const float* moves = forth.data() + 3 * (v % grid.slice());
-    EXPECT_LT(moves[2], -1.0f);  // and what was there goes down
-  }
-}
-
 TEST_F(Deformed, AroundTheBodyTheFieldContinuesSmoothlyAndEndsAtZero) {
   const VoxelGrid grid = grid_with(Mat3::Identity(), {1, 1, 1});
   const DeformationMap map(model, field, u, grid);

@@ -2,11 +2,10 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <Eigen/Geometry>
-
 #include "io/error.hpp"
 #include "solver/solve.hpp"
 #include "tests/helpers/block.hpp"
+#include "tests/helpers/system.hpp"
 
 namespace dimple::explicit_test {
 namespace {
@@ -20,7 +19,6 @@ const Loading short_push = {.depth = 0.5e-3, .rate = 10e-3};
 TEST(Simulate, GivesAFrameAtTheStartAndAfterEverySegmentAndEndsAtTheDepthAskedFor) {
   const Model model = block(4);
   const ForceSystem system(model, tissue);
-  ForceState forces(system);
   std::vector<int> numbers;
   std::vector<double> depths;
   const Observer observer = {.frame =
@@ -49,11 +47,8 @@ TEST(Simulate, GivesAFrameAtTheStartAndAfterEverySegmentAndEndsAtTheDepthAskedFo
 
 TEST(Simulate, SamplesAtTheRateAskedFor) {
   const Model model = block(4);
-  const ForceSystem system(model, tissue);
-  ForceState forces(system);
-  History history;
-  solve(TimeMode::explicit_, system, model, short_push,
-        {.frames = 2, .sample_rate = 400.0, .energy_rate = 100.0}, {}, history);
+  const History history = marched(TimeMode::explicit_, model, tissue, short_push,
+                                  {.frames = 2, .sample_rate = 400.0, .energy_rate = 100.0});
   EXPECT_EQ(history.force.size(), 21u);  // 0.05 s: 0 ... 19 at the rate, and the end
   EXPECT_EQ(history.energy.size(), 6u);
   for (std::size_t k = 0; k + 1 < history.force.size(); ++k)
@@ -64,7 +59,6 @@ TEST(Simulate, SamplesAtTheRateAskedFor) {
 TEST(Simulate, StopsWhenTheObserverSaysSoAndKeepsWhatThereIs) {
   const Model model = block(4);
   const ForceSystem system(model, tissue);
-  ForceState forces(system);
   int last_frame = -1;
   double last_t = 0.0;
   const Observer observer = {
@@ -81,22 +75,6 @@ TEST(Simulate, StopsWhenTheObserverSaysSoAndKeepsWhatThereIs) {
   EXPECT_EQ(last_t, history.force.back().t);
   EXPECT_GT(history.force.back().t, 0.02);
   EXPECT_LT(history.force.back().t, 0.03);
-}
-
-// The force along the push does not care how the body lies in the room; the sums round differently.
-TEST(Simulate, GivesTheSameForceHoweverTheBodyLies) {
-  const Model model = block(4);
-  Model turned = model;
-  const Mat3 R = Eigen::AngleAxisd(0.8, Vec3(1, -2, 0.5).normalized()).toRotationMatrix();
-  turned.X = R * model.X;
-  turned.point = R * model.point;
-  turned.tool.centre = R * model.tool.centre;
-  turned.tool.push = R * model.tool.push;
-  turned.dphi = R * model.dphi;
-  History one, two;
-  solve(TimeMode::explicit_, ForceSystem(model, tissue), model, short_push, {.frames = 2}, {}, one);
-  solve(TimeMode::explicit_, ForceSystem(turned, tissue), turned, short_push, {.frames = 2}, {}, two);
-  EXPECT_NEAR(one.force.back().force, two.force.back().force, 1e-6 * one.force.back().force);
 }
 
 TEST(Simulate, NothingFreeToMoveIsRefused) {

@@ -1,14 +1,12 @@
 #include "io/file.hpp"
 
 #include <gtest/gtest.h>
-#include <sys/resource.h>
 #include <sys/stat.h>
-
-#include <csignal>
 
 #include "io/error.hpp"
 #include "tests/helpers/folder.hpp"
 #include "tests/helpers/report.hpp"
+#include "tests/helpers/small_disk.hpp"
 
 namespace dimple {
 namespace {
@@ -18,18 +16,6 @@ namespace fs = std::filesystem;
 std::size_t entries(const fs::path& folder) {
   return static_cast<std::size_t>(std::distance(fs::directory_iterator(folder), {}));
 }
-
-/// As on a full disk: no file may grow beyond `bytes` while this lives.
-struct SmallDisk {
-  rlimit before{};
-  explicit SmallDisk(rlim_t bytes) {
-    std::signal(SIGXFSZ, SIG_IGN);
-    getrlimit(RLIMIT_FSIZE, &before);
-    const rlimit limit{bytes, before.rlim_max};
-    setrlimit(RLIMIT_FSIZE, &limit);
-  }
-  ~SmallDisk() { setrlimit(RLIMIT_FSIZE, &before); }
-};
 
 TEST(File, HoldsWhatWasWrittenAndNothingIsLeftBesideIt) {
   const fs::path folder = fresh_folder();

@@ -35,6 +35,15 @@ std::vector<double> bent(const std::vector<double>& depth, double alpha) {
   return force;
 }
 
+/// Ogden's, as a number to be found.
+const FitParameter exponent{
+    .name = "alpha", .unit = "", .start = 2.0, .least = 0.5, .most = 30.0, .logarithmic = true};
+
+std::vector<double> times(double factor, std::vector<double> force) {
+  for (double& f : force) f *= factor;
+  return force;
+}
+
 std::vector<double> noisy(std::vector<double> force, double sigma, Draw& draw) {
   for (double& f : force) f += sigma * draw.gaussian();
   return force;
@@ -44,8 +53,7 @@ TEST(Fit, TheBandOfNoiseHoldsTheModulusIn95Of100Draws) {
   Draw draw{std::mt19937_64(7)};
   for (const int rows : {3, 16, 200}) {
     const std::vector<double> depth = depths(rows), unit = bent(depth, 1.0);
-    std::vector<double> truth = unit;
-    for (double& f : truth) f *= 300.0;
+    const std::vector<double> truth = times(300.0, unit);
     int held = 0;
     for (int k = 0; k < 1000; ++k) {
       const CurveFit fit =
@@ -59,19 +67,16 @@ TEST(Fit, TheBandOfNoiseHoldsTheModulusIn95Of100Draws) {
 TEST(Fit, FindsAnExponentBesideTheModulusAndItsBandHoldsIt) {
   Draw draw{std::mt19937_64(8)};
   const std::vector<double> depth = depths(40);
-  std::vector<double> truth = bent(depth, 4.7);
-  for (double& f : truth) f *= 300.0;
-  const FitParameter alpha{
-      .name = "alpha", .unit = "", .start = 2.0, .least = 0.5, .most = 30.0, .logarithmic = true};
+  const std::vector<double> truth = times(300.0, bent(depth, 4.7));
   const UnitForces model = [&](const std::vector<double>& numbers) { return bent(depth, numbers[0]); };
-  const CurveFit exact = fit_curve(depth, truth, {alpha}, model);
+  const CurveFit exact = fit_curve(depth, truth, {exponent}, model);
   EXPECT_NEAR(exact.number[0].value, 300.0, 0.3);
   EXPECT_NEAR(exact.number[1].value, 4.7, 0.01);
   EXPECT_TRUE(exact.converged);
   EXPECT_LE(exact.runs, 24);
   int held = 0;
   for (int k = 0; k < 400; ++k) {
-    const CurveFit fit = fit_curve(depth, noisy(truth, 0.01 * truth.back(), draw), {alpha}, model);
+    const CurveFit fit = fit_curve(depth, noisy(truth, 0.01 * truth.back(), draw), {exponent}, model);
     held += std::abs(fit.number[1].value - 4.7) <= fit.number[1].noise;
   }
   EXPECT_NEAR(held, 380, 14);
@@ -81,13 +86,11 @@ TEST(Fit, SaysWhatACurveDoesNotDetermine) {
   const std::vector<double> depth = depths(20);
   std::vector<double> truth = bent(depth, 0.0);
   const FitParameter unseen{.name = "g", .unit = "", .start = 0.5, .least = 0.01, .most = 0.99};
-  const FitParameter weak{
-      .name = "alpha", .unit = "", .start = 2.0, .least = 0.5, .most = 30.0, .logarithmic = true};
   CurveFit blind = fit_curve(depth, truth, {unseen}, [&](const auto&) { return truth; });
   EXPECT_THAT(settle(blind, true), testing::Contains(HasSubstr("does not determine g")));
   EXPECT_FALSE(blind.number[1].determined);
   // The curve bends less than any of the law's.
-  CurveFit at_limit = fit_curve(depth, truth, {weak},
+  CurveFit at_limit = fit_curve(depth, truth, {exponent},
                                 [&](const std::vector<double>& numbers) { return bent(depth, numbers[0]); });
   EXPECT_THAT(settle(at_limit, true), testing::Contains(HasSubstr("ran to its limit")));
 }
@@ -95,10 +98,10 @@ TEST(Fit, SaysWhatACurveDoesNotDetermine) {
 TEST(Fit, NeverRunsTheModelMoreOftenThanItMay) {
   const std::vector<double> depth = depths(20), truth = bent(depth, 25.0);
   int runs = 0;
-  const FitParameter alpha{
-      .name = "alpha", .unit = "", .start = 0.6, .least = 0.5, .most = 30.0, .logarithmic = true};
+  FitParameter low = exponent;
+  low.start = 0.6;
   const CurveFit fit = fit_curve(
-      depth, truth, {alpha},
+      depth, truth, {low},
       [&](const std::vector<double>& numbers) { return ++runs, bent(depth, numbers[0]); }, 5);
   EXPECT_LE(runs, 5);
   EXPECT_EQ(fit.runs, runs);
@@ -141,16 +144,11 @@ TEST(Fit, SaysWhatTheModulusWouldBeHadTheToolTouchedEarlierOrLater) {
   EXPECT_DOUBLE_EQ(off, 1e-4);
   EXPECT_DOUBLE_EQ(off_first_touch(2e-4), 0.5e-4);
   for (const double touch : {-off, off}) {  // where the tool of the measured curve touched, with 300 Pa
-    std::vector<double> measured = of_a_sphere(depth, touch);
-    for (double& f : measured) f *= 300.0;
+    const std::vector<double> measured = times(300.0, of_a_sphere(depth, touch));
     CurveFit fit = fit_curve(depth, measured, {}, [&](const auto&) { return unit; });
     const double found = fit.number[0].value;
     EXPECT_GT(std::abs(found - 300.0), 4.0);
-    const auto model = [&](double at) {
-      std::vector<double> force = of_a_sphere(depth, at);
-      for (double& f : force) f *= found;
-      return force;
-    };
+    const auto model = [&](double at) { return times(found, of_a_sphere(depth, at)); };
     add_first_touch(fit, measured, model(-off), model(off));
     EXPECT_NEAR(touch < 0.0 ? fit.number[0].earlier : fit.number[0].later, 300.0, 1e-9);
   }
@@ -158,25 +156,20 @@ TEST(Fit, SaysWhatTheModulusWouldBeHadTheToolTouchedEarlierOrLater) {
 
 TEST(Fit, SeveralNumbersChangeWithTheFirstTouchAsASecondFitSays) {
   const std::vector<double> depth = depths(40);
-  const FitParameter alpha{
-      .name = "alpha", .unit = "", .start = 2.0, .least = 0.5, .most = 30.0, .logarithmic = true};
   const auto later_by = [&](double off) {
     std::vector<double> moved = depth;
     for (double& d : moved) d -= off;
     return moved;
   };
-  std::vector<double> measured = bent(depth, 4.7);
-  for (double& f : measured) f *= 300.0;
+  const std::vector<double> measured = times(300.0, bent(depth, 4.7));
   constexpr double off = 1e-5;
   const auto fitted_at = [&](double later) {
-    return fit_curve(depth, measured, {alpha},
+    return fit_curve(depth, measured, {exponent},
                      [&](const std::vector<double>& numbers) { return bent(later_by(later), numbers[0]); });
   };
   CurveFit fit = fitted_at(0.0);
   const auto model = [&](double later) {
-    std::vector<double> force = bent(later_by(later), fit.number[1].value);
-    for (double& f : force) f *= fit.number[0].value;
-    return force;
+    return times(fit.number[0].value, bent(later_by(later), fit.number[1].value));
   };
   add_first_touch(fit, measured, model(-off), model(off));
   const CurveFit earlier = fitted_at(-off), later = fitted_at(off);
@@ -198,8 +191,7 @@ TEST(Fit, FindsWhereTheToolFirstTouchedAlsoWhereThatIsTheCurvesZero) {
     return of_a_sphere(depth, 1e-3 * numbers[0]);
   };
   for (const double touch_mm : {-0.4, 0.0, 0.4}) {
-    std::vector<double> truth = of_a_sphere(depth, 1e-3 * touch_mm);
-    for (double& f : truth) f *= 300.0;
+    const std::vector<double> truth = times(300.0, of_a_sphere(depth, 1e-3 * touch_mm));
     CurveFit exact = fit_curve(depth, truth, {place}, model, 200);
     EXPECT_NEAR(exact.number[0].value, 300.0, 0.1) << touch_mm;
     EXPECT_NEAR(exact.number[1].value, touch_mm, 1e-3);
@@ -242,19 +234,12 @@ TEST(ForcesOfTouch, FollowAPowerOfTheDepthBetweenSamplesBeforeTheFirstAndBeyondT
   EXPECT_THAT(forces_of_touch({{0.0, 0.0, 0.0, 0.0}}, {1e-3}), testing::ElementsAre(0.0));
 }
 
-TEST(Fit, RefusesAModulusThatNoTissueHas) {
-  const std::vector<double> depth = depths(10);
-  std::vector<double> huge = bent(depth, 1.0);
-  for (double& f : huge) f *= 1e300;
-  EXPECT_THROW(fit_curve(depth, huge, {}, [&](const auto&) { return bent(depth, 1.0); }), InputError);
-}
-
-TEST(Fit, RefusesFewerRowsThanItNeedsAndForcesThatFall) {
-  const std::vector<double> one = {8e-3}, depth = depths(10);
+TEST(Fit, RefusesFewerRowsThanItNeedsForcesThatFallAndAModulusThatNoTissueHas) {
+  const std::vector<double> depth = depths(10), unit = bent(depth, 1.0);
+  const std::vector<double> one = {8e-3};
   EXPECT_THROW(fit_curve(one, {0.1}, {}, [](const auto&) { return std::vector<double>{1.0}; }), InputError);
-  std::vector<double> negative = bent(depth, 1.0);
-  for (double& f : negative) f = -f;
-  EXPECT_THROW(fit_curve(depth, negative, {}, [&](const auto&) { return bent(depth, 1.0); }), InputError);
+  for (const double factor : {-1.0, 1e300})
+    EXPECT_THROW(fit_curve(depth, times(factor, unit), {}, [&](const auto&) { return unit; }), InputError);
 }
 
 // ---------------------------------------------------------------------------------------------- curve files

@@ -49,7 +49,7 @@ TEST(Frames, HoweverManyLeaveTheForceAsItIsToTheBit) {
     const Tissues tissues{{material}, Eigen::VectorXi::Zero(model.point_count())};
     const Seen few = march(model, tissues, 4e-3, {.frames = 1, .step_radii = 0.1});
     ASSERT_EQ(few.history.force.size(), 11u) << "ten steps of a tenth of the radius";
-    for (const int frames : {3, 4, 16, 40}) {
+    for (const int frames : {3, 4, 16, 100}) {
       SCOPED_TRACE(frames);
       const Seen many = march(model, tissues, 4e-3, {.frames = frames, .step_radii = 0.1});
       EXPECT_EQ(many.depth.size(), static_cast<std::size_t>(frames) + 1);
@@ -82,15 +82,6 @@ TEST(Frames, AreEachInEquilibriumAtTheirOwnDepth) {
     ASSERT_NE(sample, nullptr);
     EXPECT_NEAR(sample->force, seen.force[k], 1e-12);
   }
-}
-
-TEST(Frames, AreNoReasonForAMarchToEnd) {
-  const Model model = averaged_block(5);
-  const Tissues tissues{{plain}, Eigen::VectorXi::Zero(model.point_count())};
-  const Seen few = march(model, tissues, 1.6e-3, {.frames = 1, .tolerance = 1e-5});
-  const Seen many = march(model, tissues, 1.6e-3, {.frames = 100, .tolerance = 1e-5});
-  EXPECT_EQ(few.history.force.back().force, many.history.force.back().force);
-  EXPECT_EQ(many.depth.size(), 101u);
 }
 
 TEST(Frames, StepsGrowWithTheDepthInRadiiAlone) {

@@ -37,7 +37,7 @@ TEST(LiveWords, AForceSmallerThanItsErrorIsUnknown) {
   PathFrame now = frame_at(19e-3, -0.042, Tool::stopped);
   now.frame.error_at_depth = 0.063;
   EXPECT_EQ(words_of(now, false),
-            "force unknown, 19.0 mm deep: its error, 63.0 mN, exceeds it (no equilibrium any deeper)");
+            "force unknown, 19.00 mm deep: its error, 63.0 mN, exceeds it (no equilibrium any deeper)");
   now.frame.error_at_depth = 0.041;
   EXPECT_NE(words_of(now, false).find("+-"), std::string::npos);
 }

@@ -10,15 +10,6 @@
 namespace dimple {
 namespace {
 
-TEST(LumpedMass, AddsUpToDensityTimesVolume) {
-  Model model = testing_bodies::block(5);
-  model.volume *= 1.37;
-  const Eigen::VectorXd mass = lumped_mass(model, Eigen::VectorXd::Constant(model.point_count(), 1040.0));
-  const double total = 1040.0 * model.volume.sum();
-  EXPECT_NEAR(mass.sum(), total, 1e-13 * total);  // a sum of a few thousand roundings
-  EXPECT_GT(mass.minCoeff(), 0.0);
-}
-
 TEST(LumpedMass, IsOfEachPointsOwnDensity) {
   const Model model = testing_bodies::block(5);
   Eigen::VectorXd density(model.point_count());

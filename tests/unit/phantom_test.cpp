@@ -27,8 +27,7 @@ Eigen::AlignedBox3d box(const LabelImage& image) {
     for (Index j = 0; j < image.size[1]; ++j)
       for (Index i = 0; i < image.size[0]; ++i)
         if (image.at(i, j, k) != 0) {
-          const Vec3 centre =
-              image.to_world * Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k));
+          const Vec3 centre = image.to_world * place_of(i, j, k);
           box.extend(centre - half);
           box.extend(centre + half);
         }

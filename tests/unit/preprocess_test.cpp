@@ -1,7 +1,6 @@
 // From a phantom to places: surface, base, circle, cloud, grid; and moving least squares on scattered nodes.
 
 #include <gtest/gtest.h>
-#include <tbb/global_control.h>
 
 #include <filesystem>
 #include <fstream>
@@ -14,45 +13,12 @@
 #include "preprocess/surface/label_surface.hpp"
 #include "tests/helpers/folder.hpp"
 #include "tests/helpers/image.hpp"
-#include "tests/helpers/report.hpp"
-#include "tests/helpers/steps.hpp"
 
 namespace dimple {
 namespace {
 
 SegmentedBody block_body() {
   return make_body_surface(make_phantom({.shape = "block", .size_mm = {60, 60, 30}, .spacing_mm = 1.5}), {});
-}
-
-TEST(BodySurface, EnclosesTheVoxelsVolumeAndKnowsInsideFromOutside) {
-  const SegmentedBody body = block_body();
-  EXPECT_NEAR(body.surface.volume(), 108000.0, 1e-3 * 108000.0);
-  const Vec3 middle = body.surface.centroid();
-  EXPECT_TRUE(body.surface.contains(middle));
-  EXPECT_FALSE(body.surface.contains(middle + Vec3(0, 0, 16)));
-  EXPECT_NEAR(body.surface.closest(middle).distance, 15.0,
-              0.2 * 1.5);  // a fifth of a voxel: edges are rounded, faces make up for it
-  const auto t = body.surface.crossings(middle - Vec3(0, 0, 100), Vec3::UnitZ());
-  ASSERT_EQ(t.size(), 2u);
-  EXPECT_NEAR(t[1] - t[0], 30.0, 0.4 * 1.5);
-}
-
-TEST(BodySurface, OfABallIsSmoothWhereItsVoxelsAreStairs) {
-  LabelImage image;
-  image.size = {44, 44, 44};
-  image.to_world = Eigen::Affine3d::Identity();
-  std::vector<std::int32_t> voxel;
-  for (Index k = 0; k < 44; ++k)
-    for (Index j = 0; j < 44; ++j)
-      for (Index i = 0; i < 44; ++i)
-        voxel.push_back((Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k)) -
-                         Vec3::Constant(21.5))
-                            .norm() < 20.0);
-  set_voxels(image, voxel);
-  const SegmentedBody body = make_body_surface(image, {});
-  const double radius = std::cbrt(body.surface.volume() * 3.0 / (4.0 * 3.14159265358979));
-  for (const auto& x : body.surface.vertex().colwise())
-    EXPECT_NEAR((x - Vec3::Constant(21.5)).norm(), radius, 0.3);  // voxel corners stick out by up to 0.87
 }
 
 /// The same voxels with so many empty ones before and behind each axis.
@@ -205,39 +171,12 @@ TEST(IntegrationGrid, ThatFollowsTheNodesHasTheBodysVolumeCentroidAndInertia) {
   }
 }
 
-TEST(NodeCloud, IsTheSameForAnyNumberOfThreads) {
-  const SegmentedBody body = block_body();
-  const Boundary boundary = find_boundary(body.surface, {});
-  const NodeCloud all = make_node_cloud(body.surface, boundary, Sizing{}, {.count = 800});
-  const tbb::global_control one(tbb::global_control::max_allowed_parallelism, 1);
-  EXPECT_EQ(make_node_cloud(body.surface, boundary, Sizing{}, {.count = 800}).X, all.X);
-}
-
 TEST(IntegrationGrid, HasTheBodysVolumeAndCentroidAndAboutTheAskedNumberOfPoints) {
   const SegmentedBody body = make_body_surface(make_phantom({.shape = "cut-ellipsoid", .spacing_mm = 2}), {});
   const IntegrationGrid grid = make_integration_grid(body.surface, {.count = 3000}, 2000);
   EXPECT_NEAR(grid.volume.sum(), body.surface.volume(), 0.005 * body.surface.volume());
   EXPECT_LT((grid.point * grid.volume / grid.volume.sum() - body.surface.centroid()).norm(), 0.1);
   EXPECT_NEAR(static_cast<double>(grid.volume.size()), 3000.0, 0.05 * 3000.0);
-}
-
-TEST(Support, GrowsWhereTooFewNodesAreNearAndSaysSo) {
-  Model model;
-  model.scheme = horton2007;
-  std::mt19937 random(6);
-  std::uniform_real_distribution<double> place(0.0, 10e-3);
-  model.X = Points::NullaryExpr(3, 300, [&] { return place(random); });
-  model.spacing = Eigen::VectorXd::Constant(300, 1.0e-3);  // too small for this cloud on purpose
-  model.point = Points::NullaryExpr(3, 50, [&] { return place(random); });
-  model.volume = Eigen::VectorXd::Constant(50, 1e-9);
-  const SupportReport report = testing_bodies::find_supports(model, {});
-  EXPECT_GT(report.grown, 0);
-  EXPECT_GT(report.largest_growth, 1.0);
-  EXPECT_GE(report.fewest, 8);
-  EXPECT_LT(report.linear_error, 1e-10);
-  model.spacing *= 0.2;
-  expect_error<ModelError>([&] { testing_bodies::find_supports(model, {}); },
-                           {.remedy = "support.radius_factor"});
 }
 
 TEST(Config, KnowsUnitsRangesAndItsOwnFile) {

@@ -1,7 +1,6 @@
 #include "solver/equilibrium/relax.hpp"
 
 #include <gtest/gtest.h>
-#include <tbb/global_control.h>
 
 #include <Eigen/Geometry>
 
@@ -22,7 +21,6 @@ using Nodal = ForceSystem::Nodal;
 TEST(Relaxation, EndsInEquilibriumWithWhatIsHeldInPlace) {
   const Model model = averaged_block();
   const ForceSystem system(model, neo_hookean(210.0, 0.49, 1000.0));
-  ForceState forces(system);
   const Constraints constraints = make_constraints(model, Contact::bonded);
   Nodal u = Nodal::Zero(4, model.node_count()), f = u;
   constraints.prescribe(u, 1e-3);
@@ -45,7 +43,6 @@ TEST(Relaxation, EndsInEquilibriumWithWhatIsHeldInPlace) {
 TEST(Relaxation, OfADeadLoadHangsItOnTheBase) {
   const Model model = averaged_block();
   const ForceSystem system(model, neo_hookean(210.0, 0.45, 1000.0));
-  ForceState forces(system);
   const Constraints constraints(model.node_count(), {{.name = "base", .node = model.base}});
   Nodal u = Nodal::Zero(4, model.node_count()), f = u, weight = u;
   for (Index a = 0; a < model.node_count(); ++a) weight(2, a) = 0.05 * 9.81 * model.mass[a];
@@ -63,7 +60,6 @@ TEST(Relaxation, OfADeadLoadHangsItOnTheBase) {
 TEST(Relaxation, SaysWhereItGaveUp) {
   const Model model = averaged_block();
   const ForceSystem system(model, neo_hookean(210.0, 0.499, 1000.0));
-  ForceState forces(system);
   const Constraints constraints = make_constraints(model, Contact::bonded);
   Nodal u = Nodal::Zero(4, model.node_count()), f = u;
   constraints.prescribe(u, 1e-3);
@@ -75,12 +71,10 @@ TEST(Relaxation, SaysWhereItGaveUp) {
 
 TEST(LoadSlowly, GivesTheForceThatSlowDampedMotionEndsIn) {
   const Model model = averaged_block(5);
-  const ForceSystem system(model, neo_hookean(210.0, 0.45, 1000.0));
-  ForceState forces(system);
+  const Material tissue = neo_hookean(210.0, 0.45, 1000.0);
   const Loading loading = {.depth = 1e-3, .rate = 1e-3};
-  History still, moving;
-  solve(TimeMode::quasi_static, system, model, loading, {.frames = 2}, {}, still);
-  solve(TimeMode::explicit_, system, model, loading, {.damping = 20.0, .frames = 2}, {}, moving);
+  const History still = marched(TimeMode::quasi_static, model, tissue, loading, {.frames = 2}),
+                moving = marched(TimeMode::explicit_, model, tissue, loading, {.damping = 20.0, .frames = 2});
   ASSERT_EQ(still.force.back().depth, loading.depth);
   EXPECT_NEAR(still.force.back().force, moving.force.back().force, 0.01 * moving.force.back().force);
   EXPECT_NEAR(still.energy.back().external, still.energy.back().stored, 0.01 * still.energy.back().stored);
@@ -90,10 +84,8 @@ TEST(LoadSlowly, GivesTheForceThatSlowDampedMotionEndsIn) {
 // large where the force grows as the square of the depth, and by parabolas bent the wrong way a whole one.
 TEST(LoadSlowly, DoesTheWorkThatStiffeningTissueStores) {
   const Model model = averaged_block();
-  const ForceSystem system(model, ogden({{210.0, -30.0}}, 0.49, 1000.0));
-  History history;
-  solve(TimeMode::quasi_static, system, model, {.depth = 2.5e-3, .rate = 1e-3},
-        {.frames = 1, .step_radii = 0.05}, {}, history);
+  const History history = marched(TimeMode::quasi_static, model, ogden({{210.0, -30.0}}, 0.49, 1000.0),
+                                  {.depth = 2.5e-3, .rate = 1e-3}, {.frames = 1, .step_radii = 0.05});
   ASSERT_EQ(history.force.back().depth, 2.5e-3);
   const EnergySample& end = history.energy.back();
   EXPECT_GT(history.force.back().force * 2.5e-3, 2.3 * end.stored)
@@ -105,10 +97,8 @@ TEST(LoadSlowly, DoesTheWorkThatStiffeningTissueStores) {
 TEST(LoadSlowly, NeedsFewEvaluationsHoweverIncompressibleTheTissueIs) {
   const Model model = averaged_block();
   for (const double nu : {0.45, 0.49, 0.499, 0.4999}) {
-    const ForceSystem system(model, neo_hookean(210.0, nu, 1000.0));
-    ForceState forces(system);
-    History history;
-    solve(TimeMode::quasi_static, system, model, {.depth = 1e-3, .rate = 1e-3}, {.frames = 2}, {}, history);
+    const History history = marched(TimeMode::quasi_static, model, neo_hookean(210.0, nu, 1000.0),
+                                    {.depth = 1e-3, .rate = 1e-3}, {.frames = 2});
     EXPECT_LT(history.evaluations, 80) << "nu " << nu;
     EXPECT_LT(history.residual, 1e-4) << "nu " << nu;
   }
@@ -117,7 +107,6 @@ TEST(LoadSlowly, NeedsFewEvaluationsHoweverIncompressibleTheTissueIs) {
 TEST(LoadSlowly, EndsWhereDynamicRelaxationDoes) {
   const Model model = averaged_block();
   const ForceSystem system(model, neo_hookean(210.0, 0.499, 1000.0));
-  ForceState forces(system);
   const Constraints constraints = make_constraints(model, Contact::bonded);
   History mixed;
   solve(TimeMode::quasi_static, system, model, {.depth = 1e-3, .rate = 1e-3},
@@ -141,9 +130,8 @@ TEST(LoadSlowly, SinglePrecisionFindsTheForceOfMovesOfTwoMicrometres) {
   const Model model = averaged_block();
   std::vector<double> force;
   for (const Precision precision : {Precision::double_, Precision::single_}) {
-    const ForceSystem system(model, neo_hookean(210.0, 0.499, 1000.0), precision);
-    History history;
-    solve(TimeMode::quasi_static, system, model, {.depth = 1e-5, .rate = 1e-6}, {.frames = 5}, {}, history);
+    const History history = marched(TimeMode::quasi_static, model, neo_hookean(210.0, 0.499, 1000.0),
+                                    {.depth = 1e-5, .rate = 1e-6}, {.frames = 5}, precision);
     EXPECT_LT(history.evaluations, 200);
     force.push_back(history.force.back().force);
   }
@@ -156,45 +144,27 @@ TEST(LoadSlowly, SinglePrecisionFindsTheForceOfLayersAThousandTimesAsStiff) {
     const Material soft = neo_hookean(210.0, 0.499, 1000.0), stiff = neo_hookean(210e3, 0.499, 1000.0);
     std::vector<double> force;
     for (const Precision precision : {Precision::double_, Precision::single_}) {
-      const ForceSystem system(
-          model, {{stiff_below ? stiff : soft, stiff_below ? soft : stiff}, model.tissue}, precision);
-      History history;
-      solve(TimeMode::quasi_static, system, model, {.depth = 1e-3, .rate = 1e-4}, {.frames = 2}, {}, history);
+      const History history =
+          marched(TimeMode::quasi_static, model,
+                  Tissues{{stiff_below ? stiff : soft, stiff_below ? soft : stiff}, model.tissue},
+                  {.depth = 1e-3, .rate = 1e-4}, {.frames = 2}, precision);
       force.push_back(history.force.back().force);
     }
     EXPECT_NEAR(force[1], force[0], 1e-3 * force[0]);
   }
 }
 
-TEST(LoadSlowly, GivesTheSameBitsForAnyNumberOfThreads) {
-  const Model model = averaged_block();
-  std::vector<double> force;
-  for (const std::size_t threads : {1, 2, 3}) {
-    const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
-    const ForceSystem system(model, neo_hookean(210.0, 0.499, 1000.0), Precision::single_);
-    ForceState forces(system);
-    History history;
-    solve(TimeMode::quasi_static, system, model, {.depth = 1e-3, .rate = 1e-3}, {.frames = 2}, {}, history);
-    force.push_back(history.force.back().force);
-  }
-  EXPECT_EQ(force[0], force[1]);
-  EXPECT_EQ(force[0], force[2]);
-}
-
 TEST(LoadSlowly, LetsAViscoelasticBlockRelax) {
   const Model model = averaged_block(5);
   Material material = neo_hookean(210.0, 0.45, 1000.0);
   material.kappa = 1e5;
-  const ForceSystem elastic(model, material);
-  ForceState elastic_forces(elastic);
-  material.prony = {{0.5, 1e-3}};
-  const ForceSystem relaxing(model, material);
-  ForceState relaxing_forces(relaxing);
   const Loading slow = {.depth = 0.5e-3, .rate = 1e-4};  // thousands of relaxation times
-  History a, b;
-  solve(TimeMode::quasi_static, elastic, model, slow, {.frames = 2}, {}, a);
-  solve(TimeMode::quasi_static, relaxing, model, slow, {.frames = 2}, {}, b);
-  EXPECT_NEAR(b.force.back().force, 0.5 * a.force.back().force, 0.02 * a.force.back().force);
+  const auto force = [&] {
+    return marched(TimeMode::quasi_static, model, material, slow, {.frames = 2}).force.back().force;
+  };
+  const double elastic = force();
+  material.prony = {{0.5, 1e-3}};
+  EXPECT_NEAR(force(), 0.5 * elastic, 0.02 * elastic);
 }
 
 Tissues stiff_arch_soft_pad(const Model& model) {
@@ -232,7 +202,6 @@ TEST(Predictor, FollowsACubicThroughEvenPointsAndIsNotLedAstrayByShortOnes) {
 TEST(LoadSlowly, PassesALimitPointToTheBranchOfTheMotionAndSaysWhere) {
   const Model model = arch_under_a_pad();
   const ForceSystem system(model, stiff_arch_soft_pad(model));
-  ForceState forces(system);
   const Loading loading = {.depth = 14e-3, .rate = 1e-3};
   History moving;
   // Damped, so that what vibrates after the snap has come to rest at the end; the drag itself is 1e-3 of the
@@ -260,10 +229,8 @@ TEST(LoadSlowly, PassesALimitPointToTheBranchOfTheMotionAndSaysWhere) {
 
 TEST(LoadSlowly, FindsNoLimitPointWhereThereIsNone) {
   const Model model = arch_under_a_pad();
-  const ForceSystem system(model, stiff_arch_soft_pad(model));
-  ForceState forces(system);
-  History history;
-  solve(TimeMode::quasi_static, system, model, {.depth = 11.5e-3, .rate = 1e-3}, {.frames = 23}, {}, history);
+  const History history = marched(TimeMode::quasi_static, model, stiff_arch_soft_pad(model),
+                                  {.depth = 11.5e-3, .rate = 1e-3}, {.frames = 23});
   EXPECT_EQ(with_code(history, "limit-point"), nullptr) << "the force falls, but the path goes on";
   EXPECT_EQ(history.energy.back().dissipated, 0.0);
 }
@@ -272,7 +239,6 @@ TEST(LoadSlowly, FindsNoLimitPointWhereThereIsNone) {
 TEST(LoadSlowly, EndsWithinItsBoundWhereItGetsNoFurther) {
   const Model model = arch_under_a_pad();
   const ForceSystem system(model, stiff_arch_soft_pad(model));
-  ForceState forces(system);
   const Loading loading = {.depth = 14e-3, .rate = 1e-3};
   const SolverOptions options = {.frames = 14, .evaluations = 150};
   History history;
@@ -287,12 +253,10 @@ TEST(LoadSlowly, EndsWithinItsBoundWhereItGetsNoFurther) {
 TEST(LoadSlowly, EndsWithinItsBoundWhereOneLayerIsAThousandTimesStifferThanTheOther) {
   const Model model = averaged_block(6, 0.2, 1.8, [](const Vec3& x) { return x.z() > 10e-3 ? 1 : 0; });
   for (const double soft : {1.0, 1000.0}) {
-    const ForceSystem system(
-        model,
-        Tissues{{neo_hookean(1000.0 / soft, 0.499, 1000.0), neo_hookean(soft, 0.499, 1000.0)}, model.label});
-    ForceState forces(system);
-    History history;
-    solve(TimeMode::quasi_static, system, model, {.depth = 4e-3, .rate = 1e-3}, {.frames = 8}, {}, history);
+    const History history = marched(
+        TimeMode::quasi_static, model,
+        Tissues{{neo_hookean(1000.0 / soft, 0.499, 1000.0), neo_hookean(soft, 0.499, 1000.0)}, model.label},
+        {.depth = 4e-3, .rate = 1e-3}, {.frames = 8});
     EXPECT_LT(history.evaluations, 1000) << soft;
   }
 }
@@ -301,7 +265,6 @@ TEST(LoadSlowly, EndsWithinItsBoundWhereOneLayerIsAThousandTimesStifferThanTheOt
 TEST(EveryMarch, AskedToStopKeepsWhatItHas) {
   const Model model = averaged_block(4);
   const ForceSystem system(model, neo_hookean(210.0, 0.49, 1000.0));
-  ForceState forces(system);
   for (const TimeMode time : {TimeMode::quasi_static, TimeMode::explicit_}) {
     for (const std::size_t after : {0, 3}) {
       forget_stop();

@@ -130,14 +130,6 @@ TEST(ABodyThatASheetCuts, KeepsItsVolumeItsMiddleAndItsNodes) {
   EXPECT_NEAR(cut.area, 12e-3 * 8e-3, 0.15 * 12e-3 * 8e-3);
 }
 
-TEST(ABodyThatASheetCuts, HasNoNodeThatAPointSeesThroughTheSheetAlone) {
-  const Model before = testing_bodies::averaged_block();
-  const auto sheet = beside_circle();
-  const SheetCut cut = cut_of(before, sheet);
-  const Model& now = cut.model;
-  expect_none_through(*sheet, now);
-}
-
 TEST(ABodyThatASheetCuts, HasTheGradientOfALinearFieldAtEveryPoint) {
   const SheetCut cut = cut_of(testing_bodies::averaged_block(), beside_circle());
   const Model& now = cut.model;

@@ -2,7 +2,6 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <tbb/global_control.h>
 
 #include "io/error.hpp"
 #include "tests/helpers/block.hpp"
@@ -80,18 +79,6 @@ TEST(Support, WhereNoGrowthHelpsTheMessageSaysWhereAndNamesTheOption) {
   EXPECT_THAT(report.where, HasSubstr("(3.20, 3.10, 0.00) mm"));
   EXPECT_THAT(report.remedy, HasSubstr("support.radius_factor"));
   EXPECT_FALSE(report.why.empty());
-}
-
-TEST(Support, IsTheSameForAnyNumberOfThreads) {
-  const Model one = [] {
-    const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, 1);
-    return block(5);
-  }();
-  const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, 3);
-  const Model three = block(5);
-  EXPECT_EQ(one.support.offset, three.support.offset);
-  EXPECT_EQ(one.support.member, three.support.member);
-  EXPECT_EQ(one.dphi, three.dphi);
 }
 
 TEST(Interpolation, ReproducesLinearFieldsAtPlacesOfItsOwn) {

@@ -13,15 +13,7 @@ using Inside = std::function<bool(Index i, Index j, Index k)>;
 constexpr std::array<Index, 3> size = {14, 11, 9};
 
 VoxelSet set_of(const std::array<Index, 3>& n, const Inside& inside) {
-  LabelImage image;
-  image.size = n;
-  image.to_world = Eigen::Affine3d::Identity();
-  std::vector<std::int32_t> voxel;
-  for (Index k = 0; k < n[2]; ++k)
-    for (Index j = 0; j < n[1]; ++j)
-      for (Index i = 0; i < n[0]; ++i) voxel.push_back(inside(i, j, k));
-  set_voxels(image, voxel);
-  return voxels_with(image, {});
+  return voxels_with(image_of(n, Vec3::Ones(), inside), {});
 }
 
 // Lopsided along every axis, most of all along k.
@@ -33,6 +25,16 @@ bool contains(const VoxelSet& set, Index i, Index j, Index k) {
   for (const auto& [begin, end] : set.row(j - set.first[1], k - set.first[2]))
     if (i - set.first[0] >= begin && i - set.first[0] < end) return true;
   return false;
+}
+
+void expect_same(const VoxelSet& a, const VoxelSet& b) {
+  EXPECT_EQ(a.size, b.size);
+  EXPECT_EQ(a.offset, b.offset);
+  ASSERT_EQ(a.stretch.size(), b.stretch.size());
+  for (std::size_t s = 0; s < a.stretch.size(); ++s) {
+    EXPECT_EQ(a.stretch[s].begin, b.stretch[s].begin);
+    EXPECT_EQ(a.stretch[s].end, b.stretch[s].end);
+  }
 }
 
 std::vector<AxisOrder> all_turns() {
@@ -82,13 +84,7 @@ TEST(VoxelSet, CroppedHasTheBoxOfItsOwnVoxelsWhateverWasThereBefore) {
   EXPECT_NE(all.size, wanted.size);
   for (const VoxelSet& same : {part, cropped(wanted)}) {
     EXPECT_EQ(same.first, wanted.first);
-    EXPECT_EQ(same.size, wanted.size);
-    EXPECT_EQ(same.offset, wanted.offset);
-    ASSERT_EQ(same.stretch.size(), wanted.stretch.size());
-    for (std::size_t s = 0; s < wanted.stretch.size(); ++s) {
-      EXPECT_EQ(same.stretch[s].begin, wanted.stretch[s].begin);
-      EXPECT_EQ(same.stretch[s].end, wanted.stretch[s].end);
-    }
+    expect_same(same, wanted);
   }
 }
 
@@ -105,13 +101,7 @@ TEST(VoxelSet, InItsOwnOrderIsTheSameHoweverItWasTurned) {
       turned_spacing[static_cast<Index>(d)] = spacing[order.axis[d]];
     }
     const VoxelSet again = reordered(turned, own_order(turned, turned_spacing), turned_size);
-    EXPECT_EQ(again.size, own.size);
-    EXPECT_EQ(again.offset, own.offset);
-    ASSERT_EQ(again.stretch.size(), own.stretch.size());
-    for (std::size_t s = 0; s < own.stretch.size(); ++s) {
-      EXPECT_EQ(again.stretch[s].begin, own.stretch[s].begin);
-      EXPECT_EQ(again.stretch[s].end, own.stretch[s].end);
-    }
+    expect_same(again, own);
   }
 }
 

@@ -3,7 +3,7 @@
     tests/validation/pia.py build/release/dimple tests/verification/results/pia
 
 Each film is 0.1 mm thick, wrinkles, and covers all of the organ; the tool is bonded. Writes pia.csv, and the panels
-that tests/bench/draw.py makes pia.svg and pia.png of, which it starts (matplotlib). Some ten minutes with two threads.
+that draw.py makes pia.svg and pia.png of, which it starts (matplotlib). Some ten minutes with two threads.
 """
 
 import csv
@@ -69,7 +69,7 @@ def main(program, file):
                     rows.writerow([nodes, stiffness, f"{depth:.4f}", f"{round(force, 7) + 0.0:.7f}", status])
                 table.flush()
                 print(nodes, stiffness, status, points[-1:], flush=True)
-    draw = pathlib.Path(__file__).parent.parent / "bench" / "draw.py"
+    draw = pathlib.Path(__file__).parent / "draw.py"
     panels = json.dumps({"columns": len(NODES), "panels": [panel(curves, nodes) for nodes in NODES]})
     subprocess.run([sys.executable, str(draw), file], input=panels, text=True, check=True)
 

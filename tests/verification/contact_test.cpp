@@ -11,10 +11,9 @@
 #include <random>
 
 #include "io/error.hpp"
-#include "preprocess/build_model.hpp"
 #include "solver/equilibrium/contact_step.hpp"
 #include "solver/equilibrium/friction_step.hpp"
-#include "solver/solve.hpp"
+#include "tests/helpers/marched.hpp"
 #include "tests/helpers/shapes.hpp"
 
 namespace dimple {
@@ -134,19 +133,24 @@ double hertz(double radius, double depth) {
   return 4.0 / 3.0 * std::sqrt(radius) * std::pow(depth, 1.5);
 }
 
-TEST(TouchingTruth, TheIntegralEquationGivesTheTabulatedForcesOfAParaboloidOnABondedLayer) {
-  for (const auto& [chi, ratio] : {std::pair{0.1, 1.1288}, {0.3, 1.5167}, {0.5, 2.1513}, {1.0, 5.0806}}) {
+TEST(TouchingTruth, TheIntegralEquationGivesTheTabulatedForcesOfAParaboloidOnABondedAndOnALooseLayer) {
+  struct Tabulated {
+    Bed bed;
+    double chi, ratio;  // of the force to that on a half-space
+  };
+  const Bed bonded{nu}, loose{0.5, true};
+  for (const auto& [bed, chi, ratio] : {Tabulated{bonded, 0.1, 1.1288},
+                                        {bonded, 0.3, 1.5167},
+                                        {bonded, 0.5, 2.1513},
+                                        {bonded, 1.0, 5.0806},
+                                        {loose, 0.1, 1.0811},
+                                        {loose, 0.3, 1.2896},
+                                        {loose, 0.5, 1.5668},
+                                        {loose, 0.75, 2.0018},
+                                        {loose, 1.0, 2.5045}}) {
     const double radius = 50.0, depth = chi * chi / radius;
-    EXPECT_NEAR(force_at(depth, 0.0, {nu}, paraboloid(radius)) / hertz(radius, depth), ratio, 2e-3 * ratio);
-  }
-}
-
-TEST(TouchingTruth, TheIntegralEquationGivesTheTabulatedForcesOfAParaboloidOnALooseLayer) {
-  for (const auto& [chi, ratio] :
-       {std::pair{0.1, 1.0811}, {0.3, 1.2896}, {0.5, 1.5668}, {0.75, 2.0018}, {1.0, 2.5045}}) {
-    const double radius = 50.0, depth = chi * chi / radius;
-    EXPECT_NEAR(force_at(depth, 0.0, {0.5, true}, paraboloid(radius)) / hertz(radius, depth), ratio,
-                2e-3 * ratio);
+    EXPECT_NEAR(force_at(depth, 0.0, bed, paraboloid(radius)) / hertz(radius, depth), ratio, 2e-3 * ratio)
+        << chi << (bed.loose ? " loose" : " bonded");
   }
 }
 
@@ -227,12 +231,18 @@ TEST(ToolShape, TheTipTouchesAndTheLowerSurfaceIsAtItsHeight) {
   }
 }
 
-TEST(ContactStep, NeitherPullsNorLetsASampleInAndAForceIsOnlyWhereAGapIsClosed) {
-  constexpr Index count = 40;
+// Of samples along a line that move each other the less the farther apart they are.
+Eigen::MatrixXd compliance_of(Index count) {
   Eigen::MatrixXd compliance(count, count);
   for (Index s = 0; s < count; ++s)
     for (Index t = 0; t < count; ++t) compliance(s, t) = 1.0 / (0.5 + std::abs(static_cast<double>(s - t)));
   compliance.diagonal().array() += 2.0;
+  return compliance;
+}
+
+TEST(ContactStep, NeitherPullsNorLetsASampleInAndAForceIsOnlyWhereAGapIsClosed) {
+  constexpr Index count = 40;
+  const Eigen::MatrixXd compliance = compliance_of(count);
   Points normal(3, count);
   Eigen::VectorXd gap(count), before(count);
   for (Index s = 0; s < count; ++s) {
@@ -280,10 +290,7 @@ TEST(ContactStep, IsFoundHoweverTheSamplesMoveEachOther) {
 
 TEST(FrictionStep, HoldsWhatItCanAndElsewherePushesAgainstTheSlipAsHardAsItMay) {
   constexpr Index count = 40;
-  Eigen::MatrixXd compliance(count, count);
-  for (Index s = 0; s < count; ++s)
-    for (Index t = 0; t < count; ++t) compliance(s, t) = 1.0 / (0.5 + std::abs(static_cast<double>(s - t)));
-  compliance.diagonal().array() += 2.0;
+  const Eigen::MatrixXd compliance = compliance_of(count);
   Points normal(3, count), slip(3, count), before(3, count);
   Eigen::VectorXd bound(count);
   for (Index s = 0; s < count; ++s) {
@@ -341,6 +348,10 @@ std::shared_ptr<Touch> touching(const ToolShape& shape, const Model& model, Cont
   return touch;
 }
 
+ForceSystem tissue_of(const Model& model, double ratio = 0.49) {
+  return {model, {{neo_hookean(mu, ratio, 1000.0)}, model.tissue}, Precision::double_};
+}
+
 // The base as a bed on which it slides; one node of it, in the middle, stays.
 void let_slide(Model& model, Loading& loading) {
   const Index middle = *std::min_element(model.base.begin(), model.base.end(), [&](Index a, Index b) {
@@ -378,7 +389,7 @@ Touched touched(const BodySurface& body, const ToolShape& shape, double depth_mm
     result.pressure = frame.tool->pressures();
     result.on_body = frame.tool->forces_on_body();
   };
-  solve(TimeMode::quasi_static, system, built.model, loading, {.frames = frames}, observer, result.history);
+  result.history = marched(system, built.model, loading, {.frames = frames}, observer);
   return result;
 }
 
@@ -451,10 +462,8 @@ PressureError pressure_error(const Touched& found, const OnLayer& truth, double 
 // Its force would be anything. What is far from all others, or faces another way, stays by itself.
 TEST(SamplesOfContact, HaveEnoughSurfaceOfTheirOwnAndBetweenThemAllOfIt) {
   for (const Index nodes : {1000, 4000}) {
-    ModelOptions options;
-    options.cloud.count = nodes;
-    options.boundary = {.base = "inferior", .indent_at = "0,0,top", .contact_radius_mm = 4.0};
-    const Model model = build_model(cylinder_surface(30, 30), options).model;
+    const Model model =
+        standing(cylinder_surface(30, 30), {.nodes = nodes, .contact_radius = 4.0, .whole_circle = false});
     const ContactSurface surface = contact_surface(model, 8e-3);
     double area = 0.0;
     Index small = 0;
@@ -509,40 +518,41 @@ TEST_P(PressureUnderATool, OfAPunchIsThatOfTheIntegralEquation) {
   EXPECT_LT(error.largest, 0.2);
 }
 
-class SphereOnLayer : public testing::TestWithParam<std::pair<Index, double>> {};
-
-TEST_P(SphereOnLayer, HasTheForceOfTheIntegralEquation) {
-  const auto [nodes, share] = GetParam();
-  const ToolShape sphere = sphere_shape(40e-3);
-  for (const auto& [thickness, depth] : {std::pair{10.0, 0.225}, {5.0, 0.15}}) {
-    SCOPED_TRACE(testing::Message() << thickness << " mm thick");
-    const BodySurface layer = block_surface({-30, -30, 0}, {30, 30, thickness});
-    is_true(touched(layer, sphere, depth, nodes), of_layer(40.0, depth, thickness), share);
-  }
-}
-INSTANTIATE_TEST_SUITE_P(Touching, SphereOnLayer,
+// Nodes, and how far from the truth the force may be, as a part of it.
+class OnALayer : public testing::TestWithParam<std::pair<Index, double>> {};
+INSTANTIATE_TEST_SUITE_P(Touching, OnALayer,
                          testing::Values(std::pair<Index, double>{1000, 0.03},
                                          std::pair<Index, double>{4000, 0.015}));
 
-class SphereOnLooseLayer : public testing::TestWithParam<std::pair<Index, double>> {};
+TEST_P(OnALayer, ASphereHasTheForceOfTheIntegralEquation) {
+  const auto [nodes, share] = GetParam();
+  for (const auto& [thickness, depth] : {std::pair{10.0, 0.225}, {5.0, 0.15}}) {
+    SCOPED_TRACE(testing::Message() << thickness << " mm thick");
+    const BodySurface layer = block_surface({-30, -30, 0}, {30, 30, thickness});
+    is_true(touched(layer, sphere_shape(40e-3), depth, nodes), of_layer(40.0, depth, thickness), share);
+  }
+}
+
+TEST_P(OnALayer, APunchHasTheForceOfTheIntegralEquation) {
+  const auto [nodes, share] = GetParam();
+  const BodySurface layer = block_surface({-30, -30, 0}, {30, 30, 10});
+  const double truth = plane_modulus * 1e-4 * force_at(0.01059, 0.4, {nu}, rounded_punch(0.4, 0.1));
+  is_true(touched(layer, punch_shape(5e-3, 1e-3), 0.1059, nodes), truth, share);
+}
 
 // By chi = sqrt(radius x depth) / thickness.
-TEST_P(SphereOnLooseLayer, HasTheForceOfTheIntegralEquation) {
-  const auto [nodes, share] = GetParam();
-  const ToolShape sphere = sphere_shape(40e-3);
-  constexpr double thickness = 5.0;
+TEST_P(OnALayer, ThatIsLooseASphereHasTheForceOfTheIntegralEquation) {
+  const Index nodes = GetParam().first;
+  constexpr double thickness = 5.0, half = 16.0 * thickness;  // six heights wide it is 1 % softer
+  const BodySurface layer = block_surface({-half, -half, 0}, {half, half, thickness});
   for (const double chi : {0.2, 0.3, 0.5, 0.75, 1.0}) {
     SCOPED_TRACE(chi);
     const double depth = std::pow(chi * thickness, 2) / 40.0;
-    constexpr double half = 16.0 * thickness;  // six heights wide it is 1 % softer
-    const BodySurface layer = block_surface({-half, -half, 0}, {half, half, thickness});
     std::printf("chi %.2f, ", chi);
-    is_true(touched(layer, sphere, depth, nodes, 1, true), of_layer(40.0, depth, thickness, true), share);
+    is_true(touched(layer, sphere_shape(40e-3), depth, nodes, 1, true),
+            of_layer(40.0, depth, thickness, true), nodes < 4000 ? 0.03 : 0.02);
   }
 }
-INSTANTIATE_TEST_SUITE_P(Touching, SphereOnLooseLayer,
-                         testing::Values(std::pair<Index, double>{1000, 0.03},
-                                         std::pair<Index, double>{4000, 0.02}));
 
 TEST(TouchingTool, NeverPullsAndItsForceGrowsFromNothingWithTheDepth) {
   const ToolShape sphere = sphere_shape(5e-3);
@@ -565,29 +575,24 @@ INSTANTIATE_TEST_SUITE_P(Touching, ToolBesideAnEdge, testing::Values(0.0, 0.2, 1
 
 TEST_P(ToolBesideAnEdge, HasTheForceAndTheMomentOfTheBase) {
   const ToolShape sphere = sphere_shape(5e-3);
-  ModelOptions options;
-  options.cloud.count = 1000;
-  options.cloud.grading.whole_circle = true;
-  options.boundary = {.base = "inferior", .indent_at = "8,3,top", .contact_radius_mm = 3.0};
-  const Model model = build_model(block_surface({-15, -15, 0}, {15, 15, 20}), options).model;
+  const Model model = standing(block_surface({-15, -15, 0}, {15, 15, 20}),
+                               {.nodes = 1000, .contact_radius = 3.0, .at = "8,3,top"});
   const auto touch = touching(sphere, model, contact_surface(model, 1.5 * sphere.radius), GetParam());
-  const ForceSystem system(model, {{neo_hookean(mu, 0.49, 1000.0)}, model.tissue}, Precision::double_);
+  const ForceSystem system = tissue_of(model);
   Loading loading{.depth = 2e-3};
   loading.touch = touch;
   Vec3 force = Vec3::Zero(), moment = force;
   const Vec3 tip = touch->pose.tip + loading.depth * touch->pose.points_at;
-  History history;
-  solve(TimeMode::quasi_static, system, model, loading, {.frames = 1, .tolerance = 1e-5},
-        {.frame =
-             [&](const Frame& frame) {
-               force.setZero(), moment.setZero();
-               for (const Index a : model.base) {
-                 const Vec3 held = frame.f.col(a).head<3>(), x = model.X.col(a) + frame.u.col(a).head<3>();
-                 force += held;
-                 moment += (x - tip).cross(held);
-               }
-             }},
-        history);
+  Observer observer;
+  observer.frame = [&](const Frame& frame) {
+    force.setZero(), moment.setZero();
+    for (const Index a : model.base) {
+      const Vec3 held = frame.f.col(a).head<3>(), x = model.X.col(a) + frame.u.col(a).head<3>();
+      force += held;
+      moment += (x - tip).cross(held);
+    }
+  };
+  const History history = marched(system, model, loading, {.frames = 1, .tolerance = 1e-5}, observer);
   const Eigen::Map<const Wrench> on_tool(history.force.back().on_tool.data());
   EXPECT_GT(force.z(), 0.0) << "it pushes the tool back";
   EXPECT_GT(force.head<2>().norm(), 0.02 * force.norm()) << "and sideways";
@@ -618,20 +623,12 @@ void stiffen_one_node(Model& model, Index node, double share) {
 
 TEST(TouchingTool, FindsItsFirstTouchOfANodeThatIsManyTimesAsStiffAsItsNeighbours) {
   const ToolShape sphere = sphere_shape(5e-3);
-  ModelOptions options;
-  options.cloud.count = 600;
-  options.cloud.grading.whole_circle = true;
-  options.boundary = {.base = "inferior", .indent_at = "0,0,top", .contact_radius_mm = 1.5};
-  Model model = build_model(block_surface({-15, -15, 0}, {15, 15, 20}), options).model;
+  Model model = standing(block_surface({-15, -15, 0}, {15, 15, 20}), {.nodes = 600, .contact_radius = 1.5});
   Index at_tip = 0;
   (model.X.colwise() - model.tool.centre).colwise().squaredNorm().minCoeff(&at_tip);
   stiffen_one_node(model, at_tip, 1000.0);
   const auto touch = touching(sphere, model, contact_surface(model, 1.5 * sphere.radius));
-  const ForceSystem system(model, {{neo_hookean(mu, nu, 1000.0)}, model.tissue}, Precision::double_);
-  Loading loading{.depth = 0.5e-3};
-  loading.touch = touch;
-  History history;
-  solve(TimeMode::quasi_static, system, model, loading, {.frames = 1}, {}, history);
+  const History history = marched(tissue_of(model, nu), model, {.depth = 0.5e-3, .touch = touch});
   EXPECT_TRUE(history.retries.empty());
   EXPECT_LT(history.evaluations, 100) << "58 were seen; 143 where the node was as soft as its surroundings";
   EXPECT_GT(history.force.back().force, 0.0);
@@ -641,29 +638,22 @@ TEST(TouchingTool, FindsItsFirstTouchOfANodeThatIsManyTimesAsStiffAsItsNeighbour
 std::vector<Vec3> forces_after(const std::vector<Vec3>& ways, double friction, const Vec3& place, Index nodes,
                                History* whole = nullptr, double step_radii = 0.1,
                                Eigen::VectorXd* slid = nullptr) {
-  ModelOptions options;
-  options.cloud.count = nodes;
-  options.cloud.grading.whole_circle = true;
-  options.boundary = {.base = "inferior",
-                      .indent_at = std::to_string(place.x()) + "," + std::to_string(place.y()) + ",top",
-                      .contact_radius_mm = 2.7};
   Vec3 come = Vec3::Zero();
-  std::vector<Vec3> along;
-  for (const Vec3& way : ways) along.push_back(come += way);
-  for (const Vec3& to : along) options.boundary.way_of_tool.push_back(1e3 * to);
-  const Model model = build_model(block_surface({-20, -20, 0}, {20, 20, 20}), options).model;
+  std::vector<Vec3> along, along_mm;
+  for (const Vec3& way : ways) along.push_back(come += way), along_mm.push_back(1e3 * come);
+  const std::string begins = std::to_string(place.x()) + "," + std::to_string(place.y()) + ",top";
+  const Model model = standing(block_surface({-20, -20, 0}, {20, 20, 20}),
+                               {.nodes = nodes, .contact_radius = 2.7, .at = begins, .way = along_mm});
   const auto touch = touching(sphere_shape(5e-3), model, contact_surface(model, 7e-3, along), friction);
   Loading loading;
   loading.touch = touch;
   for (const Vec3& way : ways) loading.steps.push_back({.name = "", .moves = "", .way = way});
-  const ForceSystem system(model, {{neo_hookean(mu, 0.49, 1000.0)}, model.tissue}, Precision::double_);
-  History history;
   Observer observer;
   observer.frame = [&](const Frame& frame) {
     if (slid) *slid = frame.tool->slid_along();
   };
-  solve(TimeMode::quasi_static, system, model, loading, {.frames = 1, .step_radii = step_radii}, observer,
-        history);
+  const History history =
+      marched(tissue_of(model), model, loading, {.frames = 1, .step_radii = step_radii}, observer);
   std::vector<Vec3> result;
   double until = 0.0;
   for (const Vec3& way : ways) {
@@ -758,15 +748,10 @@ TEST(ToolInSteps, SlidesAlongTheTissueByItsWayButForWhatThatGoesAlong) {
 // What sticks has not slid, and before its first accepted state a tool that rubs holds nothing.
 TEST(ToolInSteps, HoldsNothingBeforeItsFirstIncrementEndsAndWhatItHoldsDoesNotSlide) {
   const ToolShape sphere = sphere_shape(5e-3);
-  ModelOptions options;
-  options.cloud.count = 800;
-  options.boundary = {.base = "inferior", .indent_at = "0,0,top", .contact_radius_mm = 3.0};
-  const Model model = build_model(block_surface({-15, -15, 0}, {15, 15, 15}), options).model;
+  const Model model = standing(block_surface({-15, -15, 0}, {15, 15, 15}),
+                               {.nodes = 800, .contact_radius = 3.0, .whole_circle = false});
   const auto touch =
       touching(sphere, model, contact_surface(model, 7e-3), std::numeric_limits<double>::infinity());
-  const ForceSystem system(model, {{neo_hookean(mu, 0.49, 1000.0)}, model.tissue}, Precision::double_);
-  Loading loading{.depth = 2e-3};
-  loading.touch = touch;
   Observer observer;
   int frames = 0;
   observer.frame = [&](const Frame& frame) {
@@ -780,8 +765,7 @@ TEST(ToolInSteps, HoldsNothingBeforeItsFirstIncrementEndsAndWhatItHoldsDoesNotSl
     EXPECT_EQ(held > 0, frame.depth > 0.5e-3 / 7.0 + 1e-9) << frame.depth;
     ++frames;
   };
-  History history;
-  solve(TimeMode::quasi_static, system, model, loading, {.frames = 28}, observer, history);
+  marched(tissue_of(model), model, {.depth = 2e-3, .touch = touch}, {.frames = 28}, observer);
   EXPECT_EQ(frames, 29);
 }
 
@@ -828,14 +812,9 @@ TEST(ToolInSteps, WithFrictionGoesOnAfterAStepAsIfThereWereNone) {
 }
 
 TEST(ToolInSteps, HasNodesAsFineAlongItsWayAsWhereItBegins) {
-  ModelOptions options;
-  options.cloud.count = 1500;
-  options.cloud.grading.whole_circle = true;
-  options.boundary = {.base = "inferior",
-                      .indent_at = "-2,0,top",
-                      .contact_radius_mm = 2.7,
-                      .way_of_tool = {Vec3(0, 0, -1.5), Vec3(6, 0, -1.5)}};
-  const Model model = build_model(block_surface({-20, -20, 0}, {20, 20, 20}), options).model;
+  const Model model = standing(
+      block_surface({-20, -20, 0}, {20, 20, 20}),
+      {.nodes = 1500, .contact_radius = 2.7, .at = "-2,0,top", .way = {Vec3(0, 0, -1.5), Vec3(6, 0, -1.5)}});
   const auto spacing_at = [&](const Vec3& x) {
     Index nearest = 0;
     (model.X.colwise() - 1e-3 * x).colwise().squaredNorm().minCoeff(&nearest);
@@ -847,13 +826,9 @@ TEST(ToolInSteps, HasNodesAsFineAlongItsWayAsWhereItBegins) {
 }
 
 TEST(TouchingTool, FrictionLiesInTheTangentPlaneAndIsNeverMoreThanItsShareOfTheNormalForce) {
-  ModelOptions options;
-  options.cloud.count = 600;
-  options.boundary = {.base = "inferior", .indent_at = "0,0,top", .contact_radius_mm = 3.0};
-  const Model model = build_model(block_surface({-15, -15, 0}, {15, 15, 20}), options).model;
-  Touch touch{.shape = sphere_shape(5e-3), .friction = 0.3};
-  touch.surface = contact_surface(model, 7e-3);
-  touch.pose = first_touch(touch.shape, model.tool, touch.surface);
+  const Model model = standing(block_surface({-15, -15, 0}, {15, 15, 20}),
+                               {.nodes = 600, .contact_radius = 3.0, .whole_circle = false});
+  const Touch touch = *touching(sphere_shape(5e-3), model, contact_surface(model, 7e-3), 0.3);
   TouchingTool tool(touch);
   Nodal u = Nodal::Zero(4, model.node_count()), f = u;
   Eigen::VectorXd force = Eigen::VectorXd::Constant(tool.unknowns(), 1e-3);
@@ -884,20 +859,15 @@ TEST(TouchingTool, FrictionLiesInTheTangentPlaneAndIsNeverMoreThanItsShareOfTheN
 // What is at rest before it is touched lacks all of its contact: under no tolerance may that look like a good
 // state.
 TEST(TouchingTool, IsFoundByTheSearchUnderStrictTolerancesToo) {
-  ModelOptions options;
-  options.cloud.count = 600;
-  options.cloud.grading.whole_circle = true;
-  options.boundary = {.base = "inferior", .indent_at = "0,0,top", .contact_radius_mm = 2.2};
-  const Model model = build_model(block_surface({-20, -20, 0}, {20, 20, 20}), options).model;
+  const Model model =
+      standing(block_surface({-20, -20, 0}, {20, 20, 20}), {.nodes = 600, .contact_radius = 2.2});
   const auto touch = touching(sphere_shape(5e-3), model, contact_surface(model, 5e-3));
-  const ForceSystem system(model, {{neo_hookean(mu, 0.49, 1000.0)}, model.tissue}, Precision::double_);
-  Loading loading{.depth = 1e-3};
-  loading.touch = touch;
+  const ForceSystem system = tissue_of(model);
   double usual = 0.0;
   for (const double tolerance : {1e-4, 1e-6, 1e-7}) {
     SCOPED_TRACE(tolerance);
-    History history;
-    solve(TimeMode::quasi_static, system, model, loading, {.frames = 1, .tolerance = tolerance}, {}, history);
+    const History history =
+        marched(system, model, {.depth = 1e-3, .touch = touch}, {.frames = 1, .tolerance = tolerance});
     if (usual == 0.0) usual = history.force.back().force;
     EXPECT_NEAR(history.force.back().force, usual, 1e-3 * usual);
     EXPECT_EQ(history.energy.back().dissipated, 0.0) << "nothing rubs";
@@ -943,21 +913,13 @@ TEST(ToolShape, TwoAreInOnePlaceWhereTheirSurfacesAreDeepInEachOther) {
 
 // Tissue is drawn sideways under a wide tool on a compressible layer, and slips.
 TEST(TouchingTool, FrictionTakesEnergyInEveryStepAndNeverGivesAny) {
-  const BodySurface layer = block_surface({-15, -15, 0}, {15, 15, 6});
-  ModelOptions options;
-  options.cloud.count = 1000;
-  options.cloud.grading.whole_circle = true;
-  options.boundary = {.base = "inferior", .indent_at = "0,0,top", .contact_radius_mm = 3.0};
-  const Model model = build_model(layer, options).model;
+  const Model model =
+      standing(block_surface({-15, -15, 0}, {15, 15, 6}), {.nodes = 1000, .contact_radius = 3.0});
   const auto touch = touching(sphere_shape(5e-3), model, contact_surface(model, 7e-3));
   std::vector<double> force;
   for (const double friction : {0.0, 0.05, 0.2}) {
     touch->friction = friction;
-    const ForceSystem system(model, {{neo_hookean(mu, 0.49, 1000.0)}, model.tissue}, Precision::double_);
-    Loading loading{.depth = 2.5e-3};
-    loading.touch = touch;
-    History history;
-    solve(TimeMode::quasi_static, system, model, loading, {.frames = 1}, {}, history);
+    const History history = marched(tissue_of(model), model, {.depth = 2.5e-3, .touch = touch});
     force.push_back(history.force.back().force);
     double heat = 0.0;
     for (const EnergySample& e : history.energy) {
@@ -976,45 +938,27 @@ TEST(TouchingTool, FrictionTakesEnergyInEveryStepAndNeverGivesAny) {
 }
 
 TEST(TouchingTool, WithFrictionGoesOnFromAStateThatWasKeptToTheSameBits) {
-  ModelOptions options;
-  options.cloud.count = 600;
-  options.cloud.grading.whole_circle = true;
-  options.boundary = {.base = "inferior", .indent_at = "0,0,top", .contact_radius_mm = 3.0};
-  const Model model = build_model(block_surface({-15, -15, 0}, {15, 15, 6}), options).model;
+  const Model model =
+      standing(block_surface({-15, -15, 0}, {15, 15, 6}), {.nodes = 600, .contact_radius = 3.0});
   const auto touch = touching(sphere_shape(5e-3), model, contact_surface(model, 7e-3), 0.1);
-  const ForceSystem system(model, {{neo_hookean(mu, 0.49, 1000.0)}, model.tissue}, Precision::double_);
-  Loading loading{.depth = 2e-3};
-  loading.touch = touch;
+  const ForceSystem system = tissue_of(model);
+  const Loading loading{.depth = 2e-3, .touch = touch};
   std::vector<MarchState> kept;
   Observer observer;
   observer.between_steps = [&](const std::function<MarchState()>& state) { kept.push_back(state()); };
-  History whole, again;
   Eigen::VectorXd slid, slid_again;
   observer.frame = [&](const Frame& frame) { slid = frame.tool->slid_along(); };
-  solve(TimeMode::quasi_static, system, model, loading, {.frames = 1}, observer, whole);
+  const History whole = marched(system, model, loading, {.frames = 1}, observer);
   ASSERT_GE(kept.size(), 3u);
   observer = {};
   observer.frame = [&](const Frame& frame) { slid_again = frame.tool->slid_along(); };
-  solve(TimeMode::quasi_static, system, model, loading, {.frames = 1}, observer, again, &kept[1]);
+  const History again = marched(system, model, loading, {.frames = 1}, observer, &kept[1]);
   EXPECT_EQ(slid_again, slid);
   EXPECT_GT(slid.maxCoeff(), 0.01e-3);
   EXPECT_EQ(again.force.back().force, whole.force.back().force);
   EXPECT_EQ(again.energy.back().dissipated, whole.energy.back().dissipated);
   EXPECT_GT(whole.energy.back().dissipated, 0.0);
 }
-
-class PunchOnLayer : public testing::TestWithParam<std::pair<Index, double>> {};
-
-TEST_P(PunchOnLayer, HasTheForceOfTheIntegralEquation) {
-  const auto [nodes, share] = GetParam();
-  const ToolShape punch = punch_shape(5e-3, 1e-3);
-  const BodySurface layer = block_surface({-30, -30, 0}, {30, 30, 10});
-  const double truth = plane_modulus * 1e-4 * force_at(0.01059, 0.4, {nu}, rounded_punch(0.4, 0.1));
-  is_true(touched(layer, punch, 0.1059, nodes), truth, share);
-}
-INSTANTIATE_TEST_SUITE_P(Touching, PunchOnLayer,
-                         testing::Values(std::pair<Index, double>{1000, 0.03},
-                                         std::pair<Index, double>{4000, 0.015}));
 
 }  // namespace
 }  // namespace dimple

@@ -8,52 +8,25 @@
 #include <cstdlib>
 #include <random>
 
-#include "preprocess/make_model.hpp"
 #include "solver/equilibrium/relax.hpp"
 #include "solver/system.hpp"
 #include "tests/helpers/shapes.hpp"
+#include "tests/verification/even_lattice.hpp"
 
 namespace dimple {
 namespace {
 
-constexpr double mu = 1000.0, a = 10e-3;    // shear modulus [Pa]; the crack's radius or depth [m]
-constexpr double strain = 1e-5;             // so small that squares of it do not show
-constexpr double width_of_gap = 0.1;        // between a crack's banks, in spacings
-constexpr double cells_per_interval = 1.8;  // of nodes; even in number, so that a crack lies between cells
+constexpr double mu = 1000.0, a = 10e-3;  // shear modulus [Pa]; the crack's radius or depth [m]
+constexpr double strain = 1e-5;           // so small that squares of it do not show
+constexpr double width_of_gap = 0.1;      // between a crack's banks, in spacings
 
-struct Box {
-  Vec3 lower, upper;
-  Eigen::Array3i intervals;
-  Vec3 spacing() const { return (upper - lower).array() / intervals.cast<double>(); }
-};
-
-// Nodes on a box's faces and within it, and cells that fill it.
-Discretisation lattice(const Box& box) {
-  const Eigen::Array3i cells =
-      2 * (0.5 * cells_per_interval * box.intervals.cast<double>()).round().cast<int>();
-  const Vec3 cell = (box.upper - box.lower).array() / cells.cast<double>(), spacing = box.spacing();
-  const auto filled = [&](const Eigen::Array3i& n, const Vec3& step, double shift) {
-    Points x(3, n.prod());
-    Index b = 0;
-    for (int k = 0; k < n.z(); ++k)
-      for (int j = 0; j < n.y(); ++j)
-        for (int i = 0; i < n.x(); ++i)
-          x.col(b++) = box.lower + step.cwiseProduct(Vec3(i + shift, j + shift, k + shift));
-    return x;
-  };
-  Discretisation places;
-  places.X = filled(box.intervals + 1, spacing, 0.0);
-  places.point = filled(cells, cell, 0.5);
-  places.spacing = Eigen::VectorXd::Constant(places.X.cols(), spacing.norm() / std::sqrt(3.0));
-  places.volume = Eigen::VectorXd::Constant(places.point.cols(), cell.prod());
-  places.second_moments = SecondMoments::Zero(6, places.point.cols());
-  places.second_moments.topRows<3>().colwise() = Vec3(cell.array().square() / 12.0);
-  places.label = Eigen::VectorXi::Zero(places.point.cols());
-  return places;
+// 1.8 to an interval of nodes; even in number, so that a crack lies between cells.
+Eigen::Array3i cells_of(const LatticeBox& box) {
+  return 2 * (0.9 * box.intervals.cast<double>()).round().cast<int>();
 }
 
 // Moves each node by up to a fifth of a spacing along each axis; what lies on a face stays on it.
-void scatter(const Box& box, Points& X) {
+void scatter(const LatticeBox& box, Points& X) {
   std::mt19937 random(1);
   // Not std::uniform_real_distribution, whose numbers differ from one library to the next.
   const auto noise = [&] { return 0.2 * (static_cast<double>(random()) / 2147483648.0 - 1.0); };
@@ -102,8 +75,9 @@ double young(double nu) {
 double released_by_penny(double per_spacing, double nu, bool scattered) {
   const double side = 1.6 * a;
   const int n = static_cast<int>(std::lround(side / a * per_spacing));
-  const Box box{{0.0, -side, -side}, Vec3::Constant(side), {n, 2 * n, 2 * n - 1}};  // z = 0 between nodes
-  Discretisation places = lattice(box);
+  const LatticeBox box{
+      {0.0, -side, -side}, Vec3::Constant(side), {n, 2 * n, 2 * n - 1}};  // z = 0 between nodes
+  Discretisation places = even_lattice(box, cells_of(box));
   if (scattered) scatter(box, places.X);
   const double gap = width_of_gap * side / n;
   const BodySurface plug = cylinder_surface(1e3 * a, 1e3 * gap);
@@ -175,8 +149,8 @@ struct Edge {
 Edge opened_from_the_face(int rows, double nu) {
   const double wide = 6.0 * a, h = a / (rows + 0.5), E = young(nu) / (1.0 - nu * nu), stress = E * strain;
   const int n = 6 * rows + 3;
-  const Box box{{-wide, -h, 0.0}, {wide, h, wide}, {2 * n - 1, 2, n}};
-  Discretisation places = lattice(box);
+  const LatticeBox box{{-wide, -h, 0.0}, {wide, h, wide}, {2 * n - 1, 2, n}};
+  Discretisation places = even_lattice(box, cells_of(box));
   const BodySurface body = slit_block_surface(1e3 * Vec3(2.0 * wide, 2.0 * h, wide),
                                               -0.5e3 * width_of_gap * h, 1e3 * width_of_gap * h, 1e3 * a);
   places.surface = {body.vertex(), body.triangles()};

@@ -6,10 +6,10 @@
 #include <algorithm>
 #include <array>
 
-#include "preprocess/make_model.hpp"
 #include "solver/equilibrium/relax.hpp"
 #include "solver/system.hpp"
 #include "tests/helpers/shapes.hpp"
+#include "tests/verification/even_lattice.hpp"
 
 namespace dimple {
 namespace {
@@ -19,35 +19,16 @@ const Vec3 strip(20e-3, 2e-3, 80e-3);  // between its grips, thick, wide [m]
 
 // On a lattice: grips at both ends of x; a slit at half of that, all through y, from the top of z to `depth`.
 Model slit_strip(double depth) {
-  const Eigen::Array3i nodes(20, 3, 77), cells(36, 4, 140);
-  const auto at = [&](const Eigen::Array3i& k, const Eigen::Array3i& n, double shift) {
-    const Eigen::Array3d share = (k.cast<double>() + shift) / (n.cast<double>());
-    return Vec3((share - Eigen::Array3d(0.5, 0.5, 0.0)) * strip.array());
-  };
-  Discretisation places;
-  places.X.resize(3, nodes.prod());
-  places.point.resize(3, cells.prod());
-  Index a = 0, q = 0;
-  for (int k = 0; k < nodes.z(); ++k)
-    for (int j = 0; j < nodes.y(); ++j)
-      for (int i = 0; i < nodes.x(); ++i) {
-        if (i == 0) places.base.push_back(a);
-        if (i == nodes.x() - 1) places.circle.push_back(a);
-        places.X.col(a++) = at({i, j, k}, nodes - 1, 0.0);
-      }
-  for (int k = 0; k < cells.z(); ++k)
-    for (int j = 0; j < cells.y(); ++j)
-      for (int i = 0; i < cells.x(); ++i) places.point.col(q++) = at({i, j, k}, cells, 0.5);
-  const Vec3 cell = strip.array() / cells.cast<double>();
-  places.spacing = Eigen::VectorXd::Constant(nodes.prod(), strip.x() / (nodes.x() - 1));
-  places.volume = Eigen::VectorXd::Constant(q, cell.prod());
-  places.second_moments = SecondMoments::Zero(6, q);
-  places.second_moments.topRows<3>().colwise() = Vec3(cell.array().square() / 12.0);
-  places.label = Eigen::VectorXi::Zero(q);
+  const Vec3 lower(-0.5 * strip.x(), -0.5 * strip.y(), 0.0);
+  Discretisation places = even_lattice({lower, lower + strip, {19, 2, 76}}, {36, 4, 140});
+  places.spacing.setConstant(strip.x() / 19);
+  for (Index a = 0; a < places.X.cols(); ++a) {
+    if (places.X(0, a) < lower.x() + 1e-9) places.base.push_back(a);
+    if (places.X(0, a) > -lower.x() - 1e-9) places.circle.push_back(a);
+  }
   places.tool.push = Vec3::UnitX();
   const BodySurface surface = slit_block_surface(1e3 * strip, -0.05, 0.1, 1e3 * depth);
-  places.surface.vertex_mm = surface.vertex();
-  places.surface.triangles = surface.triangles();
+  places.surface = {surface.vertex(), surface.triangles()};
   Eigen::VectorXi tissue = places.label;
   return make_model(std::move(places), converging, std::move(tissue), {1000.0});
 }

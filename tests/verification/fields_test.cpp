@@ -4,7 +4,6 @@
 
 #include <Eigen/Eigenvalues>
 #include <cmath>
-#include <functional>
 #include <numbers>
 
 #include "apps/run/results.hpp"
@@ -15,6 +14,7 @@
 #include "solver/solve.hpp"
 #include "tests/helpers/block.hpp"
 #include "tests/helpers/folder.hpp"
+#include "tests/helpers/marched.hpp"
 #include "tests/helpers/shapes.hpp"
 #include "tests/verification/verify_bodies.hpp"
 
@@ -148,59 +148,10 @@ UnderPunch under_punch(double r, double z) {
   return s;
 }
 
-// How far the surface beside a punch sinks, as a part of the punch's depth, at the distance r from its axis,
-// on a layer H thick that is bonded to its base: lengths in radii. The integral equation of Hayes et al. 1972
-// as in hayes_factor(), for phi, whose pressure has the transform int_0^1 phi(t) cos(x t) dt:
-//
-//     u(r) = 2/pi int_0^1 phi(t) (1 / sqrt(r^2 - t^2) - int_0^inf (1 - L(x H)) cos(x t) J0(x r) dx) dt
-//
-// On a half-space L is 1, phi is 1, and u is 2/pi asin(1/r) (Sneddon 1965).
-class SinkingBesidePunch {
- public:
-  SinkingBesidePunch(double H, double nu) : H_(H), k_(3.0 - 4.0 * nu), dx_(20.0 / H / steps) {
-    Eigen::MatrixXd recurrence = Eigen::MatrixXd::Zero(points, points);
-    for (int n = 1; n < points; ++n)
-      recurrence(n, n - 1) = recurrence(n - 1, n) = n / std::sqrt(4.0 * n * n - 1.0);
-    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> gauss(recurrence);
-    t_ = 0.5 * (gauss.eigenvalues().array() + 1.0);
-    w_ = gauss.eigenvectors().row(0).array().square();
-    Eigen::MatrixXd A = Eigen::MatrixXd::Identity(points, points);
-    over_x([&](double x, double dx) {
-      const Eigen::VectorXd c = (x * t_.array()).cos();
-      A -= 2.0 / std::numbers::pi * dx * c * c.cwiseProduct(w_).transpose();
-    });
-    phi_ = A.partialPivLu().solve(Eigen::VectorXd::Ones(points));
-  }
-  double factor() const { return w_.dot(phi_); }
-  double operator()(double r) const {
-    double sum = (w_.array() * phi_.array() / (r * r - t_.array().square()).sqrt()).sum();
-    over_x([&](double x, double dx) {
-      sum -= dx * std::cyl_bessel_j(0, x * r) * (w_.array() * phi_.array() * (x * t_.array()).cos()).sum();
-    });
-    return 2.0 / std::numbers::pi * sum;
-  }
-
- private:
-  static constexpr int points = 24, steps = 4000;
-  double H_, k_, dx_;
-  Eigen::VectorXd t_, w_, phi_;
-
-  // x and (1 - L(x H)) dx.
-  void over_x(const std::function<void(double, double)>& add) const {
-    for (int j = 0; j <= steps; ++j) {
-      const double x = dx_ * j, z = x * H_, e = std::exp(-2.0 * z);
-      const double L =
-          (k_ * (1.0 - e * e) - 4.0 * z * e) / (k_ * (1.0 + e * e) + (1.0 + k_ * k_ + 4.0 * z * z) * e);
-      add(x, (1.0 - L) * (j == 0 ? 0.5 : 1.0) * dx_);
-    }
-  }
-};
-
 TEST(Fields, KnownBesideAPunchAreThoseOfTheHalfSpaceFarFromTheBase) {
-  const SinkingBesidePunch far(1000.0, 0.5);
+  const PunchOnLayer far(0.001, 0.5);
   for (const double r : {1.05, 1.5, 3.0})
-    EXPECT_NEAR(far(r), 2.0 / std::numbers::pi * std::asin(1.0 / r), 2e-3) << r;
-  EXPECT_NEAR(SinkingBesidePunch(2.0, 0.499).factor(), hayes_factor(0.5, 0.499), 1e-9);
+    EXPECT_NEAR(far.sinks(r), 2.0 / std::numbers::pi * std::asin(1.0 / r), 2e-3) << r;
   for (const double z : {0.3, 1.0, 2.5})  // on the axis, in closed form
     EXPECT_NEAR(under_punch(0.0, z).axial, -0.5 * (1.0 + 3.0 * z * z) / std::pow(1.0 + z * z, 2), 1e-3) << z;
 }
@@ -220,12 +171,11 @@ Pressed pressed(double cylinder_mm, double height_mm) {
   options.boundary = {.base = "inferior", .indent_at = "0,0,top", .indenter_diameter_mm = 2.0 * radius_mm};
   const Model model = build_model(cylinder_surface(cylinder_mm, height_mm), options).model;
   const ForceSystem system(model, neo_hookean(210.0, nu, 1000.0), Precision::double_);
-  History history;
   ResultWriter writer(folder, model, {.surface = false, .picture = false, .fine = true});
   Observer observer;
   observer.frame = [&](const Frame& frame) { writer.frame(frame); };
-  solve(TimeMode::quasi_static, system, model, {.depth = 1e-3 * depth_mm, .contact = Contact::frictionless},
-        {.frames = 1}, observer, history);
+  const History history = marched(system, model, {.depth = 1e-3 * depth_mm, .contact = Contact::frictionless},
+                                  {.frames = 1}, observer);
   writer.finish_frames();
   return {read_vtu(folder / "points" / "points_0001.vtu"), read_vtu(folder / "nodes" / "nodes_0001.vtu"),
           history.force.back().force};
@@ -269,7 +219,7 @@ TEST(UnderThePunch, StressesAreThoseThatSneddonFound) {
 TEST(UnderThePunch, TheSurfaceBesideItSinksAsTheLayerOfHayesDoes) {
   constexpr double height_mm = 20.0;
   const Pressed found = pressed(radius_mm + 3.0 * height_mm, height_mm);
-  const SinkingBesidePunch known(height_mm / radius_mm, nu);
+  const PunchOnLayer known(radius_mm / height_mm, nu);
   const Field& u = *found.nodes.find("displacement_mm");
   Index count = 0;
   double off = 0.0, all = 0.0;
@@ -280,7 +230,7 @@ TEST(UnderThePunch, TheSurfaceBesideItSinksAsTheLayerOfHayesDoes) {
     const Vec3 x = found.nodes.position_mm.col(a);
     const double r = x.head<2>().norm() / radius_mm;
     if (x.z() < height_mm - 1e-6 || r < 1.0 + 2.0 * spacing || r > 4.0) continue;
-    const double there = depth_mm * known(r), ours = -u.values(2, a);
+    const double there = depth_mm * known.sinks(r), ours = -u.values(2, a);
     const double slope = 2.0 / std::numbers::pi / (r * std::sqrt(r * r - 1.0));
     EXPECT_NEAR(ours, there, (of_force + 0.5 * spacing * slope) * depth_mm) << r << " radii from the axis";
     off += std::pow(ours - there, 2);

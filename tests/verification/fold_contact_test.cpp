@@ -11,12 +11,11 @@
 #include <random>
 #include <vector>
 
-#include "preprocess/build_model.hpp"
 #include "preprocess/supports/contact_surface.hpp"
 #include "preprocess/supports/fold_banks.hpp"
 #include "solver/equilibrium/relax.hpp"
-#include "solver/solve.hpp"
 #include "tests/helpers/block.hpp"
+#include "tests/helpers/marched.hpp"
 #include "tests/helpers/shapes.hpp"
 #include "tests/verification/hertz.hpp"
 
@@ -63,14 +62,17 @@ Discretisation mirrored(const Discretisation& one, double at) {
   return above;
 }
 
+Discretisation block_of(Index nodes, unsigned seed) {
+  Discretisation one = testing_bodies::block_places(nodes, 0.15, 1.8, seed);
+  one.second_moments = SecondMoments::Zero(6, one.point_count());
+  one.second_moments.topRows<3>().setConstant(std::pow(one.volume[0], 2.0 / 3.0) / 12.0);
+  return one;
+}
+
 // Of other nodes above than below.
-Model column_of_two(Index n_below, Index n_above, double gap) {
-  Discretisation below = testing_bodies::block_places(n_below, 0.15, 1.8),
-                 above = testing_bodies::block_places(n_above, 0.15, 1.8, 11);
-  for (Discretisation* one : {&below, &above}) {
-    one->second_moments = SecondMoments::Zero(6, one->point_count());
-    one->second_moments.topRows<3>().setConstant(std::pow(one->volume[0], 2.0 / 3.0) / 12.0);
-  }
+Model column_of_two(double gap) {
+  const Discretisation below = block_of(6, 7);
+  Discretisation above = block_of(7, 11);
   const Vec3 up(0.0, 0.0, height + gap);
   above.X.colwise() += up;
   above.point.colwise() += up;
@@ -123,7 +125,7 @@ Pressed pressed_together(const ForceSystem& tissue, const Model& model, Index pa
 
 TEST(FoldsThatClose, CarryTheStressOfAConfinedColumnAsIfNothingParted) {
   const double gap = 0.2e-3, depth = 3e-3;
-  const Model model = column_of_two(6, 7, gap);
+  const Model model = column_of_two(gap);
   const Material material = neo_hookean(1000.0, 0.45, 1000.0);
   const ForceSystem tissue(model, {{material}, model.tissue});
   const Pressed pressed = pressed_together(tissue, model, (model.X.row(2).array() < height + 1e-9).count(),
@@ -147,11 +149,8 @@ TEST(FoldsThatClose, CarryTheStressOfAConfinedColumnAsIfNothingParted) {
 // Two domes of a radius of 20 mm whose tops meet.
 TEST(FoldsThatClose, OfTwoEqualDomesPressEachOtherAsAPlatePressesOneByHalf) {
   const double gap = 0.2e-3, way = 2e-3;
-  ModelOptions options;
-  options.cloud.count = 1500;
-  options.cloud.grading.whole_circle = true;
-  options.boundary = {.base = "inferior", .indent_at = "0,0,top", .contact_radius_mm = 4.0};
-  const Model one = build_model(cut_ellipsoid_surface({20, 20, 20}, 0.0), options).model;
+  const Model one =
+      standing(cut_ellipsoid_surface({20, 20, 20}, 0.0), {.nodes = 1500, .contact_radius = 4.0});
   const Material material = neo_hookean(1000.0, 0.49, 1000.0);
 
   auto plate = std::make_shared<Touch>();
@@ -161,8 +160,7 @@ TEST(FoldsThatClose, OfTwoEqualDomesPressEachOtherAsAPlatePressesOneByHalf) {
   Loading loading{.depth = 0.5 * (way - gap)};
   loading.touch = plate;
   const ForceSystem tissue_of_one(one, {{material}, one.tissue});
-  History history;
-  solve(TimeMode::quasi_static, tissue_of_one, one, loading, {.frames = 1}, {}, history);
+  const History history = marched(tissue_of_one, one, loading);
 
   const Discretisation above = mirrored(one, 0.5 * (2.0 * one.tool.centre.z() + gap));
   const Model both = two_bodies(one, above, one.base);
@@ -173,31 +171,32 @@ TEST(FoldsThatClose, OfTwoEqualDomesPressEachOtherAsAPlatePressesOneByHalf) {
   EXPECT_LT(pressed.system->folds()->audit().penetration, 0.01 * both.spacing.minCoeff());
 }
 
-// Two halves of spheres whose tops meet, their middle planes sliding in themselves.
-TEST(FoldsThatClose, OfTwoSpheresPressEachOtherAsHertzFound) {
-  if (!std::getenv("DIMPLE_ALL_SCENES")) GTEST_SKIP() << "skipped: 10 s, without DIMPLE_ALL_SCENES";
-  const auto [nodes, within] = hertz::fineness();
-  const double gap = 0.02e-3, approach = 0.3e-3;
-  const Discretisation below = hertz::half_sphere(nodes);
+// The force [N] of two halves whose tops meet, their middle planes sliding in themselves and each coming by
+// `approach` [m]; `further` are held besides.
+double halves(const Discretisation& below, double radius, double mu, double nu, double approach,
+              std::vector<HeldSet> further = {}) {
+  const double gap = 0.02e-3;
   const Index centre = hertz::centre_of(below), count = below.node_count();
-  const Discretisation above = mirrored(below, 0.5 * (2.0 * hertz::radius + gap));
   HeldSet still{
       .name = "still", .node = below.base, .hold = HeldSet::Hold::along, .direction = Vec3::UnitZ()};
   std::erase(still.node, centre);
-  std::vector<Index> moved = still.node;
+  further.insert(further.begin(), still);
+  further.push_back({.name = "centre", .node = {count + centre}, .direction = -Vec3::UnitZ(), .share = 1.0});
   Discretisation fixed = below;
   fixed.base = {centre};
-  fixed.tool = {
-      .centre = Vec3(0.0, 0.0, 2.0 * hertz::radius + gap), .push = -Vec3::UnitZ(), .radius = hertz::radius};
-  const Model model = two_bodies(fixed, above, moved);
-  const ForceSystem tissue(model, {{neo_hookean(hertz::mu, hertz::nu, 1000.0)}, model.tissue});
-  const Pressed pressed = pressed_together(
-      tissue, model, count,
-      {still, {.name = "centre", .node = {count + centre}, .direction = -Vec3::UnitZ(), .share = 1.0}},
-      2.0 * approach + gap, Contact::frictionless);
-  const double expected = hertz::force_at(approach);
-  std::printf("%td nodes: %+.2f %% of the truth\n", nodes, 100.0 * (pressed.force / expected - 1.0));
-  EXPECT_NEAR(pressed.force, expected, within * expected);
+  fixed.tool = {.centre = Vec3(0.0, 0.0, 2.0 * radius + gap), .push = -Vec3::UnitZ(), .radius = radius};
+  const Model model = two_bodies(fixed, mirrored(below, 0.5 * (2.0 * radius + gap)), still.node);
+  const ForceSystem tissue(model, {{neo_hookean(mu, nu, 1000.0)}, model.tissue});
+  return pressed_together(tissue, model, count, further, 2.0 * approach + gap, Contact::frictionless).force;
+}
+
+TEST(FoldsThatClose, OfTwoSpheresPressEachOtherAsHertzFound) {
+  if (!std::getenv("DIMPLE_ALL_SCENES")) GTEST_SKIP() << "skipped: 10 s, without DIMPLE_ALL_SCENES";
+  const auto [nodes, within] = hertz::fineness();
+  const double approach = 0.3e-3, expected = hertz::force_at(approach),
+               force = halves(hertz::half_sphere(nodes), hertz::radius, hertz::mu, hertz::nu, approach);
+  std::printf("%td nodes: %+.2f %% of the truth\n", nodes, 100.0 * (force / expected - 1.0));
+  EXPECT_NEAR(force, expected, within * expected);
 }
 
 namespace cylinders {
@@ -251,17 +250,8 @@ TEST(FoldsThatClose, OfTwoParallelCylindersPressEachOtherAsHertzFound) {
   // Along the whole line of contact nodes are as fine as beneath a sphere's pole alone: more are needed.
   const auto [nodes, within] =
       std::getenv("DIMPLE_ALL_SCENES") ? hertz::Fineness{6000, 0.02} : hertz::Fineness{3000, 0.04};
-  const double gap = 0.02e-3, approach = 0.25e-3;
-  ModelOptions options;
-  options.cloud.count = nodes;
-  options.cloud.grading.whole_circle = true;
-  options.boundary = {.base = "inferior", .indent_at = "0,0,top", .contact_radius_mm = 2.5};
-  const Discretisation below = build_model(cylinders::upper_half(), options).model;
-  const Index count = below.node_count(), centre = hertz::centre_of(below);
-  const Discretisation above = mirrored(below, 0.5 * (2.0 * cylinders::radius + gap));
-  HeldSet still{
-      .name = "still", .node = below.base, .hold = HeldSet::Hold::along, .direction = Vec3::UnitZ()};
-  std::erase(still.node, centre);
+  const Discretisation below = standing(cylinders::upper_half(), {.nodes = nodes, .contact_radius = 2.5});
+  const Index count = below.node_count();
   HeldSet ends{.name = "ends", .node = {}, .hold = HeldSet::Hold::along, .direction = Vec3::UnitY()};
   for (Index a = 0; a < count; ++a)
     if (std::abs(std::abs(below.X(1, a)) - 0.5 * cylinders::width) < 1e-6 &&
@@ -270,21 +260,17 @@ TEST(FoldsThatClose, OfTwoParallelCylindersPressEachOtherAsHertzFound) {
       ends.node.push_back(count + a);
     }
   std::sort(ends.node.begin(), ends.node.end());
-  std::vector<Index> moved = still.node;
-  Discretisation fixed = below;
-  fixed.base = {centre};
-  fixed.tool = {.centre = Vec3(0.0, 0.0, 2.0 * cylinders::radius + gap),
-                .push = -Vec3::UnitZ(),
-                .radius = cylinders::radius};
-  const Model model = two_bodies(fixed, above, moved);
-  const ForceSystem tissue(model, {{neo_hookean(cylinders::mu, cylinders::nu, 1000.0)}, model.tissue});
-  const Pressed pressed = pressed_together(
-      tissue, model, count,
-      {still, ends, {.name = "centre", .node = {count + centre}, .direction = -Vec3::UnitZ(), .share = 1.0}},
-      2.0 * approach + gap, Contact::frictionless);
-  const double expected = cylinders::force_at(approach);
-  std::printf("%td nodes: %+.2f %% of the truth\n", count, 100.0 * (pressed.force / expected - 1.0));
-  EXPECT_NEAR(pressed.force, expected, within * expected);
+  const double approach = 0.25e-3, expected = cylinders::force_at(approach),
+               force = halves(below, cylinders::radius, cylinders::mu, cylinders::nu, approach, {ends});
+  std::printf("%td nodes: %+.2f %% of the truth\n", count, 100.0 * (force / expected - 1.0));
+  EXPECT_NEAR(force, expected, within * expected);
+}
+
+Model pushed_on_one_side(const BodySurface& body) {
+  ModelOptions options;
+  options.cloud.count = 800;
+  options.boundary = {.base = "inferior", .indent_at = "-6,0,top", .indenter_diameter_mm = 8.0};
+  return build_model(body, options).model;
 }
 
 // A block with a slit from its top, its wall 5 mm beside the tool's middle, pushed down on that side.
@@ -294,31 +280,45 @@ struct BesideASlit {
   ForceSystem tissue;
   Loading loading{.depth = 3e-3};
   explicit BesideASlit(bool touch)
-      : model([] {
-          ModelOptions options;
-          options.cloud.count = 800;
-          options.boundary = {.base = "inferior", .indent_at = "-6,0,top", .indenter_diameter_mm = 8.0};
-          return build_model(slit_block_surface({30, 30, 20}, 0.0, 0.3, 12.0), options).model;
-        }()),
+      : model(pushed_on_one_side(slit_block_surface({30, 30, 20}, 0.0, 0.3, 12.0))),
         tissue(model, {{material}, model.tissue}) {
     if (touch) loading.folds = std::make_shared<const FoldBanks>(fold_banks(model, 2.0 * loading.depth));
   }
   History solved(const Observer& observer = {}, const MarchState* from = nullptr) const {
-    History history;
-    solve(TimeMode::quasi_static, tissue, model, loading, {.frames = 1}, observer, history, from);
-    return history;
+    return marched(tissue, model, loading, {.frames = 1}, observer, from);
   }
 };
 
+// Displacements of the lobe on the left of the slit alone.
+Nodal left_moved(const BesideASlit& scene, const Vec3& way) {
+  Nodal u = Nodal::Zero(4, scene.model.node_count());
+  for (Index a = 0; a < u.cols(); ++a)
+    if (scene.model.X(0, a) < 0.15e-3) u.col(a).head<3>() = way;
+  return u;
+}
+
+// Displacements of a body that moves as a whole.
+Nodal rigid(const Model& model, const Mat3& turn, const Vec3& way) {
+  return to_nodal(((turn - Mat3::Identity()) * model.X).colwise() + way);
+}
+
+// The gaps in a state that is not accepted, and those after it is.
+Eigen::VectorXd gaps_in(FoldContact& folds, const Nodal& u) {
+  Nodal f = Nodal::Zero(4, u.cols());
+  folds.add_force(u, {}, f);
+  return folds.gaps();
+}
+Eigen::VectorXd gaps_after(FoldContact& folds, const Nodal& u) {
+  gaps_in(folds, u);
+  folds.accept(u, {});
+  return gaps_in(folds, u);
+}
+
 TEST(FoldsThatClose, MakeABlockWithASlitStifferThanItsOpenSlitAndSofterThanTheWholeBlock) {
   const History open = BesideASlit(false).solved(), touching = BesideASlit(true).solved();
-  ModelOptions options;
-  options.cloud.count = 800;
-  options.boundary = {.base = "inferior", .indent_at = "-6,0,top", .indenter_diameter_mm = 8.0};
-  const Model whole = build_model(block_surface({-15, -15, 0}, {15, 15, 20}), options).model;
+  const Model whole = pushed_on_one_side(block_surface({-15, -15, 0}, {15, 15, 20}));
   const ForceSystem tissue(whole, {{neo_hookean(1000.0, 0.49, 1000.0)}, whole.tissue});
-  History of_whole;
-  solve(TimeMode::quasi_static, tissue, whole, {.depth = 3e-3}, {.frames = 1}, {}, of_whole);
+  const History of_whole = marched(tissue, whole, {.depth = 3e-3});
   EXPECT_GT(touching.force.back().force, 1.003 * open.force.back().force);
   EXPECT_LT(touching.force.back().force, 1.01 * of_whole.force.back().force);
   EXPECT_GT(touching.folds.touching, 2);
@@ -340,12 +340,8 @@ TEST(FoldsThatClose, GoOnFromAStateThatWasKeptToTheSameBits) {
 
 // A wedge of air between two blocks, open by 25 degrees: the way to the bank ahead is along neither bank.
 TEST(FoldsThatClose, OfBanksThatAreNotParallelMeetTheSamePlacesAsLongAsNothingSlides) {
-  Discretisation below = testing_bodies::block_places(6, 0.15, 1.8),
-                 above = testing_bodies::block_places(7, 0.15, 1.8, 11);
-  for (Discretisation* one : {&below, &above}) {
-    one->second_moments = SecondMoments::Zero(6, one->point_count());
-    one->second_moments.topRows<3>().setConstant(std::pow(one->volume[0], 2.0 / 3.0) / 12.0);
-  }
+  const Discretisation below = block_of(6, 7);
+  Discretisation above = block_of(7, 11);
   const Vec3 edge(side, 0.0, 0.0), lift(0.0, 0.0, height + 0.5e-3);
   const Mat3 turn = Eigen::AngleAxisd(25.0 * 3.14159265358979 / 180.0, Vec3::UnitY()).toRotationMatrix();
   const auto open = [&](const Points& x) {
@@ -375,26 +371,16 @@ TEST(FoldsThatClose, OfBanksThatAreNotParallelMeetTheSamePlacesAsLongAsNothingSl
 // Two domes, top to top: of a place beside the tops the part that is nearer to them is nearer to the other
 // dome.
 TEST(FoldsThatClose, OfBanksThatBulgeHaveThePartsThatAreNearest) {
-  ModelOptions options;
-  options.cloud.count = 400;
-  options.boundary = {.base = "inferior", .indent_at = "0,0,top", .contact_radius_mm = 4.0};
-  const Model one = build_model(cut_ellipsoid_surface({20, 20, 20}, 0.0), options).model;
+  const Model one = standing(cut_ellipsoid_surface({20, 20, 20}, 0.0),
+                             {.nodes = 400, .contact_radius = 4.0, .whole_circle = false});
   const Discretisation above = mirrored(one, 20e-3 + 0.1e-3);
   const Model model = two_bodies(one, above, one.base);
   const ForceSystem tissue(model, {{neo_hookean(1000.0, 0.49, 1000.0)}, model.tissue});
   const auto banks = std::make_shared<const FoldBanks>(fold_banks(model, 12e-3));
   ASSERT_GT(banks->part_end.back(), banks->count());
   FoldContact folds(banks, tissue);
-  const auto gaps_at = [&](FoldContact& of, const Mat3& turn, const Vec3& way) {
-    const Nodal u = to_nodal(((turn - Mat3::Identity()) * model.X).colwise() + way);
-    Nodal f = Nodal::Zero(4, u.cols());
-    of.add_force(u, {}, f);
-    return of.gaps();
-  };
   const Nodal at_rest = Nodal::Zero(4, model.node_count());
-  const Eigen::VectorXd wholes = gaps_at(folds, Mat3::Identity(), Vec3::Zero());
-  folds.accept(at_rest, {});
-  const Eigen::VectorXd parts = gaps_at(folds, Mat3::Identity(), Vec3::Zero());
+  const Eigen::VectorXd wholes = gaps_in(folds, at_rest), parts = gaps_after(folds, at_rest);
   Index nearer = 0;
   for (Index s = 0; s < parts.size(); ++s) {
     EXPECT_LE(parts[s], wholes[s]) << s;
@@ -402,21 +388,20 @@ TEST(FoldsThatClose, OfBanksThatBulgeHaveThePartsThatAreNearest) {
   }
   EXPECT_GT(nearer, 10);
   const Mat3 turn = Eigen::AngleAxisd(1.0, Vec3(1.0, 2.0, -1.0).normalized()).toRotationMatrix();
-  EXPECT_LT((gaps_at(folds, turn, {0.01, -0.02, 0.03}) - parts).cwiseAbs().maxCoeff(), 1e-9)
+  EXPECT_LT((gaps_in(folds, rigid(model, turn, {0.01, -0.02, 0.03})) - parts).cwiseAbs().maxCoeff(), 1e-9)
       << "no rigid motion changes them";
   FoldContact again(banks, tissue);
   again.restore_past(folds.past());
-  EXPECT_EQ(gaps_at(again, Mat3::Identity(), Vec3::Zero()), parts);
+  EXPECT_EQ(gaps_in(again, at_rest), parts);
 }
 
 TEST(FoldsThatClose, AreWatchedWhereTheSurfaceFacesItselfAndNowhereElse) {
   const BesideASlit scene(true);
-  for (const FoldBanks& banks : {*scene.loading.folds}) {
-    EXPECT_GT(banks.count(), 20);
-    EXPECT_LT((banks.sample.place.row(0).cwiseAbs()).maxCoeff(), 1e-3) << "the walls lie at 0 and 0.3 mm";
-    EXPECT_LT((banks.opposite - banks.sample.place).colwise().norm().maxCoeff(), 1e-3);
-    EXPECT_LT((banks.opposite_normal.array() * banks.sample.normal.array()).colwise().sum().maxCoeff(), -0.9);
-  }
+  const FoldBanks& banks = *scene.loading.folds;
+  EXPECT_GT(banks.count(), 20);
+  EXPECT_LT((banks.sample.place.row(0).cwiseAbs()).maxCoeff(), 1e-3) << "the walls lie at 0 and 0.3 mm";
+  EXPECT_LT((banks.opposite - banks.sample.place).colwise().norm().maxCoeff(), 1e-3);
+  EXPECT_LT((banks.opposite_normal.array() * banks.sample.normal.array()).colwise().sum().maxCoeff(), -0.9);
   EXPECT_EQ(fold_banks(scene.model, 0.2e-3).count(), 0) << "no gap is as narrow";
 }
 
@@ -426,14 +411,9 @@ TEST(FoldsThatClose, DoNotBeginToTouchDeepInsideAnotherBankUnlessTheyTouchedBefo
   const auto deepest_after = [&](double force) {
     FoldContact folds(scene.loading.folds, scene.tissue);
     folds.set_forces(Eigen::VectorXd::Constant(folds.count(), force));
-    Nodal u = Nodal::Zero(4, scene.model.node_count()), f = u;
     const double spacing = scene.loading.folds->spacing.maxCoeff();
-    for (Index a = 0; a < u.cols(); ++a)
-      if (scene.model.X(0, a) < 0.15e-3) u.col(a) << 0.3e-3 + 0.1 * spacing, spacing, 0.0, 0.0;
-    folds.add_force(u, {}, f);
-    folds.accept(u, {});
-    folds.add_force(u, {}, f);
-    return folds.gaps().minCoeff() / spacing;
+    const Nodal u = left_moved(scene, {0.3e-3 + 0.1 * spacing, spacing, 0.0});
+    return gaps_after(folds, u).minCoeff() / spacing;
   };
   EXPECT_GT(deepest_after(0.0), -0.05);
   EXPECT_LT(deepest_after(1e-3), -0.09);
@@ -442,15 +422,10 @@ TEST(FoldsThatClose, DoNotBeginToTouchDeepInsideAnotherBankUnlessTheyTouchedBefo
 TEST(FoldsThatClose, HaveGapsThatNoRigidMotionChanges) {
   const BesideASlit scene(true);
   FoldContact folds(scene.loading.folds, scene.tissue);
-  const auto gaps_after = [&](const Mat3& turn, const Vec3& way) {
-    Nodal u = to_nodal(((turn - Mat3::Identity()) * scene.model.X).colwise() + way),
-          f = Nodal::Zero(4, u.cols());
-    folds.add_force(u, {}, f);
-    return folds.gaps();
-  };
-  const Eigen::VectorXd at_rest = gaps_after(Mat3::Identity(), Vec3::Zero());
+  const Eigen::VectorXd at_rest = gaps_in(folds, Nodal::Zero(4, scene.model.node_count()));
   const Mat3 turn = Eigen::AngleAxisd(1.0, Vec3(1.0, 2.0, -1.0).normalized()).toRotationMatrix();
-  EXPECT_LT((gaps_after(turn, {0.01, -0.02, 0.03}) - at_rest).cwiseAbs().maxCoeff(), 1e-9);
+  const Nodal moved = rigid(scene.model, turn, {0.01, -0.02, 0.03});
+  EXPECT_LT((gaps_in(folds, moved) - at_rest).cwiseAbs().maxCoeff(), 1e-9);
   EXPECT_NEAR(at_rest.minCoeff(), 0.3e-3, 1e-6);
 }
 
@@ -503,11 +478,7 @@ TEST(FoldsThatClose, PushBothBanksAlongOneLineAndAsTheGapChanges) {
   const Eigen::VectorXd here = folds.gaps();
   const Points normal = folds.normals();
   const Points moves = folds.moves()(du.topRows<3>());
-  Nodal none = Nodal::Zero(4, u.cols());
-  folds.add_force(u + du, {}, none);
-  const Eigen::VectorXd after = folds.gaps();
-  folds.add_force(u - du, {}, none);
-  const Eigen::VectorXd change = 0.5 * (after - folds.gaps());
+  const Eigen::VectorXd after = gaps_in(folds, u + du), change = 0.5 * (after - gaps_in(folds, u - du));
   int compared = 0;
   for (Index s = 0; s < folds.count(); ++s) {
     if (here[s] == scene.loading.folds->spacing[s]) continue;  // touches nothing
@@ -522,13 +493,8 @@ TEST(FoldsThatClose, MeetTheNextPartOfTheWallThatTheySlideAlong) {
   const auto open_after =
       [&](double way) {  // the share of places with the gap of rest, the left lobe slid along y
         FoldContact folds(scene.loading.folds, scene.tissue);
-        Nodal u = Nodal::Zero(4, scene.model.node_count()), f = u;
-        for (Index a = 0; a < u.cols(); ++a)
-          if (scene.model.X(0, a) < 0.15e-3) u(1, a) = way;
-        folds.add_force(u, {}, f);
-        folds.accept(u, {});
-        folds.add_force(u, {}, f);
-        return static_cast<double>(((folds.gaps().array() - 0.3e-3).abs() < 1e-5).count()) /
+        const Eigen::VectorXd gaps = gaps_after(folds, left_moved(scene, way * Vec3::UnitY()));
+        return static_cast<double>(((gaps.array() - 0.3e-3).abs() < 1e-5).count()) /
                static_cast<double>(folds.count());
       };
   EXPECT_GT(open_after(0.0), 0.95);
@@ -536,9 +502,8 @@ TEST(FoldsThatClose, MeetTheNextPartOfTheWallThatTheySlideAlong) {
   // And whoever marches accepts that step for them.
   const auto system =
       make_system(scene.tissue, scene.model, Contact::bonded, {}, {}, 1e-4, nullptr, scene.loading.folds);
-  Nodal u = Nodal::Zero(4, scene.model.node_count()), f = u;
-  for (Index a = 0; a < u.cols(); ++a)
-    if (scene.model.X(0, a) < 0.15e-3) u(1, a) = 6e-3;
+  const Nodal u = left_moved(scene, 6e-3 * Vec3::UnitY());
+  Nodal f = u;
   system->force(u, f);
   const int before = system->folds()->pairing();
   system->accept_step(u);

@@ -6,14 +6,10 @@
 #include <cmath>
 #include <random>
 
-#include "apps/scene/config.hpp"
-#include "apps/run/tool.hpp"
 #include "io/error.hpp"
-#include "preprocess/build_model.hpp"
 #include "solver/session.hpp"
-#include "solver/solve.hpp"
 #include "tests/helpers/report.hpp"
-#include "tests/helpers/shapes.hpp"
+#include "tests/verification/pressed_cylinder.hpp"
 
 namespace dimple {
 namespace {
@@ -28,16 +24,8 @@ struct Scene {
 
 // On the axis of a cylinder; `tilt` [degrees] off it, the tool meets its flat end aslant.
 Scene scene(const char* tool, double tilt = 0.0, const char* friction = "0") {
-  Config config;
-  const auto set = [&](const char* key, const std::string& value) { set_option(config, key, value, "test"); };
-  set("tool.shape", tool);
-  set("tool.friction", friction);
-  set("load.depth_mm", "3");
-  set("cloud.nodes", "500");
-  set("boundary.base", "inferior");
-  set("boundary.indent_at", "0,0,top");
-  const double angle = tilt * M_PI / 180.0;
-  set("boundary.direction", std::to_string(std::sin(angle)) + ",0," + std::to_string(-std::cos(angle)));
+  const Config config = pressed_cylinder::config_of(
+      {.tool = tool, .depth_mm = 3.0, .friction = friction, .nodes = 500, .tilt = tilt});
   Model model = build_model(cylinder_surface(20, 20), model_options(config)).model;
   std::shared_ptr<const Touch> touch = touch_of(config, model);
   return {std::move(model), std::move(touch)};
@@ -104,8 +92,7 @@ TEST(LiveTouch, EquilibriaAreThoseOfAMarch) {
   const ForceSystem force(with.model, {{tissue}, with.model.tissue}, Precision::single_);
   Loading loading{.depth = 2e-3};
   loading.touch = with.touch;
-  History history;
-  solve(TimeMode::quasi_static, force, with.model, loading, {.frames = 2}, {}, history);
+  const History history = marched(force, with.model, loading, {.frames = 2});
   Session session(with.model, {tissue}, with.options());
   session.equilibrate(2e-3);
   EXPECT_NEAR(session.force(), history.force.back().force, 1e-3 * session.force());

@@ -5,8 +5,10 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <numeric>
 
 #include "preprocess/supports/support.hpp"
+#include "tests/helpers/marched.hpp"
 #include "tests/verification/verify_bodies.hpp"
 
 namespace dimple {
@@ -78,15 +80,6 @@ double confined_stress(const Material& m, double l) {
   return m.mu * std::pow(l, -2.0 / 3.0) * (l - (2.0 + l * l) / (3.0 * l)) + m.kappa * (l - 1.0);
 }
 
-template <class Function>
-double root(const Function& f, double lower, double upper) {
-  for (int k = 0; k < 200; ++k) {
-    const double middle = 0.5 * (lower + upper);
-    ((f(middle) > 0.0) == (f(upper) > 0.0) ? upper : lower) = middle;
-  }
-  return 0.5 * (lower + upper);
-}
-
 // P(l(Z)) = -rho g (H - Z), whatever the strain: here the lowest tissue is pressed to 0.62 of its height.
 TEST(Gravity, ShortensAConfinedColumnAsItsWeightAboveEachPlaceSays) {
   const double H = 20e-3, g = 18.0;
@@ -96,7 +89,7 @@ TEST(Gravity, ShortensAConfinedColumnAsItsWeightAboveEachPlaceSays) {
   const Equilibrium found =
       column.under(make_terms(column.model(), {.gravity = Vec3(0.0, 0.0, -g), .pressure = {}}), 4);
   const auto stretch = [&](double Z) {
-    return root([&](double l) { return confined_stress(sponge, l) + 1000.0 * g * (H - Z); }, 0.2, 1.2);
+    return root(0.2, 1.2, [&](double l) { return confined_stress(sponge, l) + 1000.0 * g * (H - Z); });
   };
   EXPECT_LT(stretch(0.0), 0.63);
   const auto sinks = [&](double Z) {
@@ -149,22 +142,14 @@ TEST(Gravity, MakesABondedLayerThatHangsLoseItsStabilityWhereItIsKnownTo) {
     }
     return sum;
   };
-  const double critical = root([&](double x) { return -at(x); }, 5.0, 8.0);
+  const double critical = root(5.0, 8.0, [&](double x) { return -at(x); });
   RecordProperty("critical", std::to_string(critical));
   EXPECT_NEAR(critical, 6.2229, 0.02 * 6.2229) << stiffness[0] << " " << stiffness[1] << " " << stiffness[2];
 }
 
-// Triangles of the surface: all, or those of the upper face.
-SurfacePatch part_of(const Model& model, bool top_alone) {
-  const double top = model.surface.vertex_mm.row(2).maxCoeff();
-  std::vector<Index> chosen;
-  for (Index t = 0; t < model.surface.triangles.cols(); ++t) {
-    bool up = true;
-    for (int c = 0; c < 3; ++c)
-      up = up && model.surface.vertex_mm(2, model.surface.triangles(c, t)) > top - 1e-6;
-    if (up || !top_alone) chosen.push_back(t);
-  }
-  return surface_patch(model, chosen);
+// The surface's upper face.
+SurfacePatch top_of(const Model& model) {
+  return surface_patch(model, triangles_facing(model, Vec3::UnitZ()));
 }
 
 // A cube on three walls, free at its other sides. Pressed along z its stretches are l and twice a: sides free
@@ -177,14 +162,12 @@ Pressed pressed(const Material& m, double p, bool follows) {
     Mat3 F = Vec3(a, a, l).asDiagonal();
     return pk1_stress(m, F)(0, 0);
   };
-  const auto free_side = [&](double l) { return root([&](double a) { return side(a, l); }, 0.5, 2.0); };
-  const double l = root(
-      [&](double x) {
-        const double a = free_side(x);
-        Mat3 F = Vec3(a, a, x).asDiagonal();
-        return pk1_stress(m, F)(2, 2) + p * (follows ? a * a : 1.0);
-      },
-      0.4, 1.0);
+  const auto free_side = [&](double l) { return root(0.5, 2.0, [&](double a) { return side(a, l); }); };
+  const double l = root(0.4, 1.0, [&](double x) {
+    const double a = free_side(x);
+    Mat3 F = Vec3(a, a, x).asDiagonal();
+    return pk1_stress(m, F)(2, 2) + p * (follows ? a * a : 1.0);
+  });
   return {free_side(l), l};
 }
 
@@ -197,7 +180,7 @@ TEST(Pressure, DeadAndFollowingPressesACubeAsItsClosedFormsSay) {
   for (const bool follows : {false, true}) {
     Loads loads;
     loads.pressure.push_back(
-        {.name = "top", .patch = part_of(cube.model(), true), .pressure = p, .follows = follows});
+        {.name = "top", .patch = top_of(cube.model()), .pressure = p, .follows = follows});
     const Equilibrium found = cube.under(make_terms(cube.model(), loads), 8);
     const Pressed exact = pressed(tissue, p, follows);
     const double shorter = (1.0 - exact.l) * size, wider = (exact.a - 1.0) * size;
@@ -225,7 +208,9 @@ TEST(Pressure, OnAllSidesOfABodyPushesItNowhereAndDoesTheWorkOfItsChangeOfVolume
   const LoadedBox cube(box_lattice(Vec3::Constant(10e-3), 8, 0.1), {.at = {}, .clamped = {}},
                        neo_hookean(210.0, 0.45, 1000.0));
   const Model& model = cube.model();
-  const SurfacePatch all = part_of(model, false);
+  std::vector<Index> every(static_cast<std::size_t>(model.surface.triangles.cols()));
+  std::iota(every.begin(), every.end(), Index{0});
+  const SurfacePatch all = surface_patch(model, every);
   const auto terms =
       make_terms(model, {.gravity = Vec3::Zero(),
                          .pressure = {{.name = "all", .patch = all, .pressure = 50.0, .follows = true}}});
@@ -267,8 +252,7 @@ TEST(ForceTerms, OfLoadsThatDoNotFollowAreTheSlopeOfTheirEnergy) {
   for (const auto& term : make_terms(
            model,
            {.gravity = Vec3(1.0, -2.0, 9.0),
-           .pressure = {
-               {.name = "side", .patch = part_of(model, true), .pressure = 50.0, .follows = false}}})) {
+           .pressure = {{.name = "side", .patch = top_of(model), .pressure = 50.0, .follows = false}}})) {
     Nodal f = Nodal::Zero(4, model.node_count());
     term->add_force(u, half, f);
     const double e = 1e-4,

@@ -9,9 +9,9 @@
 #include <numbers>
 #include <numeric>
 
-#include "preprocess/build_model.hpp"
 #include "solver/equilibrium/relax.hpp"
 #include "solver/terms/loads.hpp"
+#include "tests/helpers/marched.hpp"
 #include "tests/helpers/shapes.hpp"
 #include "tests/verification/verify_bodies.hpp"
 
@@ -219,19 +219,6 @@ double force_under(const Model& model, const Membrane* film, double depth,
   }
 }
 
-// Of a block: the upper face.
-std::vector<Index> top_of(const Model& model) {
-  const double height = model.surface.vertex_mm.row(2).maxCoeff();
-  std::vector<Index> top;
-  for (Index t = 0; t < model.surface.triangles.cols(); ++t) {
-    bool up = true;
-    for (int k = 0; k < 3; ++k)
-      up = up && model.surface.vertex_mm(2, model.surface.triangles(k, t)) > height - 1e-6;
-    if (up) top.push_back(t);
-  }
-  return top;
-}
-
 // Film x modulus over tissue x node spacing is 1000 for the stiffest. None makes the body softer.
 TEST(Membrane, UpToAThousandTimesAsStiffAsTheTissueComesToEquilibriumAndMakesTheBodyResistMore) {
   const Model& model = block_model();
@@ -280,7 +267,9 @@ TEST(Membrane, OnALargeIncompressibleBodyIsFeltByADeepPushAndHardlyByAShallowOne
   options.cloud.count = 1500;
   options.boundary.indenter_diameter_mm = 6.0;
   const Model model = build_model(block_surface(Vec3::Zero(), Vec3(80.0, 80.0, 40.0)), options).model;
-  Membrane film{.patch = surface_patch(model, top_of(model)), .thickness = 1e-4, .shear_modulus = 2e4};
+  Membrane film{.patch = surface_patch(model, triangles_facing(model, Vec3::UnitZ())),
+                .thickness = 1e-4,
+                .shear_modulus = 2e4};
   EXPECT_NEAR(area_of(film.patch), 80e-3 * 80e-3, 1e-9);
   std::vector<double> gain;
   for (const double depth : {0.03e-3, 0.3e-3, 1e-3, 3e-3})
@@ -343,7 +332,7 @@ TEST(Membrane, TautOnAHalfSpaceBearsOfAPressureWhatItsClosedFormSays) {
   const double c = 5e-3, mu = 210.0, q = 0.02 * mu;
   const Model model = build_model(block_surface(Vec3::Zero(), Vec3(160.0, 160.0, 80.0)), options).model;
   const Vec3 middle = model.tool.centre;
-  const SurfacePatch patch = surface_patch(model, top_of(model));
+  const SurfacePatch patch = surface_patch(model, triangles_facing(model, Vec3::UnitZ()));
   HeldSet held{.name = "far", .node = model.base};
   for (Index a = 0; a < model.node_count(); ++a)
     if ((model.X.col(a) - middle).norm() > 14.4 * c) held.node.push_back(a);

@@ -8,97 +8,65 @@
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
-#include <map>
 
-#include "apps/scene/config.hpp"
-#include "apps/run/tool.hpp"
-#include "io/table.hpp"
-#include "preprocess/build_model.hpp"
-#include "solver/solve.hpp"
-#include "tests/helpers/shapes.hpp"
+#include "tests/verification/pressed_cylinder.hpp"
 
 namespace dimple {
 namespace {
 
-struct Scene {
-  std::string name, tool = "sphere:5mm";
-  double radius_mm = 0.0, height_mm = 0.0, nu = 0.499;
-  std::map<double, double> force = {};  // [N] at depths [mm]
+using pressed_cylinder::Scene;
+
+struct BandScene {
+  Scene scene;
   bool calibrates = false;
-  std::string friction = "0";
+  pressed_cylinder::Forces force = {};
 };
 
-std::vector<Scene> scenes() {
-  std::map<std::string, Scene> small;
-  for (const TextTable::Row& row : read_text_csv(DIMPLE_REFERENCE_DIR "/small_contacts.csv").row) {
-    Scene& scene = small["depth " + row.field[0] + ", " + row.field[1] + " radii"];
-    scene.radius_mm = scene.height_mm = std::stod(row.field[2]);
-    scene.calibrates = row.field[1] != "10";
-    scene.force[std::stod(row.field[3])] = std::stod(row.field[4]);
+std::vector<BandScene> scenes() {
+  std::vector<BandScene> all;
+  for (const auto& [key, small] : pressed_cylinder::small_contacts()) {
+    all.push_back({small.scene(), key.second != 10, small.force});
+    all.back().scene.name =
+        "depth " + std::to_string(key.first) + ", " + std::to_string(key.second) + " radii";
   }
-  std::vector<Scene> all;
-  for (auto& [name, scene] : small) {
-    scene.name = name;
-    all.push_back(scene);
-  }
-  std::vector<Scene> large = {{"sphere", "sphere:5mm", 30, 30, 0.499, {}, true},
-                              {"sphere_nu_0.49", "sphere:5mm", 30, 30, 0.49},
-                              {"sphere_nu_0.45", "sphere:5mm", 30, 30, 0.45},
-                              {"sphere_layer", "sphere:5mm", 40, 10, 0.499},
-                              {"punch", "punch:5mm,edge=1mm", 30, 30, 0.499, {}, true},
-                              {"punch_nu_0.45", "punch:5mm,edge=1mm", 30, 30, 0.45},
-                              {"sphere_friction_0.3", "sphere:5mm", 30, 30, 0.499, {}, false, "0.3"},
-                              {"sphere_sticks", "sphere:5mm", 30, 30, 0.499, {}, false, "stick"},
-                              {"sphere_layer_friction_0.3", "sphere:5mm", 40, 10, 0.499, {}, false, "0.3"},
-                              {"sphere_layer_sticks", "sphere:5mm", 40, 10, 0.499, {}, false, "stick"}};
-  const TextTable table = read_text_csv(DIMPLE_REFERENCE_DIR "/contact.csv");
-  for (Scene& scene : large) {
-    for (const TextTable::Row& row : table.row)
-      if (row.field[0] == scene.name && std::stod(row.field[1]) <= 4.0)
-        scene.force[std::stod(row.field[1])] = std::stod(row.field[2]);
-    all.push_back(scene);
-  }
+  const auto add = [&](const Scene& scene, bool calibrates = false) {
+    all.push_back({scene, calibrates, pressed_cylinder::reference_of(scene.name)});
+    std::erase_if(all.back().force, [](const auto& at) { return at.first > 4.0; });
+    all.back().scene.depth_mm = all.back().force.rbegin()->first;
+  };
+  const auto on_layer = [](const char* name, const char* friction = "0") {
+    return Scene{.name = name, .radius_mm = 40, .height_mm = 10, .friction = friction};
+  };
+  add({.name = "sphere"}, true);
+  add({.name = "sphere_nu_0.49", .nu = 0.49});
+  add({.name = "sphere_nu_0.45", .nu = 0.45});
+  add(on_layer("sphere_layer"));
+  add({.name = "punch", .tool = "punch:5mm,edge=1mm"}, true);
+  add({.name = "punch_nu_0.45", .tool = "punch:5mm,edge=1mm", .nu = 0.45});
+  add({.name = "sphere_friction_0.3", .friction = "0.3"});
+  add({.name = "sphere_sticks", .friction = "stick"});
+  add(on_layer("sphere_layer_friction_0.3", "0.3"));
+  add(on_layer("sphere_layer_sticks", "stick"));
   return all;
 }
 
-struct Curve {
-  std::vector<ForceSample> force;
-  Model model;
-};
-
-Curve curve_of(const Scene& scene, Index nodes) {
-  Config config;
-  const auto set = [&](const char* key, const std::string& value) { set_option(config, key, value, "test"); };
-  set("tool.shape", scene.tool);
-  set("tool.friction", scene.friction);
-  set("load.depth_mm", std::to_string(scene.force.rbegin()->first));
-  set("cloud.nodes", std::to_string(nodes));
-  set("boundary.base", "inferior");
-  set("boundary.indent_at", "0,0,top");
-  BuiltModel built = build_model(cylinder_surface(scene.radius_mm, scene.height_mm), model_options(config));
-  const ForceSystem tissue(built.model, {{neo_hookean(210.0, scene.nu, 1000.0)}, built.model.tissue},
-                           Precision::single_);
-  Loading loading{.depth = 1e-3 * config.load.depth_mm};
-  loading.touch = touch_of(config, built.model);
-  History history;
-  solve(TimeMode::quasi_static, tissue, built.model, loading, {.frames = 8}, {}, history);
-  return {history.force, std::move(built.model)};
-}
-
 // The largest of error / measure over a scene's depths: what the multiplier must be for its band to hold.
-double needed(const Scene& scene, Index nodes, bool& known) {
-  const Curve fine = curve_of(scene, nodes), coarse = curve_of(scene, nodes / 2);
-  Config config;
-  set_option(config, "tool.shape", scene.tool, "test");
-  const std::vector<double> half = tool_half_widths(fine.force, fine.model, coarse.force, *tool_of(config));
+double needed(const BandScene& of, Index nodes, bool& known) {
+  Scene scene = of.scene;
+  scene.nodes = nodes;
+  const pressed_cylinder::Pressed found = pressed(scene);
+  const std::vector<ForceSample>& fine = found.history.force;
+  scene.nodes = nodes / 2;
+  const std::vector<double> half = tool_half_widths(fine, found.model, pressed(scene).history.force,
+                                                    *tool_of(pressed_cylinder::config_of(scene)));
   known = !half.empty();
   double most = 0.0;
   for (std::size_t k = 0; known && k < half.size(); ++k)
-    for (const auto& [depth, force] : scene.force)
-      if (std::abs(1e3 * fine.force[k].depth - depth) < 1e-5)
-        most = std::max(most, std::abs(fine.force[k].force - force) / half[k]);
-  std::printf("%s,%s,%td,%.3f,%.1f\n", scene.calibrates ? "calibration" : "proof", scene.name.c_str(), nodes,
-              most * tool_band_multiplier, known ? 100.0 * half.back() / fine.force.back().force : 0.0);
+    for (const auto& [depth, force] : of.force)
+      if (std::abs(1e3 * fine[k].depth - depth) < 1e-5)
+        most = std::max(most, std::abs(fine[k].force - force) / half[k]);
+  std::printf("%s,%s,%td,%.3f,%.1f\n", of.calibrates ? "calibration" : "proof", scene.name.c_str(), nodes,
+              most * tool_band_multiplier, known ? 100.0 * half.back() / fine.back().force : 0.0);
   std::fflush(stdout);
   return most;
 }
@@ -156,15 +124,16 @@ class ToolBand : public testing::TestWithParam<bool> {};
 TEST_P(ToolBand, HoldsAtAllDepthsAtOnceOnScenesOfFiniteElements) {
   const bool is_whole = std::getenv("DIMPLE_ALL_SCENES") != nullptr;
   int all = 0, hold = 0, turn = 0;
-  for (const Scene& scene : scenes()) {
-    if (scene.calibrates != GetParam()) continue;
+  for (const BandScene& of : scenes()) {
+    const Scene& scene = of.scene;
+    if (of.calibrates != GetParam()) continue;
     // Each sixth scene, and those with friction, with the nodes that are taken by itself; all, with 3000 too:
     // DIMPLE_ALL_SCENES.
     if (!is_whole && scene.friction == "0" && ++turn % 6 != 1) continue;
     for (const Index nodes : {Index{1500}, Index{3000}}) {
       if (scene.tool.starts_with("punch") ? nodes < 3000 : nodes > 1500 && !is_whole) continue;
       bool known = false;
-      const double used = needed(scene, scene.tool.starts_with("punch") ? 4000 : nodes, known);
+      const double used = needed(of, scene.tool.starts_with("punch") ? 4000 : nodes, known);
       if (!known) continue;
       ++all;
       hold += used <= 1.0;

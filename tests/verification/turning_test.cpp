@@ -8,9 +8,8 @@
 #include <numbers>
 
 #include "io/error.hpp"
-#include "preprocess/build_model.hpp"
 #include "solver/march/steps.hpp"
-#include "solver/solve.hpp"
+#include "tests/helpers/marched.hpp"
 #include "tests/helpers/report.hpp"
 #include "tests/helpers/shapes.hpp"
 
@@ -22,18 +21,14 @@ constexpr double mu = 2000.0, degree = std::numbers::pi / 180.0;
 const ToolShape capsule = capsule_shape(3e-3, 20e-3), punch = punch_shape(4e-3, 2e-3),
                 sphere = sphere_shape(5e-3);
 
-// Of a block of 40 x 40 x 20 mm, fine at its top around a place on it [mm].
+// Of a block of 40 x 40 x 20 mm, fine in the middle of its top.
 struct Block {
   Model model;
   ContactSurface surface;
-  Block(Index nodes, double contact_radius_mm, double reach, const std::string& at = "0,0,top") {
-    ModelOptions options;
-    options.cloud.count = nodes;
-    options.cloud.grading.whole_circle = true;
-    options.boundary = {.base = "inferior", .indent_at = at, .contact_radius_mm = contact_radius_mm};
-    model = build_model(block_surface({-20, -20, 0}, {20, 20, 20}), options).model;
-    surface = contact_surface(model, reach);
-  }
+  Block(Index nodes, double contact_radius_mm, double reach)
+      : model(standing(block_surface({-20, -20, 0}, {20, 20, 20}),
+                       {.nodes = nodes, .contact_radius = contact_radius_mm})),
+        surface(contact_surface(model, reach)) {}
 };
 
 struct Ran {
@@ -73,9 +68,9 @@ Ran run(const Block& block, const ToolShape& shape, const ToolPose& pose, const 
     observer.between_steps = [&](const std::function<MarchState()>& state) {
       wanted.kept->push_back(state());
     };
-  solve(TimeMode::quasi_static, system, block.model, loading,
-        {.frames = 1, .step_radii = wanted.step_radii, .tolerance = wanted.tolerance}, observer, ran.history,
-        wanted.from);
+  ran.history = marched(system, block.model, loading,
+                        {.frames = 1, .step_radii = wanted.step_radii, .tolerance = wanted.tolerance},
+                        observer, wanted.from);
   double until = 0.0;
   for (const Step& step : steps) {
     until += step.length() / loading.rate;
@@ -96,6 +91,13 @@ Step by(const Vec3& way) {
 }
 Step turn(const Vec3& degrees, double lever, std::optional<Vec3> about = {}, const Vec3& way = Vec3::Zero()) {
   return {.name = "", .moves = "", .way = way, .turn = degree * degrees, .about = about, .lever = lever};
+}
+
+// Within a share of the force, and of the moment that it makes at a lever.
+void expect_near(const Wrench& found, const Wrench& known, double share, double lever) {
+  const double force = known.head<3>().norm();
+  EXPECT_LT((found - known).head<3>().norm(), share * force);
+  EXPECT_LT((found - known).tail<3>().norm(), share * force * lever);
 }
 
 // Along its own axis, turned by R from the first, to where its tip then is.
@@ -127,16 +129,8 @@ TEST(RigidWay, ItsSpeedIsTheDerivativeOfItsPlaceAndItsTurnGoesOnEvenly) {
 
 // A box of 8 x 4 x 12 mm, which no turn about its axis leaves as it was.
 ToolShape drawn_box() {
-  Points vertex(3, 8);
-  for (int k = 0; k < 8; ++k)
-    vertex.col(k) = Vec3(k % 2 == 0 ? -4.0 : 4.0, k / 2 % 2 == 0 ? -2.0 : 2.0, k < 4 ? 0.0 : 12.0);
-  const int face[6][4] = {{0, 1, 3, 2}, {4, 5, 7, 6}, {0, 1, 5, 4}, {2, 3, 7, 6}, {0, 2, 6, 4}, {1, 3, 7, 5}};
-  Triangles triangles(3, 12);
-  for (int k = 0; k < 6; ++k) {
-    triangles.col(2 * k) << face[k][0], face[k][1], face[k][2];
-    triangles.col(2 * k + 1) << face[k][0], face[k][2], face[k][3];
-  }
-  return drawn_shape(std::make_shared<const ToolMesh>(tool_mesh(vertex, triangles, "box.stl")));
+  const BodySurface box = block_surface({-4.0, -2.0, 0.0}, {4.0, 2.0, 12.0});
+  return drawn_shape(std::make_shared<const ToolMesh>(tool_mesh(box.vertex(), box.triangles(), "box.stl")));
 }
 
 TEST(TurningTool, IsTheSameBodyWhereverItHasTurned) {
@@ -190,10 +184,9 @@ TEST_P(TurningToolOf, WithoutFrictionFeelsHowItStandsAndNotHowItHasTurnedThere) 
 
   const Mat3 R = rotation(degree * angle);
   const Ran came = tilted_straight_to(block, shape, R, straight.tip + down);
-  const Vec3 force = came.wrench(0).head<3>(), moment = came.wrench(0).tail<3>();
-  EXPECT_GT(moment.norm(), 0.1 * force.norm() * shape.radius) << "it leans on the tissue";
-  EXPECT_LT((turned.wrench(1).head<3>() - force).norm(), 2e-3 * force.norm());
-  EXPECT_LT((turned.wrench(1).tail<3>() - moment).norm(), 2e-3 * force.norm() * shape.radius);
+  const Wrench there = came.wrench(0);
+  EXPECT_GT(there.tail<3>().norm(), 0.1 * there.head<3>().norm() * shape.radius) << "it leans on the tissue";
+  expect_near(turned.wrench(1), there, 2e-3, shape.radius);
   EXPECT_NEAR(turned.energy_at(1).stored, came.energy_at(0).stored, 2e-3 * came.energy_at(0).stored);
   EXPECT_LT(std::abs(turned.energy_at(1).error()), 0.01 * turned.energy_at(1).external);
   const Vec3 told(turned.end[1].turned.data());
@@ -215,9 +208,7 @@ TEST(TurningTool, AboutAPlaceAndMovedMeanwhileComesWhereARigidBodyDoes) {
   const Vec3 come = (turned.end[1].depth) * straight.points_at + Vec3(turned.end[1].aside.data());
   EXPECT_LT((straight.tip + come - tip).norm(), 1e-9);
   const Ran came = tilted_straight_to(block, capsule, R, tip);
-  const Vec3 force = came.wrench(0).head<3>(), moment = came.wrench(0).tail<3>();
-  EXPECT_LT((turned.wrench(1).head<3>() - force).norm(), 2e-3 * force.norm());
-  EXPECT_LT((turned.wrench(1).tail<3>() - moment).norm(), 2e-3 * force.norm() * capsule.radius);
+  expect_near(turned.wrench(1), came.wrench(0), 2e-3, capsule.radius);
   EXPECT_LT(std::abs(turned.energy_at(1).error()), 0.01 * turned.energy_at(1).external);
 }
 
@@ -255,10 +246,8 @@ TEST(TurningTool, TheOtherWayRoundOnASymmetricBlockHasTheMirroredForceAndMoment)
             right = run(block, punch, pose, {by({0, 0, -1.5e-3}), turn({-12, 0, 0}, 4e-3)}, coarse);
   Wrench mirrored = right.wrench(1);  // in y: of a moment the other two components change their sign
   mirrored[1] *= -1.0, mirrored[3] *= -1.0, mirrored[5] *= -1.0;
-  const double force = left.wrench(1).head<3>().norm();
-  EXPECT_GT(std::abs(left.wrench(1)[3]), 0.1 * force * punch.radius);
-  EXPECT_LT((mirrored - left.wrench(1)).head<3>().norm(), 0.01 * force);
-  EXPECT_LT((mirrored - left.wrench(1)).tail<3>().norm(), 0.01 * force * punch.radius);
+  EXPECT_GT(std::abs(left.wrench(1)[3]), 0.1 * left.wrench(1).head<3>().norm() * punch.radius);
+  expect_near(mirrored, left.wrench(1), 0.01, punch.radius);
 }
 
 TEST(TurningTool, GoesOnFromAnyStateThatWasKeptToTheSameBits) {

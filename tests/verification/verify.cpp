@@ -107,24 +107,6 @@ std::vector<VerifyCase> verify(const std::vector<std::string>& filter, Index nod
   return rows;
 }
 
-std::string verify_table(const std::vector<VerifyCase>& rows) {
-  std::vector<std::vector<std::string>> lines = {header};
-  for (const VerifyCase& row : rows) lines.push_back(cells(row));
-  std::vector<std::size_t> width(header.size(), 0);
-  for (const auto& line : lines)
-    for (std::size_t c = 0; c < line.size(); ++c) width[c] = std::max(width[c], line[c].size());
-  std::string result;
-  for (const auto& line : lines) {
-    std::string text;
-    for (std::size_t c = 0; c < line.size(); ++c)
-      text += c >= 1 && c <= 4 ? fmt::format("{:>{}}  ", line[c], width[c])
-                               : fmt::format("{:<{}}  ", line[c], width[c]);
-    text.erase(text.find_last_not_of(' ') + 1);
-    result += text + "\n";
-  }
-  return result;
-}
-
 std::string verify_markdown(const std::vector<VerifyCase>& rows) {
   std::string result = fmt::format("| {} |\n|---|---:|---:|---:|---:|---|---|\n", fmt::join(header, " | "));
   for (const VerifyCase& row : rows) result += fmt::format("| {} |\n", fmt::join(cells(row), " | "));

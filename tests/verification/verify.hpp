@@ -29,8 +29,7 @@ std::vector<VerifyGroup> verify_groups();
 /// finds no equilibrium is one failed row. Throws UsageError: a name that is no group's.
 std::vector<VerifyCase> verify(const std::vector<std::string>& filter, Index nodes);
 
-/// The table for a terminal, for a text and for a spreadsheet.
-std::string verify_table(const std::vector<VerifyCase>& rows);
+/// The table for a text and for a spreadsheet.
 std::string verify_markdown(const std::vector<VerifyCase>& rows);
 std::string verify_csv(const std::vector<VerifyCase>& rows);
 

@@ -253,6 +253,14 @@ Vec3 face_force(const LatticeBody& body, const Nodal& f, int axis, double value)
   return sum;
 }
 
+double root(double low, double high, const std::function<double(double)>& value) {
+  for (int k = 0; k < 100; ++k) {
+    const double middle = 0.5 * (low + high);
+    (value(middle) < 0.0 ? low : high) = middle;
+  }
+  return 0.5 * (low + high);
+}
+
 VerifyCase compared(std::string name, std::string what, double ours, double reference, double tolerance,
                     std::string unit, std::string source) {
   const double error = std::abs(ours - reference) / std::abs(reference);

@@ -85,9 +85,31 @@ Mat3 mean_stress(const Model& model, const ForceSystem::Nodal& f);
 /// Sum of the forces at the nodes of a face [N].
 Vec3 face_force(const LatticeBody& body, const ForceSystem::Nodal& f, int axis, double value);
 
-/// kappa in F = 4 G a d / (1 - nu) kappa(a/h, nu): force of a frictionless flat punch of radius a on an
-/// elastic layer of height h that is bonded to its base, pushed in by d.
-double hayes_factor(double a_over_h, double nu);
+/// A frictionless flat punch of radius a on an elastic layer of height h that is bonded to its base: the
+/// integral equation of Hayes et al., J. Biomech. 5 (1972) 541, for phi, whose pressure has the transform
+/// int_0^1 phi(t) cos(x t) dt. Lengths in a.
+class PunchOnLayer {
+ public:
+  PunchOnLayer(double a_over_h, double nu);
+  /// kappa in F = 4 G a d / (1 - nu) kappa, pushed in by d.
+  double factor() const { return w_.dot(phi_); }
+  /// How far the surface sinks at the distance r > 1 from the axis, as a part of d:
+  ///     u(r) = 2/pi int_0^1 phi(t) (1 / sqrt(r^2 - t^2) - int_0^inf (1 - L(x H)) cos(x t) J0(x r) dx) dt
+  /// On a half-space L is 1, phi is 1, and u is 2/pi asin(1/r) (Sneddon 1965).
+  double sinks(double r) const;
+
+ private:
+  double H_, k_;
+  Eigen::VectorXd t_, w_, phi_;
+  /// Gives x and (1 - L(x H)) dx.
+  void over_x(const std::function<void(double, double)>& add) const;
+};
+inline double hayes_factor(double a_over_h, double nu) {
+  return PunchOnLayer(a_over_h, nu).factor();
+}
+
+/// Where a growing function passes through zero.
+double root(double low, double high, const std::function<double(double)>& value);
 
 /// Rows.
 VerifyCase compared(std::string name, std::string what, double ours, double reference, double tolerance,

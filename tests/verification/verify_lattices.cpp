@@ -29,18 +29,29 @@ Mat3 simple_shear(double gamma) {
   return F;
 }
 
+// A body whose whole boundary is moved.
+Statics held_at_all_sides(const Lattice& lattice, const std::vector<Material>& material) {
+  LatticeBody body = make_lattice(lattice);
+  auto held = boundary_fixed(body);
+  return Statics(std::move(body), std::move(held), material);
+}
+Statics held_cube(const Material& material, int intervals = 6) {
+  return held_at_all_sides(box_lattice(Vec3::Constant(0.02), intervals), {material});
+}
+
+// Displacements that grow evenly to u(X).
+std::function<Points(double)> growing(const Statics& body, const std::function<Vec3(const Vec3&)>& u) {
+  Points all = body.model().X;
+  for (auto x : all.colwise()) x = u(x);
+  return [all](double share) { return Points(share * all); };
+}
+
 // Mean stress of a cube whose whole boundary moves as F says; what is inside finds its own way.
 Mat3 stress_inside(const Statics& held, const Mat3& F) {
   const Equilibrium found = held.solve({.displacement = [&](double share) {
     return affine_displacement(held.model(), Mat3::Identity() + share * (F - Mat3::Identity()));
   }});
   return mean_stress(held.model(), found.f);
-}
-
-Statics held_cube(const Material& material, int intervals = 6) {
-  LatticeBody body = make_lattice(box_lattice(Vec3::Constant(0.02), intervals));
-  auto held = boundary_fixed(body);
-  return Statics(std::move(body), std::move(held), {material});
 }
 
 // Nominal stress of a bar, stretched along z between frictionless ends; its sides are free.
@@ -68,15 +79,6 @@ Mat3 nominal_stress(const Material& m, const Mat3& F) {
   const double J = F.determinant();
   const Mat3 T = F.inverse().transpose();
   return m.mu * std::pow(J, -2.0 / 3.0) * (F - F.squaredNorm() / 3.0 * T) + m.kappa * J * (J - 1.0) * T;
-}
-
-// Where a growing function passes through zero.
-double root(double low, double high, const std::function<double(double)>& value) {
-  for (int k = 0; k < 100; ++k) {
-    const double middle = 0.5 * (low + high);
-    (value(middle) < 0.0 ? low : high) = middle;
-  }
-  return 0.5 * (low + high);
 }
 
 }  // namespace
@@ -242,9 +244,7 @@ void verify_manufactured(Rows& rows, Index) {
     };
     std::vector<double> log_h, log_value, log_slope;
     for (const int n : {10, 14, 20, 28}) {
-      LatticeBody body = make_lattice(box_lattice(Vec3::Ones(), n));
-      auto held = boundary_fixed(body);
-      const Statics statics(std::move(body), std::move(held), {tissue});
+      const Statics statics = held_at_all_sides(box_lattice(Vec3::Ones(), n), {tissue});
       const Model& model = statics.model();
       const Index points = model.point_count();
       // Eight places in each cell, as the gradients are averaged over.
@@ -262,12 +262,9 @@ void verify_manufactured(Rows& rows, Index) {
         for (int k = to_places.rows.offset[m]; k < to_places.rows.offset[m + 1]; ++k)
           load.col(to_places.rows.member[k]) += to_places.weight[k] * force;
       }
-      Points exact = model.X;
-      for (auto x : exact.colwise()) x = solution(x);
-      const Equilibrium found =
-          statics.solve({.displacement = [&](double share) { return Points(share * exact); },
-                         .force = [&](double share) { return Points(share * load); }},
-                        1, 1e-6);
+      const Equilibrium found = statics.solve({.displacement = growing(statics, solution),
+                                               .force = [&](double share) { return Points(share * load); }},
+                                              1, 1e-6);
       const Points u = to_places(found.u).topRows<3>();
       double value = 0.0, slope = 0.0;
       for (Index m = 0; m < places.cols(); ++m)
@@ -374,12 +371,20 @@ void verify_viscoelastic(Rows& rows, Index) {
 
 namespace {
 
-// Two layers across z, the lower `below` of the height; the cells meet the interface, nodes lie on it.
-LatticeBody two_layers(double height, double below) {
+// Two layers across z, the lower `below` of the height; the cells meet the interface, nodes lie on it. The
+// stress on the upper face when the boundary moves along an axis by slopes of its displacement over z.
+Vec3 stress_of_layers(double height, double below, const Material& soft, const Material& stiff, int axis,
+                      double lower_slope, double upper_slope) {
   Lattice lattice = box_lattice(Vec3(height, height, height), 12, 0.0);
   lattice.cells = {21, 21, 22};
   lattice.tissue = [=](const Vec3& x) { return x.z() < below * height ? 0 : 1; };
-  return make_lattice(lattice);
+  const Statics layers = held_at_all_sides(lattice, {soft, stiff});
+  const Equilibrium found = layers.solve({.displacement = growing(layers, [=](const Vec3& x) -> Vec3 {
+                                            return (std::min(x.z(), below * height) * lower_slope +
+                                                    std::max(0.0, x.z() - below * height) * upper_slope) *
+                                                   Vec3::Unit(axis);
+                                          })});
+  return face_force(layers.body(), found.f, 2, 1.0) / (height * height);
 }
 
 }  // namespace
@@ -390,32 +395,16 @@ LatticeBody two_layers(double height, double below) {
 void verify_layers(Rows& rows, Index) {
   constexpr double height = 0.02, below = 0.5;
   for (const double ratio : {2.0, 5.0, 20.0}) {
-    LatticeBody body = two_layers(height, below);
-    auto held = boundary_fixed(body);
     const Material soft = neo_hookean(210.0, 0.499, 1000.0),
                    stiff = neo_hookean(210.0 * ratio, 0.499, 1000.0);
-    const Statics layers(std::move(body), std::move(held), {soft, stiff});
-    const double shift = 0.2 * height;
-    const double tau = shift / (below * height / soft.mu + (1.0 - below) * height / stiff.mu);
-    const Equilibrium found = layers.solve({.displacement = [&](double share) {
-      Points u = Points::Zero(3, layers.model().node_count());
-      for (Index a = 0; a < u.cols(); ++a) {
-        const double z = layers.model().X(2, a);
-        u(0, a) = share * tau *
-                  (std::min(z, below * height) / soft.mu + std::max(0.0, z - below * height) / stiff.mu);
-      }
-      return u;
-    }});
+    const double tau = 0.2 / (below / soft.mu + (1.0 - below) / stiff.mu);
+    const Vec3 ours = stress_of_layers(height, below, soft, stiff, 0, tau / soft.mu, tau / stiff.mu);
     rows.push_back(compared(fmt::format("layers/shear_{}", ratio),
-                            fmt::format("two layers sheared, moduli 1 : {}", ratio),
-                            face_force(layers.body(), found.f, 2, 1.0).x() / (height * height), tau, 0.02,
+                            fmt::format("two layers sheared, moduli 1 : {}", ratio), ours.x(), tau, 0.02,
                             "Pa", "closed form, in series"));
   }
   for (const double ratio : {2.0, 5.0}) {
-    LatticeBody body = two_layers(height, below);
-    auto held = boundary_fixed(body);
     const Material soft = neo_hookean(210.0, 0.3, 1000.0), stiff = neo_hookean(210.0 * ratio, 0.3, 1000.0);
-    const Statics layers(std::move(body), std::move(held), {soft, stiff});
     constexpr double total = 0.9;
     const auto stress = [](const Material& m, double l) {
       return nominal_stress(m, stretches(1.0, 1.0, l))(2, 2);
@@ -425,18 +414,9 @@ void verify_layers(Rows& rows, Index) {
     const double l1 = root(1.0 - (1.0 - total) / below, total,
                            [&](double l) { return stress(soft, l) - stress(stiff, other(l)); }),
                  l2 = other(l1);
-    const Equilibrium found = layers.solve({.displacement = [&](double share) {
-      Points u = Points::Zero(3, layers.model().node_count());
-      for (Index a = 0; a < u.cols(); ++a) {
-        const double z = layers.model().X(2, a);
-        u(2, a) = share *
-                  (std::min(z, below * height) * (l1 - 1.0) + std::max(0.0, z - below * height) * (l2 - 1.0));
-      }
-      return u;
-    }});
+    const Vec3 ours = stress_of_layers(height, below, soft, stiff, 2, l1 - 1.0, l2 - 1.0);
     rows.push_back(compared(fmt::format("layers/confined_{}", ratio),
-                            fmt::format("two layers pressed by 10 %, moduli 1 : {}", ratio),
-                            face_force(layers.body(), found.f, 2, 1.0).z() / (height * height),
+                            fmt::format("two layers pressed by 10 %, moduli 1 : {}", ratio), ours.z(),
                             stress(soft, l1), 0.02, "Pa", "closed form, in series"));
   }
 }
@@ -456,33 +436,22 @@ void verify_inclusion(Rows& rows, Index) {
     Lattice lattice = box_lattice(Vec3::Constant(edge), 25);
     const Vec3 middle = Vec3::Constant(0.5 * edge);
     lattice.tissue = [=](const Vec3& x) { return (x - middle).norm() < a ? 1 : 0; };
-    LatticeBody body = make_lattice(lattice);
-    auto held = boundary_fixed(body);
-    const Statics solid(std::move(body), std::move(held),
-                        {neo_hookean(mu, nu, 1000.0), neo_hookean(m * mu, nu, 1000.0)});
+    const Statics solid =
+        held_at_all_sides(lattice, {neo_hookean(mu, nu, 1000.0), neo_hookean(m * mu, nu, 1000.0)});
     Mat3 e = stretches(-0.5, -0.5, 1.0) * size;
     e(0, 1) = e(1, 0) = 0.3 * size;
     const double beta = 2.0 * (4.0 - 5.0 * nu) / (15.0 * (1.0 - nu)), inside = 1.0 / (1.0 + beta * (m - 1.0));
     const Mat3 eigen = (1.0 - m) * inside * e;
-    const Equilibrium found = solid.solve(
-        {.displacement =
-             [&](double share) {
-               Points u(3, solid.model().node_count());
-               for (Index k = 0; k < u.cols(); ++k) {
-                 const Vec3 x = solid.model().X.col(k) - middle, ex = eigen * x;
-                 const double r = x.norm(), xex = x.dot(ex);
-                 if (r < a) {
-                   u.col(k) = share * inside * (e * x);
-                   continue;
-                 }
-                 const double r3 = std::pow(r, 3), r5 = std::pow(r, 5), r7 = std::pow(r, 7);
-                 u.col(k) = share * (e * x + a * a * a / (6.0 * (1.0 - nu)) *
-                                                 ((2.0 - 4.0 * nu) / r3 * ex + 3.0 * xex / r5 * x +
-                                                  0.2 * a * a * (6.0 / r5 * ex - 15.0 * xex / r7 * x)));
-               }
-               return u;
-             }},
-        2);
+    const auto far = [&](const Vec3& X) -> Vec3 {
+      const Vec3 x = X - middle, ex = eigen * x;
+      const double r = x.norm(), xex = x.dot(ex);
+      if (r < a) return inside * (e * x);
+      const double r3 = std::pow(r, 3), r5 = std::pow(r, 5), r7 = std::pow(r, 7);
+      return e * x + a * a * a / (6.0 * (1.0 - nu)) *
+                         ((2.0 - 4.0 * nu) / r3 * ex + 3.0 * xex / r5 * x +
+                          0.2 * a * a * (6.0 / r5 * ex - 15.0 * xex / r7 * x));
+    };
+    const Equilibrium found = solid.solve({.displacement = growing(solid, far)}, 2);
     ForceState forces(solid.system());
     forces.stress_sweep(found.u);
     const auto F = forces.deformation_gradients();

@@ -38,7 +38,7 @@ int main(int argc, char** argv) try {
     dimple::write_file(folder / "verify.csv", dimple::verify_csv(rows));
     dimple::write_file(folder / "verify.md", dimple::verify_markdown(rows));
   }
-  fmt::print("{}", dimple::verify_table(rows));
+  fmt::print("{}", dimple::verify_markdown(rows));
   dimple::require_passed(rows);
   return 0;
 } catch (const dimple::Error& error) {

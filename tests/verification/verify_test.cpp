@@ -8,9 +8,7 @@
 #include <cmath>
 
 #include "io/error.hpp"
-#include "io/table.hpp"
 #include "tests/helpers/report.hpp"
-#include "tests/verification/scenes.hpp"
 #include "tests/verification/verify_bodies.hpp"
 
 namespace dimple {
@@ -44,19 +42,6 @@ TEST_P(EveryRow, IsWithinItsTolerance) {
 
 INSTANTIATE_TEST_SUITE_P(Verify, EveryRow, testing::ValuesIn(group_names()),
                          [](const auto& name) { return name.param; });
-
-// The library of the rows reads no files of references: what it knows of them by heart is what the files say.
-TEST(Verify, TheTwoScenesAreThoseOfTheReferenceFiles) {
-  for (const auto& [scene, file] : {std::pair(scene_a(), "block.csv"), {scene_b(), "cut_ellipsoid.csv"}}) {
-    const Table known = read_csv(std::string(DIMPLE_REFERENCE_DIR) + "/" + file);
-    ASSERT_EQ(known.rows(), 8u);
-    for (std::size_t k = 0; k < 8; ++k) {
-      EXPECT_DOUBLE_EQ((*known.find("indentation_mm"))[k], static_cast<double>(k + 1));
-      EXPECT_DOUBLE_EQ((*known.find("force_N"))[k], scene.reference[k]);
-      EXPECT_NEAR((*known.find("uncertainty_percent"))[k], 100.0 * scene.known_to[k], 1e-9);
-    }
-  }
-}
 
 // With half as many nodes the scheme's own error is larger.
 TEST(Verify, ForcesOfHalfAsManyNodesAreAPercentFartherFromTheReferencesAtMost) {

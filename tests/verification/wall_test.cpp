@@ -9,12 +9,11 @@
 #include <memory>
 #include <numeric>
 
-#include "preprocess/build_model.hpp"
 #include "preprocess/scene/wall_field.hpp"
 #include "preprocess/supports/wall_surface.hpp"
 #include "solver/equilibrium/relax.hpp"
-#include "solver/solve.hpp"
 #include "tests/helpers/block.hpp"
+#include "tests/helpers/marched.hpp"
 #include "tests/helpers/shapes.hpp"
 
 namespace dimple {
@@ -30,6 +29,21 @@ Touch plane(const Model& model, const std::string& name, const Vec3& at, const V
               model, [&](const Vec3&, const Vec3& outward) { return outward.dot(normal) < -0.9; }, 2000),
           .motion = Vec3::Zero().eval(),
           .name = name};
+}
+
+// The sides of the block.
+std::vector<Touch> four_sides(const Model& model) {
+  return {plane(model, "-x", Vec3::Zero(), Vec3::UnitX()), plane(model, "+x", size, -Vec3::UnitX()),
+          plane(model, "-y", Vec3::Zero(), Vec3::UnitY()), plane(model, "+y", size, -Vec3::UnitY())};
+}
+
+std::unique_ptr<System> at_rest(const ForceSystem& tissue, const Model& model, const Loads& loads,
+                                const std::vector<Touch>& walls, double tolerance = 1e-4,
+                                const std::vector<HeldSet>& held = {}) {
+  return make_system(tissue, model, Contact::bonded, held, loads, tolerance, nullptr, nullptr, walls);
+}
+Loads downwards(double g) {
+  return {.gravity = Vec3(0.0, 0.0, -g), .pressure = {}};
 }
 
 double root(const std::function<double(double)>& f, double lower, double upper) {
@@ -109,30 +123,31 @@ std::vector<HeldSet> sides_held(const Model& model) {
   return sets;
 }
 
+// Of a column that is held at its sides, with a stretch along z alone: its stress, the stretch under a load
+// [Pa], and how far a place of a height Z sinks whose stretches below are known.
+Mat3 confined_stress(const Material& sponge, double l) {
+  return pk1_stress(sponge, Mat3(Vec3(1.0, 1.0, l).asDiagonal()));
+}
+double confined_stretch(const Material& sponge, double load) {
+  return root([&](double l) { return confined_stress(sponge, l)(2, 2) + load; }, 0.2, 1.2);
+}
+constexpr int parts = 400;
+double sunk(const std::function<double(double)>& stretch, double Z) {
+  double sum = 0.0;
+  for (int k = 0; k < parts; ++k) sum += (stretch(Z * (k + 0.5) / parts) - 1.0) * Z / parts;
+  return sum;
+}
+
 TEST(Walls, ConfineAColumnThatItsOwnWeightShortens) {
   const Model model = testing_bodies::averaged_block(6, 0.1);
   const double g = 9.81, H = size.z();
   const Material sponge = neo_hookean(210.0, 0.3, 1000.0);
   const ForceSystem tissue(model, {{sponge}, model.tissue});
-  const std::vector<Touch> walls = {
-      plane(model, "-x", Vec3::Zero(), Vec3::UnitX()), plane(model, "+x", size, -Vec3::UnitX()),
-      plane(model, "-y", Vec3::Zero(), Vec3::UnitY()), plane(model, "+y", size, -Vec3::UnitY())};
-  const auto system =
-      make_system(tissue, model, Contact::bonded, {}, {.gravity = Vec3(0.0, 0.0, -g), .pressure = {}}, 1e-4,
-                  nullptr, nullptr, walls);
+  const auto system = at_rest(tissue, model, downwards(g), four_sides(model));
   const Nodal& u = system->step_start().u;
-  const auto held = make_system(tissue, model, Contact::bonded, sides_held(model),
-                                {.gravity = Vec3(0.0, 0.0, -g), .pressure = {}});
-  const auto confined = [&](double l) { return pk1_stress(sponge, Mat3(Vec3(1.0, 1.0, l).asDiagonal())); };
-  const auto stretch = [&](double Z) {
-    return root([&](double l) { return confined(l)(2, 2) + 1000.0 * g * (H - Z); }, 0.2, 1.2);
-  };
-  constexpr int parts = 400;
-  const auto sinks = [&](double Z) {
-    double sum = 0.0;
-    for (int k = 0; k < parts; ++k) sum += (stretch(Z * (k + 0.5) / parts) - 1.0) * Z / parts;
-    return sum;
-  };
+  const auto held = at_rest(tissue, model, downwards(g), {}, 1e-4, sides_held(model));
+  const auto stretch = [&](double Z) { return confined_stretch(sponge, 1000.0 * g * (H - Z)); };
+  const auto sinks = [&](double Z) { return sunk(stretch, Z); };
   double top = 0.0, count = 0.0;
   for (Index a = 0; a < model.node_count(); ++a) {
     EXPECT_LT((u.col(a) - held->step_start().u.col(a)).norm(), 0.01 * std::abs(sinks(H)))
@@ -147,9 +162,9 @@ TEST(Walls, ConfineAColumnThatItsOwnWeightShortens) {
   EXPECT_GT(face.area.sum(), 0.9 * size.y() * H) << "all but what the base holds";
   double covered = 0.0, all = 0.0;
   for (Index s = 0; s < face.count(); ++s)
-    covered -= confined(stretch(face.place(2, s)))(0, 0) * face.area[s];
+    covered -= confined_stress(sponge, stretch(face.place(2, s)))(0, 0) * face.area[s];
   for (int k = 0; k < parts; ++k)
-    all -= confined(stretch(H * (k + 0.5) / parts))(0, 0) * H * size.y() / parts;
+    all -= confined_stress(sponge, stretch(H * (k + 0.5) / parts))(0, 0) * H * size.y() / parts;
   const Vec3 left = system->walls()[0]->touched().force, right = system->walls()[1]->touched().force;
   EXPECT_GT(right.x(), 0.99 * covered);
   EXPECT_LT(right.x(), 1.01 * all);
@@ -165,21 +180,11 @@ TEST(FluidLost, ShortensAConfinedColumnByTheBuoyancyOfWhatIsAboveItsLevel) {
   const ForceSystem tissue(model, {{sponge}, model.tissue});
   Loads loads;
   loads.fluid = FluidLost{.up = Vec3::UnitZ(), .level = level, .density = 1100.0};
-  const auto system = make_system(tissue, model, Contact::bonded, sides_held(model), loads);
+  const auto system = at_rest(tissue, model, loads, {}, 1e-4, sides_held(model));
   const auto stretch = [&](double Z) {
-    return root(
-        [&](double l) {
-          return pk1_stress(sponge, Mat3(Vec3(1.0, 1.0, l).asDiagonal()))(2, 2) +
-                 1100.0 * 9.81 * (H - std::max(Z, level));
-        },
-        0.2, 1.2);
+    return confined_stretch(sponge, 1100.0 * 9.81 * (H - std::max(Z, level)));
   };
-  const auto sinks = [&](double Z) {
-    double sum = 0.0;
-    constexpr int parts = 400;
-    for (int k = 0; k < parts; ++k) sum += (stretch(Z * (k + 0.5) / parts) - 1.0) * Z / parts;
-    return sum;
-  };
+  const auto sinks = [&](double Z) { return sunk(stretch, Z); };
   EXPECT_GT(stretch(0.0), 0.6);
   std::map<double, std::vector<double>> by_height;  // what sinks at about that height, less what it should
   for (Index a = 0; a < model.node_count(); ++a)
@@ -197,7 +202,6 @@ TEST(FluidLost, ShortensAConfinedColumnByTheBuoyancyOfWhatIsAboveItsLevel) {
 TEST(Walls, ThatLieInTheBodyAtRestAndAreSetBackByAsMuchTouchItAndPushNothing) {
   const Model model = testing_bodies::averaged_block(4, 0.1);
   const ForceSystem tissue(model, {{neo_hookean(210.0, 0.3, 1000.0)}, model.tissue});
-  const Loads down{.gravity = Vec3(0.0, 0.0, -5.0), .pressure = {}};
   const auto settled = [&](double in, double back) {
     std::vector<Touch> walls = {plane(model, "-x", Vec3(in, 0.0, 0.0), Vec3::UnitX()),
                                 plane(model, "+x", size - Vec3(in, 0.0, 0.0), -Vec3::UnitX())};
@@ -205,7 +209,7 @@ TEST(Walls, ThatLieInTheBodyAtRestAndAreSetBackByAsMuchTouchItAndPushNothing) {
       wall.set_back.setConstant(wall.surface.count(), back);
       wall.set_back_between.setConstant(wall.surface.between.cols(), back);
     }
-    return make_system(tissue, model, Contact::bonded, {}, down, 1e-5, nullptr, nullptr, walls);
+    return at_rest(tissue, model, downwards(5.0), walls, 1e-5);
   };
   const auto beside = settled(0.0, 0.0), overlapping = settled(0.4e-3, 0.4e-3);
   const double sinks = beside->step_start().u.colwise().norm().maxCoeff();
@@ -220,9 +224,8 @@ TEST(Walls, LetGoOfAColumnThatHangsAndNeverPullAtIt) {
   const ForceSystem tissue(model, {{neo_hookean(210.0, 0.45, 1000.0)}, model.tissue});
   const std::vector<Touch> walls = {plane(model, "-x", Vec3::Zero(), Vec3::UnitX()),
                                     plane(model, "+x", size, -Vec3::UnitX())};
-  const Loads up{.gravity = Vec3(0.0, 0.0, 4.0), .pressure = {}};
-  const auto between = make_system(tissue, model, Contact::bonded, {}, up, 1e-5, nullptr, nullptr, walls);
-  const auto alone = make_system(tissue, model, Contact::bonded, {}, up, 1e-5);
+  const auto between = at_rest(tissue, model, downwards(-4.0), walls, 1e-5);
+  const auto alone = at_rest(tissue, model, downwards(-4.0), {}, 1e-5);
   const double longest = alone->step_start().u.colwise().norm().maxCoeff();
   EXPECT_GT(longest, 0.5e-3);
   EXPECT_LT((between->step_start().u - alone->step_start().u).cwiseAbs().maxCoeff(), 0.01 * longest);
@@ -253,9 +256,7 @@ TEST(Walls, BelowABodyThatNothingElseHoldsAreAsABaseThatSlides) {
       loading.walls = {plane(model, "bed", Vec3::Zero(), Vec3::UnitZ())};
     else
       loading.further = {slides};
-    History history;
-    solve(TimeMode::quasi_static, tissue, model, loading, {.frames = 2}, {}, history);
-    return history;
+    return marched(tissue, model, loading, {.frames = 2});
   };
   const History bed = pressed(true), sliding = pressed(false);
   const double force = sliding.force.back().force;
@@ -273,14 +274,13 @@ TEST(Walls, CarryTheWeightOfABlockThatNothingElseHolds) {
   model.base.clear();
   model.circle.clear();
   const ForceSystem tissue(model, {{neo_hookean(1000.0, 0.45, 1000.0)}, model.tissue});
-  const Loads down{.gravity = Vec3(0.0, 0.0, -9.81), .pressure = {}};
-  const auto on_bed = make_system(tissue, model, Contact::bonded, {}, down, 1e-4, nullptr, nullptr,
-                                  {plane(model, "bed", Vec3::Zero(), Vec3::UnitZ())}),
-             sliding = make_system(tissue, model, Contact::bonded, {slides}, down);
-  const double weight = 9.81 * model.mass.sum();
+  const auto on_bed =
+      at_rest(tissue, model, downwards(9.81), {plane(model, "bed", Vec3::Zero(), Vec3::UnitZ())});
+  const auto sliding = at_rest(tissue, model, downwards(9.81), {}, 1e-4, {slides});
+  const double newtons = 9.81 * model.mass.sum();
   const TouchingTool::Touched bed = on_bed->walls().front()->touched();
-  EXPECT_NEAR(bed.force.z(), -weight, 1e-3 * weight);
-  EXPECT_LT(bed.force.head<2>().norm(), 1e-9 * weight) << "without friction";
+  EXPECT_NEAR(bed.force.z(), -newtons, 1e-3 * newtons);
+  EXPECT_LT(bed.force.head<2>().norm(), 1e-9 * newtons) << "without friction";
   const auto sinks = [&](const System& system) {  // on average
     return -system.step_start().u.row(2).dot(model.mass) / model.mass.sum();
   };
@@ -291,15 +291,11 @@ TEST(Walls, CarryTheWeightOfABlockThatNothingElseHolds) {
 TEST(Walls, ThatStickHoldTheSidesOfAColumnThatSinks) {
   const Model model = testing_bodies::averaged_block(5, 0.1);
   const ForceSystem tissue(model, {{neo_hookean(210.0, 0.4, 1000.0)}, model.tissue});
-  std::vector<Touch> walls = {
-      plane(model, "-x", Vec3::Zero(), Vec3::UnitX()), plane(model, "+x", size, -Vec3::UnitX()),
-      plane(model, "-y", Vec3::Zero(), Vec3::UnitY()), plane(model, "+y", size, -Vec3::UnitY())};
+  std::vector<Touch> walls = four_sides(model);
   // The mean way down along the walls, in the middle of their height, where they are pressed.
   const auto sinks_beside = [&](double friction) {
     for (Touch& wall : walls) wall.friction = friction;
-    const auto system =
-        make_system(tissue, model, Contact::bonded, {}, {.gravity = Vec3(0.0, 0.0, -9.81), .pressure = {}},
-                    1e-4, nullptr, nullptr, walls);
+    const auto system = at_rest(tissue, model, downwards(9.81), walls);
     double sum = 0.0, count = 0.0;
     for (const HeldSet& set : sides_held(model))
       for (const Index a : set.node)
@@ -323,11 +319,8 @@ TEST(Walls, ThatStickHoldTheSidesOfAColumnThatSinks) {
 
 // A ball of 5 mm that comes down on a layer.
 TEST(Walls, ThatAreMovedPressAsTheToolThatIsMeasuredDoes) {
-  ModelOptions options;
-  options.cloud.count = 800;
-  options.cloud.grading.whole_circle = true;
-  options.boundary = {.base = "inferior", .indent_at = "0,0,top", .contact_radius_mm = 2.7};
-  const Model model = build_model(block_surface({-20, -20, 0}, {20, 20, 20}), options).model;
+  const Model model =
+      standing(block_surface({-20, -20, 0}, {20, 20, 20}), {.nodes = 800, .contact_radius = 2.7});
   const ForceSystem tissue(model, {{neo_hookean(210.0, 0.49, 1000.0)}, model.tissue}, Precision::double_);
   const Vec3 top(0.0, 0.0, 20e-3);
   Touch ball{.shape = sphere_shape(5e-3), .pose = {top, -Vec3::UnitZ()}, .surface = {}};
@@ -364,23 +357,11 @@ TEST(Walls, ThatAreMovedPressAsTheToolThatIsMeasuredDoes) {
 class ABodyUnderLoads : public testing::TestWithParam<bool> {};
 
 TEST_P(ABodyUnderLoads, IsPressedByTheSameBitsWhetherItComesToRestOnceOrTwice) {
-  ModelOptions options;
-  options.cloud.count = 500;
-  options.boundary = {.base = "inferior", .indent_at = "0,0,top", .contact_radius_mm = 2.7};
-  const Model model = build_model(block_surface({-20, -20, 0}, {20, 20, 20}), options).model;
+  const Model model = standing(block_surface({-20, -20, 0}, {20, 20, 20}),
+                               {.nodes = 500, .contact_radius = 2.7, .whole_circle = false});
   Material material = neo_hookean(2100.0, 0.49, 1000.0);
   if (GetParam()) material.prony = {{.g = 0.4, .tau = 0.5}};
   const ForceSystem tissue(model, {{material}, model.tissue}, Precision::double_);
-  const auto side = [&](const Vec3& towards) {
-    std::vector<Index> chosen;
-    const Surface& surface = model.surface;
-    for (Index t = 0; t < surface.triangles.cols(); ++t) {
-      const auto corner = [&](int i) { return Vec3(surface.vertex_mm.col(surface.triangles(i, t))); };
-      if ((corner(1) - corner(0)).cross(corner(2) - corner(0)).normalized().dot(towards) > 0.9)
-        chosen.push_back(t);
-    }
-    return chosen;
-  };
   Touch ball{
       .shape = sphere_shape(5e-3),
       .pose = {Vec3(0.0, 0.0, 20e-3), -Vec3::UnitZ()},
@@ -393,18 +374,15 @@ TEST_P(ABodyUnderLoads, IsPressedByTheSameBitsWhetherItComesToRestOnceOrTwice) {
   loading.touch = std::make_shared<const Touch>(ball);
   loading.walls = {beside};
   loading.loads.gravity = {2.0, 0.0, -9.81};
-  loading.loads.pressure = {
-      {.patch = surface_patch(model, side(-Vec3::UnitY())), .pressure = 50.0, .follows = true}};
+  loading.loads.pressure = {{.patch = surface_patch(model, triangles_facing(model, -Vec3::UnitY())),
+                             .pressure = 50.0,
+                             .follows = true}};
   rest_under_loads(tissue, model, loading);
   ASSERT_TRUE(loading.settled);
-  const auto curve = [&](const Loading& of) {
-    History history;
-    solve(TimeMode::quasi_static, tissue, model, of, {.frames = 2}, {}, history);
-    return history;
-  };
   Loading anew = loading;
   anew.settled = nullptr;
-  const History once = curve(loading), twice = curve(anew);
+  const History once = marched(tissue, model, loading, {.frames = 2}),
+                twice = marched(tissue, model, anew, {.frames = 2});
   EXPECT_GT(once.settled, 1e-4) << "they do move it";
   EXPECT_GT(once.walls.front().samples, 0);
   const double heat = once.contact_heat + once.walls.front().heat;

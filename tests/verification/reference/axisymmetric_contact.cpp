@@ -63,8 +63,6 @@ struct Options {
       {"edge_fine", 0},   // size of the elements near r = radius - edge ... radius, 0: as
                           // `fine`
       {"friction", 0.3},  // of touch=coulomb
-      {"substeps", 1},    // equal parts of a load step, at least
-      {"back", 0},        // of the depth, by which the tool comes back at the end
       {"layer", 0},       // thickness of a layer of another tissue at the top, which `below` then is
       {"layer_mu", 0},
       {"film", 0},    // shear modulus times thickness of a neo-Hookean membrane on the top [N/mm]
@@ -376,7 +374,6 @@ struct Result {
   bool converged = false;
   double force = 0.0, radius = 0.0, J_min = 0.0, between = 0.0;
   int iterations = 0;
-  double stick_radius = 0.0;
 };
 
 class Scene {
@@ -604,10 +601,7 @@ class Scene {
   Result found(const State& s, double depth, double force, double J_min, int iterations) const {
     Result result{true, force, 0.0, J_min, 0.0, iterations};
     for (std::size_t i = 0; i < s.active.size(); ++i)
-      if (s.active[i]) {
-        result.radius = std::max(result.radius, place(s.u, i, depth).x());
-        if (!s.slips[i]) result.stick_radius = std::max(result.stick_radius, place(s.u, i, depth).x());
-      }
+      if (s.active[i]) result.radius = std::max(result.radius, place(s.u, i, depth).x());
     // The deepest that the top lies inside of the tool between its nodes.
     for (std::size_t i = 0; i + 2 < mesh_.top.size(); i += 2)
       for (const double x : {-0.75, -0.5, -0.25, 0.25, 0.5, 0.75}) {
@@ -637,16 +631,11 @@ int main(int count, char** word) {
   const double sunk = o["weight"] > 0.0 ? scene.rest_under_weight(state) : 0.0;
   if (std::isnan(sunk)) return std::fprintf(stderr, "the body does not carry its weight\n"), 1;
   if (sunk > 0.0) std::fprintf(stderr, "sunk by %.5g mm\n", sunk);
-  std::printf(
-      "depth_mm,force_N,contact_radius_mm,J_min,penetration_between_nodes_mm,nodes,stick_radius_mm\n");
-  const double longest = o["depth"] / o["steps"], part = longest / o["substeps"];
-  const int down = static_cast<int>(o["steps"]),
-            all = down + static_cast<int>(std::lround(o["back"] * o["steps"]));
-  double done = 0.0, step = std::min(part, longest / 8.0);
-  for (int k = 1; k <= all;) {
-    const double to = (k <= down ? k : 2 * down - k) * longest, way = to - done,
-                 go = std::min(std::abs(way), step);
-    const double next = std::abs(way) <= step ? to : done + (way > 0.0 ? go : -go);
+  std::printf("depth_mm,force_N,contact_radius_mm,J_min,penetration_between_nodes_mm,nodes\n");
+  const double longest = o["depth"] / o["steps"];
+  double done = 0.0, step = longest / 8.0;
+  for (int k = 1; k <= static_cast<int>(o["steps"]);) {
+    const double to = k * longest, go = std::min(to - done, step), next = to - done <= step ? to : done + go;
     State tried = state;
     const Result found = scene.solve(tried, next + sunk);
     if (!found.converged) {
@@ -657,11 +646,11 @@ int main(int count, char** word) {
     scene.accept(tried, next + sunk);
     state = std::move(tried);
     done = next;
-    step = std::min(part, 2.0 * step);
+    step = std::min(longest, 2.0 * step);
     if (next != to) continue;
     ++k;
-    std::printf("%.5g,%.6g,%.5g,%.4f,%.2g,%zu,%.5g\n", done, found.force, found.radius, found.J_min,
-                found.between, scene.nodes(), found.stick_radius);
+    std::printf("%.5g,%.6g,%.5g,%.4f,%.2g,%zu\n", done, found.force, found.radius, found.J_min, found.between,
+                scene.nodes());
     std::fflush(stdout);
   }
 }

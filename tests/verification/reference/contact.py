@@ -42,12 +42,18 @@ def e_star(nu):
     return 2.0 * MU / (1.0 - nu)
 
 
-def sphere(radius, depth, nu):
-    """Sneddon 1965: a true sphere on a half-space [N]."""
+def contact_radius(radius, depth):
+    """Sneddon 1965: of a true sphere on a half-space."""
     low, high = 0.0, radius * (1.0 - 1e-12)
     for _ in range(200):
         a = 0.5 * (low + high)
         low, high = (a, high) if 0.5 * a * math.log((radius + a) / (radius - a)) < depth else (low, a)
+    return a
+
+
+def sphere(radius, depth, nu):
+    """Likewise: its force [N]."""
+    a = contact_radius(radius, depth)
     return e_star(nu) * (0.5 * (a * a + radius * radius) * math.log((radius + a) / (radius - a)) - a * radius)
 
 
@@ -124,6 +130,9 @@ def closed_forms_of_friction():
                "touch=stick", (1 - nu) * math.log(3 - 4 * nu) / (1 - 2 * nu))
 
 
+RUNS = ["scene", "mesh", "options", "nodes", "depth_mm", "force_N", "contact_radius_mm", "J_min", "penetration_between_nodes_mm"]
+
+
 def friction(program):
     with open("friction_closed_forms.csv", "w") as file:
         out = csv.writer(file, lineterminator="\n")
@@ -139,15 +148,16 @@ def friction(program):
 def again(program, word):
     """The scenes that have `word` among their options, anew."""
     kept = [r for r in csv.DictReader(open("contact_runs.csv")) if word not in r["options"]]
-    for mesh, of_mesh in MESHES.items():
-        for scene, of_scene in SCENES.items():
-            if word in of_scene:
-                kept += [{"scene": scene, "mesh": mesh, "options": f"{of_scene} {of_mesh}", **r} for r in rows(program, f"{of_scene} {of_mesh}")]
     with open("contact_runs.csv", "w") as file:
-        out = csv.DictWriter(file, ["scene", "mesh", "options", "nodes", "depth_mm", "force_N", "contact_radius_mm", "J_min",
-                                    "penetration_between_nodes_mm"], extrasaction="ignore", lineterminator="\n")
+        out = csv.DictWriter(file, RUNS, extrasaction="ignore", lineterminator="\n")
         out.writeheader()
         out.writerows(kept)
+        for mesh, of_mesh in MESHES.items():
+            for scene, of_scene in SCENES.items():
+                if word in of_scene:
+                    options = f"{of_scene} {of_mesh}"
+                    out.writerows({"scene": scene, "mesh": mesh, "options": options, **r} for r in rows(program, options))
+                    file.flush()
 
 
 def rows(program, options):
@@ -163,16 +173,7 @@ def run(program):
             force = float(rows(program, options)[-1]["force_N"])
             out.writerow([what, options, f"{known:.6g}", f"{force:.6g}", f"{100 * (force / known - 1):.2f}"])
             file.flush()
-    with open("contact_runs.csv", "w") as file:
-        out = csv.writer(file, lineterminator="\n")
-        out.writerow(["scene", "mesh", "options", "nodes", "depth_mm", "force_N", "contact_radius_mm", "J_min",
-                      "penetration_between_nodes_mm"])
-        for mesh, of_mesh in MESHES.items():
-            for scene, of_scene in SCENES.items():
-                for r in rows(program, f"{of_scene} {of_mesh}"):
-                    out.writerow([scene, mesh, f"{of_scene} {of_mesh}", r["nodes"], r["depth_mm"], r["force_N"],
-                                  r["contact_radius_mm"], r["J_min"], r["penetration_between_nodes_mm"]])
-                file.flush()
+    again(program, "")
 
 
 def small(program):
@@ -182,10 +183,7 @@ def small(program):
         out = csv.writer(file, lineterminator="\n")
         out.writerow(["depth_share", "thickness_radii", "height_mm", "depth_mm", "force_N", "known_to_percent"])
         for share in (0.02, 0.05, 0.1, 0.2, 0.4, 0.8):
-            low, high = 0.0, 5.0
-            for _ in range(60):
-                a = 0.5 * (low + high)
-                low, high = (a, high) if 0.5 * a * math.log((5 + a) / (5 - a)) < 5 * share else (low, a)
+            a = contact_radius(5.0, 5.0 * share)
             for radii in (4, 10, 40):
                 h = round(radii * a, 3)
                 by = [[float(r["force_N"]) for r in rows(

@@ -1,6 +1,6 @@
 // Reference force for pressing a bonded circle into the body of a label image, or into a block with a slit.
 //
-// Static, nearly incompressible neo-Hooke, as in hexahedra.cpp:
+// Static, nearly incompressible neo-Hooke:
 //   W = mu/2 (J^(-2/3) I1 - 3) + bulk/2 (J - 1)^2
 // CGAL's Mesh_3 fills the body with tetrahedra; displacement is quadratic, pressure linear and continuous
 // (Taylor-Hood), faces are flat. Full Newton on displacement and pressure, MUMPS, load steps that halve when
@@ -35,7 +35,6 @@
 #include <map>
 #include <numbers>
 #include <optional>
-#include <set>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -62,22 +61,18 @@ struct Options {
       {"x", 0},             // of the circle on the ellipsoid, or on an image's organ, LPS mm
       {"y", std::nan("")},  // likewise on an organ; without it the highest place
       {"z", std::nan("")},
-      {"mu", 210e-6},        // N/mm^2
-      {"nu", 0.499},         // Poisson's ratio
-      {"lame", 0},           // 1: bulk = lambda instead of the bulk modulus, as in hexahedra.cpp
-      {"extend", 0.2},       // below this J, J^(-2/3) goes on as its quadratic Taylor polynomial
-      {"slit", 1},           // width
-      {"gap", 3},            // from the rim to the slit's near wall
-      {"slit_depth", 25},    // from the top
-      {"growth", 0.3},       // of the wanted edge by the distance from the rim
-      {"far", 6},            // largest wanted edge
-      {"near", 0.08},        // distance allowed between mesh and surface / wanted edge
-      {"farthest", 1},       // the same, largest, mm
-      {"share", 0},          // wanted edge / width of body or air gap where that is narrow; 0: not asked for
-      {"least", 1},          // the edge that narrow places do not go below
-      {"manifold", 1},       // 0: do not ask CGAL for a manifold surface
-      {"mesh_only", 0},      // 1: nothing is solved
-      {"first_depth", 0.5},  // reported before the others
+      {"mu", 210e-6},           // N/mm^2
+      {"nu", 0.499},            // Poisson's ratio
+      {"extend", 0.2},          // below this J, J^(-2/3) goes on as its quadratic Taylor polynomial
+      {"slit", 1},              // width
+      {"gap", 3},               // from the rim to the slit's near wall
+      {"slit_depth", 25},       // from the top
+      {"growth", 0.3},          // of the wanted edge by the distance from the rim
+      {"far", 6},               // largest wanted edge
+      {"near", 0.08},           // distance allowed between mesh and surface / wanted edge
+      {"farthest", 1},          // the same, largest, mm
+      {"manifold", 1},          // 0: do not ask CGAL for a manifold surface
+      {"first_depth", 0.5},     // reported before the others
       {"smallest_step", 0.01},  // mm
   };
   double operator[](const char* name) const { return named.at(name); }
@@ -202,64 +197,7 @@ struct Mesh {
   int corners = 0;
   std::vector<std::array<int, 10>> elements;
   std::vector<char> on_base, on_circle, on_outside;
-  double volume = 0, base_area = 0, circle_area = 0;
-  int euler = 0;  // characteristic of its surface
-};
-
-// An upper bound of the wanted edge on a lattice, which grows by a fixed share of the distance.
-class Widths {
- public:
-  Widths(const BodySurface& body, double share, double least, double far, double growth) {
-    low_ = body.lower();
-    const Vec3 size = body.upper() - body.lower();
-    step_ = size.maxCoeff() / 150;
-    for (int axis = 0; axis < 3; ++axis) count_[axis] = static_cast<int>(size[axis] / step_) + 2;
-    value_.assign(size_t(count_[0]) * count_[1] * count_[2], far);
-    for (Eigen::Index t = 0; t < body.triangles().cols(); ++t) {
-      Vec3 centre = Vec3::Zero();
-      for (int k = 0; k < 3; ++k) centre += body.vertex().col(body.triangles()(k, t)) / 3;
-      const Vec3 normal = body.normal().col(t);
-      double width = far / share;
-      for (const double crossing : body.crossings(centre, normal))
-        if (std::abs(crossing) > 1e-6) width = std::min(width, std::abs(crossing));
-      double& here = value_[at(centre)];
-      here = std::min(here, std::max(least, share * width));
-    }
-    for (int sweep = 0; sweep < 4; ++sweep) {
-      for (int k = 0; k < count_[2]; ++k)
-        for (int j = 0; j < count_[1]; ++j)
-          for (int i = 0; i < count_[0]; ++i) relax(i, j, k, growth);
-      for (int k = count_[2] - 1; k >= 0; --k)
-        for (int j = count_[1] - 1; j >= 0; --j)
-          for (int i = count_[0] - 1; i >= 0; --i) relax(i, j, k, growth);
-    }
-  }
-  double operator()(const Vec3& x) const { return value_[at(x)]; }
-
- private:
-  size_t at(const Vec3& x) const {
-    std::array<int, 3> cell;
-    for (int axis = 0; axis < 3; ++axis)
-      cell[axis] = std::clamp(static_cast<int>((x[axis] - low_[axis]) / step_), 0, count_[axis] - 1);
-    return index(cell[0], cell[1], cell[2]);
-  }
-  size_t index(int i, int j, int k) const { return (size_t(k) * count_[1] + j) * count_[0] + i; }
-  void relax(int i, int j, int k, double growth) {
-    double& here = value_[index(i, j, k)];
-    for (int dk = -1; dk <= 1; ++dk)
-      for (int dj = -1; dj <= 1; ++dj)
-        for (int di = -1; di <= 1; ++di) {
-          if (i + di < 0 || j + dj < 0 || k + dk < 0 || i + di >= count_[0] || j + dj >= count_[1] ||
-              k + dk >= count_[2])
-            continue;
-          const double distance = step_ * std::sqrt(double(di * di + dj * dj + dk * dk));
-          here = std::min(here, value_[index(i + di, j + dj, k + dk)] + growth * distance);
-        }
-  }
-  Vec3 low_;
-  double step_;
-  std::array<int, 3> count_;
-  std::vector<double> value_;
+  double volume = 0;
 };
 
 using Sizes = std::function<double(const Vec3&)>;
@@ -285,9 +223,6 @@ Mesh make_mesh(const Scene& scene, const Options& options) {
   for (Eigen::Index t = 0; t < body.triangles().cols(); ++t)
     surface.add_face(vertices[size_t(body.triangles()(0, t))], vertices[size_t(body.triangles()(1, t))],
                      vertices[size_t(body.triangles()(2, t))]);
-  const int surface_euler = static_cast<int>(surface.number_of_vertices()) -
-                            static_cast<int>(surface.number_of_edges()) +
-                            static_cast<int>(surface.number_of_faces());
 
   CGAL::get_default_random() = CGAL::Random(0);
   Domain domain(surface, &CGAL::get_default_random());
@@ -300,16 +235,11 @@ Mesh make_mesh(const Scene& scene, const Options& options) {
   }
   domain.add_features(lines.begin(), lines.end());
 
-  std::optional<Widths> widths;
-  if (options["share"] > 0)
-    widths.emplace(body, options["share"], options["least"], options["far"], options["growth"]);
   const double first = options.rim, growth = options["growth"], far = options["far"];
   const Sizes sizes = [&](const Vec3& x) {
     // edges at the rim's own length up to one of them away from it
-    double squared = (rim.colwise() - x).colwise().squaredNorm().minCoeff();
-    double size = std::min(far, first + growth * std::max(0.0, std::sqrt(squared) - first));
-    if (widths) size = std::min(size, std::max(first, (*widths)(x)));
-    return size;
+    const double squared = (rim.colwise() - x).colwise().squaredNorm().minCoeff();
+    return std::min(far, first + growth * std::max(0.0, std::sqrt(squared) - first));
   };
   // The bounds of the circumradii are 0.7 of the wanted edge: equilateral ones have 0.58 and 0.61.
   const Field edges{&sizes, 1.0}, radii{&sizes, 0.7}, distances{&sizes, options["near"], options["farthest"]};
@@ -361,23 +291,13 @@ Mesh make_mesh(const Scene& scene, const Options& options) {
 
   const size_t total = mesh.nodes.size();
   mesh.on_base.assign(total, 0), mesh.on_circle.assign(total, 0), mesh.on_outside.assign(total, 0);
-  std::set<int> outside_nodes;
-  std::set<std::pair<int, int>> outside_edges;
-  int outside_faces = 0;
-  std::vector<std::array<int, 6>> outside;
   for (const auto& [sorted, about] : faces) {
     const auto& [times, f] = about;
     if (times != 1) continue;
-    ++outside_faces;
     const std::array<int, 6> all = {
         f[0], f[1], f[2], middle(f[0], f[1]), middle(f[1], f[2]), middle(f[2], f[0])};
-    outside.push_back(all);
-    for (int k = 0; k < 3; ++k) {
-      outside_nodes.insert(f[k]);
-      outside_edges.insert({std::min(f[k], f[(k + 1) % 3]), std::max(f[k], f[(k + 1) % 3])});
-    }
-    const Vec3 twice_area = (mesh.nodes[f[1]] - mesh.nodes[f[0]]).cross(mesh.nodes[f[2]] - mesh.nodes[f[0]]);
-    const Vec3 normal = twice_area.normalized();
+    const Vec3 normal =
+        (mesh.nodes[f[1]] - mesh.nodes[f[0]]).cross(mesh.nodes[f[2]] - mesh.nodes[f[0]]).normalized();
     bool held = true, pressed = normal.dot(boundary.push) < 0;
     for (int k = 0; k < 3; ++k) {
       const Vec3 from = mesh.nodes[f[k]] - boundary.centre;
@@ -386,15 +306,12 @@ Mesh make_mesh(const Scene& scene, const Options& options) {
       pressed = pressed && from.squaredNorm() - along * along <= square * (1 + 1e-3) &&
                 std::abs(along) <= 2 * boundary.radius;
     }
-    if (pressed) mesh.circle_area -= twice_area.dot(boundary.push) / 2;
     for (const int node : all) {
       mesh.on_outside[node] = 1;
       if (held) mesh.on_base[node] = 1;
       if (pressed) mesh.on_circle[node] = 1;
     }
   }
-  mesh.euler =
-      static_cast<int>(outside_nodes.size()) - static_cast<int>(outside_edges.size()) + outside_faces;
   // An image's base ends somewhere in a triangle: each node is asked for itself, with the surface's normal.
   if (!scene.sharp)
     for (size_t node = 0; node < total; ++node)
@@ -402,28 +319,9 @@ Mesh make_mesh(const Scene& scene, const Options& options) {
         const auto closest = body.closest(mesh.nodes[node]);
         mesh.on_base[node] = dimple::on_base(boundary, mesh.nodes[node], body.normal().col(closest.triangle));
       }
-  for (const auto& all : outside) {
-    int held = 0;
-    for (int k = 0; k < 6; ++k) held += mesh.on_base[all[k]];
-    mesh.base_area +=
-        (scene.sharp ? held / 6 : held / 6.0) *
-        (mesh.nodes[all[1]] - mesh.nodes[all[0]]).cross(mesh.nodes[all[2]] - mesh.nodes[all[0]]).norm() / 2;
-  }
-  double base_area = 0;
-  for (Eigen::Index t = 0; t < body.triangles().cols(); ++t) {
-    bool held = true;
-    for (int k = 0; k < 3; ++k)
-      held =
-          held && dimple::on_base(boundary, body.vertex().col(body.triangles()(k, t)), body.normal().col(t));
-    if (held) base_area += body.triangle_area()[t];
-  }
-  std::fprintf(
-      stderr,
-      "%zu tetrahedra, %zu nodes, %d corners; volume %.1f of %.1f mm^3 (%+.3f %%), base %.1f of %.1f mm^2, "
-      "circle %.3f mm^2 along the push, Euler characteristic %d (surface %d)\n",
-      mesh.elements.size(), total, mesh.corners, mesh.volume, body.volume(),
-      100 * (mesh.volume / body.volume() - 1), mesh.base_area, base_area, mesh.circle_area, mesh.euler,
-      surface_euler);
+  std::fprintf(stderr, "%zu tetrahedra, %zu nodes, %d corners; volume %.1f of %.1f mm^3 (%+.3f %%)\n",
+               mesh.elements.size(), total, mesh.corners, mesh.volume, body.volume(),
+               100 * (mesh.volume / body.volume() - 1));
   return mesh;
 }
 
@@ -672,7 +570,7 @@ Body make_body(const Scene& scene, const Options& options) {
   body.mesh = make_mesh(scene, options);
   const double nu = options["nu"], lambda = 2 * nu / (1 - 2 * nu);
   body.mu = options["mu"];
-  body.bulk = options["lame"] > 0 ? lambda : lambda + 2.0 / 3;
+  body.bulk = lambda + 2.0 / 3;
   body.extend = options["extend"];
   for (const auto& nodes : body.mesh.elements) body.elements.push_back(make_element(body.mesh, nodes));
   if (scene.stiffness)
@@ -944,7 +842,6 @@ int main(int count, char** text) {
                         : options.body == "ellipsoid" ? ellipsoid_scene(options)
                                                       : image_scene(options);
     const Body body = make_body(scene, options);
-    if (options["mesh_only"] > 0) return 0;
     if (options.body == "patch")
       run_patch(body);
     else

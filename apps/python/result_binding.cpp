@@ -1,0 +1,268 @@
+#include <fmt/format.h>
+
+#include <functional>
+#include <nlohmann/json.hpp>
+
+#include "apps/python/binding.hpp"
+#include "apps/run/model_files.hpp"
+#include "apps/run/record.hpp"
+#include "apps/run/simulate.hpp"
+#include "apps/run/stopwatch.hpp"
+#include "apps/run/summary.hpp"
+#include "apps/run/tool.hpp"
+#include "apps/run/words.hpp"
+
+namespace dimple {
+namespace {
+
+// A step has cut the body: its model is another, and its frames begin there.
+void forget_frames(Solved& solved) {
+  solved.frame_time.clear(), solved.frame_depth.clear(), solved.frame_u.clear();
+}
+
+void add(Solved& solved, const Frame& frame) {
+  solved.frame_time.push_back(frame.t);
+  solved.frame_depth.push_back(frame.depth);
+  for (Index a = 0; a < frame.u.cols(); ++a)
+    solved.frame_u.insert(solved.frame_u.end(), &frame.u(0, a), &frame.u(0, a) + 3);
+}
+
+// `built`: the model that was solved; none: it was made for this.
+void take(Solved& solved, Result& result, const ModelChoices& choices, ModelHolder built = nullptr) {
+  solved.force = std::move(result.history.force);
+  solved.band = result.band;
+  solved.warnings = result.warnings;
+  solved.model = built ? std::move(built) : take_model(result, choices);
+}
+
+// A column of the force curve, as it lies among the others.
+py::array curve(const py::object& self, double ForceSample::*column) {
+  const std::vector<ForceSample>& force = self.cast<const Solved&>().force;
+  return view(self, force.empty() ? nullptr : &(force.front().*column),
+              {static_cast<py::ssize_t>(force.size())}, {sizeof(ForceSample)});
+}
+
+// Of the force on the tool and its moment, three numbers a sample, as they lie among the others.
+py::array on_tool(const py::object& self, std::size_t first) {
+  const std::vector<ForceSample>& force = self.cast<const Solved&>().force;
+  return view(self, force.empty() ? nullptr : &force.front().on_tool[first],
+              {static_cast<py::ssize_t>(force.size()), 3}, {sizeof(ForceSample), sizeof(double)});
+}
+
+py::object band_edge(const Solved& solved, double side) {
+  if (!solved.band.known()) return py::none();
+  std::vector<double> edge;
+  for (std::size_t k = 0; k < solved.force.size(); ++k)
+    edge.push_back(solved.force[k].force + side * solved.band.half[k]);
+  const auto count = static_cast<py::ssize_t>(edge.size());
+  return handed_over(std::move(edge), {count});
+}
+
+std::string shown(const Solved& solved) {
+  if (solved.force.empty()) return "<pydimple.Result: no force>";
+  const ForceSample& last = solved.force.back();
+  std::optional<double> half_N;
+  if (solved.band.known()) half_N = solved.band.half.back();
+  return "<pydimple.Result: " + force_title(last.force, 1e3 * last.depth, half_N) +
+         (half_N ? "" : ", no error estimate: " + in_keywords(solved.band.unknown).cast<std::string>()) + ">";
+}
+
+// What simulate() makes of a case, all in memory. `summary` begins it; `built`: the model that the case
+// begins with.
+std::unique_ptr<Solved> solved(const Case& given, const std::function<Json(const Result&)>& summary,
+                               const ModelHolder& built = nullptr) {
+  return computing([&] {
+    const Stopwatch whole;
+    auto kept = std::make_unique<Solved>();
+    Result result;
+    simulate(given,
+             {.line = log,
+              .after_cut = [&](Result&) { forget_frames(*kept); },
+              .march = {.frame = [&](const Frame& frame) { add(*kept, frame); },
+                        .sample = [](const ForceSample&,
+                                     const History&) { return stop_asked() == StopReason::none; }}},
+             result);
+    if (result.history.interrupted) throw Stopped(stop_asked());
+    Json all = summary(result);
+    add_run(all, given.scene, result, {.solve_s = result.solve_s, .total_s = whole.seconds()}, "finished",
+            ExitCode::ok, nullptr);
+    kept->summary_json = as_text(all);
+    const bool is_built =
+        built && result.levels.empty() && !result.unloaded;  // an accuracy takes other nodes
+    take(*kept, result, result.origin ? result.origin->choices : given.scene, is_built ? built : nullptr);
+    return kept;
+  });
+}
+
+std::unique_ptr<Solved> solve_model(const ModelHolder& built, const Settings& settings) {
+  Case given{.scene = resolve(settings.config())};
+  if (!given.scene.tool) require_nodes_of_circle(*built, "solve");
+  given.band = given.scene.band;
+  given.model = ModelFiles{.places = built->model,
+                           .scheme = built->model.scheme,
+                           .label_names = built->label_names,
+                           .provenance = built->provenance,
+                           .facing_share = built->origin ? built->origin->facts.facing_share : 0.0,
+                           .notes = {}};
+  given.origin = built->origin;
+  return solved(
+      given,
+      [&](const Result& result) {
+        return Json{{"made_from", result.provenance}};
+      },
+      built);
+}
+
+std::unique_ptr<Solved> run_in_memory(const Settings& settings, const LabelImage* image) {
+  const Scene scene = resolve(settings.config());
+  return solved({.scene = scene, .image = image, .band = scene.band},
+                [&](const Result& result) { return summary_of_image(scene, result); });
+}
+
+std::unique_ptr<Solved> run_into_folder(const Settings& settings, const LabelImage* image,
+                                        const std::string& folder, bool overwrite) {
+  return computing([&] {
+    const auto options = settings.config();
+    const Scene scene = resolve(options);
+    auto kept = std::make_unique<Solved>();
+    const Outcome outcome = record_run(options, folder, overwrite ? Existing::replace : Existing::refuse,
+                                       {.line = log,
+                                        .frame = [&](const Frame& frame) { add(*kept, frame); },
+                                        .after_cut = [&] { forget_frames(*kept); },
+                                        .result = [&](Result& result) { take(*kept, result, scene); }},
+                                       image);
+    if (outcome.interrupted) throw Stopped(stop_asked());
+    kept->summary_json = outcome.summary_json;
+    return kept;
+  });
+}
+
+void add_forces(py::class_<Solved>& result) {
+  result
+      .def_property_readonly(
+          "depth_m", [](const py::object& self) { return curve(self, &ForceSample::depth); },
+          "(S,) float64, metres: how far the tool has come from where it touched.")
+      .def_property_readonly(
+          "force_N", [](const py::object& self) { return curve(self, &ForceSample::force); },
+          "(S,) float64, newtons: on the tool along its push, positive where the tissue resists.")
+      .def_property_readonly(
+          "base_force_N", [](const py::object& self) { return curve(self, &ForceSample::base_force); },
+          "(S,) float64, newtons: with which the base holds the body.")
+      .def_property_readonly(
+          "force_on_tool_N", [](const py::object& self) { return on_tool(self, 0); },
+          "(S, 3) float64, newtons, LPS: all of the force on the tool, not along its push alone.")
+      .def_property_readonly(
+          "moment_on_tool_Nm", [](const py::object& self) { return on_tool(self, 3); },
+          "(S, 3) float64, newton metres, LPS: its moment about the middle of the circle, which moves with "
+          "the tool.")
+      .def_property_readonly(
+          "time_s", [](const py::object& self) { return curve(self, &ForceSample::t); },
+          "(S,) float64, seconds since the tool touched.");
+}
+
+void add_band(py::class_<Solved>& result) {
+  result
+      .def_property_readonly(
+          "band",
+          [](const Solved& self) -> py::object {
+            if (!self.band.known()) return py::none();
+            return py::module_::import("pydimple").attr("Band")(band_edge(self, -1.0), band_edge(self, 1.0));
+          },
+          "Band, or None: between which forces the discretisation lets the true one be, at each sample.")
+      .def_property_readonly(
+          "band_low_N", [](const Solved& self) { return band_edge(self, -1.0); },
+          "(S,) float64, newtons, or None: lower edge of the band that the discretisation gives the force.")
+      .def_property_readonly(
+          "band_high_N", [](const Solved& self) { return band_edge(self, 1.0); },
+          "(S,) float64, newtons, or None: its upper edge.")
+      .def_property_readonly(
+          "band_unknown", [](const Solved& self) { return in_keywords(self.band.unknown); },
+          "str: why there is no band; empty where there is one.");
+}
+
+// Of each node at each frame [F x N x 3].
+py::array_t<double> displacements(const Solved& kept) {
+  const Index nodes = kept.model->model.node_count(), frames = static_cast<Index>(kept.frame_time.size());
+  std::vector<double> all(kept.frame_u.size());
+  computing([&] {
+    const Interpolation& to_nodes = kept.model->to_nodes();
+    for (Index k = 0; k < frames; ++k) {
+      const auto first = 3 * nodes * k;
+      Eigen::Map<Points>(all.data() + first, 3, nodes) =
+          to_nodes(Eigen::Map<const Points>(kept.frame_u.data() + first, 3, nodes));
+    }
+    return 0;
+  });
+  return handed_over(std::move(all), {frames, nodes, 3});
+}
+
+void add_frames(py::class_<Solved>& result) {
+  result
+      .def_property_readonly(
+          "displacement_m", &displacements,
+          "(F, N, 3) float64, metres, LPS: of each node at each frame, the first at rest; a new array each "
+          "time.")
+      .def_property_readonly(
+          "nodal_parameter_m",
+          [](const py::object& self) {
+            const auto& kept = self.cast<const Solved&>();
+            return view(
+                self, kept.frame_u.data(),
+                {static_cast<py::ssize_t>(kept.frame_time.size()), kept.model->model.node_count(), 3});
+          },
+          "(F, N, 3) float64, metres, LPS: u_a, of which the displacement at X is sum_a phi_a(X) u_a; what "
+          "``Model.at_surface`` takes. A node's displacement is another number.")
+      .def_property_readonly(
+          "frame_depth_m",
+          [](const py::object& self) { return view(self, self.cast<const Solved&>().frame_depth); },
+          "(F,) float64, metres: the tool's way at each frame.")
+      .def_property_readonly(
+          "frame_time_s",
+          [](const py::object& self) { return view(self, self.cast<const Solved&>().frame_time); },
+          "(F,) float64, seconds since the tool touched, at each frame.");
+}
+
+}  // namespace
+
+void require_nodes_of_circle(const ModelInMemory& built, const char* where) {
+  if (!built.model.circle.empty()) return;
+  throw UsageError(
+      {.fact = "the model has no nodes of a circle",
+       .where = where,
+       .why = "it was made for a tool that touches the body, and what moves here is a circle of nodes",
+       .remedy = "make it by build_model, or give the image to run, which takes the tool"});
+}
+
+void add_result(py::module_& m) {
+  py::class_<Solved> result(
+      m, "Result",
+      R"(A force curve, the body's displacement along it, and how well the force is known.
+
+Made by `run` and `solve`. S samples, F frames, N nodes; all but the two edges of the band are read-only views of the
+library's own memory, which lives as long as one of them.)");
+  add_forces(result);
+  add_band(result);
+  add_frames(result);
+  result
+      .def_property_readonly(
+          "model", [](const Solved& self) { return self.model; }, "Model: the body at rest.")
+      .def_property_readonly(
+          "summary", [](const Solved& self) { return dictionary(self.summary_json); },
+          "dict: what summary.json holds: status, material, counts, force and band, guards, times.")
+      .def_property_readonly(
+          "warnings", [](const Solved& self) { return in_keywords(self.warnings); },
+          "list of str: what may make the force another than was meant.")
+      .def("__repr__", [](const Solved& self) { return shown(self); })
+      .def(
+          py::pickle([](const Solved& self) { return py::make_tuple(as_object(bytes_of(self)), self.model); },
+                     [](const py::tuple& state) {
+                       const std::vector<std::uint8_t> bytes = bytes_in(state, 2);
+                       const auto its_model = state[1].cast<ModelHolder>();
+                       return computing([&] { return solved_of(bytes, its_model); });
+                     }));
+  m.def("solve", &solve_model, py::arg("model"), py::arg("settings"));
+  m.def("run_in_memory", &run_in_memory);
+  m.def("run_into_folder", &run_into_folder);
+}
+
+}  // namespace dimple

@@ -1,0 +1,30 @@
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include "preprocess/scene/boundary_conditions.hpp"
+#include "preprocess/surface/height_map.hpp"
+
+namespace dimple {
+
+/// An LPS direction in the body's own frame.
+Vec3 local_direction(const BodySurface& body, const Vec3& lps);
+/// The image axis nearest to an LPS direction: a side of the image, not of the scanner's room.
+Vec3 nearest_axis(const BodySurface& body, const Vec3& lps);
+/// "inferior side", or "inferior side (0.17, 0.00, -0.98)" where `down` is not along that axis of the
+/// patient.
+std::string side_in_words(const BodySurface& body, const Vec3& down);
+
+/// The direction that BoundaryOptions::base names, LPS; nothing for auto and organ. Throws UsageError.
+std::optional<Vec3> base_direction(const std::string& text);
+
+/// The base as find_boundary() describes it, into `result`. `from`: the side that the tool is asked to come
+/// from, LPS. Throws UsageError.
+void find_base(const BodySurface& body, const Moments& moments, const BoundaryOptions& options,
+               const std::optional<Vec3>& from, Boundary& result);
+
+/// Warns of a base where the image ends, which holds tissue that goes on.
+void warn_of_base_at_image_end(const BodySurface& body, Boundary& result);
+
+}  // namespace dimple

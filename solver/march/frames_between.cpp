@@ -1,0 +1,75 @@
+#include "solver/march/frames_between.hpp"
+
+#include <algorithm>
+
+#include "io/error.hpp"
+#include "solver/march/quasi_static.hpp"
+#include "solver/text.hpp"
+
+namespace dimple {
+
+Frame frame_of(const System& system, int number, const Moment& at, const Nodal& u, const Nodal& f) {
+  Frame frame{number, at.t, at.depth, u, f, system.tissue()};
+  frame.aside = system.aside();
+  frame.turned = system.turned();
+  frame.tool = system.touching();
+  frame.walls = system.walls();
+  if (frame.tool) frame.contact_force = system.along_push(f);
+  return frame;
+}
+
+bool FramesBetween::show(int& last, double before, double from, const Predictor& path) {
+  Rest now{path.point.back().u, path.point.back().lambda};
+  Nodal f = now.u;
+  for (; last < options.frames && travel_of(last + 1) < before; ++last) {
+    const double travel = travel_of(last + 1);
+    const Moment at{loading.t_at(travel), loading.depth_at(travel)};
+    system.begin_step((travel - from) / loading.rate);
+    const std::int64_t swept = system.tissue().sweeps();
+    path.extrapolate(travel, now.u, now.lambda);
+    system.bring_back(now.lambda);
+    system.set({.t = at.t, .depth = travel}, now.u);
+    const bool found = find(now, f);
+    history.extra_evaluations += system.tissue().sweeps() - swept;
+    if (found)
+      ledger.add(ledger.force(at, now.u, f));
+    else
+      tell_of_line(at.depth);
+    if (observer.frame) observer.frame(frame_of(system, loading.begun.frame + last + 1, at, now.u, f));
+    if (found && !ledger.show_force()) return false;
+  }
+  return true;
+}
+
+// False: no equilibrium was found, and `now` is as it was. A mixed search begins close by and is short, or
+// fails: it gets twice what a load step costs on the average.
+bool FramesBetween::find(Rest& now, Nodal& f) {
+  const Rest guess = now;
+  try {
+    const bool mixed = relax.has_mixed();
+    const RelaxOptions how{
+        .tolerance = options.tolerance,
+        .evaluations = mixed ? std::min(options.evaluations, 2 * evaluations_of_step) : options.evaluations};
+    if ((mixed ? relax.from_near(now.u, now.lambda, f, how) : relax(now.u, f, how, &now.lambda)).converged)
+      return true;
+  } catch (const SolveError&) {
+  }
+  now = guess;
+  system.force_at(now.u, now.lambda, f);
+  return false;
+}
+
+void FramesBetween::tell_of_line(double depth) {
+  if (std::any_of(history.guards.begin(), history.guards.end(),
+                  [](const Finding& f) { return f.report.code == "frame"; }))
+    return;
+  history.guards.push_back(
+      {.report = {.fact = text("the frame at ", 1e3 * depth, " mm shows the line between two equilibria"),
+                  .where = "static solver",
+                  .why = "none was found at its own depth; the force curve leaves it out",
+                  .remedy = "look at the frames before and after it, or choose other --frames",
+                  .code = "frame"},
+       .worst = depth});
+}
+
+}  // namespace dimple

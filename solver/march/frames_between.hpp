@@ -1,0 +1,33 @@
+#pragma once
+
+#include "solver/equilibrium/relax.hpp"
+#include "solver/march/ledger.hpp"
+#include "solver/march/predictor.hpp"
+
+namespace dimple {
+
+/// Frame `number` of the history, at displacements u [4xN] m with the force f [4xN] N.
+Frame frame_of(const System& system, int number, const Moment& at, const Nodal& u, const Nodal& f);
+
+/// Frames at depths between two equilibria of the march, which does not notice.
+struct FramesBetween {
+  System& system;
+  const Relaxation& relax;
+  const Loading& loading;
+  const SolverOptions& options;
+  const Observer& observer;
+  const Ledger& ledger;
+  History& history;
+
+  double travel_of(int frame) const { return loading.depth / options.frames * frame; }
+
+  /// Those after the frame `last` that lie before a depth; `path` holds the equilibria on both sides, and
+  /// that at `from` is the last that the tissue's past knows. False: the observer has enough.
+  bool show(int& last, double before, double from, const Predictor& path);
+
+ private:
+  bool find(Rest& now, Nodal& f);
+  void tell_of_line(double depth);
+};
+
+}  // namespace dimple

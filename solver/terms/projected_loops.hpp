@@ -1,0 +1,70 @@
+#pragma once
+
+#include <cstdint>
+
+#include "preprocess/model.hpp"
+
+namespace dimple {
+
+/// Layouts of the hot loops. Four nodes of a point, their gradients and twice their numbers (in single
+/// precision a line of the cache, and eight times what it holds is the node's place in bytes); a matrix at
+/// each of eight points; three columns, padded; a weighted member.
+template <class Real>
+struct alignas(sizeof(Real) == 4 ? 64 : 8) ProjectedQuad {
+  Real d[4][3];
+  std::uint16_t twice[4];
+};
+template <class Real>
+struct alignas(32) ProjectedOctet {
+  Real column[3][3][8];
+};
+template <class Real>
+struct alignas(4 * sizeof(Real)) ProjectedColumns {
+  Real column[3][4];
+};
+template <class Real>
+struct ProjectedShare {
+  std::int32_t number;
+  Real weight;
+};
+
+/// The loops over the points [first, last) of one block, or over its octets; Real is float or double. Lists
+/// of members begin at offset[k] and end at offset[k + 1].
+template <class Real>
+struct ProjectedLoops {
+  using Quad = ProjectedQuad<Real>;
+  using Octet = ProjectedOctet<Real>;
+  using Columns = ProjectedColumns<Real>;
+  using Share = ProjectedShare<Real>;
+
+  /// F - I and J - 1 of each point, `first` a multiple of eight; the last octet is filled up with zeros.
+  static void gradients(const Quad* quad, const std::int32_t* offset, const Real* u, Octet* gradient,
+                        Real* dilation, Index first, Index last);
+
+  /// V P of neo-Hookean points, into `stress` from its beginning; `pressure` [Q] is the whole coefficient of
+  /// cof F but W_dist's, of which `share` is taken: none in the paper's printed stress. Below `least_J`
+  /// powers of J are Taylor polynomials.
+  static void neo_hookean_stresses(const Octet* gradient, const Real* dilation, const Real* pressure,
+                                   const Real* mu, const Real* volume, Columns* stress, Index first,
+                                   Index last, Real least_J, Real share);
+
+  /// Adds to the forces f at the nodes; `stress` begins with that of point `first`.
+  static void scatter(const Quad* quad, const std::int32_t* offset, const Columns* stress, Real* f,
+                      Index first, Index last);
+
+  /// Adds `scale` times the weighted sums of u over each node's members to f [4xN]; of nodes [first, last).
+  static void variance_forces(const Share* share, const std::int32_t* offset, const Real* u, double scale,
+                              double* f, Index first, Index last);
+
+  /// Eight points that follow each other have most of their patches in common: one list serves them. The mean
+  /// over each point's patches; and what `value` x volume x weight adds to each patch, eight sums a patch.
+  static void means_of_patches(const std::int32_t* number, const Real* weight, const std::int32_t* offset,
+                               const Real* patch, Real* mean, Index first, Index last);
+  static void spread_to_patches(const std::int32_t* number, const Real* weight, const std::int32_t* offset,
+                                const Real* value, const Real* volume, Real* patch, Index first, Index last);
+
+  /// The smallest of eight points' J - 1 apart each, and whether all are numbers.
+  static bool least_dilations(const Real* dilation, Real* least, Index first, Index last);
+};
+
+}  // namespace dimple

@@ -1,0 +1,53 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "preprocess/build_model.hpp"
+#include "solver/solve.hpp"
+
+namespace dimple {
+
+/// Where a tool touches the top of a body, and nodes that are fine around there. Lengths in mm.
+struct OnTop {
+  Index nodes = 0;
+  double contact_radius = 0.0;
+  std::string at = "0,0,top";
+  bool whole_circle = true;
+  std::vector<Vec3> way = {};  ///< of the tool after its steps
+};
+
+/// A body that stands on its lower side.
+inline Model standing(const BodySurface& body, const OnTop& wanted) {
+  ModelOptions options;
+  options.cloud.count = wanted.nodes;
+  options.cloud.grading.whole_circle = wanted.whole_circle;
+  options.boundary = {.base = "inferior",
+                      .indent_at = wanted.at,
+                      .contact_radius_mm = wanted.contact_radius,
+                      .way_of_tool = wanted.way};
+  return build_model(body, options).model;
+}
+
+/// Triangles of a model's surface that face a direction.
+inline std::vector<Index> triangles_facing(const Model& model, const Vec3& direction) {
+  std::vector<Index> chosen;
+  const Surface& surface = model.surface;
+  for (Index t = 0; t < surface.triangles.cols(); ++t) {
+    const auto corner = [&](int i) { return Vec3(surface.vertex_mm.col(surface.triangles(i, t))); };
+    if ((corner(1) - corner(0)).cross(corner(2) - corner(0)).normalized().dot(direction) > 0.9)
+      chosen.push_back(t);
+  }
+  return chosen;
+}
+
+/// What a quasi-static march gives.
+inline History marched(const ForceSystem& tissue, const Model& model, const Loading& loading,
+                       const SolverOptions& how = {.frames = 1}, const Observer& observer = {},
+                       const MarchState* from = nullptr) {
+  History history;
+  solve(TimeMode::quasi_static, tissue, model, loading, how, observer, history, from);
+  return history;
+}
+
+}  // namespace dimple
