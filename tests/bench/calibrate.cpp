@@ -58,7 +58,7 @@ constexpr const char* points_header =
     "scene,set,body,facing_share,nodes,x_mm,y_mm,z_mm,indentation_mm,u_x_mm,u_y_mm,u_z_mm\n";
 
 // A place inside the body, not far from the circle: what somebody would ask after.
-Vec3 random_place(const Scene& scene, const BodySurface& body, const Vec3& circle) {
+Vec3 random_place(const CalibrationScene& scene, const BodySurface& body, const Vec3& circle) {
   Draw draw{std::mt19937_64(static_cast<std::uint64_t>(scene.number) + 1'000'000)};
   const double near = 3e-3 * scene.boundary.indenter_diameter_mm;
   Vec3 place = Vec3::Zero();
@@ -77,7 +77,7 @@ Vec3 random_place(const Scene& scene, const BodySurface& body, const Vec3& circl
 struct Rows {
   std::string forces, points;
 };
-Rows measure(const Scene& scene, const std::vector<Index>& sizes, bool with_points) {
+Rows measure(const CalibrationScene& scene, const std::vector<Index>& sizes, bool with_points) {
   const SegmentedBody body = scene.surface();
   const double facing = facing_share(body.surface, narrow_gap_mm);
   std::optional<LabelImage> labels;
@@ -235,7 +235,7 @@ void write_bodies(const fs::path& folder, const fs::path& data, const fs::path& 
   std::string csv =
       "scene,set,body,diameter_mm,thickness_radii,size_radii,voxel_radii,nu,tissues,stiffness_ratio\n";
   std::map<std::string, SegmentedBody> organs;  // which many scenes share
-  const auto add = [&](const Scene& scene) {
+  const auto add = [&](const CalibrationScene& scene) {
     const std::string key =
         scene.image.empty() && !scene.core ? fmt::format("scene {}", scene.number) : scene.body;
     if (!organs.contains(key)) organs.emplace(key, scene.surface());
@@ -251,7 +251,7 @@ void write_bodies(const fs::path& folder, const fs::path& data, const fs::path& 
   };
   for (const BandScene& known : band_scenes(folder / "band_scenes.csv")) {
     if (rows.contains(known.number)) continue;
-    const Scene scene = scene_of(known.number, data, atlases);
+    const CalibrationScene scene = scene_of(known.number, data, atlases);
     if (scene.image.empty() || fs::exists(scene.image)) add(scene);
   }
   for (const auto& [number, row] : rows) csv += row;
@@ -431,7 +431,7 @@ int main(int argc, char** argv) try {
   for (int number = first; !again && number <= scenes; ++number) {
     const bool there = csv.find(fmt::format("\n{},", number)) != std::string::npos;
     if (there != (finer > 0) || done.contains(number)) continue;
-    const dimple::Scene scene = dimple::scene_of(number, data, atlases);
+    const dimple::CalibrationScene scene = dimple::scene_of(number, data, atlases);
     if (!scene.image.empty() && !fs::exists(scene.image)) {
       fmt::print("{}: left out, {} is not there\n", scene.body, scene.image.string());
       continue;

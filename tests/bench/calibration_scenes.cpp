@@ -35,7 +35,7 @@ constexpr std::array<Organ, 3> organs_to_prove = {{{"heart", "heart_ct_1.5mm.nii
 // matter alone.
 constexpr std::array folded = {"brodmann.nii.gz", "natbrainlab.nii.gz", "inia19-NeuroMaps.nii.gz"};
 
-void set_organ(Draw& draw, Scene& scene, const Organ& organ, const fs::path& data) {
+void set_organ(Draw& draw, CalibrationScene& scene, const Organ& organ, const fs::path& data) {
   scene.body = organ.name, scene.image = data / organ.file;
   scene.surface = [=] {
     return make_body_surface(read_label_image(data / organ.file),
@@ -44,9 +44,9 @@ void set_organ(Draw& draw, Scene& scene, const Organ& organ, const fs::path& dat
   scene.boundary.base = draw.of(std::array{"organ", "inferior", "posterior", "left", "right"});
 }
 
-Scene first_scene_of(int number, const fs::path& data, const fs::path& atlases) {
+CalibrationScene first_scene_of(int number, const fs::path& data, const fs::path& atlases) {
   Draw draw{std::mt19937_64(static_cast<std::uint64_t>(number))};
-  Scene scene;
+  CalibrationScene scene;
   scene.number = number;
   const double diameter = draw.between(6.0, 20.0);
   double thickness = 30.0, reach_x = 0.0,
@@ -126,14 +126,14 @@ double log_between(Draw& draw, double low, double high) {
 }
 
 // Place of the circle on the top of a body, at most so far from the middle of its outline.
-void place_on_top(Draw& draw, Scene& scene, double reach_x, double reach_y) {
+void place_on_top(Draw& draw, CalibrationScene& scene, double reach_x, double reach_y) {
   scene.boundary.base = "inferior";
   scene.boundary.indent_at =
       fmt::format("{:.2f},{:.2f},top", draw.between(-reach_x, reach_x), draw.between(-reach_y, reach_y));
 }
 
 // A solid whose volume has about this cube root and which is about so high.
-void set_solid(Draw& draw, Scene& scene, int kind, double size, double height) {
+void set_solid(Draw& draw, CalibrationScene& scene, int kind, double size, double height) {
   const auto exactly = [](auto make) { return [make] { return SegmentedBody{make(), {}}; }; };
   const double area = size * size * size / height;
   if (kind == 0) {
@@ -155,7 +155,7 @@ void set_solid(Draw& draw, Scene& scene, int kind, double size, double height) {
 }
 
 // A lump that is so many times larger than drawn and, in addition, so many times higher.
-void set_lump(Scene& scene, double larger, double higher) {
+void set_lump(CalibrationScene& scene, double larger, double higher) {
   const RandomBody body = random_body(scene.number);
   const double diameter = scene.boundary.indenter_diameter_mm,
                scale = larger * diameter / body.boundary.indenter_diameter_mm;
@@ -172,9 +172,9 @@ void set_lump(Scene& scene, double larger, double higher) {
 }
 
 // A body of the two groups that extend the range: a solid, or an organ or a lump.
-Scene extension_scene(int number, const fs::path& data) {
+CalibrationScene extension_scene(int number, const fs::path& data) {
   Draw draw{std::mt19937_64(static_cast<std::uint64_t>(number))};
-  Scene scene{.number = number, .body = {}, .surface = {}};
+  CalibrationScene scene{.number = number, .body = {}, .surface = {}};
   const double diameter = draw.between(6.0, 20.0), radius = 0.5 * diameter;
   scene.boundary.indenter_diameter_mm = diameter;
   constexpr std::array<Organ, 3> first_organs = {
@@ -212,18 +212,18 @@ Scene extension_scene(int number, const fs::path& data) {
 
 }  // namespace
 
-Material material_of(const Scene& scene, double mu) {
+Material material_of(const CalibrationScene& scene, double mu) {
   if (scene.law == "Mooney-Rivlin") return mooney_rivlin(0.35 * mu, 0.15 * mu, scene.nu, 1000.0);
   if (scene.law == "Ogden") return ogden({{.mu = mu, .alpha = -4.7}}, scene.nu, 1000.0);
   return neo_hookean(mu, scene.nu, 1000.0);
 }
 
-Scene scene_of(int number, const fs::path& data, const fs::path& atlases) {
+CalibrationScene scene_of(int number, const fs::path& data, const fs::path& atlases) {
   if (number >= first_large) return extension_scene(number, data);
   return first_scene_of(number, data, atlases);
 }
 
-std::string set_of(const Scene& scene) {
+std::string set_of(const CalibrationScene& scene) {
   if (scene.number >= first_large) return scene.number < first_thin ? "large" : "thin";
   if (proves(scene.number)) return "proof";
   // The tracts of white matter are no body that anybody can touch: as thin as their own nodes, so that 8000

@@ -24,7 +24,7 @@ inline constexpr int second_proof = 166, first_folded = 256;
 /// larger than 200 radii.
 inline constexpr int first_large = 2001, first_largest = 2020, first_thin = 3001;
 
-struct Scene {
+struct CalibrationScene {
   int number = 0;
   std::string body, law = "neo-Hookean";
   std::function<SegmentedBody()> surface;
@@ -38,11 +38,12 @@ struct Scene {
 extern const PhantomOptions phantom_with_core;
 
 /// Scene with this number, of any group. `data`: folder of the label images, `atlases`: of the folded brains.
-Scene scene_of(int number, const std::filesystem::path& data, const std::filesystem::path& atlases);
+CalibrationScene scene_of(int number, const std::filesystem::path& data,
+                          const std::filesystem::path& atlases);
 
-Material material_of(const Scene& scene, double mu);
+Material material_of(const CalibrationScene& scene, double mu);
 
 /// Group of the scene, as in column `set` of the tables.
-std::string set_of(const Scene& scene);
+std::string set_of(const CalibrationScene& scene);
 
 }  // namespace dimple

@@ -50,7 +50,7 @@ void count(benchmark::State& state, const Work& work) {
 
 void product(benchmark::State& state, const std::string& scheme, Index nodes, Precision precision,
              int threads) {
-  const Scene& s = scene(scheme, nodes);
+  const MeasuredBlock& s = scene(scheme, nodes);
   const Threads limit(threads);
   const ForceSystem system(s.model, s.material, precision);
   ForceState forces(system);
@@ -64,7 +64,7 @@ void product(benchmark::State& state, const std::string& scheme, Index nodes, Pr
 
 template <class Real>
 void reference(benchmark::State& state, Index nodes) {
-  const Scene& s = scene("converging", nodes);
+  const MeasuredBlock& s = scene("converging", nodes);
   ReferenceForce<Real> plain(s.model, s.material);
   set_displacement(plain, s.u);
   for (auto _ : state) {
@@ -76,12 +76,12 @@ void reference(benchmark::State& state, Index nodes) {
 
 /// Equilibrium at a sixteenth of the whole depth, from rest.
 void quasi_static_depth(benchmark::State& state, int threads) {
-  const Scene& s = scene("converging", 4250);
+  const MeasuredBlock& s = scene("converging", 4250);
   const Threads limit(threads);
   const ForceSystem system(s.model, s.material, Precision::single_);
   ForceState forces(system);
-  SolverOptions options = solver_options(s.config);
-  Loading loading = loading_of(s.config);
+  SolverOptions options = solver_options(s.run);
+  Loading loading = loading_of(s.run);
   loading.depth /= options.frames;
   options.frames = 1;
   double evaluations = 0.0;
@@ -97,7 +97,7 @@ void quasi_static_depth(benchmark::State& state, int threads) {
 /// and the share of what is looked at now and then. Finding the stable step is not part of it.
 void dynamic_step(benchmark::State& state, const std::string& scheme, int threads) {
   using Clock = std::chrono::steady_clock;
-  const Scene& s = scene(scheme, 4250);
+  const MeasuredBlock& s = scene(scheme, 4250);
   const Threads limit(threads);
   const ForceSystem system(s.model, s.material, Precision::single_);
   ForceState forces(system);
@@ -113,8 +113,7 @@ void dynamic_step(benchmark::State& state, const std::string& scheme, int thread
           std::chrono::duration<double>(Clock::now() - start).count() / static_cast<double>(h.evaluations);
       return false;
     };
-    solve(TimeMode::explicit_, system, s.model, loading_of(s.config), solver_options(s.config), observer,
-          history);
+    solve(TimeMode::explicit_, system, s.model, loading_of(s.run), solver_options(s.run), observer, history);
     state.SetIterationTime(seconds);
   }
 }

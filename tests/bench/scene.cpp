@@ -27,14 +27,14 @@ ForceSystem::Nodal dent(const Model& model) {
 }
 
 template <class Real>
-double difference_of_reference(const Scene& scene, const ForceSystem::Nodal& f) {
+double difference_of_reference(const MeasuredBlock& scene, const ForceSystem::Nodal& f) {
   ReferenceForce<Real> reference(scene.model, scene.material);
   set_displacement(reference, scene.u);
   evaluate(reference);
   return (force_of(reference) - f).cwiseAbs().maxCoeff() / f.cwiseAbs().maxCoeff();
 }
 
-void compare_with_reference(const Scene& scene) {
+void compare_with_reference(const MeasuredBlock& scene) {
   const ForceSystem exact(scene.model, scene.material),
       single(scene.model, scene.material, Precision::single_);
   ForceState exact_forces(exact), single_forces(single);
@@ -58,24 +58,24 @@ void compare_with_reference(const Scene& scene) {
 
 }  // namespace
 
-Model whole_model(const LabelImage& image, const Config& config) {
+Model whole_model(const LabelImage& image, const Scene& run) {
   const SegmentedBody body = make_body_surface(image, {});
-  return build_model(body.surface, model_options(config), {.density = {material_of(config).density}}).model;
+  return build_model(body.surface, model_options(run), {.density = {material_of(run).density}}).model;
 }
 
 namespace {
-std::map<std::pair<std::string, Index>, Scene> made;
+std::map<std::pair<std::string, Index>, MeasuredBlock> made;
 }  // namespace
 
-const Scene& scene(const std::string& scheme, Index nodes) {
+const MeasuredBlock& scene(const std::string& scheme, Index nodes) {
   const auto found = made.find({scheme, nodes});
   if (found != made.end()) return found->second;
-  Scene& now = made[{scheme, nodes}];
-  now.config.scheme.name = scheme;
-  now.config.cloud.nodes = nodes;
+  MeasuredBlock& now = made[{scheme, nodes}];
+  now.run.scheme = scheme;
+  now.run.cloud.nodes = nodes;
   now.image = make_phantom({.shape = "block", .size_mm = {60.0, 60.0, 30.0}});
-  now.material = material_of(now.config);
-  now.model = whole_model(now.image, now.config);
+  now.material = material_of(now.run);
+  now.model = whole_model(now.image, now.run);
   now.u = dent(now.model);
   if (now.model.scheme.pressure_patches) compare_with_reference(now);
   return now;

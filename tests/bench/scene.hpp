@@ -4,7 +4,7 @@
 
 #include <string>
 
-#include "apps/scene/config.hpp"
+#include "apps/run/model_options.hpp"
 #include "preprocess/surface/label_surface.hpp"
 #include "solver/terms/internal_force.hpp"
 
@@ -12,8 +12,8 @@ namespace dimple {
 
 /// What is measured: a block of 60 x 60 x 30 mm from a label image of 1 mm, with all options as the program
 /// has them unless given here.
-struct Scene {
-  Config config;
+struct MeasuredBlock {
+  Scene run;
   LabelImage image;
   Material material;
   Model model;
@@ -21,11 +21,11 @@ struct Scene {
 };
 
 /// From the image to a model that a solver can take.
-Model whole_model(const LabelImage& image, const Config& config);
+Model whole_model(const LabelImage& image, const Scene& run);
 
 /// Made when first asked for and kept. In the converging scheme's, the product's force has been compared with
 /// the reference's; if they differ, the program ends and says so.
-const Scene& scene(const std::string& scheme, Index nodes);
+const MeasuredBlock& scene(const std::string& scheme, Index nodes);
 
 /// A line for each scene made so far: how large it is.
 std::string scene_facts();

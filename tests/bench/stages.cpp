@@ -16,8 +16,8 @@ constexpr Index nodes = 4250;
 
 // What the stages before the one that is measured have made; made when first asked for.
 struct Before {
-  const Scene& final = scene("converging", nodes);
-  ModelOptions options = model_options(final.config);
+  const MeasuredBlock& final = scene("converging", nodes);
+  ModelOptions options = model_options(final.run);
   SegmentedBody body = make_body_surface(final.image, {});
   Boundary boundary = find_boundary(body.surface, options.boundary);
   Sizing sizing{body.surface, boundary, options.cloud.grading};
@@ -89,11 +89,11 @@ void patches(benchmark::State& state) {
 
 void complete_from_image(benchmark::State& state) {
   for (auto _ : state)
-    benchmark::DoNotOptimize(whole_model(before().final.image, before().final.config).mass.data());
+    benchmark::DoNotOptimize(whole_model(before().final.image, before().final.run).mass.data());
 }
 
 void force_system(benchmark::State& state) {
-  const Scene& s = before().final;
+  const MeasuredBlock& s = before().final;
   for (auto _ : state)
     benchmark::DoNotOptimize(ForceSystem(s.model, s.material, Precision::single_).point_count());
 }

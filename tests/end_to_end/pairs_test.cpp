@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "apps/scene/compatibility.hpp"
+#include "apps/scene/resolve.hpp"
 #include "tests/end_to_end/in_folder.hpp"
 
 namespace dimple {
@@ -203,17 +204,17 @@ Options on_the_block(const Options& asked, Feature driver) {
   return with(all, asked);
 }
 
-Config configuration(const Options& options) {
+Scene described(const Options& options) {
   Config config;
   for (const auto& [key, text] : options) set_option(config, key, text, "--set");
   resolve_material(config);
-  return config;
+  return resolve(config);
 }
 
 // That the values of two features contradict each other, such as the numbers of two laws.
 std::optional<Report> values_say(const Options& options) {
   try {
-    (void)features_of(configuration(options));
+    (void)described(options);
   } catch (const UsageError& error) {
     return error.report;
   }
@@ -221,15 +222,15 @@ std::optional<Report> values_say(const Options& options) {
 }
 
 // The first words of the table that refuse this, if any. Some drivers are asked as two.
-std::optional<Report> table_says(const Config& config, Feature driver) {
-  if (std::optional<Report> clash = clash_of(config, driver)) return clash;
-  if (driver == Feature::model) return clash_of(config, Feature::model_in_memory);
-  if (driver == Feature::by_hand && features_of(config).has(Feature::touching_tool))
-    return clash_of(config, Feature::touching_by_hand);
-  if (driver == Feature::explain) return clash_of(config, Feature::run);
+std::optional<Report> table_says(const Scene& scene, Feature driver) {
+  if (std::optional<Report> clash = clash_of(scene, driver)) return clash;
+  if (driver == Feature::model) return clash_of(scene, Feature::model_in_memory);
+  if (driver == Feature::by_hand && features_of(scene).has(Feature::touching_tool))
+    return clash_of(scene, Feature::touching_by_hand);
+  if (driver == Feature::explain) return clash_of(scene, Feature::run);
   // A model has a scheme of its own, here the converging one, like the configuration.
-  if (driver == Feature::solve && features_of(config).has(Feature::printed_stress))
-    return clash_of(config, Feature::run);
+  if (driver == Feature::solve && features_of(scene).has(Feature::printed_stress))
+    return clash_of(scene, Feature::run);
   return std::nullopt;
 }
 
@@ -282,13 +283,13 @@ class Pairs : public testing::TestWithParam<Feature> {
                                     << ": " << testing::PrintToString(line));
     const std::optional<Report> contradiction = values_say(options);
     if (contradiction) return expect_in_words(ran(line), contradiction->fact);
-    const Config config = configuration(options);
-    const Features there = features_of(config);
+    const Scene scene = described(options);
+    const Features there = features_of(scene);
     if (!there.has(one) || (!is_driver(other) && !there.has(other))) return;
     for (const OfValues& known : of_values)
       if ((known.one == one && known.other == other) || (known.one == other && known.other == one))
         return expect_in_words(ran(line), known.words);
-    const std::optional<Report> refused = table_says(config, driver.feature);
+    const std::optional<Report> refused = table_says(scene, driver.feature);
     if (refused)
       expect_refused(ran(line), *refused);
     else if (driver.is_quick)

@@ -9,8 +9,9 @@
 #include <fstream>
 #include <string>
 
-#include "apps/scene/config.hpp"
 #include "apps/run/model_files.hpp"
+#include "apps/scene/config.hpp"
+#include "apps/scene/resolve.hpp"
 #include "io/error.hpp"
 #include "io/label_image.hpp"
 #include "io/label_names.hpp"
@@ -155,7 +156,8 @@ void config(std::string_view bytes) {
     if (to_toml(second, {}) != written)
       std::fprintf(stderr, "%s\n----\n%s\n", written.c_str(), to_toml(second, {}).c_str());
     require(to_toml(second, {}) == written, "a configuration survives writing and reading");
-    for (const Material& material : materials_of(read)) require(material.density > 0.0, "tissue has mass");
+    for (const Material& material : materials_of(resolve(read)))
+      require(material.density > 0.0, "tissue has mass");
   });
 }
 

@@ -7,6 +7,7 @@
 
 #include "apps/run/grading.hpp"
 #include "apps/run/simulate.hpp"
+#include "apps/scene/resolve.hpp"
 #include "preprocess/image/phantom.hpp"
 #include "tests/helpers/band_scenes.hpp"
 #include "tests/helpers/shapes.hpp"
@@ -241,7 +242,7 @@ Result of_block(const std::map<std::string, std::string>& differing) {
   config.load.depth_mm = 1.0;
   config.solver.frames = 4;
   if (!differing.empty()) config.tissue["2"] = differing;
-  return simulate({.config = config, .image = &image, .band = true});
+  return simulate({.scene = resolve(config), .image = &image, .band = true});
 }
 
 // Two tissues that are alike give the force of one, and the band that was measured where tissues meet.

@@ -11,6 +11,7 @@
 #include <map>
 
 #include "apps/run/tool.hpp"
+#include "apps/scene/resolve.hpp"
 #include "io/file.hpp"
 #include "io/stop.hpp"
 #include "tests/helpers/folder.hpp"
@@ -80,7 +81,7 @@ TEST(Explain, OfASphereTellsWhatItsRadiusDoesOnTheSameNodesAndWhatFrictionDoes) 
   set("image.file", DIMPLE_SAMPLE_DATA "/block_3mm.nrrd");
   set("tool.shape", "sphere:5mm");
   set("load.depth_mm", "1");
-  const Explanation explanation = explain(config, 400, [](const std::string& line) {
+  const Explanation explanation = explain(resolve(config), 400, [](const std::string& line) {
     if (line.find("stuck where") != std::string::npos) ask_to_stop(StopReason::interrupted);
   });
   forget_stop();

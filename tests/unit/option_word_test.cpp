@@ -5,7 +5,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "apps/run/tool.hpp"
+#include "apps/scene/tool_words.hpp"
 #include "io/error.hpp"
 #include "tests/helpers/report.hpp"
 
@@ -60,16 +60,16 @@ TEST(OptionWord, OfAnotherFormIsRefusedWithItsOptionItsReasonAndWhatToGive) {
 
 TEST(OptionWord, OfAToolGivesAShapeThatIsMadeAgainFromItsLengths) {
   for (const char* text : {"sphere:5mm", "punch:5mm,edge=1mm", "capsule:2mm,length=2cm"}) {
-    const ToolShape shape = tool_of(text, "--tool").value();
+    const ToolShape shape = tool_named(text, "--tool").value();
     EXPECT_EQ(shape.kind, std::string(text).substr(0, shape.kind.size()));
     const ToolShape again = with_length(shape, 0, shape.numbers[0]);
     EXPECT_EQ(again.numbers, shape.numbers);
     EXPECT_EQ(again.edge, shape.edge);
     EXPECT_EQ(again.length, shape.length);
   }
-  EXPECT_FALSE(tool_of("circle", "--tool"));
-  EXPECT_THROW(tool_of("punch:5mm,edge=0.1mm", "--tool"), UsageError);
-  EXPECT_THROW(tool_of("capsule:2mm,length=3mm", "--tool"), UsageError);
+  EXPECT_FALSE(tool_named("circle", "--tool"));
+  EXPECT_THROW(tool_named("punch:5mm,edge=0.1mm", "--tool"), UsageError);
+  EXPECT_THROW(tool_named("capsule:2mm,length=3mm", "--tool"), UsageError);
 }
 
 }  // namespace

@@ -22,6 +22,7 @@
 #include "preprocess/make_model.hpp"
 #include "preprocess/supports/support.hpp"
 #include "solver/system.hpp"
+#include "tests/helpers/described.hpp"
 #include "tests/helpers/folder.hpp"
 #include "tests/helpers/image.hpp"
 #include "tests/helpers/report.hpp"
@@ -32,7 +33,7 @@ namespace {
 namespace fs = std::filesystem;
 using testing::HasSubstr;
 
-Case small_case() {
+Described small_case() {
   const fs::path image = fresh_folder() / "block.nrrd";
   write_label_image(image, make_phantom({.shape = "block", .size_mm = {50, 50, 30}, .spacing_mm = 2.5}));
   Config config;
@@ -40,11 +41,11 @@ Case small_case() {
   config.cloud.nodes = 400;
   config.load.depth_mm = 1.0;
   config.solver.frames = 2;
-  return {.config = config};
+  return described(config);
 }
 
 TEST(Simulate, PrintsNothingAndWritesNoFile) {
-  const Case given = small_case();
+  const Described given = small_case();
   testing::internal::CaptureStdout();
   testing::internal::CaptureStderr();
   const Result result = simulate(given);
@@ -61,7 +62,7 @@ TEST(Simulate, PrintsNothingAndWritesNoFile) {
 // A block of 50 x 50 x 30 mm that its weight shortens by 1 mm, and sponge that it shortens by more.
 TEST(Simulate, FindsTheShapeWithoutLoadsFromWhichTheyBringABodyBackToItsImage) {
   for (const double nu : {0.499, 0.3}) {
-    Case given = small_case();
+    Described given = small_case();
     given.config.material.mu_Pa = 600.0;
     given.config.material.nu = nu;
     given.config.load.gravity = "inferior";
@@ -98,7 +99,7 @@ TEST(Simulate, FindsTheShapeWithoutLoadsFromWhichTheyBringABodyBackToItsImage) {
     } else {
       EXPECT_GT(model.volume.sum(), 1.005 * as_it_is.model.volume.sum());
     }
-    Case again = given;
+    Described again = given;
     again.model = ModelFiles{.places = model,
                              .scheme = model.scheme,
                              .label_names = {},
@@ -119,7 +120,7 @@ TEST(Simulate, FindsTheSameShapeWithoutLoadsHoweverTheBodyIsTurned) {
   const auto force = [&](const Mat3& turn) {
     LabelImage image = straight;
     image.to_world = Eigen::Affine3d(turn) * straight.to_world;
-    Case given = small_case();
+    Described given = small_case();
     given.image = &image;
     const auto words = [](const Vec3& x) { return fmt::format("{:.15g},{:.15g},{:.15g}", x[0], x[1], x[2]); };
     given.config.material.mu_Pa = 600.0;
@@ -135,7 +136,7 @@ TEST(Simulate, FindsTheSameShapeWithoutLoadsHoweverTheBodyIsTurned) {
 }
 
 TEST(Simulate, ChoosesWhereLoadsActOnTheImageOfABodyThatWasImagedUnderThem) {
-  Case given = small_case();
+  Described given = small_case();
   given.config.material.mu_Pa = 600.0;
   given.config.load.gravity = "inferior";
   // Half a millimetre of the ball reaches below the image's top, and the top of the shape without loads is
@@ -191,7 +192,7 @@ TEST(Simulate, AskedToStopAmidTheMarchReturnsWhatThereIs) {
 
 // The libraries behind the readers print and warn by way of the whole process.
 TEST(Simulate, ManyAtOnceGiveWhatOneGivesAndLeaveTheStreamsAlone) {
-  const Case given = small_case();
+  const Described given = small_case();
   const double alone = simulate(given).history.force.back().force;
   const std::streambuf *out = std::cout.rdbuf(), *err = std::cerr.rdbuf();
   std::array<double, 8> force{};
@@ -210,7 +211,7 @@ TEST(Simulate, ManyAtOnceGiveWhatOneGivesAndLeaveTheStreamsAlone) {
 
 // The block stands on its base, and its top is at 30 mm.
 TEST(Simulate, APlaceBelowTheToolGoesWithItAndOneAboveTheBaseStays) {
-  Case given = small_case();
+  Described given = small_case();
   given.config.boundary.base = "inferior";
   given.config.boundary.indent_at = "0,0,top";
   Result built;
@@ -230,7 +231,7 @@ TEST(Simulate, APlaceBelowTheToolGoesWithItAndOneAboveTheBaseStays) {
 }
 
 TEST(Simulate, RefusesAPlaceOutsideOfTheBodyAndAQuantityThatIsNone) {
-  Case given = small_case();
+  Described given = small_case();
   for (const char* quantity : {"displacement@500,0,0", "displacement@1,2", "displacement@", "stress", ""}) {
     given.config.accuracy.quantity = quantity;
     EXPECT_THROW(simulate(given), UsageError) << quantity;
@@ -238,8 +239,8 @@ TEST(Simulate, RefusesAPlaceOutsideOfTheBodyAndAQuantityThatIsNone) {
 }
 
 // Tissues in layers of 10 mm, label 1 on the base.
-Case layered_case() {
-  Case given = small_case();
+Described layered_case() {
+  Described given = small_case();
   const fs::path image = test_folder() / "layers.nrrd";
   write_label_image(image, image_of({24, 24, 16}, Vec3::Constant(2.5), [](Index i, Index j, Index k) {
                       const bool inside = i > 1 && i < 22 && j > 1 && j < 22 && k > 1 && k < 14;
@@ -254,7 +255,7 @@ Case layered_case() {
 // Other reasons: Run.SaysWhyItsBandIsUnknown and Run.HasNoBandDeeperThanItWasMeasured.
 TEST(Simulate, ShowsNoBandOutsideOfWhatItWasMeasuredFor) {
   const auto why = [](auto change) {
-    Case given = small_case();
+    Described given = small_case();
     given.band = true;
     change(given.config);
     const Result result = simulate(given);
@@ -267,7 +268,7 @@ TEST(Simulate, ShowsNoBandOutsideOfWhatItWasMeasuredFor) {
 }
 
 TEST(Simulate, ABandIsTheSameHoweverManyFramesAreWritten) {
-  Case given = small_case();
+  Described given = small_case();
   given.band = true;
   given.config.cloud.nodes = 1000;
   given.config.load.depth_mm = 2.0;
@@ -282,7 +283,7 @@ TEST(Simulate, ABandIsTheSameHoweverManyFramesAreWritten) {
 }
 
 TEST(Simulate, ABandIsTheSameWhetherItsCloudIsMarchedBesideOrAfterwards) {
-  Case given = small_case();
+  Described given = small_case();
   given.config.cloud.nodes = 1000;
   given.band = true;
   const auto with_threads = [&](std::size_t threads) {
@@ -297,7 +298,7 @@ TEST(Simulate, ABandIsTheSameWhetherItsCloudIsMarchedBesideOrAfterwards) {
 }
 
 TEST(Simulate, AMarchThatFailsDoesNotWaitForTheWholeOfItsBand) {
-  Case given = small_case();
+  Described given = small_case();
   given.config.cloud.nodes = 8000;
   given.band = true;
   RunObserver observer;
@@ -311,7 +312,7 @@ TEST(Simulate, AMarchThatFailsDoesNotWaitForTheWholeOfItsBand) {
 }
 
 TEST(Simulate, AnAccuracyIsReachedWithOneFrame) {
-  Case given = small_case();
+  Described given = small_case();
   given.config.cloud.nodes = Config{}.cloud.nodes;
   given.config.solver.frames = 1;
   given.config.accuracy.goal = "10%";
@@ -321,14 +322,16 @@ TEST(Simulate, AnAccuracyIsReachedWithOneFrame) {
 }
 
 TEST(Simulate, AModelThatIsKeptInMemoryHasTheBandOfItsImage) {
-  Case given = layered_case();
+  Described given = layered_case();
   given.config.tissue = {{"2", {{"material.mu_Pa", "400"}}}};
   const Result whole = simulate(given);
   ASSERT_TRUE(whole.band.known()) << whole.band.unknown;
   Result built;
-  build_case({.config = given.config}, {}, built);
+  build_case(described(given.config), {}, built);
   ASSERT_TRUE(built.origin);
-  Case kept{.config = given.config, .origin = built.origin, .band = true};
+  Described kept = described(given.config);
+  kept.origin = built.origin;
+  kept.band = true;
   kept.model = ModelFiles{
       .places = built.model, .scheme = built.model.scheme, .label_names = {}, .provenance = {}, .notes = {}};
   const Result solved = simulate(kept);
@@ -339,7 +342,7 @@ TEST(Simulate, AModelThatIsKeptInMemoryHasTheBandOfItsImage) {
 
 // Walls of 5 mm with 2.5 mm of air between them, on a slab.
 TEST(Simulate, AFoldedBodyTakesTheNodesThatItsBandNeedsUnlessTheyAreGiven) {
-  Case given = small_case();
+  Described given = small_case();
   const fs::path image = test_folder() / "folded.nrrd";
   write_label_image(image, image_of({28, 28, 16}, Vec3::Constant(2.5), [](Index i, Index j, Index k) {
                       return i > 1 && i < 26 && j > 1 && j < 26 && k > 1 && k < 14 &&
@@ -365,11 +368,13 @@ TEST(Simulate, AFoldedBodyTakesTheNodesThatItsBandNeedsUnlessTheyAreGiven) {
 
 // Cases that share what was made of an organ have their own force each, to the same bits as alone.
 TEST(Simulate, OnAnOrganThatWasReadBeforeIsAsAlone) {
-  const Case first = small_case();
-  ReadOrgan organ = read_once(first, {});
-  const Result found = simulate({.config = first.config, .organ = &organ});
+  const Described first = small_case();
+  ReadOrgan organ = read_once(first.resolved(), {});
+  Described on_organ = first;
+  on_organ.organ = &organ;
+  const Result found = simulate(on_organ);
   EXPECT_EQ(found.history.force.back().force, simulate(first).history.force.back().force);
-  organ.made = made_in(first.config, found);
+  organ.made = made_in(resolve(first.config), found);
   ASSERT_TRUE(organ.made);
   for (const auto& [key, value] : {std::pair("material.nu", "0.4"),
                                    {"load.contact", "frictionless"},
@@ -382,7 +387,7 @@ TEST(Simulate, OnAnOrganThatWasReadBeforeIsAsAlone) {
                                    {"load.depth_mm", "0.5"},
                                    {"tool.shape", "sphere:5mm"}}) {
     SCOPED_TRACE(key);
-    Case other = first;
+    Described other = first;
     set_option(other.config, key, value, "test");
     const double alone = simulate(other).history.force.back().force;
     EXPECT_NE(alone, found.history.force.back().force);
@@ -390,8 +395,8 @@ TEST(Simulate, OnAnOrganThatWasReadBeforeIsAsAlone) {
     EXPECT_EQ(simulate(other).history.force.back().force, alone);
   }
   Config cut = first.config;
-  cut.image.cut = "x";
-  EXPECT_FALSE(made_in(cut, found)) << "its surface is another";
+  cut.image.cut = "plane:0,0,15,1,0,0,radius=5mm";
+  EXPECT_FALSE(made_in(resolve(cut), found)) << "its surface is another";
 }
 
 }  // namespace

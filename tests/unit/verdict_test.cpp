@@ -31,10 +31,9 @@ Result good_run() {
   return result;
 }
 
-std::string words(const Result& result, const Config& config = {}, const std::string& status = "finished") {
+std::string words(const Result& result, const Scene& scene = {}, const std::string& status = "finished") {
   std::string all;
-  for (const auto& answer : verdict_of(config, result, status))
-    all += answer["word"].get<std::string>() + " ";
+  for (const auto& answer : verdict_of(scene, result, status)) all += answer["word"].get<std::string>() + " ";
   return all;
 }
 
@@ -136,11 +135,11 @@ TEST(Verdict, ABandIsToBeLookedAtAboveATenthAndBadAboveAQuarterOfTheForce) {
 }
 
 TEST(Verdict, HoldsABandToTheAccuracyAskedForWhereOneWas) {
-  Config config;
-  config.accuracy.goal = "3%";
-  EXPECT_EQ(words(good_run(), config), "good good good good check ");
-  config.accuracy.goal = "2.1mN";
-  EXPECT_EQ(words(good_run(), config), "good good good good good ");
+  Scene scene;
+  scene.goal = Goal{.text = "3%", .share = 0.03};
+  EXPECT_EQ(words(good_run(), scene), "good good good good check ");
+  scene.goal = Goal{.text = "2.1mN", .absolute = 2.1e-3};
+  EXPECT_EQ(words(good_run(), scene), "good good good good good ");
 }
 
 TEST(Verdict, WithoutABandSaysWhyThereIsNone) {

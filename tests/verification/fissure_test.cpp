@@ -11,8 +11,9 @@
 #include <string>
 #include <vector>
 
-#include "apps/scene/config.hpp"
 #include "apps/run/simulate.hpp"
+#include "apps/scene/config.hpp"
+#include "apps/scene/resolve.hpp"
 #include "preprocess/image/phantom.hpp"
 #include "preprocess/supports/support.hpp"
 
@@ -69,8 +70,7 @@ Reach reach_of(const Surface& surface, const Points& displaced_mm) {
 
 // Two spheres of 10 mm that press the crests of both hemispheres together and down, each by 8 mm.
 Case pinch(const LabelImage& image, const char* self_contact, Index nodes) {
-  Case given;
-  given.image = &image;
+  Config config;
   for (const auto& [key, value] : std::map<const char*, std::string>{{"cloud.nodes", std::to_string(nodes)},
                                                                      {"boundary.base", "inferior"},
                                                                      {"boundary.indent_at", "15,0,23"},
@@ -82,8 +82,8 @@ Case pinch(const LabelImage& image, const char* self_contact, Index nodes) {
                                                                      {"tool.other.move_mm", "8"},
                                                                      {"load.depth_mm", "8"},
                                                                      {"load.self_contact", self_contact}})
-    set_option(given.config, key, value, "test");
-  return given;
+    set_option(config, key, value, "test");
+  return {.scene = resolve(config), .image = &image};
 }
 
 struct Pinched {

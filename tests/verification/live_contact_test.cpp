@@ -16,18 +16,18 @@ namespace {
 
 const Material tissue = neo_hookean(210.0, 0.499, 1000.0);
 
-struct Scene {
+struct Touched {
   Model model;
   std::shared_ptr<const Touch> touch;
   SessionOptions options(double tolerance = 1e-4) const { return {.tolerance = tolerance, .touch = touch}; }
 };
 
 // On the axis of a cylinder; `tilt` [degrees] off it, the tool meets its flat end aslant.
-Scene scene(const char* tool, double tilt = 0.0, const char* friction = "0") {
-  const Config config = pressed_cylinder::config_of(
+Touched scene(const char* tool, double tilt = 0.0, const char* friction = "0") {
+  const Scene run = pressed_cylinder::described(
       {.tool = tool, .depth_mm = 3.0, .friction = friction, .nodes = 500, .tilt = tilt});
-  Model model = build_model(cylinder_surface(20, 20), model_options(config)).model;
-  std::shared_ptr<const Touch> touch = touch_of(config, model);
+  Model model = build_model(cylinder_surface(20, 20), model_options(run)).model;
+  std::shared_ptr<const Touch> touch = touch_of(run, model);
   return {std::move(model), std::move(touch)};
 }
 
@@ -63,7 +63,7 @@ double deepest_in_tool(const Session& session, double depth, bool between) {
 TEST(LiveTouch, FeelsInAndOutTheForceOfEquilibriumAndStatesItsError) {
   for (const auto& [tool, tilt] : {std::pair{"sphere:5mm", 20.0}, {"punch:5mm,edge=3mm", 0.0}}) {
     SCOPED_TRACE(tool);
-    const Scene with = scene(tool, tilt);
+    const Touched with = scene(tool, tilt);
     Session live(with.model, {tissue}, with.options()), still(with.model, {tissue}, with.options(1e-5));
     int held = 0, frames = 0;
     double before = 0.0;
@@ -88,7 +88,7 @@ TEST(LiveTouch, FeelsInAndOutTheForceOfEquilibriumAndStatesItsError) {
 }
 
 TEST(LiveTouch, EquilibriaAreThoseOfAMarch) {
-  const Scene with = scene("sphere:5mm");
+  const Touched with = scene("sphere:5mm");
   const ForceSystem force(with.model, {{tissue}, with.model.tissue}, Precision::single_);
   Loading loading{.depth = 2e-3};
   loading.touch = with.touch;
@@ -107,7 +107,7 @@ TEST(LiveTouch, EquilibriaAreThoseOfAMarch) {
 }
 
 TEST(LiveTouch, AForceIsBetterForWhatIsLeftUnbalancedBeingAccountedFor) {
-  const Scene with = scene("sphere:5mm");
+  const Touched with = scene("sphere:5mm");
   Session live(with.model, {tissue}, with.options()), still(with.model, {tissue}, with.options(1e-5));
   live.follow(1e-3, {.evaluations = 200});
   double corrected = 0.0, raw = 0.0;
@@ -123,7 +123,7 @@ TEST(LiveTouch, AForceIsBetterForWhatIsLeftUnbalancedBeingAccountedFor) {
 // With too few evaluations for one frame an equilibrium is gone on with in the next, with the tool where it
 // then is: what contact lacked there was once looked for where the tool had been.
 TEST(LiveTouch, WithFewEvaluationsItLagsAndNeverShowsAForceOfAnotherDepth) {
-  const Scene with = scene("sphere:5mm");
+  const Touched with = scene("sphere:5mm");
   Session live(with.model, {tissue}, with.options()), still(with.model, {tissue}, with.options(1e-5));
   std::mt19937 random(7);
   std::uniform_real_distribution<double> unit(0.0, 1.0);
@@ -144,7 +144,7 @@ TEST(LiveTouch, WithFewEvaluationsItLagsAndNeverShowsAForceOfAnotherDepth) {
 }
 
 TEST(LiveTouch, RandomJerksNeverPullNorComeIntoTheBodyAndLeaveNothingBehind) {
-  const Scene with = scene("sphere:5mm");
+  const Touched with = scene("sphere:5mm");
   Session session(with.model, {tissue}, with.options());
   std::mt19937 random(5);
   std::uniform_real_distribution<double> unit(0.0, 1.0);
@@ -159,7 +159,7 @@ TEST(LiveTouch, RandomJerksNeverPullNorComeIntoTheBodyAndLeaveNothingBehind) {
 }
 
 TEST(LiveTouch, TheSameWayGivesTheSameForcesWithAnyNumberOfThreads) {
-  const Scene with = scene("sphere:5mm");
+  const Touched with = scene("sphere:5mm");
   const auto forces = [&](std::size_t threads) {
     const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
     Session session(with.model, {tissue}, with.options());
@@ -175,7 +175,7 @@ TEST(LiveTouch, TheSameWayGivesTheSameForcesWithAnyNumberOfThreads) {
 
 // The cloud is too coarse for so small a ball, and the ball shorter than the way.
 TEST(LiveTouch, ItStopsBeforeTheSurfaceComesIntoTheToolAndNoDeeperThanTheToolIsLong) {
-  const Scene with = scene("sphere:2mm");
+  const Touched with = scene("sphere:2mm");
   Session session(with.model, {tissue}, with.options());
   double deepest = 0.0;
   for (int k = 1; k <= 12; ++k) {
@@ -194,7 +194,7 @@ TEST(LiveTouch, ItStopsBeforeTheSurfaceComesIntoTheToolAndNoDeeperThanTheToolIsL
 }
 
 TEST(LiveTouch, WhatWasTriedDeeperLeavesTheForceOfWhereItStands) {
-  const Scene with = scene("sphere:5mm");
+  const Touched with = scene("sphere:5mm");
   Session session(with.model, {tissue}, with.options());
   const LiveFrame there = session.follow(1e-3, {.evaluations = 200});
   const double force = session.force();
@@ -204,7 +204,7 @@ TEST(LiveTouch, WhatWasTriedDeeperLeavesTheForceOfWhereItStands) {
 }
 
 TEST(LiveTouch, WhatHangsOnItsWayIsRefusedInWords) {
-  const auto refused = [](const Scene& with, const Material& material, const char* word) {
+  const auto refused = [](const Touched& with, const Material& material, const char* word) {
     SCOPED_TRACE(word);
     expect_error<SolveError>([&] { Session(with.model, {material}, with.options()); },
                              {.why = word, .code = "no-live"});
@@ -212,7 +212,7 @@ TEST(LiveTouch, WhatHangsOnItsWayIsRefusedInWords) {
   Material slow = tissue;
   slow.prony = {{0.5, 0.2}};
   refused(scene("sphere:5mm", 0.0, "0.3"), tissue, "friction");
-  const Scene with = scene("sphere:5mm");
+  const Touched with = scene("sphere:5mm");
   refused(with, slow, "relaxes");
   refused(with, neo_hookean(210.0, 0.0, 1000.0), "patches");
   Session session(with.model, {tissue}, with.options());

@@ -7,8 +7,9 @@
 #include <string>
 #include <utility>
 
-#include "apps/scene/config.hpp"
+#include "apps/run/model_options.hpp"
 #include "apps/run/tool.hpp"
+#include "apps/scene/resolve.hpp"
 #include "io/table.hpp"
 #include "tests/helpers/marched.hpp"
 #include "tests/helpers/shapes.hpp"
@@ -29,7 +30,7 @@ struct Scene {
   std::optional<double> tilt = {};  // of the tool's line to the normal [degrees]
 };
 
-inline Config config_of(const Scene& scene) {
+inline dimple::Scene described(const Scene& scene) {
   Config config;
   const auto set = [&](const char* key, const std::string& value) { set_option(config, key, value, "test"); };
   set("tool.shape", scene.tool);
@@ -42,7 +43,7 @@ inline Config config_of(const Scene& scene) {
     const double angle = *scene.tilt * std::numbers::pi / 180.0;
     set("boundary.direction", std::to_string(std::sin(angle)) + ",0," + std::to_string(-std::cos(angle)));
   }
-  return config;
+  return resolve(config);
 }
 
 struct Pressed {
@@ -52,13 +53,13 @@ struct Pressed {
 
 // Of one tissue, with eight frames.
 inline Pressed pressed(const Scene& scene) {
-  const Config config = config_of(scene);
+  const dimple::Scene run = described(scene);
   Pressed result;
-  result.model = build_model(cylinder_surface(scene.radius_mm, scene.height_mm), model_options(config)).model;
+  result.model = build_model(cylinder_surface(scene.radius_mm, scene.height_mm), model_options(run)).model;
   const ForceSystem tissue(result.model, {{neo_hookean(210.0, scene.nu, 1000.0)}, result.model.tissue},
                            Precision::single_);
-  Loading loading{.depth = 1e-3 * config.load.depth_mm};
-  loading.touch = touch_of(config, result.model);
+  Loading loading{.depth = 1e-3 * run.depth_mm};
+  loading.touch = touch_of(run, result.model);
   result.history = marched(tissue, result.model, loading, {.frames = 8});
   return result;
 }

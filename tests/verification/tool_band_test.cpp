@@ -58,7 +58,7 @@ double needed(const BandScene& of, Index nodes, bool& known) {
   const std::vector<ForceSample>& fine = found.history.force;
   scene.nodes = nodes / 2;
   const std::vector<double> half = tool_half_widths(fine, found.model, pressed(scene).history.force,
-                                                    *tool_of(pressed_cylinder::config_of(scene)));
+                                                    *pressed_cylinder::described(scene).tool);
   known = !half.empty();
   double most = 0.0;
   for (std::size_t k = 0; known && k < half.size(); ++k)

@@ -15,32 +15,32 @@
 namespace dimple {
 namespace {
 
-struct Scene : pressed_cylinder::Scene {
+struct Compared : pressed_cylinder::Scene {
   double top_mu = 210.0;  // of the uppermost 3 mm [Pa]
   double film = 0.0;      // on the top: shear modulus times thickness [N/m]
   double gravity = 0.0;   // downwards [m/s^2]
 };
 
-std::string name_of(const testing::TestParamInfo<Scene>& info) {
+std::string name_of(const testing::TestParamInfo<Compared>& info) {
   std::string name = info.param.name + std::to_string(info.param.nodes);
   for (char& c : name)
     if (!std::isalnum(static_cast<unsigned char>(c))) c = '_';
   return name;
 }
 
-LabelAt layer_of(const Scene& scene) {
+LabelAt layer_of(const Compared& scene) {
   if (scene.top_mu == 210.0) return {};
   return [from_mm = scene.height_mm - 3.0](const Vec3& at_mm) { return at_mm.z() > from_mm ? 2 : 1; };
 }
 
 // Beneath a film a block that is as wide: the flat top of a cylinder is a fan of slivers, on which a film
 // takes ten times the evaluations. Without a film their forces are within 0.3 % of each other.
-BodySurface body_of(const Scene& scene) {
+BodySurface body_of(const Compared& scene) {
   const double r = scene.radius_mm, h = scene.height_mm;
   return scene.film > 0.0 ? block_surface({-r, -r, 0.0}, {r, r, h}) : cylinder_surface(r, h);
 }
 
-Loads loads_of(const Scene& scene, const Model& model) {
+Loads loads_of(const Compared& scene, const Model& model) {
   Loads loads{.gravity = {0.0, 0.0, -scene.gravity}, .pressure = {}};
   if (scene.film == 0.0) return loads;
   loads.membrane.push_back({.patch = surface_patch(model, triangles_facing(model, Vec3::UnitZ())),
@@ -50,14 +50,14 @@ Loads loads_of(const Scene& scene, const Model& model) {
   return loads;
 }
 
-class ToolOnACylinder : public testing::TestWithParam<Scene> {};
+class ToolOnACylinder : public testing::TestWithParam<Compared> {};
 
 TEST_P(ToolOnACylinder, HasTheForceOfFiniteElements) {
-  const Scene& scene = GetParam();
+  const Compared& scene = GetParam();
   const pressed_cylinder::Forces known = pressed_cylinder::reference_of(scene.name);
   ASSERT_FALSE(known.empty());
-  const Config config = pressed_cylinder::config_of(scene);
-  const BuiltModel built = build_model(body_of(scene), model_options(config),
+  const dimple::Scene run = pressed_cylinder::described(scene);
+  const BuiltModel built = build_model(body_of(scene), model_options(run),
                                        {.of_label = {{2, 1}}, .density = {1000.0, 1000.0}}, layer_of(scene));
   const ForceSystem tissue(
       built.model,
@@ -65,7 +65,7 @@ TEST_P(ToolOnACylinder, HasTheForceOfFiniteElements) {
        built.model.tissue},
       Precision::single_);
   Loading loading{.depth = 1e-3 * scene.depth_mm};
-  loading.touch = touch_of(config, built.model);
+  loading.touch = touch_of(run, built.model);
   loading.loads = loads_of(scene, built.model);
   rest_under_loads(tissue, built.model, loading);
   const History history =
@@ -98,13 +98,13 @@ TEST_P(ToolOnACylinder, HasTheForceOfFiniteElements) {
 }
 
 // Scenes of contact.csv.
-Scene sphere(const char* name, Index nodes, double nu = 0.499, const char* friction = "0") {
+Compared sphere(const char* name, Index nodes, double nu = 0.499, const char* friction = "0") {
   return {{.name = name, .nu = nu, .friction = friction, .nodes = nodes}};
 }
-Scene layer(const char* name, Index nodes, const char* friction = "0") {
+Compared layer(const char* name, Index nodes, const char* friction = "0") {
   return {{.name = name, .radius_mm = 40, .height_mm = 10, .friction = friction, .nodes = nodes}};
 }
-Scene punch(const char* name, Index nodes, double depth_mm, double nu = 0.499) {
+Compared punch(const char* name, Index nodes, double depth_mm, double nu = 0.499) {
   return {{.name = name, .tool = "punch:5mm,edge=1mm", .nu = nu, .depth_mm = depth_mm, .nodes = nodes}};
 }
 
@@ -117,7 +117,7 @@ INSTANTIATE_TEST_SUITE_P(ToLargeStrains, ToolOnACylinder,
                                          punch("punch", 4000, 4.0), punch("punch_nu_0.45", 1500, 4.0, 0.45)),
                          name_of);
 
-Scene on_tissue(const char* name, double top_mu, double depth_mm) {
+Compared on_tissue(const char* name, double top_mu, double depth_mm) {
   return {{.name = name, .depth_mm = depth_mm, .nodes = 1500}, top_mu};
 }
 
@@ -150,22 +150,22 @@ TEST(ACylinderUnderItsWeight, SinksAsFarAsFiniteElementsSay) {
 
 // A film that is as stiff as 5 mm of tissue; and a body that its weight of 1.4 mu shortens by 4.2 mm before
 // the tool touches it.
-Scene on_film(Index nodes) {
+Compared on_film(Index nodes) {
   return {{.name = "sphere_on_film", .nodes = nodes}, 210.0, 1.0};
 }
-Scene under_gravity(Index nodes) {
+Compared under_gravity(Index nodes) {
   return {{.name = "sphere_under_gravity", .nodes = nodes}, 210.0, 0.0, 9.81};
 }
 INSTANTIATE_TEST_SUITE_P(UnderFilmAndWeight, ToolOnACylinder,
                          testing::Values(on_film(1500), under_gravity(1500)), name_of);
 
 // With 4000 nodes the layer, on which friction matters most; the dearer others with DIMPLE_ALL_SCENES=1.
-std::vector<Scene> scenes_with_friction() {
+std::vector<Compared> scenes_with_friction() {
   const auto sticks = [](Index nodes) { return sphere("sphere_sticks", nodes, 0.499, "stick"); };
   const auto rubs = [](Index nodes) { return sphere("sphere_friction_0.3", nodes, 0.499, "0.3"); };
   const auto layer_rubs = [](Index nodes) { return layer("sphere_layer_friction_0.3", nodes, "0.3"); };
   const auto layer_sticks = [](Index nodes) { return layer("sphere_layer_sticks", nodes, "stick"); };
-  std::vector<Scene> all = {sticks(1500), rubs(1500), layer_rubs(1500), layer_rubs(4000)};
+  std::vector<Compared> all = {sticks(1500), rubs(1500), layer_rubs(1500), layer_rubs(4000)};
   if (std::getenv("DIMPLE_ALL_SCENES"))
     all.insert(all.end(), {layer_sticks(1500), sticks(4000), rubs(4000), layer_sticks(4000),
                            under_gravity(4000), on_film(4000)});
