@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "apps/ending.hpp"
-#include "apps/scene/config.hpp"
 #include "apps/run/record.hpp"
+#include "apps/scene/config.hpp"
 
 namespace dimple {
 

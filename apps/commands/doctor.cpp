@@ -10,11 +10,11 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
-#include "apps/scene/resolve.hpp"
 #include "apps/commands/command.hpp"
 #include "apps/commands/terminal.hpp"
 #include "apps/run/simulate.hpp"
 #include "apps/run/stopwatch.hpp"
+#include "apps/scene/resolve.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/memory.hpp"

@@ -4,9 +4,9 @@
 #include <fstream>
 #include <string>
 
-#include "apps/scene/resolve.hpp"
 #include "apps/commands/all_commands.hpp"
 #include "apps/commands/log.hpp"
+#include "apps/scene/resolve.hpp"
 #include "apps/studies/export_mesh.hpp"
 #include "io/error.hpp"
 
@@ -54,8 +54,8 @@ Command add_export(CLI::App& app, Invocation& shared) {
                                 .remedy = "leave --elements out, or give --elements tetrahedra"});
             try_file(shared.out);
             if (!shared.force) require_no_file_of_others(shared.out);
-            return finish(shared, export_model(resolve(options->flags.config(*command, shared.image)), options->format,
-                                               shared.out, {.line = to_log().line}));
+            return finish(shared, export_model(resolve(options->flags.config(*command, shared.image)),
+                                               options->format, shared.out, {.line = to_log().line}));
           }};
 }
 

@@ -1,4 +1,3 @@
-#include "apps/scene/resolve.hpp"
 #include "apps/run/places.hpp"
 
 #include <fmt/format.h>
@@ -9,6 +8,7 @@
 #include "apps/commands/log.hpp"
 #include "apps/commands/terminal.hpp"
 #include "apps/run/tool.hpp"
+#include "apps/scene/resolve.hpp"
 #include "io/digits.hpp"
 
 namespace dimple {

@@ -5,16 +5,16 @@
 #include <filesystem>
 #include <optional>
 
-#include "apps/scene/resolve.hpp"
 #include "apps/commands/all_commands.hpp"
 #include "apps/commands/log.hpp"
 #include "apps/commands/terminal.hpp"
 #include "apps/run/live.hpp"
 #include "apps/run/live_socket.hpp"
-#include "apps/scene/option_word.hpp"
 #include "apps/run/results.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/view.hpp"
+#include "apps/scene/option_word.hpp"
+#include "apps/scene/resolve.hpp"
 #include "apps/window/body_window.hpp"
 #include "apps/window/display.hpp"
 #include "io/digits.hpp"

@@ -1,9 +1,9 @@
-#include "apps/scene/resolve.hpp"
 #include "apps/commands/command.hpp"
 #include "apps/commands/log.hpp"
 #include "apps/commands/slicer.hpp"
 #include "apps/commands/whole_program.hpp"
 #include "apps/scene/compatibility.hpp"
+#include "apps/scene/resolve.hpp"
 
 namespace dimple {
 namespace {

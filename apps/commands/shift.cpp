@@ -1,4 +1,3 @@
-#include "apps/scene/resolve.hpp"
 #include "apps/studies/shift.hpp"
 
 #include <filesystem>
@@ -6,6 +5,7 @@
 #include "apps/commands/all_commands.hpp"
 #include "apps/commands/log.hpp"
 #include "apps/run/stopwatch.hpp"
+#include "apps/scene/resolve.hpp"
 #include "apps/studies/explain_shift.hpp"
 
 namespace dimple {

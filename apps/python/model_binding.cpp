@@ -4,11 +4,11 @@
 
 #include "apps/python/binding.hpp"
 #include "apps/run/model_options.hpp"
-#include "apps/scene/resolve.hpp"
 #include "apps/run/organ.hpp"
 #include "apps/run/places.hpp"
 #include "apps/run/simulate.hpp"
 #include "apps/run/summary.hpp"
+#include "apps/scene/resolve.hpp"
 #include "io/digits.hpp"
 #include "preprocess/scene/usable_places.hpp"
 

@@ -5,11 +5,11 @@
 #include <mutex>
 
 #include "apps/python/binding.hpp"
-#include "apps/scene/compatibility.hpp"
-#include "apps/scene/resolve.hpp"
 #include "apps/run/live.hpp"
 #include "apps/run/organ.hpp"
 #include "apps/run/words.hpp"
+#include "apps/scene/compatibility.hpp"
+#include "apps/scene/resolve.hpp"
 #include "preprocess/build_model.hpp"
 #include "preprocess/make_model.hpp"
 #include "preprocess/supports/support.hpp"

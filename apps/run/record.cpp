@@ -429,11 +429,11 @@ Recorder::End Recorder::end_of(const std::exception_ptr& failure, double solve_s
 
 std::string Recorder::ended_by(const Report& stopped, const End& end) const {
   const Loading& loading = result.loading;
-  const std::string come = loading.steps.empty() || result.history.force.empty()
-                               ? fmt::format("{} of {}", length_in_words(end.reached_mm),
-                                             length_in_words(given_.scene.depth_mm))
-                               : fmt::format("{:.4g} s of the {:.4g} s of its steps",
-                                             result.history.force.back().t, loading.duration());
+  const std::string come =
+      loading.steps.empty() || result.history.force.empty()
+          ? fmt::format("{} of {}", length_in_words(end.reached_mm), length_in_words(given_.scene.depth_mm))
+          : fmt::format("{:.4g} s of the {:.4g} s of its steps", result.history.force.back().t,
+                        loading.duration());
   return fmt::format(
       "{} at {}, after {:.1f} s; {} [{}]", stopped.fact, come, how_.whole.seconds(),
       result.levels.empty() ? "--resume goes on from there" : "this is the finest cloud so far",
@@ -647,8 +647,7 @@ Outcome record_run(const Config& options, const fs::path& folder, Existing exist
   };
   how.subject = fs::path(name_of_image(scene)).filename().string();
   if (!image) how.command = {"run"};
-  return record({.scene = scene, .image = image, .band = scene.band}, std::move(how),
-                observer);
+  return record({.scene = scene, .image = image, .band = scene.band}, std::move(how), observer);
 }
 
 void add_explained(Outcome& outcome, const fs::path& folder, double seconds, const std::string& ended_by) {

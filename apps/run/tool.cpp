@@ -22,10 +22,9 @@ constexpr double power_of_a_round_tip = 1.5;  // Hertz
 
 std::string depth_of_tool_in_words(const Scene& scene) {
   if (!scene.given.depth_is_of_tool) return {};
-  return fmt::format(", pushed in by {}{}, as no --depth was given", length_in_words(scene.depth_mm),
-                     scene.depth_mm < Scene{}.depth_mm
-                         ? fmt::format(", {:g} of its radius", usual_depth_in_radii)
-                         : "");
+  return fmt::format(
+      ", pushed in by {}{}, as no --depth was given", length_in_words(scene.depth_mm),
+      scene.depth_mm < Scene{}.depth_mm ? fmt::format(", {:g} of its radius", usual_depth_in_radii) : "");
 }
 
 void require_tool_as_long_turned(const Scene& scene, double below) {

@@ -13,14 +13,14 @@
 #include <sstream>
 #include <thread>
 
-#include "apps/run/model_options.hpp"
-#include "apps/scene/resolve.hpp"
 #include "apps/run/checkpoint.hpp"
 #include "apps/run/compare.hpp"
-#include "apps/scene/compatibility.hpp"
+#include "apps/run/model_options.hpp"
 #include "apps/run/organ.hpp"
 #include "apps/run/result_folder.hpp"
 #include "apps/run/stopwatch.hpp"
+#include "apps/scene/compatibility.hpp"
+#include "apps/scene/resolve.hpp"
 #include "apps/studies/read_results.hpp"
 #include "apps/studies/run_program.hpp"
 #include "io/file.hpp"

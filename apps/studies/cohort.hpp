@@ -5,8 +5,8 @@
 #include <string>
 #include <vector>
 
-#include "apps/scene/config.hpp"
 #include "apps/run/record.hpp"
+#include "apps/scene/config.hpp"
 #include "io/error.hpp"
 #include "io/table.hpp"
 

@@ -11,7 +11,6 @@
 #include <tuple>
 
 #include "apps/run/band.hpp"
-#include "apps/scene/compatibility.hpp"
 #include "apps/run/folds.hpp"
 #include "apps/run/membranes.hpp"
 #include "apps/run/organ.hpp"
@@ -23,6 +22,7 @@
 #include "apps/run/unless_stopped.hpp"
 #include "apps/run/walls.hpp"
 #include "apps/run/words.hpp"
+#include "apps/scene/compatibility.hpp"
 #include "io/digits.hpp"
 #include "io/draw/chart.hpp"
 #include "io/error.hpp"
@@ -136,8 +136,9 @@ Scene pinned(Scene scene, const Result& found, const Vec3& down) {
   scene.boundary.base = vector_text(down);
   if (scene.solver.time == Scene::Numerics::Time::automatic)
     scene.solver.time = found.time == TimeMode::quasi_static ? Scene::Numerics::Time::quasi_static
-                                                              : Scene::Numerics::Time::explicit_;
-  if (scene.self_contact == Scene::SelfContact::automatic) scene.self_contact = found.loading.folds ? Scene::SelfContact::on : Scene::SelfContact::off;
+                                                             : Scene::Numerics::Time::explicit_;
+  if (scene.self_contact == Scene::SelfContact::automatic)
+    scene.self_contact = found.loading.folds ? Scene::SelfContact::on : Scene::SelfContact::off;
   return scene;
 }
 
@@ -367,7 +368,8 @@ std::string left_out(const Trial& trial, const Result& now, const Result& found)
   if (trial.what == "folds" && trial.given.scene.image.close_mm > 0.0 && now.closed_mm3 == 0.0)
     return "no gap is that narrow";
   if (const Scene& scene = trial.given.scene;
-      trial.what == "far tissue" && !(scene.supports.empty() && scene.pressures.empty() && scene.walls.empty()))
+      trial.what == "far tissue" &&
+      !(scene.supports.empty() && scene.pressures.empty() && scene.walls.empty()))
     return "supports, pressures and walls would lie where it is cut";
   if (trial.what == "far tissue" && now.segment.voxel_volume_mm3 == found.segment.voxel_volume_mm3)
     return "no tissue lies that far away";

@@ -81,8 +81,7 @@ std::vector<ToolChoice> tool_choices(const ToolShape& shape, double friction);
 /// accuracy that was asked for plays no part. `progress` hears a line about each run. Throws what simulate()
 /// throws where the scene as it is has no force, and what check_pairs() throws; a choice that has none
 /// is listed with why. Stopped: before the first comparison; after it, what there is is returned.
-Explanation explain(const Scene& scene, Index nodes,
-                    const std::function<void(const std::string&)>& progress);
+Explanation explain(const Scene& scene, Index nodes, const std::function<void(const std::string&)>& progress);
 
 /// By `what` the largest effect first, those that failed last.
 void sort_by_effect(std::vector<Alternative>& alternatives);

@@ -93,10 +93,11 @@ class Trials {
   void discretisation() {
     for (const int more : {1, 2})
       add("cloud", "two other random clouds",
-          fmt::format("seed {} instead of {}", unchanged_.cloud.seed + more, unchanged_.cloud.seed), Kind::cloud,
-          [&](Scene& c) { c.cloud.seed += more; });
-    add("number of nodes", "", fmt::format("{} instead of {}", 2 * unchanged_.cloud.nodes, unchanged_.cloud.nodes),
-        Kind::cloud, [](Scene& c) { c.cloud.nodes *= 2; });
+          fmt::format("seed {} instead of {}", unchanged_.cloud.seed + more, unchanged_.cloud.seed),
+          Kind::cloud, [&](Scene& c) { c.cloud.seed += more; });
+    add("number of nodes", "",
+        fmt::format("{} instead of {}", 2 * unchanged_.cloud.nodes, unchanged_.cloud.nodes), Kind::cloud,
+        [](Scene& c) { c.cloud.nodes *= 2; });
   }
 
   void skull() {
@@ -120,9 +121,7 @@ class Trials {
       const double radius = std::max(o[3] + sign * opening_mm, 0.5 * o[3]);
       add("opening", fmt::format("radius {} mm larger or smaller", plain(opening_mm)),
           fmt::format("radius {} mm instead of {} mm", plain(radius), plain(o[3])), Kind::doubt,
-          [&](Scene& c) {
-            skull_in(c).opening = Eigen::Vector4d(o[0], o[1], o[2], radius);
-          });
+          [&](Scene& c) { skull_in(c).opening = Eigen::Vector4d(o[0], o[1], o[2], radius); });
     }
   }
 

@@ -1,4 +1,3 @@
-#include "apps/run/model_options.hpp"
 #include "apps/studies/export_mesh.hpp"
 
 #include <fmt/format.h>
@@ -7,8 +6,9 @@
 #include <nlohmann/json.hpp>
 #include <utility>
 
-#include "apps/scene/compatibility.hpp"
+#include "apps/run/model_options.hpp"
 #include "apps/run/organ.hpp"
+#include "apps/scene/compatibility.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/stop.hpp"

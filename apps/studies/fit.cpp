@@ -8,15 +8,15 @@
 #include <limits>
 #include <optional>
 
-#include "apps/scene/compatibility.hpp"
 #include "apps/run/organ.hpp"
-#include "apps/scene/resolve.hpp"
 #include "apps/run/results.hpp"
 #include "apps/run/simulate.hpp"
 #include "apps/run/summary.hpp"
 #include "apps/run/tool.hpp"
 #include "apps/run/unless_stopped.hpp"
 #include "apps/run/words.hpp"
+#include "apps/scene/compatibility.hpp"
+#include "apps/scene/resolve.hpp"
 #include "apps/studies/fit_results.hpp"
 #include "io/digits.hpp"
 #include "io/error.hpp"
@@ -292,8 +292,8 @@ void require_no_inertia(const Config& given, const FoundFit& found) {
   // A tool that touches is slow where nobody has said how fast it is.
   if (given.solver.time != "auto" ||
       (result.loading.touch && !was_given(found.config, "load.rate_mm_per_s")) ||
-      choose_time(result.model, {materials_of(resolve(found.config)), result.tissues.of_point}, result.loading) ==
-          TimeMode::quasi_static)
+      choose_time(result.model, {materials_of(resolve(found.config)), result.tissues.of_point},
+                  result.loading) == TimeMode::quasi_static)
     return;
   require_proportional(
       fmt::format("with the {} that would fit, the load is so short that inertia takes part in it",
@@ -377,7 +377,8 @@ Outcome fit(const Config& config, const FitOptions& options, const fs::path& fol
   add_errors(found, curve, options.of);
   const double touch = first_touch_of(found, options.of);
   if (options.of == mu_and_touch) found.config.load.depth_mm = 1e3 * (curve.depth.back() - touch);
-  found.check = half_space_check(found.result, curve, touch, poisson_ratio(material_of(resolve(found.config))));
+  found.check =
+      half_space_check(found.result, curve, touch, poisson_ratio(material_of(resolve(found.config))));
 
   if (!found.fit.converged)
     found.warnings.push_back(

@@ -8,7 +8,6 @@
 #include <nlohmann/json.hpp>
 #include <numeric>
 
-#include "apps/scene/resolve.hpp"
 #include "apps/run/images.hpp"
 #include "apps/run/report.hpp"
 #include "apps/run/result_folder.hpp"
@@ -17,6 +16,7 @@
 #include "apps/run/summary.hpp"
 #include "apps/run/walls.hpp"
 #include "apps/run/words.hpp"
+#include "apps/scene/resolve.hpp"
 #include "apps/studies/shift_band.hpp"
 #include "apps/studies/shift_page.hpp"
 #include "apps/studies/shift_run.hpp"
@@ -120,8 +120,8 @@ void write_fields(const fs::path& folder, const Shifted& now) {
             {.position_mm = 1e3 * model.X, .fields = {field(u_mm)}, .even_if_stopped = true}, 0.0);
 }
 
-Json shift_json(const ShiftOptions& options, const ShiftScene& asked, const Scene& scene,
-                const Shifted& now, const ShiftBand& band) {
+Json shift_json(const ShiftOptions& options, const ShiftScene& asked, const Scene& scene, const Shifted& now,
+                const ShiftBand& band) {
   const Index largest = now.largest_in(asked.opening);
   const Vec3 middle = now.at_middle(asked.opening), most = now.surface_mm.col(largest);
   const Points targets = points_of(asked.targets);

@@ -5,11 +5,9 @@
 #include <algorithm>
 #include <cmath>
 
-#include "apps/scene/compatibility.hpp"
 #include "apps/run/folds.hpp"
 #include "apps/run/loads.hpp"
 #include "apps/run/model_options.hpp"
-#include "apps/scene/resolve_parts.hpp"
 #include "apps/run/pipeline.hpp"
 #include "apps/run/steps.hpp"
 #include "apps/run/stopwatch.hpp"
@@ -17,6 +15,8 @@
 #include "apps/run/tool.hpp"
 #include "apps/run/walls.hpp"
 #include "apps/run/words.hpp"
+#include "apps/scene/compatibility.hpp"
+#include "apps/scene/resolve_parts.hpp"
 #include "apps/studies/markups.hpp"
 #include "io/digits.hpp"
 #include "io/error.hpp"
