@@ -246,8 +246,9 @@ class Pairs : public testing::TestWithParam<Feature> {
 
   void SetUp() override {
     ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3 -q").code, 0);
+    // As many nodes as a further tool takes where no model was made for it.
     ASSERT_EQ(
-        dimple(folder, "model block.nrrd -o model --base inferior --indent-at 0,0,top --nodes 400 -q").code,
+        dimple(folder, "model block.nrrd -o model --base inferior --indent-at 0,0,top --nodes 800 -q").code,
         0);
     std::ofstream(folder / "curve.csv") << "indentation_mm,force_N\n0,0\n0.5,0.05\n1,0.1\n";
     std::ofstream(folder / "path.csv") << "time_s,depth_mm\n0,0\n0.2,0.5\n";
