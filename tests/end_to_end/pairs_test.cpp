@@ -28,7 +28,7 @@ const Options scene = {{"boundary.base", "inferior"}, {"boundary.indent_at", "0,
                        {"cloud.nodes", "400"},        {"solver.frames", "1"},
                        {"load.depth_mm", "1"},        {"material.mu_Pa", "2000"},
                        {"output.write", "force"},     {"accuracy.band", "off"}};
-const std::string slit = "plane:10,0,20,1,0,0,radius=5mm";
+const std::string slit = "plane:10,0,20,1,0,0,radius=5mm", later_slit = "plane:-10,0,20,1,0,0,radius=5mm";
 const Options press = {{"step.press.move_mm", "1"}};
 const Options side_wall = {{"wall.side.shape", "plane:30,0,0,-1,0,0"}};
 const Options other_tool = {{"tool.other.shape", "sphere:4mm"}, {"tool.other.at_mm", "18,0,30"}};
@@ -67,7 +67,7 @@ Options asking_for(Feature feature) {
     case Feature::fluid_lost:
       return {{"load.fluid_lost", "superior,50%"}};
     case Feature::gravity:
-      return {{"load.gravity", "inferior"}};
+      return {{"load.gravity", "0,0,-2"}};
     case Feature::pressure:
       return {{"load.pressure.csf.pressure_Pa", "50"}, {"load.pressure.csf.on", "anterior"}};
     case Feature::membrane:
@@ -90,9 +90,9 @@ Options asking_for(Feature feature) {
     case Feature::cut:
       return {{"image.cut", slit}};
     case Feature::cut_step:
-      return with({{"step.slit.cut", slit}}, press);
+      return with({{"step.slit.cut", later_slit}}, press);
     case Feature::cut_after_step:
-      return with(press, {{"step.slit.cut", slit}});
+      return with(press, {{"step.slit.cut", later_slit}});
     case Feature::grid_images:
       return {{"output.write", "images"}};
     case Feature::warped_images:
@@ -102,7 +102,7 @@ Options asking_for(Feature feature) {
     case Feature::self_contact:
       return {{"load.self_contact", "on"}};
     case Feature::imaged_loaded:
-      return {{"load.imaged", "loaded"}, {"load.gravity", "inferior"}};
+      return {{"load.imaged", "loaded"}, {"load.gravity", "0,0,-2"}};
     case Feature::paper_scheme:
       return {{"scheme.name", "horton2007"}, {"load.rate_mm_per_s", "20"}};
     case Feature::inertia:
@@ -246,10 +246,12 @@ class Pairs : public testing::TestWithParam<Feature> {
 
   void SetUp() override {
     ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3 -q").code, 0);
-    // As many nodes as a further tool takes where no model was made for it.
-    ASSERT_EQ(
-        dimple(folder, "model block.nrrd -o model --base inferior --indent-at 0,0,top --nodes 800 -q").code,
-        0);
+    // As many nodes as a further tool takes where no model was made for it; its points know their label.
+    ASSERT_EQ(dimple(folder,
+                     "model block.nrrd -o model --base inferior --indent-at 0,0,top --nodes 800 -q "
+                     "--set tissue.1.mu=3kPa")
+                  .code,
+              0);
     std::ofstream(folder / "curve.csv") << "indentation_mm,force_N\n0,0\n0.5,0.05\n1,0.1\n";
     std::ofstream(folder / "path.csv") << "time_s,depth_mm\n0,0\n0.2,0.5\n";
   }
