@@ -157,8 +157,7 @@ void refuse_what_is_not_modelled(const CLI::App& app, const std::vector<std::str
 
 // "load.depth" of "--depth", as --set takes it; empty: that is no option of the table.
 std::string key_of(const std::string& flag) {
-  Config config;
-  for (const Option& option : options_of(config))
+  for (const Option& option : usual_options())
     if (option.flag == flag) return without_unit(option);
   return {};
 }

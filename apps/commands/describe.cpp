@@ -8,7 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 
-#include "apps/scene/config.hpp"
+#include "apps/scene/option.hpp"
 
 namespace dimple {
 namespace {
@@ -16,9 +16,8 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 std::map<std::string, std::vector<std::string>> choices_by_flag() {
-  Config config;
   std::map<std::string, std::vector<std::string>> result;
-  for (const Option& option : options_of(config))
+  for (const Option& option : usual_options())
     if (!option.flag.empty()) result[option.flag] = option.choices.empty() ? option.words : option.choices;
   return result;
 }

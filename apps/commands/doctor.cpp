@@ -14,7 +14,7 @@
 #include "apps/commands/terminal.hpp"
 #include "apps/run/simulate.hpp"
 #include "apps/run/stopwatch.hpp"
-#include "apps/scene/resolve.hpp"
+#include "apps/scene/scene.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/memory.hpp"
@@ -127,12 +127,13 @@ Check check_force() {
     const fs::path image = scratch.path / "block.nrrd";
     write_label_image(image,
                       make_phantom({.shape = "block", .size_mm = {60.0, 60.0, 30.0}, .spacing_mm = 2.0}));
-    Config config;
-    config.image.file = image.string();
-    config.cloud.nodes = 600;
-    config.load.depth_mm = depth_mm;
-    config.solver.frames = depth_mm;
-    const Result result = simulate({.scene = resolve(config)});
+    Scene scene;
+    scene.image.file = image.string();
+    scene.cloud.nodes = 600;
+    scene.given.nodes = true;
+    scene.depth_mm = depth_mm;
+    scene.solver.frames = depth_mm;
+    const Result result = simulate({.scene = scene});
     if (result.history.interrupted) throw Stopped(stop_asked());
     const double force = result.history.force.back().force;
     return {std::abs(force - known) < reference_of_600_nodes * known, what,

@@ -100,8 +100,7 @@ std::string group(const std::string& label, const std::string& help, bool advanc
 
 std::string slicer_xml() {
   std::string common, others;
-  Config config;
-  for (const Option& option : options_of(config))
+  for (const Option& option : usual_options())
     if (!option.flag.empty()) (option.common ? common : others) += described(option);
 
   const std::string channel = "      <channel>{}</channel>\n",

@@ -70,9 +70,8 @@ std::vector<std::string> words_beside_text(const Option& option) {
 }
 
 py::list options() {
-  Config defaults;
   py::list result;
-  for (const Option& option : options_of(defaults)) {
+  for (const Option& option : usual_options()) {
     if (option.key == "image.file") continue;
     py::dict entry;
     entry["keyword"] = keyword_of(option);

@@ -25,6 +25,9 @@ struct Option {
   std::string help = {};
 };
 
+/// All options of a run but those of named sections, with their usual values.
+const std::vector<Option>& usual_options();
+
 /// "material.mu" of "material.mu_Pa"; a key without its unit at the end stays.
 std::string without_unit(const Option& option);
 

@@ -353,4 +353,10 @@ std::vector<Option> options_of(StepText& s) {
 
 // clang-format on
 
+const std::vector<Option>& usual_options() {
+  static Config usual;
+  static const std::vector<Option> all = options_of(usual);
+  return all;
+}
+
 }  // namespace dimple
