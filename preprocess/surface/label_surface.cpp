@@ -305,20 +305,20 @@ int keep_one_body(Lattice& lattice, double level, double smallest_cavity_points)
 }
 
 // The contour of the smoothed body, in the local frame.
-struct Drawing {
+struct SurfaceDrawing {
   TriangleMesh surface;
   int cavities = 0;
   double added_mm3 = 0.0;  // by drawing it further out
 };
 
-Drawing draw(const VoxelSet& body, const Frame& frame, double step, const SurfaceOptions& options,
-             SegmentReport& report) {
+SurfaceDrawing draw(const VoxelSet& body, const Frame& frame, double step, const SurfaceOptions& options,
+                    SegmentReport& report) {
   const Vec3 spacing = frame.voxel_to_local.colwise().norm();
   const Vec3 sigma = options.smoothing * (0.5 * step * spacing.cwiseInverse()).cwiseMax(smoothing_voxels);
   report.step_mm = step;
   report.smoothing_mm = sigma.cwiseProduct(spacing).maxCoeff();
   Lattice lattice = smoothed(body, sigma, step * spacing.cwiseInverse());
-  Drawing drawing;
+  SurfaceDrawing drawing;
   const double smallest_cavity_points = cavity_share * report.voxel_volume_mm3 / (step * step * step);
   const auto in_frame = [&](TriangleMesh mesh) {
     const Points voxel = (lattice.step.asDiagonal() * mesh.vertex).colwise() + lattice.origin;
@@ -387,7 +387,7 @@ SegmentedBody make_body_surface(const LabelImage& image, const std::vector<int>&
   double step = options.step_mm > 0.0
                     ? std::max(options.step_mm, finest_step(body, spacing))
                     : lattice_step(body, spacing, report.voxel_volume_mm3, options.indenter_diameter_mm);
-  Drawing drawing = draw(body, frame, step, options, report);
+  SurfaceDrawing drawing = draw(body, frame, step, options, report);
   TriangleMesh& surface = drawing.surface;
   for (int again = 0; again < 8 && static_cast<double>(surface.triangles.cols()) > most_triangles; ++again) {
     step *= 1.1 * std::sqrt(static_cast<double>(surface.triangles.cols()) / most_triangles);
