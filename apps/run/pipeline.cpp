@@ -166,9 +166,10 @@ void check_without_equilibrium(const Scene& scene) {
 
 // As scene.solver.time asks: "auto" looks at how long the load lasts.
 TimeMode time_of(const Scene& scene, const RunLog& log, const Result& result) {
-  const std::string& asked = scene.solver.time;
-  if (asked == "quasi-static") return TimeMode::quasi_static;
-  if (asked == "explicit" || !result.model.scheme.pressure_patches) {
+  using Time = Scene::Numerics::Time;
+  const Time asked = scene.solver.time;
+  if (asked == Time::quasi_static) return TimeMode::quasi_static;
+  if (asked == Time::explicit_ || !result.model.scheme.pressure_patches) {
     check_without_equilibrium(scene);
     return TimeMode::explicit_;
   }

@@ -518,7 +518,7 @@ void add_run(Json& summary, const Scene& scene, const Result& result, const RunT
   summary["version"] = DIMPLE_VERSION;
   summary["scheme"] = model.scheme.name;
   summary["time"] = name_of(result.time);
-  summary["precision"] = scene.solver.precision;
+  summary["precision"] = scene.solver.precision == Precision::single_ ? "single" : "double";
   summary["requested"] = {
       {"depth_mm", scene.depth_mm}, {"rate_mm_per_s", scene.rate_mm_per_s}, {"frames", scene.solver.frames}};
   summary["contact"] = result.loading.touch ? "touching, " + friction_in_words(result.loading.touch->friction)
@@ -548,7 +548,7 @@ void add_run(Json& summary, const Scene& scene, const Result& result, const RunT
 void add_scene(Json& summary, const Scene& scene, const Result& result) {
   const Model& model = result.model;
   summary["scheme"] = model.scheme.name;
-  summary["precision"] = scene.solver.precision;
+  summary["precision"] = scene.solver.precision == Precision::single_ ? "single" : "double";
   add_loads_and_supports(summary, result);
   summary["material"] = materials_json(scene, result.tissues);
   summary["counts"] = counts_json(model);
