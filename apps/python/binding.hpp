@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "apps/python/in_memory.hpp"
+#include "apps/scene/config.hpp"
 #include "io/error.hpp"
 #include "io/stop.hpp"
 

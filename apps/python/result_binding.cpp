@@ -11,6 +11,7 @@
 #include "apps/run/summary.hpp"
 #include "apps/run/tool.hpp"
 #include "apps/run/words.hpp"
+#include "apps/scene/resolve.hpp"
 
 namespace dimple {
 namespace {
