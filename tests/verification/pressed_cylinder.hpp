@@ -21,7 +21,7 @@ namespace dimple::pressed_cylinder {
 
 using Forces = std::map<double, double>;  // [N] at depths [mm]
 
-struct Scene {
+struct Pressing {
   std::string name = {};  // in reference/contact.csv
   std::string tool = "sphere:5mm";
   double radius_mm = 30.0, height_mm = 30.0, nu = 0.499, depth_mm = 4.0;
@@ -30,7 +30,7 @@ struct Scene {
   std::optional<double> tilt = {};  // of the tool's line to the normal [degrees]
 };
 
-inline dimple::Scene described(const Scene& scene) {
+inline dimple::Scene described(const Pressing& scene) {
   Config config;
   const auto set = [&](const char* key, const std::string& value) { set_option(config, key, value, "test"); };
   set("tool.shape", scene.tool);
@@ -52,7 +52,7 @@ struct Pressed {
 };
 
 // Of one tissue, with eight frames.
-inline Pressed pressed(const Scene& scene) {
+inline Pressed pressed(const Pressing& scene) {
   const dimple::Scene run = described(scene);
   Pressed result;
   result.model = build_model(cylinder_surface(scene.radius_mm, scene.height_mm), model_options(run)).model;
@@ -77,7 +77,7 @@ inline Forces reference_of(const std::string& name) {
 struct SmallContact {
   double height_mm = 0.0;
   Forces force = {};
-  Scene scene() const {
+  Pressing scene() const {
     return {.radius_mm = height_mm, .height_mm = height_mm, .depth_mm = force.rbegin()->first};
   }
 };

@@ -18,7 +18,7 @@ using namespace pressed_cylinder;
 // along the push.
 std::map<double, double> errors(const SmallContact& known, double tilt) {
   const double cosine = std::cos(tilt * std::numbers::pi / 180.0);
-  Scene scene = known.scene();
+  Pressing scene = known.scene();
   scene.depth_mm /= cosine;
   scene.tilt = tilt;
   const Pressed found = pressed(scene);

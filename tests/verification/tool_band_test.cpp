@@ -14,10 +14,10 @@
 namespace dimple {
 namespace {
 
-using pressed_cylinder::Scene;
+using pressed_cylinder::Pressing;
 
 struct BandScene {
-  Scene scene;
+  Pressing scene;
   bool calibrates = false;
   pressed_cylinder::Forces force = {};
 };
@@ -29,13 +29,13 @@ std::vector<BandScene> scenes() {
     all.back().scene.name =
         "depth " + std::to_string(key.first) + ", " + std::to_string(key.second) + " radii";
   }
-  const auto add = [&](const Scene& scene, bool calibrates = false) {
+  const auto add = [&](const Pressing& scene, bool calibrates = false) {
     all.push_back({scene, calibrates, pressed_cylinder::reference_of(scene.name)});
     std::erase_if(all.back().force, [](const auto& at) { return at.first > 4.0; });
     all.back().scene.depth_mm = all.back().force.rbegin()->first;
   };
   const auto on_layer = [](const char* name, const char* friction = "0") {
-    return Scene{.name = name, .radius_mm = 40, .height_mm = 10, .friction = friction};
+    return Pressing{.name = name, .radius_mm = 40, .height_mm = 10, .friction = friction};
   };
   add({.name = "sphere"}, true);
   add({.name = "sphere_nu_0.49", .nu = 0.49});
@@ -52,7 +52,7 @@ std::vector<BandScene> scenes() {
 
 // The largest of error / measure over a scene's depths: what the multiplier must be for its band to hold.
 double needed(const BandScene& of, Index nodes, bool& known) {
-  Scene scene = of.scene;
+  Pressing scene = of.scene;
   scene.nodes = nodes;
   const pressed_cylinder::Pressed found = pressed(scene);
   const std::vector<ForceSample>& fine = found.history.force;
@@ -125,7 +125,7 @@ TEST_P(ToolBand, HoldsAtAllDepthsAtOnceOnScenesOfFiniteElements) {
   const bool is_whole = std::getenv("DIMPLE_ALL_SCENES") != nullptr;
   int all = 0, hold = 0, turn = 0;
   for (const BandScene& of : scenes()) {
-    const Scene& scene = of.scene;
+    const Pressing& scene = of.scene;
     if (of.calibrates != GetParam()) continue;
     // Each sixth scene, and those with friction, with the nodes that are taken by itself; all, with 3000 too:
     // DIMPLE_ALL_SCENES.

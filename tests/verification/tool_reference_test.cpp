@@ -15,7 +15,7 @@
 namespace dimple {
 namespace {
 
-struct Compared : pressed_cylinder::Scene {
+struct Compared : pressed_cylinder::Pressing {
   double top_mu = 210.0;  // of the uppermost 3 mm [Pa]
   double film = 0.0;      // on the top: shear modulus times thickness [N/m]
   double gravity = 0.0;   // downwards [m/s^2]
