@@ -85,7 +85,7 @@ TextImage& TextImage::geometry(const Eigen::Affine3d& to_world) {
   } else {
     const Eigen::Vector3d spacing = m.colwise().norm();
     const Eigen::Matrix3d unit = m.colwise().normalized();
-    set("TransformMatrix", joined(Eigen::VectorXd(unit.reshaped()), " "))
+    set("TransformMatrix", joined(Eigen::VectorXd(Eigen::Map<const Eigen::VectorXd>(unit.data(), 9)), " "))
         .set("Offset", joined(origin, " "))
         .set("ElementSpacing", joined(spacing, " "));
   }
