@@ -8,12 +8,11 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 
+#include "apps/run/summary.hpp"
 #include "apps/scene/option.hpp"
 
 namespace dimple {
 namespace {
-
-using Json = nlohmann::ordered_json;
 
 std::map<std::string, std::vector<std::string>> choices_by_flag() {
   std::map<std::string, std::vector<std::string>> result;
@@ -282,8 +281,7 @@ std::string image_as_json(const std::filesystem::path& file, const LabelImage& i
                              {"centre_mm", three(l.centre_mm)},
                              {"pieces", l.pieces},
                              {"touches_border", l.touches_border}});
-  // A file's name may be no UTF-8.
-  return out.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
+  return as_text(out);
 }
 
 }  // namespace dimple

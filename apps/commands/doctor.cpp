@@ -14,6 +14,7 @@
 #include "apps/commands/terminal.hpp"
 #include "apps/run/simulate.hpp"
 #include "apps/run/stopwatch.hpp"
+#include "apps/run/summary.hpp"
 #include "apps/scene/scene.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
@@ -159,7 +160,7 @@ int examine(const fs::path& folder, bool as_json) {
                             : Check{false, "self test", "not made: it needs a folder for temporary files",
                                     "see the line `temporary`", ExitCode::output});
   ExitCode code = ExitCode::ok;
-  nlohmann::ordered_json json = {{"version", DIMPLE_VERSION}, {"checks", nlohmann::ordered_json::array()}};
+  Json json = {{"version", DIMPLE_VERSION}, {"checks", Json::array()}};
   if (!as_json) print(fmt::format("dimple {}\n", DIMPLE_VERSION));
   for (const Check& check : checks) {
     json["checks"].push_back({{"what", check.what}, {"ok", check.ok}, {"found", check.found}});
@@ -169,7 +170,7 @@ int examine(const fs::path& folder, bool as_json) {
     if (!as_json) print(wrapped(text, 21, terminal_width(STDOUT_FILENO)));
     if (!check.ok && code == ExitCode::ok) code = check.code;
   }
-  if (as_json) print_json(json.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n");
+  if (as_json) print_json(as_text(json));
   return static_cast<int>(code);
 }
 

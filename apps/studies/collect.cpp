@@ -229,7 +229,7 @@ std::size_t write_bids(const std::vector<CollectedCase>& cases, const fs::path& 
     Json about = columns_of(force);
     about["Sources"] = Json::array({one.image});
     about["Status"] = one.status;
-    write_file(to / (stem + "force.json"), about.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
+    write_file(to / (stem + "force.json"), as_text(about));
     if (one.picture) write_file(to / (stem + "overview.png"), read_small_file(from / "overview.png"));
     version = one.version;
     ++count;

@@ -8,6 +8,7 @@
 
 #include "apps/run/model_options.hpp"
 #include "apps/run/organ.hpp"
+#include "apps/run/summary.hpp"
 #include "apps/scene/compatibility.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
@@ -19,7 +20,6 @@ namespace dimple {
 namespace {
 
 namespace fs = std::filesystem;
-using Json = nlohmann::ordered_json;
 
 constexpr double nu_that_locks = 0.49;  // of ten-node tetrahedra
 
@@ -129,13 +129,11 @@ Outcome export_model(const Scene& scene, const std::string& format, const fs::pa
   const std::string command = known == "febio"
                                   ? fmt::format("febio4 -i {}", file.string())
                                   : fmt::format("ccx {}", (file.parent_path() / file.stem()).string());
-  return {.summary_json = Json({{"file", file.string()},
-                                {"format", known},
-                                {"nodes", model.X.cols()},
-                                {"elements", model.elements.cols()},
-                                {"warnings", warnings}})
-                              .dump(2, ' ', false, Json::error_handler_t::replace) +
-                          "\n",
+  return {.summary_json = as_text({{"file", file.string()},
+                                   {"format", known},
+                                   {"nodes", model.X.cols()},
+                                   {"elements", model.elements.cols()},
+                                   {"warnings", warnings}}),
           .headline = fmt::format("{} nodes, {} tetrahedra; run it with: {}", model.X.cols(),
                                   model.elements.cols(), command)};
 }

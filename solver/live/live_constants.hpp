@@ -9,7 +9,7 @@ namespace dimple {
 struct LiveConstants {
   /// Longest move of the tool, or of a support that moves further, between two equilibria. Not studied.
   double longest_way = 0.1;
-  /// Fraction of the stable time step at the begin of a move that its steps take. Not studied.
+  /// Fraction of the stable time step at the beginning of a move that its steps take. Not studied.
   double safety = 0.8;
 
   // Of the states that are kept and of those on the way.

@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <limits>
+
 #include "apps/run/live.hpp"
 
 namespace dimple {
@@ -38,6 +40,9 @@ TEST(LiveWords, AForceSmallerThanItsErrorIsUnknown) {
   now.frame.error_at_depth = 0.063;
   EXPECT_EQ(words_of(now, false),
             "force unknown, 19.00 mm deep: its error, 63.0 mN, exceeds it (no equilibrium any deeper)");
+  now.frame.error_at_depth = std::numeric_limits<double>::infinity();
+  EXPECT_EQ(words_of(now, false),
+            "force unknown, 19.00 mm deep: nothing bounds its error yet (no equilibrium any deeper)");
   now.frame.error_at_depth = 0.041;
   EXPECT_NE(words_of(now, false).find("+-"), std::string::npos);
 }
