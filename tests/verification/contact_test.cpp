@@ -541,7 +541,8 @@ TEST_P(OnALayer, APunchHasTheForceOfTheIntegralEquation) {
   is_true(touched(layer, punch_shape(5e-3, 1e-3), 0.1059, nodes), truth, share);
 }
 
-// Of a sharp cone the function is pi/2 cot(angle) t; the tip is a thousandth of the contact's depth.
+// The function of a sharp cone is pi/2 cot(angle) t. The rounded tip is above it by a thousandth of the
+// depth.
 TEST_P(OnALayer, AConeHasTheForceOfTheIntegralEquation) {
   const auto [nodes, share] = GetParam();
   constexpr double angle = 85.0 * std::numbers::pi / 180.0, thickness = 10.0, depth = 0.3;
