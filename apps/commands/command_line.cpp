@@ -106,7 +106,8 @@ const std::vector<NotModelled>& not_modelled() {
        "a tool of another shape than the flat circle is an option of `dimple run`, `fit`, `places` and "
        "`poke` alone: "
        "--tool",
-       "dimple run IMAGE --tool sphere:5mm, punch:5mm,edge=1mm, capsule:2mm,length=20mm or probe.stl"},
+       "dimple run IMAGE --tool sphere:5mm, punch:5mm,edge=1mm, capsule:2mm,length=20mm, "
+       "cone:30deg,tip=0.5mm or probe.stl"},
       {{"--unload", "--unloading", "--retract", "--relax", "--hold"},
        "a tool is held and lifted by steps of a scene, in equilibrium",
        "--set step.press.move=4mm --set step.hold.time=5s --set step.lift.move=-2mm, or `dimple poke IMAGE "

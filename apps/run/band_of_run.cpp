@@ -127,6 +127,7 @@ std::string why_no_band(const Scene& scene, const std::vector<Material>& tissues
     return "calibrated for the default rim, points and supports only";
   if (const std::optional<ToolShape> tool = scene.tool) {
     if (tool->mesh) return "not calibrated for drawn tools";
+    if (tool->kind == "cone") return "not calibrated for cones";
     if (1e-3 * scene.depth_mm < shallowest_with_tool_band * tool->radius * (1.0 - 1e-9))
       return fmt::format("not calibrated for a depth below {:g} radii of the tool",
                          shallowest_with_tool_band);

@@ -169,6 +169,8 @@ std::string why_no_image_error(const Scene& scene, const Result& result) {
     return "it was calibrated for one tool alone that is pressed straight in, once";
   if (result.loading.touch && result.loading.touch->shape.mesh)
     return "it was calibrated for spheres, rods and punches, not for a drawn tool";
+  if (result.loading.touch && result.loading.touch->shape.kind == "cone")
+    return "it was calibrated for spheres, rods and punches, not for a cone";
   return {};
 }
 

@@ -97,7 +97,8 @@ void add_touch(Json& summary, const Touch& touch, const History& history) {
     summary["counts"].erase(key);
   const ToolShape& shape = touch.shape;
   Json tool = {{"words", in_words(shape)}, {"radius_mm", 1e3 * shape.radius}};
-  for (const ToolLength& length : lengths_of(shape)) tool[length.name + "_mm"] = 1e3 * length.value;
+  for (const ToolLength& length : lengths_of(shape))
+    tool[length.name + "_" + length.unit] = length.in_unit(length.value);
   if (shape.mesh) {
     tool["file"] = shape.mesh->name;
     tool["triangles"] = shape.mesh->triangles.cols();

@@ -136,7 +136,7 @@ std::vector<Option> load_options(Config& c) {
       {.key = "tool.shape", .flag = "--tool", .value = &c.tool.shape, .stage = "run", .common = true,
        .words = {"circle"},
        .help = "circle; or what touches: sphere:RADIUS, punch:RADIUS,edge=RADIUS, "
-               "capsule:RADIUS,length=LENGTH, FILE.stl"},
+               "capsule:RADIUS,length=LENGTH, cone:ANGLE,tip=RADIUS, FILE.stl"},
       {.key = "tool.friction", .flag = "--friction", .value = &c.tool.friction, .stage = "run",
        .help = "under a tool that touches: Coulomb's coefficient, as 0.3, or stick: what has touched moves "
                "along it no more"},

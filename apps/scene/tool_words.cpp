@@ -7,6 +7,7 @@
 #include <limits>
 #include <map>
 #include <mutex>
+#include <numbers>
 #include <vector>
 
 #include "apps/scene/option.hpp"
@@ -18,12 +19,12 @@
 namespace dimple {
 namespace {
 
-// A tool with lengths: how it is written, made and described. A new shape is one more row.
+// A tool with lengths and angles: how it is written, made and described. A new shape is one more row.
 struct ToolKind {
   WordForm form;
   ToolShape (*make)(const std::vector<double>& lengths);
   std::string (*words)(const ToolShape& shape);
-  std::vector<double> doubt;  // relative uncertainty of each length; 0: certain
+  std::vector<double> doubt;  // relative uncertainty of each number; 0: certain
 };
 
 std::string length_words(double metres) {
@@ -38,6 +39,10 @@ std::vector<ToolKind> make_tool_kinds() {
              length = length_number("length", 1e-3, largest_mm);
   edge.least_of_first = sharpest_edge, edge.most_of_first = 1.0;
   length.least_of_first = 2.0;  // both its round ends
+  const WordNumber angle{"angle", "deg", std::numbers::pi / 180.0, 5.0, 85.0},
+      tip = length_number("tip", 1e-3, largest_mm);
+  WordNumber shaft = radius;
+  shaft.usual = 5e-3;
   return {{{"sphere", {radius}, "sphere:5mm"},
            [](const std::vector<double>& l) { return sphere_shape(l[0]); },
            [](const ToolShape& s) { return fmt::format("a sphere of {} radius", length_words(s.radius)); },
@@ -55,7 +60,15 @@ std::vector<ToolKind> make_tool_kinds() {
              return fmt::format("a round-ended rod of {} radius, {} long", length_words(s.radius),
                                 length_words(s.length));
            },
-           {well_known, 0.0}}};
+           {well_known, 0.0}},
+          {{"cone", {angle}, "cone:30deg,tip=0.5mm", {tip, shaft}},
+           [](const std::vector<double>& l) { return cone_shape(l[0], l[1], l[2]); },
+           [](const ToolShape& s) {
+             return fmt::format("a cone of {:g} deg from its axis with a tip of {} and a radius of {}",
+                                s.numbers[0] * 180.0 / std::numbers::pi, length_words(s.numbers[1]),
+                                length_words(s.radius));
+           },
+           {well_known, hardly_known, 0.0}}};
 }
 
 const std::vector<ToolKind>& tool_kinds() {
@@ -120,6 +133,7 @@ std::vector<ToolLength> lengths_of(const ToolShape& shape) {
   for (std::size_t k = 0; k < of.size(); ++k)
     lengths.push_back({.name = of[k].name,
                        .value = shape.numbers[k],
+                       .unit = of[k].unit,
                        .doubt = kind->doubt[k],
                        .least = k == 0 ? 0.0 : of[k].least_of_first * first,
                        .most = k == 0 ? any : of[k].most_of_first * first});
@@ -134,6 +148,14 @@ ToolShape with_length(const ToolShape& shape, std::size_t which, double length) 
   std::vector<double> lengths = shape.numbers;
   lengths[which] = length;
   return kind_of(shape.kind)->make(lengths);
+}
+
+double ToolLength::in_unit(double of_value) const {
+  return unit == "mm" ? 1e3 * of_value : of_value * 180.0 / std::numbers::pi;
+}
+
+std::string ToolLength::in_words(double of_value) const {
+  return unit == "mm" ? length_words(of_value) : fmt::format("{:.1f} {}", in_unit(of_value), unit);
 }
 
 double friction_named(const std::string& friction, const std::string& option) {

@@ -21,16 +21,21 @@ std::string friction_in_words(double friction);
 /// "a sphere of 5 mm radius".
 std::string in_words(const ToolShape& shape);
 
-/// Length from which a tool is made, by its name in --tool.
+/// Length [m] or angle [rad] from which a tool is made, by its name in --tool.
 struct ToolLength {
   std::string name;
-  double value;        ///< [m]
+  double value;
+  std::string unit;    ///< as it is written: mm or deg
   double doubt;        ///< relative uncertainty; 0: certain
-  double least, most;  ///< [m] beside the other lengths
+  double least, most;  ///< beside the other lengths
+
+  /// A value of it in its unit, and as text: "5.00 mm".
+  double in_unit(double of_value) const;
+  std::string in_words(double of_value) const;
 };
 /// Of a mesh or a wall none.
 std::vector<ToolLength> lengths_of(const ToolShape& shape);
-/// The same tool, made with another of its lengths [m].
+/// The same tool, made with another of its lengths [m] or angles [rad].
 ToolShape with_length(const ToolShape& shape, std::size_t which, double length);
 
 /// Of a punch's radius its edge is rounded by so much at least: the pressure at an edge that is nearly sharp

@@ -422,7 +422,7 @@ std::vector<ToolChoice> tool_choices(const ToolShape& shape, double friction) {
       if (std::abs(other - length.value) <= rounding * length.value) continue;
       choices.push_back(
           {"tool's " + length.name, fmt::format("{:g} % larger or smaller", 100.0 * length.doubt),
-           fmt::format("{} instead of {}", length_in_words(1e3 * other), length_in_words(1e3 * length.value)),
+           fmt::format("{} instead of {}", length.in_words(other), length.in_words(length.value)),
            with_length(shape, k, other), friction});
     }
 

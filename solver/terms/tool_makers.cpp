@@ -62,6 +62,37 @@ ProfileDistance to_punch(double r, double z, double radius, double edge) {
   return beside > below ? ProfileDistance{beside - edge, 1.0, 0.0} : ProfileDistance{below - edge, 0.0, -1.0};
 }
 
+// A sphere that is tangent to a cone, both without an end: a sharp cone from the sphere's centre on, and all
+// that is within the sphere's radius of it.
+ProfileDistance to_blunted_cone(double r, double z, double angle, double tip) {
+  const double up = z - tip, sine = std::sin(angle), cosine = std::cos(angle);
+  if (r * sine + up * cosine < 0.0) return to_ball(r, z, tip, tip);
+  return {r * cosine - up * sine - tip, cosine, -sine};
+}
+
+double height_of_cone(double r, double angle, double tip) {
+  const double junction = tip * std::cos(angle);
+  if (r <= junction) return height_of_end(r, tip, tip);
+  return height_of_end(junction, tip, tip) + (r - junction) / std::tan(angle);
+}
+
+// From the axis, of the profile's tangent where the shaft of that radius begins.
+double slope_at_shaft(double angle, double tip, double radius) {
+  return std::min(0.5 * std::numbers::pi - angle, std::asin(std::min(1.0, radius / tip)));
+}
+
+// The blunted cone within the shaft. Next to the rim between them the rim is the nearest place.
+ProfileDistance to_cone(double r, double z, double angle, double tip, double radius) {
+  const double slope = slope_at_shaft(angle, tip, radius);
+  const double beside = r - radius, above = z - height_of_cone(radius, angle, tip);
+  if (above < 0.0 && beside * std::cos(slope) + above * std::sin(slope) > 0.0) {
+    const double away = std::hypot(beside, above);
+    return {away, beside / away, above / away};
+  }
+  const ProfileDistance lower = to_blunted_cone(r, z, angle, tip);
+  return lower.distance > beside ? lower : ProfileDistance{beside, 1.0, 0.0};
+}
+
 // The farthest from the axis that the profile of a mesh is lower than that: of prongs or of a ring there is
 // nothing on the axis itself.
 double radius_at_height(const std::vector<double>& lower, double radius, double height) {
@@ -111,6 +142,39 @@ ToolShape punch_shape(double radius, double edge) {
     Outline drawn = rounded_end(radius, edge, rings);
     drawn.emplace_back(radius, 3.0 * radius);
     drawn.emplace_back(0.0, 3.0 * radius);
+    return drawn;
+  };
+  return shape;
+}
+
+ToolShape cone_shape(double angle, double tip, double radius) {
+  const double flank = 1.0 / std::tan(angle), junction = tip * std::cos(angle);
+  ToolShape shape{.kind = "cone", .numbers = {angle, tip, radius}, .radius = radius};
+  shape.profile = [=](double r, double z) { return to_cone(r, z, angle, tip, radius); };
+  shape.height = [=](double r) { return height_of_cone(r, angle, tip); };
+  // Sneddon's integrals over the sphere to b and over the flank from there to a.
+  shape.contact_depth = [=](double a) {
+    const double b = std::min(a, junction), to_b = std::sqrt(tip * tip - b * b),
+                 from_b = std::sqrt(a * a - b * b);
+    return a * (std::log((tip + a) / (to_b + from_b)) + flank * std::acos(b / a));
+  };
+  shape.contact_force = [=](double a) {
+    const double b = std::min(a, junction), to_b = std::sqrt(tip * tip - b * b),
+                 from_b = std::sqrt(a * a - b * b);
+    const double sphere =
+        (tip * tip + a * a) * std::log((tip + a) / (to_b + from_b)) + to_b * from_b - tip * a;
+    return sphere + flank * (b * from_b + a * a * std::acos(b / a));
+  };
+  shape.outline = [=](Index rings) {
+    Outline drawn;
+    const double last = slope_at_shaft(angle, tip, radius), rim = height_of_cone(radius, angle, tip);
+    for (Index k = 1; k <= rings; ++k) {
+      const double slope = last * static_cast<double>(k) / static_cast<double>(rings);
+      drawn.emplace_back(tip * std::sin(slope), tip * (1.0 - std::cos(slope)));
+    }
+    if (junction < radius) drawn.emplace_back(radius, rim);
+    drawn.emplace_back(radius, rim + radius);
+    drawn.emplace_back(0.0, rim + radius);
     return drawn;
   };
   return shape;

@@ -41,7 +41,7 @@ struct ProfileDistance {
 /// below, and made again from its kind and numbers.
 struct ToolShape {
   std::string kind = {};             ///< name of the maker: "sphere"
-  std::vector<double> numbers = {};  ///< arguments of the maker [m]
+  std::vector<double> numbers = {};  ///< arguments of the maker [m], an angle [rad]
   double radius = 0.0;               ///< half of its width [m]; of a wall a length for its tolerances
   double edge = 0.0;                 ///< radius to which the rim of a flat end is rounded [m]; 0: no flat end
   double length = std::numeric_limits<double>::infinity();  ///< from the tip to the upper end [m]
@@ -72,6 +72,9 @@ ToolShape capsule_shape(double radius, double length);
 /// Flat-ended cylinder without an upper end, whose rim is rounded by `edge` [m], above 0 and at most
 /// `radius`.
 ToolShape punch_shape(double radius, double edge);
+/// Cone of an angle [rad] between its axis and its flank, below a right angle, with a spherical tip of a
+/// radius [m] that is tangent to the flank. It ends at a shaft of `radius` [m], which has no upper end.
+ToolShape cone_shape(double angle, double tip, double radius);
 /// Tool of a mesh, half of whose width is the radius.
 ToolShape drawn_shape(std::shared_ptr<const ToolMesh> mesh);
 

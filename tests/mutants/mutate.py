@@ -366,6 +366,12 @@ MUTANTS = {
     264: ("solver/live/live_frame.cpp", "return force * (grown * grown - 1.0);", "return force * (({n} ? std::sqrt(grown) : grown * grown) - 1.0);"),
     265: ("solver/live/live_frame.cpp", "std::min(1.0, -2.0 * apart / frame.depth)", "std::min(1.0, -({n} ? 0.5 : 2.0) * apart / frame.depth)"),
     266: ("solver/live/progress.hpp", "if (evaluations >= live_constants.fruitless_evaluations ||", "if ((!{n} && evaluations >= live_constants.fruitless_evaluations) ||"),
+    267: ("solver/terms/tool_makers.cpp", "return {r * cosine - up * sine - tip, cosine, -sine};",
+          "return {r * cosine - up * sine - ({n} ? 0.9 : 1.0) * tip, cosine, -sine};"),
+    268: ("solver/terms/tool_makers.cpp", "return a * (std::log((tip + a) / (to_b + from_b)) + flank * std::acos(b / a));",
+          "return a * (std::log((tip + a) / (to_b + from_b)) + ({n} ? 1.01 : 1.0) * flank * std::acos(b / a));"),
+    269: ("solver/terms/tool_makers.cpp", "return sphere + flank * (b * from_b + a * a * std::acos(b / a));",
+          "return sphere + flank * (({n} ? 0.0 : b) * from_b + a * a * std::acos(b / a));"),
 }
 
 

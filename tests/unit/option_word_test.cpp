@@ -5,6 +5,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cmath>
+
 #include "apps/scene/tool_words.hpp"
 #include "io/error.hpp"
 #include "tests/helpers/report.hpp"
@@ -59,7 +61,8 @@ TEST(OptionWord, OfAnotherFormIsRefusedWithItsOptionItsReasonAndWhatToGive) {
 }
 
 TEST(OptionWord, OfAToolGivesAShapeThatIsMadeAgainFromItsLengths) {
-  for (const char* text : {"sphere:5mm", "punch:5mm,edge=1mm", "capsule:2mm,length=2cm"}) {
+  for (const char* text :
+       {"sphere:5mm", "punch:5mm,edge=1mm", "capsule:2mm,length=2cm", "cone:30deg,tip=0.5mm"}) {
     const ToolShape shape = tool_named(text, "--tool").value();
     EXPECT_EQ(shape.kind, std::string(text).substr(0, shape.kind.size()));
     const ToolShape again = with_length(shape, 0, shape.numbers[0]);
@@ -70,6 +73,25 @@ TEST(OptionWord, OfAToolGivesAShapeThatIsMadeAgainFromItsLengths) {
   EXPECT_FALSE(tool_named("circle", "--tool"));
   EXPECT_THROW(tool_named("punch:5mm,edge=0.1mm", "--tool"), UsageError);
   EXPECT_THROW(tool_named("capsule:2mm,length=3mm", "--tool"), UsageError);
+}
+
+TEST(OptionWord, OfAConeHasAnAngleATipAndAUsualRadius) {
+  const ToolShape cone = tool_named("cone:30deg,tip=0.5mm", "--tool").value();
+  EXPECT_EQ(cone.kind, "cone");
+  ASSERT_EQ(cone.numbers.size(), 3u);
+  EXPECT_NEAR(std::sin(cone.numbers[0]), 0.5, 1e-12);
+  EXPECT_NEAR(cone.numbers[1], 0.5e-3, 1e-12);
+  EXPECT_EQ(cone.radius, 5e-3);
+  EXPECT_NEAR(tool_named("cone:0.5rad,tip=0.5mm,radius=8mm", "--tool")->numbers[0], 0.5, 1e-12);
+  EXPECT_NEAR(tool_named("cone:30,tip=0.5mm,radius=8mm", "--tool")->radius, 8e-3, 1e-12);
+  EXPECT_EQ(in_words(cone), "a cone of 30 deg from its axis with a tip of 0.50 mm and a radius of 5.00 mm");
+  const std::vector<ToolLength> lengths = lengths_of(cone);
+  ASSERT_EQ(lengths.size(), 3u);
+  EXPECT_EQ(lengths[0].in_words(lengths[0].value), "30.0 deg");
+  EXPECT_NEAR(lengths[0].in_unit(lengths[0].value), 30.0, 1e-12);
+  EXPECT_EQ(lengths[1].in_words(lengths[1].value), "0.50 mm");
+  for (const char* text : {"cone:30deg", "cone:90deg,tip=1mm", "cone:30mm,tip=1mm", "cone:30deg,tip=0mm"})
+    EXPECT_THROW(tool_named(text, "--tool"), UsageError) << text;
 }
 
 }  // namespace

@@ -187,7 +187,8 @@ TEST(TouchingTruth, TheForceOnAHalfSpaceGrowsByTheDiameterOfItsContactForEachLen
   const ToolShape punch = punch_shape(5.0, 1.0);
   EXPECT_NEAR(half_space_force(punch, 0.71111).value(), 6.12052, 1e-3);
   // dF / d depth = 2 a E*, of any body of revolution (Sneddon 1965); the punch's contact ends at its side.
-  for (const ToolShape& shape : {punch, sphere_shape(5.0), capsule_shape(5.0, 20.0)})
+  for (const ToolShape& shape :
+       {punch, sphere_shape(5.0), capsule_shape(5.0, 20.0), cone_shape(1.2, 0.5, 5.0)})
     for (const double depth : {0.01, 0.3, 1.0, 4.0, 9.0}) {
       constexpr double h = 1e-4;
       const double slope =
@@ -538,6 +539,19 @@ TEST_P(OnALayer, APunchHasTheForceOfTheIntegralEquation) {
   const BodySurface layer = block_surface({-30, -30, 0}, {30, 30, 10});
   const double truth = plane_modulus * 1e-4 * force_at(0.01059, 0.4, {nu}, rounded_punch(0.4, 0.1));
   is_true(touched(layer, punch_shape(5e-3, 1e-3), 0.1059, nodes), truth, share);
+}
+
+// The function of a sharp cone is pi/2 cot(angle) t. The rounded tip is above it by a thousandth of the
+// depth.
+TEST_P(OnALayer, AConeHasTheForceOfTheIntegralEquation) {
+  const auto [nodes, share] = GetParam();
+  constexpr double angle = 85.0 * std::numbers::pi / 180.0, thickness = 10.0, depth = 0.3;
+  const auto sharp = [](double t) { return 0.5 * std::numbers::pi / std::tan(angle) * t; };
+  const double truth =
+      plane_modulus * 1e-6 * thickness * thickness * force_at(depth / thickness, 0.0, {nu}, sharp);
+  is_true(touched(block_surface({-30, -30, 0}, {30, 30, thickness}), cone_shape(angle, 0.1e-3, 10e-3), depth,
+                  nodes),
+          truth, share);
 }
 
 // By chi = sqrt(radius x depth) / thickness.
