@@ -366,6 +366,9 @@ MUTANTS = {
     264: ("solver/live/live_frame.cpp", "return force * (grown * grown - 1.0);", "return force * (({n} ? std::sqrt(grown) : grown * grown) - 1.0);"),
     265: ("solver/live/live_frame.cpp", "std::min(1.0, -2.0 * apart / frame.depth)", "std::min(1.0, -({n} ? 0.5 : 2.0) * apart / frame.depth)"),
     266: ("solver/live/progress.hpp", "if (evaluations >= live_constants.fruitless_evaluations ||", "if ((!{n} && evaluations >= live_constants.fruitless_evaluations) ||"),
+    267: ("solver/terms/loads.cpp", "body.force + body.gradient * (model", "body.force + ({n} ? Mat3(body.gradient.transpose()) : body.gradient) * (model"),
+    268: ("solver/terms/loads.cpp", "col(q) - body.at);", "col(q) - ({n} ? 0.0 : 1.0) * body.at);"),
+    269: ("solver/terms/loads.cpp", "moment += body.gradient *", "moment += ({n} ? 0.0 : 1.0) * body.gradient *"),
 }
 
 
