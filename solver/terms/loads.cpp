@@ -109,25 +109,13 @@ Nodal lost_buoyancy(const Model& model, const FluidLost& fluid) {
   return padded(-fluid.acceleration * fluid.up) * mass.transpose();
 }
 
-// The nodes of a point share the force of its cell as a linear field has it: with the shares
-//
-//     w_a = 1/n + (x - m) . C^-1 (X_a - m),    m the mean of their places X_a, C = sum_a (X_a - m)(X_a - m)^T
-//
-// a force at x keeps its moment, since sum_a w_a = 1 and sum_a w_a X_a = x.
-Nodal nodal_force(const Model& model, const BodyForce& body) {
+Nodal nodal_force(const Model& model, const Interpolation& to_points, const BodyForce& body) {
+  const auto& [rows, phi] = to_points;
   Nodal force = Nodal::Zero(4, model.node_count());
   for (Index q = 0; q < model.point_count(); ++q) {
-    const auto nodes = model.support.member.segment(model.support.offset[q], model.support.count(q));
-    const Points X = model.X(Eigen::all, nodes);
-    const Vec3 middle = X.rowwise().mean();
-    const Points from_middle = X.colwise() - middle;
     const Vec3 f = body.force + body.gradient * (model.point.col(q) - body.at);
-    Mat3 moment = f * (model.point.col(q) - middle).transpose();  // mean of f(x) (x - middle)^T over the cell
-    if (model.second_moments.cols() > 0) moment += body.gradient * as_matrix(model.second_moments, q);
-    const Mat3 slope = moment * (from_middle * from_middle.transpose()).inverse();
-    for (Index k = 0; k < nodes.size(); ++k)
-      force.col(nodes[k]).head<3>() +=
-          model.volume[q] * (f / static_cast<double>(nodes.size()) + slope * from_middle.col(k));
+    for (int k = rows.offset[q]; k < rows.offset[q + 1]; ++k)
+      force.col(rows.member[k]).head<3>() += model.volume[q] * phi[k] * f;
   }
   return force;
 }
@@ -145,7 +133,7 @@ ForceTerms make_terms(const Model& model, const Loads& loads) {
   ForceTerms terms;
   if (!loads.gravity.isZero(0.0)) terms.push_back(dead_load(padded(loads.gravity) * model.mass.transpose()));
   if (loads.fluid) terms.push_back(dead_load(lost_buoyancy(model, *loads.fluid)));
-  for (const BodyForce& one : loads.body_force) terms.push_back(dead_load(nodal_force(model, one)));
+  for (const Loads::OnNodes& one : loads.body_force) terms.push_back(dead_load(one.force));
   for (const SurfacePressure& one : loads.pressure)
     if (one.follows)
       terms.push_back(

@@ -3,6 +3,7 @@
 #include <optional>
 #include <string>
 
+#include "preprocess/supports/interpolation.hpp"
 #include "solver/terms/membrane.hpp"
 
 namespace dimple {
@@ -38,8 +39,9 @@ struct BodyForce {
   Vec3 at = Vec3::Zero();        ///< [m]
 };
 
-/// [4xN] N: resultant and moment are those of the integral over the cells.
-Nodal nodal_force(const Model& model, const BodyForce& body);
+/// [4xN] N: sum_q V_q phi_a(X_q) f(X_q), consistent with the displacement field. `to_points`: the shape
+/// functions at the integration points, of point_interpolation().
+Nodal nodal_force(const Model& model, const Interpolation& to_points, const BodyForce& body);
 
 /// What acts on a body before a tool touches it, and goes on acting.
 struct Loads {
@@ -47,7 +49,11 @@ struct Loads {
   std::vector<SurfacePressure> pressure;
   std::vector<Membrane> membrane = {};
   std::optional<FluidLost> fluid = {};
-  std::vector<BodyForce> body_force = {};
+  struct OnNodes {
+    BodyForce body;
+    Nodal force;  ///< of nodal_force()
+  };
+  std::vector<OnNodes> body_force = {};
   bool none() const {
     return gravity.isZero(0.0) && pressure.empty() && membrane.empty() && !fluid && body_force.empty();
   }

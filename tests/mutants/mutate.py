@@ -368,7 +368,7 @@ MUTANTS = {
     266: ("solver/live/progress.hpp", "if (evaluations >= live_constants.fruitless_evaluations ||", "if ((!{n} && evaluations >= live_constants.fruitless_evaluations) ||"),
     267: ("solver/terms/loads.cpp", "body.force + body.gradient * (model", "body.force + ({n} ? Mat3(body.gradient.transpose()) : body.gradient) * (model"),
     268: ("solver/terms/loads.cpp", "col(q) - body.at);", "col(q) - ({n} ? 0.0 : 1.0) * body.at);"),
-    269: ("solver/terms/loads.cpp", "moment += body.gradient *", "moment += ({n} ? 0.0 : 1.0) * body.gradient *"),
+    269: ("solver/terms/loads.cpp", "+= model.volume[q] * phi[k] * f;", "+= model.volume[q] * ({n} ? 1.0 / (rows.offset[q + 1] - rows.offset[q]) : phi[k]) * f;"),
 }
 
 
