@@ -97,8 +97,8 @@ struct NotModelled {
 const std::vector<NotModelled>& not_modelled() {
   static const std::vector<NotModelled> list = {
       {{"--body-force", "--acceleration"},
-       "a body force is modelled as gravity alone",
-       "--gravity inferior, or --gravity x,y,z in m/s2"},
+       "a body force other than gravity has no flag of its own",
+       "--gravity inferior, --gravity x,y,z in m/s2, or --set load.body_force.NAME.force=x,y,z in N/m3"},
       {{"--load"},
        "a force cannot be prescribed: the tool is pressed to a depth, and the force is computed",
        "--depth 2mm; read the depth at that force off force.csv"},

@@ -6,6 +6,7 @@
 #include "apps/scene/surface_part.hpp"
 #include "io/error.hpp"
 #include "preprocess/scene/sides.hpp"
+#include "preprocess/supports/support.hpp"
 
 namespace dimple {
 namespace {
@@ -33,6 +34,13 @@ std::string in_words(const Loads& loads) {
                     1e3 * loads.fluid->level, loads.fluid->up.x(), loads.fluid->up.y(), loads.fluid->up.z());
   for (const SurfacePressure& one : loads.pressure)
     text += fmt::format("{}pressure {} {:.4g} Pa", text.empty() ? "" : ", ", one.name, one.pressure);
+  for (const auto& [one, unused] : loads.body_force)
+    text += fmt::format("{}body force {} ({:.4g}, {:.4g}, {:.4g}) N/m3{}", text.empty() ? "" : ", ", one.name,
+                        one.force.x(), one.force.y(), one.force.z(),
+                        one.gradient.isZero(0.0)
+                            ? ""
+                            : fmt::format(" at ({:.4g}, {:.4g}, {:.4g}) mm, linear in space",
+                                          1e3 * one.at.x(), 1e3 * one.at.y(), 1e3 * one.at.z()));
   return text;
 }
 
@@ -49,6 +57,11 @@ void check_loads(const Scene& scene, const Surface& surface) {
 Loads loads_of(const Scene& scene, const Model& model, const Surface& chosen_on) {
   check_loads(scene, chosen_on);
   Loads loads{.gravity = scene.gravity, .pressure = {}, .membrane = membranes_on(scene, model, chosen_on)};
+  if (!scene.body_forces.empty()) {
+    const Interpolation to_points = point_interpolation(model);
+    for (const BodyForce& one : scene.body_forces)
+      loads.body_force.push_back({one, nodal_force(model, to_points, one)});
+  }
   if (const auto& fluid = scene.fluid_lost) {
     const Eigen::VectorXd height = model.X.transpose() * fluid->up;
     loads.fluid = FluidLost{

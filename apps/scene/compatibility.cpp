@@ -61,6 +61,7 @@ void add_body(const Scene& scene, Features& has) {
   has.set(Feature::fluid_lost, scene.fluid_lost.has_value());
   has.set(Feature::gravity, !scene.gravity.isZero(0.0));
   has.set(Feature::pressure, !scene.pressures.empty());
+  has.set(Feature::body_force, !scene.body_forces.empty());
   has.set(Feature::membrane, !scene.membranes.empty());
   has.set(Feature::tension,
           any_is(scene.membranes, [](const Scene::Film& film) { return film.tension_N_per_m != 0.0; }));

@@ -28,6 +28,7 @@ enum class Feature : std::uint8_t {
   fluid_lost,
   gravity,
   pressure,
+  body_force,
   membrane,
   tension,
   free_base,

@@ -30,6 +30,7 @@ constexpr std::array<FeatureWords, feature_count> all_words = {{
     {F::fluid_lost, "lost fluid", "load.fluid_lost"},
     {F::gravity, "gravity", "load.gravity"},
     {F::pressure, "pressures", "load.pressure"},
+    {F::body_force, "a body force", "load.body_force"},
     {F::membrane, "a membrane", "load.membrane, membrane"},
     {F::tension, "a membrane with tension", "membrane.NAME.tension_N_per_m"},
     {F::free_base, "a base that is not held", "boundary.base_hold"},
@@ -84,7 +85,8 @@ constexpr bool is_in_order() {
 }
 static_assert(is_in_order());
 
-// What several lines of the table say.
+// What several lines of the table name, and say.
+constexpr Features loads = of(F::fluid_lost, F::gravity, F::pressure, F::body_force);
 constexpr const char* equilibrium = "the contact is solved for in equilibrium, depth by depth";
 constexpr const char* circle_alone = "its explicit march knows the circle alone";
 constexpr const char* leave_one = "leave one of them out";
@@ -144,7 +146,7 @@ constexpr auto all_clashes = std::to_array<Clash>({
      "{beside} takes the image's shape for that without loads", "load.imaged",
      "the shape without them is looked for by `dimple run` and `dimple solve` alone",
      "leave load.imaged out"},
-    {F::export_mesh, of(F::support, F::further_tool, F::pressure, F::fluid_lost, F::gravity),
+    {F::export_mesh, of(F::support, F::further_tool, F::pressure, F::fluid_lost, F::gravity, F::body_force),
      "{beside} cannot be exported", "{option}", "the file holds the tool and the base alone",
      "leave it out here, and add it to the file in the other program's own words"},
     {F::export_mesh, of(F::paper_scheme), "a scheme cannot be exported", "--scheme",
@@ -160,10 +162,9 @@ constexpr auto all_clashes = std::to_array<Clash>({
     {F::by_hand, of(F::paper_scheme), "a tool is moved by hand, and the scheme is {scheme}",
      "--scheme (scheme.name)", "its equilibria are found by hundreds of evaluations of the force",
      "take the scheme 'converging'"},
-    {F::touching_by_hand, of(F::fluid_lost, F::gravity, F::pressure),
-     "a tool that touches is moved by hand on a body without loads", "load",
+    {F::touching_by_hand, loads, "a tool that touches is moved by hand on a body without loads", "load",
      "where it first touches is looked for on the body as it was imaged",
-     "leave gravity and pressures out, take the circle, or use dimple run"},
+     "leave the loads out, take the circle, or use dimple run"},
     {F::touching_by_hand, of(F::support),
      "a tool that touches is moved by hand on a body that its base alone holds", "support",
      "a part that is held or moved besides has not been tried with it",
@@ -188,8 +189,7 @@ constexpr auto all_clashes = std::to_array<Clash>({
     {F::sideways, of(F::frictionless),
      "the step '{sideways}' moves the tool in space, and it is frictionless", "step.{sideways}.move_mm",
      "tissue slides under it and is not taken along", "give one number, along its push, or --contact bonded"},
-    {F::cut_after_step, of(F::fluid_lost, F::gravity, F::pressure),
-     "the step '{cut_step}' cuts a body in a deformed state, beside gravity, a pressure or a loss of fluid",
+    {F::cut_after_step, loads, "the step '{cut_step}' cuts a body in a deformed state, beside {beside}",
      deformed, "the circle holds what it took hold of as the loads had it, and the cut body has other nodes",
      "cut it at rest (--cut), or leave the loads out"},
     {F::cut_after_step, of(F::tension),
@@ -250,8 +250,7 @@ constexpr auto all_clashes = std::to_array<Clash>({
      equilibrium, leave_one},
     {F::further_tool, of(F::paper_scheme), "the paper's scheme is asked for beside a further tool",
      "--scheme (scheme.name)", circle_alone, leave_one},
-    {F::further_tool, of(F::fluid_lost, F::gravity, F::pressure),
-     "gravity or a pressure is asked for beside a further tool", "load",
+    {F::further_tool, loads, "{beside} cannot be combined with a further tool", "load",
      "the first touch is found on the body at rest, without loads", leave_one},
     {F::further_tool, of(F::membrane), "a membrane is asked for beside a further tool", "membrane",
      "contact with a body under a membrane has not been compared with anything", leave_one},
@@ -278,8 +277,7 @@ constexpr auto all_clashes = std::to_array<Clash>({
     {F::error_bounds, of(F::paper_scheme), "", "", "calibrated for the converging scheme only", ""},
     {F::error_bounds, of(F::inertia), "", "", not_for_dynamics, ""},
     {F::error_bounds, of(F::frictionless), "", "", "not calibrated for a circle that is not bonded", ""},
-    {F::error_bounds, of(F::fluid_lost, F::gravity, F::pressure), "", "",
-     "not calibrated for loads other than the tool", ""},
+    {F::error_bounds, loads, "", "", "not calibrated for loads other than the tool", ""},
     {F::error_bounds, of(F::membrane), "", "", "not calibrated for membranes", ""},
     {F::error_bounds, of(F::wall), "", "", "not calibrated for walls", ""},
     {F::error_bounds, of(F::steps), "", "", "not calibrated for a tool that moves in steps", ""},
@@ -292,8 +290,7 @@ constexpr auto all_clashes = std::to_array<Clash>({
     {F::proportional_force, of(F::preset), "", "", "the material is a published one (--preset)", ""},
     {F::proportional_force, of(F::tissues), "", "",
      "the force of several tissues is proportional to no single modulus", ""},
-    {F::proportional_force, of(F::fluid_lost, F::gravity, F::pressure), "", "",
-     "gravity and pressures do not grow with mu", ""},
+    {F::proportional_force, loads, "", "", "loads other than the tool do not grow with mu", ""},
     {F::proportional_force, of(F::membrane), "", "", "a membrane's stiffness does not grow with mu", ""},
 });
 

@@ -20,6 +20,12 @@ struct PressureText {
   std::string on = "all";       ///< what faces a side, what lies in a ball x,y,z,radius in mm, or all
   std::string follows = "yes";  ///< the surface as it deforms
 };
+/// A force per volume of all tissue that varies linearly in space: [load.body_force.NAME].
+struct BodyForceText {
+  std::vector<double> force_N_per_m3 = {0, 0, 0};  ///< x,y,z in LPS, at the place `at_mm`
+  std::vector<double> gradient_N_per_m4;           ///< nine numbers, row by row; none: it is uniform
+  std::vector<double> at_mm = {0, 0, 0};           ///< x,y,z in LPS
+};
 /// A thin film on a part of the surface: [membrane.NAME].
 struct FilmText {
   double thickness_mm = 0.0, mu_Pa = 0.0;  ///< of neo-Hookean tissue
@@ -102,6 +108,7 @@ struct Config {
   } load;
   ToolWords tool;
   std::map<std::string, PressureText> pressure;
+  std::map<std::string, BodyForceText> body_force;
   std::map<std::string, FilmText> membrane;
   std::map<std::string, WallText> wall;
   std::map<std::string, SupportText> held;
@@ -132,6 +139,7 @@ struct Config {
 
 std::vector<Option> options_of(Config& config);
 std::vector<Option> options_of(PressureText& pressure);
+std::vector<Option> options_of(BodyForceText& force);
 std::vector<Option> options_of(FilmText& membrane);
 std::vector<Option> options_of(WallText& wall);
 std::vector<Option> options_of(SupportText& held);

@@ -17,8 +17,9 @@ namespace dimple {
 
 std::string without_unit(const Option& option) {
   static const std::map<std::string, std::string> suffix = {
-      {"mm", "_mm"},       {"Pa", "_Pa"}, {"mm/s", "_mm_per_s"}, {"kg/m3", "_kg_per_m3"}, {"1/s", "_per_s"},
-      {"N/m", "_N_per_m"}, {"s", "_s"},   {"deg", "_deg"},       {"J/m2", "_J_m2"},       {"%", "_percent"}};
+      {"mm", "_mm"},     {"Pa", "_Pa"},       {"mm/s", "_mm_per_s"}, {"kg/m3", "_kg_per_m3"},
+      {"1/s", "_per_s"}, {"N/m", "_N_per_m"}, {"N/m3", "_N_per_m3"}, {"N/m4", "_N_per_m4"},
+      {"s", "_s"},       {"deg", "_deg"},     {"J/m2", "_J_m2"},     {"%", "_percent"}};
   const auto found = suffix.find(option.unit);
   if (found == suffix.end() || !option.key.ends_with(found->second)) return option.key;
   return option.key.substr(0, option.key.size() - found->second.size());
@@ -40,6 +41,8 @@ const std::map<std::string, std::map<std::string, double>>& unit_table() {
       {"deg", {{"deg", 1.0}, {"rad", 180.0 / std::numbers::pi}}},
       {"N", {{"N", 1.0}, {"mN", 1e-3}, {"uN", 1e-6}}},
       {"N/m", {{"N/m", 1.0}, {"mN/m", 1e-3}}},
+      {"N/m3", {{"N/m3", 1.0}, {"kN/m3", 1e3}}},
+      {"N/m4", {{"N/m4", 1.0}, {"kN/m4", 1e3}}},
       {"J/m2", {{"J/m2", 1.0}, {"kJ/m2", 1e3}}},
   };
   return table;

@@ -266,6 +266,19 @@ std::vector<Option> options_of(PressureText& p) {
   };
 }
 
+std::vector<Option> options_of(BodyForceText& f) {
+  return {
+      {.key = "body_force.force_N_per_m3", .unit = "N/m3", .value = &f.force_N_per_m3, .stage = "solve",
+       .help = "force per volume of all tissue at rest, x,y,z in LPS, at the place at_mm"},
+      {.key = "body_force.gradient_N_per_m4", .unit = "N/m4", .value = &f.gradient_N_per_m4,
+       .stage = "solve",
+       .help = "nine numbers: the change of the force's x per metre along x, y and z, then that of its y and "
+               "its z; none: the force is uniform"},
+      {.key = "body_force.at_mm", .unit = "mm", .value = &f.at_mm, .stage = "solve",
+       .help = "place where the force is force_N_per_m3, x,y,z in LPS"},
+  };
+}
+
 std::vector<Option> options_of(FilmText& m) {
   return {
       {.key = "membrane.thickness_mm", .unit = "mm", .value = &m.thickness_mm, .most = 1000,

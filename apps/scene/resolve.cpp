@@ -94,6 +94,7 @@ void set_loads(const Config& config, Scene& scene) {
   scene.gravity = gravity_named(load.gravity);
   scene.fluid_lost = fluid_named(load.fluid_lost);
   scene.pressures = pressures_named(config.pressure);
+  scene.body_forces = body_forces_named(config.body_force);
   scene.membranes = films_named(config.membrane, load.membrane);
   scene.imaged_loaded = load.imaged == "loaded";
 }

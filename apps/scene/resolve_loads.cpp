@@ -1,5 +1,8 @@
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <cmath>
+
 #include "apps/scene/resolve_parts.hpp"
 #include "apps/scene/surface_part.hpp"
 #include "io/error.hpp"
@@ -46,6 +49,24 @@ void check(const std::string& name, const FilmText& film) {
                     "give both, as in --membrane 0.1mm:400kPa, or a tension alone");
 }
 
+void check(const std::string& name, const BodyForceText& text) {
+  const auto require = [&](const char* key, const std::vector<double>& numbers, std::size_t count,
+                           double most) {
+    const bool is_far =
+        std::any_of(numbers.begin(), numbers.end(), [&](double x) { return std::abs(x) > most; });
+    if (numbers.size() == count && !is_far) return;
+    throw UsageError(
+        {.fact = fmt::format("the body force '{}' {}", name,
+                             is_far ? "is out of range" : fmt::format("has {} numbers", numbers.size())),
+         .where = fmt::format("load.body_force.{}.{}", name, key),
+         .why = fmt::format("this option takes {} numbers from {:g} to {:g}", count, -most, most),
+         .remedy = "give x,y,z in LPS; of the gradient three rows of them, or none"});
+  };
+  require("force_N_per_m3", text.force_N_per_m3, 3, 1e9);
+  require("at_mm", text.at_mm, 3, 1e6);
+  if (!text.gradient_N_per_m4.empty()) require("gradient_N_per_m4", text.gradient_N_per_m4, 9, 1e12);
+}
+
 }  // namespace
 
 std::vector<Scene::Film> films_named(const std::map<std::string, FilmText>& texts,
@@ -80,6 +101,20 @@ std::vector<Scene::Pressure> pressures_named(const std::map<std::string, Pressur
                          .on_words = pressure.on,
                          .follows = pressure.follows == "yes"});
   return pressures;
+}
+
+std::vector<BodyForce> body_forces_named(const std::map<std::string, BodyForceText>& texts) {
+  using Rows = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
+  std::vector<BodyForce> forces;
+  for (const auto& [name, text] : texts) {
+    check(name, text);
+    BodyForce force{
+        .name = name, .force = Vec3(text.force_N_per_m3.data()), .at = 1e-3 * Vec3(text.at_mm.data())};
+    if (!text.gradient_N_per_m4.empty())
+      force.gradient = Eigen::Map<const Rows>(text.gradient_N_per_m4.data());
+    forces.push_back(std::move(force));
+  }
+  return forces;
 }
 
 WordNumber share_of_lost_fluid() {

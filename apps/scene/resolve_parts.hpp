@@ -20,6 +20,7 @@ std::optional<Scene::Fluid> fluid_named(const std::string& text);
 /// Share of the body's height as an option gives it, in percent.
 WordNumber share_of_lost_fluid();
 std::vector<Scene::Pressure> pressures_named(const std::map<std::string, PressureText>& texts);
+std::vector<BodyForce> body_forces_named(const std::map<std::string, BodyForceText>& texts);
 /// `of_all`: --membrane, or none; it is called "surface".
 std::vector<Scene::Film> films_named(const std::map<std::string, FilmText>& texts, const std::string& of_all);
 /// `of_option`: --wall, or none; it is called "wall".

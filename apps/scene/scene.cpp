@@ -9,7 +9,8 @@ bool converges(const ModelChoices& choices) {
 }
 
 bool has_loads(const Scene& scene) {
-  return !scene.gravity.isZero(0.0) || scene.fluid_lost || !scene.pressures.empty();
+  return !scene.gravity.isZero(0.0) || scene.fluid_lost || !scene.pressures.empty() ||
+         !scene.body_forces.empty();
 }
 
 bool has_tool_alone(const Scene& scene) {

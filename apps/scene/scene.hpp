@@ -12,6 +12,7 @@
 #include "preprocess/surface/closed_mesh.hpp"
 #include "solver/march.hpp"
 #include "solver/material.hpp"
+#include "solver/terms/loads.hpp"
 
 namespace dimple {
 
@@ -134,6 +135,7 @@ struct Scene : ModelChoices {
     bool follows = true;
   };
   std::vector<Pressure> pressures;
+  std::vector<BodyForce> body_forces;
   struct Film {
     std::string name;
     double thickness_mm = 0.0, mu_Pa = 0.0, tension_N_per_m = 0.0;
@@ -229,7 +231,7 @@ const Named* named(const std::vector<Named>& all, const std::string& name) {
 
 /// Whether it is the scheme that converges, and not that of the paper.
 bool converges(const ModelChoices& choices);
-/// Whether gravity, lost fluid or a pressure acts on the body.
+/// Whether gravity, lost fluid, a pressure or a body force acts on the body.
 bool has_loads(const Scene& scene);
 /// Whether nothing acts but the tool, nor holds the body but the base.
 bool has_tool_alone(const Scene& scene);

@@ -69,6 +69,10 @@ NamedSection<PressureText> pressures_of(Config& config) {
   return {config.pressure, "load.pressure.", "pressure",
           "for instance --set load.pressure.csf.pressure=500Pa"};
 }
+NamedSection<BodyForceText> body_forces_of(Config& config) {
+  return {config.body_force, "load.body_force.", "body_force",
+          "for instance --set load.body_force.pull.force=0,0,-500"};
+}
 NamedSection<FilmText> membranes_of(Config& config) {
   return {config.membrane, "membrane.", "membrane", "for instance --set membrane.pia.thickness=0.1mm"};
 }
@@ -89,6 +93,7 @@ NamedSection<StepText> steps_of(Config& config) {
 
 std::optional<Option> named_option(Config& config, const std::string& key, const std::string& source) {
   if (auto option = pressures_of(config).option_of(key, source)) return option;
+  if (auto option = body_forces_of(config).option_of(key, source)) return option;
   if (auto option = membranes_of(config).option_of(key, source)) return option;
   if (auto option = walls_of(config).option_of(key, source)) return option;
   if (auto option = supports_of(config).option_of(key, source)) return option;
@@ -101,10 +106,10 @@ std::optional<Option> named_option(Config& config, const std::string& key, const
 }
 
 std::vector<std::pair<std::string, Option>> named_options(Config& config) {
-  auto all = pressures_of(config).all(), membranes = membranes_of(config).all(),
-       walls = walls_of(config).all(), supports = supports_of(config).all(), tools = tools_of(config).all(),
-       steps = steps_of(config).all();
-  for (const auto* further : {&membranes, &walls, &supports, &tools, &steps})
+  auto all = pressures_of(config).all(), body_forces = body_forces_of(config).all(),
+       membranes = membranes_of(config).all(), walls = walls_of(config).all(),
+       supports = supports_of(config).all(), tools = tools_of(config).all(), steps = steps_of(config).all();
+  for (const auto* further : {&body_forces, &membranes, &walls, &supports, &tools, &steps})
     all.insert(all.end(), further->begin(), further->end());
   return all;
 }
@@ -236,6 +241,7 @@ std::map<std::string, std::string> option_values_in(const std::filesystem::path&
 std::string option_reference() {
   Config config;
   config.pressure["NAME"];
+  config.body_force["NAME"];
   config.membrane["NAME"];
   config.wall["NAME"];
   config.held["NAME"];

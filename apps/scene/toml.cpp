@@ -95,11 +95,12 @@ void read_config(Config& config, const std::filesystem::path& file) {
         continue;
       }
       if (section.str() == "step") continue;  // below, in the order of their lines
-      if (section.str() == "load" && name.str() == "pressure") {
-        const toml::table* pressures = value.as_table();
-        if (!pressures) refuse_key(options, "load.pressure", file.string());
-        for (const auto& [of, its] : *pressures)
-          set_all(config, "load.pressure." + std::string(of.str()), its, file, given);
+      if (section.str() == "load" && (name.str() == "pressure" || name.str() == "body_force")) {
+        const std::string kind = fmt::format("load.{}", name.str());
+        const toml::table* all = value.as_table();
+        if (!all) refuse_key(options, kind, file.string());
+        for (const auto& [of, its] : *all)
+          set_all(config, fmt::format("{}.{}", kind, of.str()), its, file, given);
         continue;
       }
       const std::string key = std::string(section.str()) + "." + std::string(name.str());
@@ -173,6 +174,7 @@ std::string to_toml(const Config& config, const std::map<std::string, std::strin
       text += fmt::format("{} = {}\n", key.substr(key.find('.') + 1), toml_string(value));
   }
   for (auto [name, pressure] : config.pressure) text += as_table("load.pressure", name, options_of(pressure));
+  for (auto [name, force] : config.body_force) text += as_table("load.body_force", name, options_of(force));
   for (auto [name, film] : config.membrane) text += as_table("membrane", name, options_of(film));
   for (auto [name, wall] : config.wall) text += as_table("wall", name, options_of(wall));
   for (auto [name, held] : config.held) text += as_table("support", name, options_of(held));

@@ -109,8 +109,19 @@ Nodal lost_buoyancy(const Model& model, const FluidLost& fluid) {
   return padded(-fluid.acceleration * fluid.up) * mass.transpose();
 }
 
+Nodal nodal_force(const Model& model, const Interpolation& to_points, const BodyForce& body) {
+  const auto& [rows, phi] = to_points;
+  Nodal force = Nodal::Zero(4, model.node_count());
+  for (Index q = 0; q < model.point_count(); ++q) {
+    const Vec3 f = body.force + body.gradient * (model.point.col(q) - body.at);
+    for (int k = rows.offset[q]; k < rows.offset[q + 1]; ++k)
+      force.col(rows.member[k]).head<3>() += model.volume[q] * phi[k] * f;
+  }
+  return force;
+}
+
 bool Loads::move_the_body() const {
-  return !gravity.isZero(0.0) || !pressure.empty() || fluid ||
+  return !gravity.isZero(0.0) || !pressure.empty() || fluid || !body_force.empty() ||
          std::any_of(membrane.begin(), membrane.end(), [](const Membrane& m) { return m.tension > 0.0; });
 }
 
@@ -122,6 +133,7 @@ ForceTerms make_terms(const Model& model, const Loads& loads) {
   ForceTerms terms;
   if (!loads.gravity.isZero(0.0)) terms.push_back(dead_load(padded(loads.gravity) * model.mass.transpose()));
   if (loads.fluid) terms.push_back(dead_load(lost_buoyancy(model, *loads.fluid)));
+  for (const Loads::OnNodes& one : loads.body_force) terms.push_back(dead_load(one.force));
   for (const SurfacePressure& one : loads.pressure)
     if (one.follows)
       terms.push_back(

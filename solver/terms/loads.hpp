@@ -3,6 +3,7 @@
 #include <optional>
 #include <string>
 
+#include "preprocess/supports/interpolation.hpp"
 #include "solver/terms/membrane.hpp"
 
 namespace dimple {
@@ -30,13 +31,32 @@ struct FluidLost {
 /// [4xN] N: of each integration point its nodes bear what of its cell is above the level.
 Nodal lost_buoyancy(const Model& model, const FluidLost& fluid);
 
+/// A dead load per reference volume of all tissue that varies linearly in space.
+struct BodyForce {
+  std::string name;
+  Vec3 force = Vec3::Zero();     ///< at the place `at` [N/m^3]
+  Mat3 gradient = Mat3::Zero();  ///< change of each component, a row, per metre along x, y, z [N/m^4]
+  Vec3 at = Vec3::Zero();        ///< [m]
+};
+
+/// [4xN] N: sum_q V_q phi_a(X_q) f(X_q), consistent with the displacement field. `to_points`: the shape
+/// functions at the integration points, of point_interpolation().
+Nodal nodal_force(const Model& model, const Interpolation& to_points, const BodyForce& body);
+
 /// What acts on a body before a tool touches it, and goes on acting.
 struct Loads {
   Vec3 gravity = Vec3::Zero();  ///< [m/s^2]
   std::vector<SurfacePressure> pressure;
   std::vector<Membrane> membrane = {};
   std::optional<FluidLost> fluid = {};
-  bool none() const { return gravity.isZero(0.0) && pressure.empty() && membrane.empty() && !fluid; }
+  struct OnNodes {
+    BodyForce body;
+    Nodal force;  ///< of nodal_force()
+  };
+  std::vector<OnNodes> body_force = {};
+  bool none() const {
+    return gravity.isZero(0.0) && pressure.empty() && membrane.empty() && !fluid && body_force.empty();
+  }
   /// Whether the body comes to rest under it first: a membrane without tension leaves it where it is.
   bool move_the_body() const;
 };

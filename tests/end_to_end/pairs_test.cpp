@@ -65,6 +65,9 @@ Options asking_for(Feature feature) {
       return {{"load.gravity", "0,0,-2"}};
     case Feature::pressure:
       return {{"load.pressure.csf.pressure_Pa", "50"}, {"load.pressure.csf.on", "anterior"}};
+    case Feature::body_force:
+      return {{"load.body_force.pull.force_N_per_m3", "0,0,-1000"},
+              {"load.body_force.pull.gradient_N_per_m4", "0,0,0,0,0,0,2e4,0,0"}};
     case Feature::membrane:
       return {{"load.membrane", "0.1mm:50kPa"}};
     case Feature::tension:

@@ -180,7 +180,7 @@ TEST_F(Refusal, OfAPairOfFeaturesSaysBothAndWhatToLeaveOut) {
            {"--wall around:1mm --time explicit", "takes no walls"},
            {"--membrane 0.1mm:400kPa --scheme horton2007", "takes no membrane"},
            {"--wall around:1mm --accuracy 5%", "not calibrated for walls"},
-           {"--mu 210Pa+-30% --gravity inferior", "gravity and pressures do not grow with mu"},
+           {"--mu 210Pa+-30% --gravity inferior", "loads other than the tool do not grow with mu"},
            {"--set step.a.move=2 --explain", "takes no steps"},
            {"--set load.fluid_lost=superior,50% --gravity inferior", "beside gravity"}})
     run(2, options, {words});
@@ -275,7 +275,7 @@ TEST_F(Refusal, OfWordsItDoesNotKnow) {
 
 TEST_F(Refusal, OfPhysicsThatIsNotModelledSaysWhatIs) {
   const std::pair<const char*, std::vector<std::string>> asked[] = {
-      {"--body-force 9.81", {"gravity alone", "--gravity inferior"}},
+      {"--body-force 9.81", {"no flag of its own", "--gravity inferior"}},
       {"--load 0.2N", {"a force cannot be prescribed", "--depth 2mm", "force.csv"}},
       {"--unload",
        {"held and lifted by steps of a scene", "step.lift.move=-2mm", "dimple poke IMAGE --script"}},

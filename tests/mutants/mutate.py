@@ -372,6 +372,9 @@ MUTANTS = {
           "return a * (std::log((tip + a) / (to_b + from_b)) + ({n} ? 1.01 : 1.0) * flank * std::acos(b / a));"),
     269: ("solver/terms/tool_makers.cpp", "return sphere + flank * (b * from_b + a * a * std::acos(b / a));",
           "return sphere + flank * (({n} ? 0.0 : b) * from_b + a * a * std::acos(b / a));"),
+    270: ("solver/terms/loads.cpp", "body.force + body.gradient * (model", "body.force + ({n} ? Mat3(body.gradient.transpose()) : body.gradient) * (model"),
+    271: ("solver/terms/loads.cpp", "col(q) - body.at);", "col(q) - ({n} ? 0.0 : 1.0) * body.at);"),
+    272: ("solver/terms/loads.cpp", "+= model.volume[q] * phi[k] * f;", "+= model.volume[q] * ({n} ? 1.0 / (rows.offset[q + 1] - rows.offset[q]) : phi[k]) * f;"),
 }
 
 

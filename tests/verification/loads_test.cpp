@@ -1,4 +1,4 @@
-// Gravity and pressure against closed forms.
+// Gravity, body forces and pressure against closed forms.
 
 #include <gtest/gtest.h>
 
@@ -145,6 +145,71 @@ TEST(Gravity, MakesABondedLayerThatHangsLoseItsStabilityWhereItIsKnownTo) {
   const double critical = root(5.0, 8.0, [&](double x) { return -at(x); });
   RecordProperty("critical", std::to_string(critical));
   EXPECT_NEAR(critical, 6.2229, 0.02 * 6.2229) << stiffness[0] << " " << stiffness[1] << " " << stiffness[2];
+}
+
+Loads under(const Model& model, const BodyForce& body) {
+  Loads loads;
+  loads.body_force.push_back({body, nodal_force(model, point_interpolation(model), body)});
+  return loads;
+}
+
+// A body force b Z along the axis: P_zz(Z) = b (H^2 - Z^2) / 2, and at small strain
+// u_z(Z) = b (H^2 Z / 2 - Z^3 / 6) / (kappa + 4/3 mu).
+TEST(BodyForce, ThatGrowsAlongAConfinedColumnCompressesItByItsIntegralAboveEachPlace) {
+  const double W = 10e-3, H = 20e-3, b = -7350.0;
+  const Material sponge = neo_hookean(210.0, 0.3, 1000.0);
+  const LoadedBox column(box_lattice(Vec3(W, W, H), 9, 0.1),
+                         {.at = {{{true, true}, {true, true}, {true, false}}}, .clamped = {}}, sponge);
+  const Vec3 at(1e-3, 2e-3, 0.25 * H);
+  const BodyForce body{.name = "grows",
+                       .force = Vec3(0.0, 0.0, b * at.z()),
+                       .gradient = Vec3(0.0, 0.0, b).asDiagonal(),
+                       .at = at};
+  const Equilibrium found = column.under(make_terms(column.model(), under(column.model(), body)), 1);
+  const double modulus = sponge.kappa + 4.0 / 3.0 * sponge.mu;
+  EXPECT_NEAR(std::abs(0.5 * b * H * H) / modulus, 2e-3, 1e-4) << "the strain at the base is small";
+  const auto exact = [&](double Z) { return b * (0.5 * H * H * Z - Z * Z * Z / 6.0) / modulus; };
+  const Points u = node_interpolation(column.model())(found.u).topRows<3>();
+  for (Index a = 0; a < column.model().node_count(); ++a) {
+    EXPECT_NEAR(u(2, a), exact(column.model().X(2, a)), 0.006 * std::abs(exact(H))) << column.model().X(2, a);
+    EXPECT_LT(u.col(a).head<2>().norm(), 0.006 * std::abs(exact(H)));
+  }
+  const double stress = face_force(column.statics.body(), found.f, 2, 0.0).z() / (W * W);
+  EXPECT_NEAR(stress, -0.5 * b * H * H, 1e-4 * stress) << "stress at the base";
+}
+
+// Resultant V f(c), and moment about the origin V (c x f(c) + sum_j e_j x (G S) e_j): c the centroid, S the
+// second moments about it. The cells know that to the second order of their size.
+TEST(BodyForce, HasTheResultantAndTheMomentOfItsIntegralOverTheBody) {
+  const Vec3 size(12e-3, 9e-3, 15e-3), c = 0.5 * size, at(-4e-3, 7e-3, 2e-3);
+  const LoadedBox box(box_lattice(size, 5, 0.2), {.at = {}, .clamped = {}}, neo_hookean(210.0, 0.45, 1000.0));
+  const Model& model = box.model();
+  Mat3 gradient;
+  gradient << 1.0, -2.0, 3.0, 0.5, 4.0, -1.5, 7.0, 2.5, -3.5;
+  const BodyForce body{
+      .name = "all", .force = Vec3(300.0, -200.0, 500.0), .gradient = 1e5 * gradient, .at = at};
+  const Loads loads = under(model, body);
+  EXPECT_FALSE(loads.none());
+  EXPECT_TRUE(loads.move_the_body());
+  const ForceTerms terms = make_terms(model, loads);
+  ASSERT_EQ(terms.size(), 1u);
+  Nodal f = Nodal::Zero(4, model.node_count());
+  terms.front()->add_force(Nodal::Zero(4, model.node_count()), {}, f);
+  Vec3 resultant = Vec3::Zero(), moment = Vec3::Zero();
+  for (Index a = 0; a < model.node_count(); ++a) {
+    const Vec3 on_node = -f.col(a).head<3>();
+    resultant += on_node;
+    moment += Vec3(model.X.col(a)).cross(on_node);
+  }
+  const double volume = size.prod();
+  const Vec3 middle = body.force + body.gradient * (c - at);
+  const Vec3 exact = volume * middle;
+  const Mat3 spread = (size.cwiseAbs2() / 12.0).asDiagonal();
+  Vec3 exact_moment = volume * c.cross(middle);
+  for (int j = 0; j < 3; ++j)
+    exact_moment += volume * Vec3::Unit(j).cross(Vec3(body.gradient * spread.col(j)));
+  EXPECT_LT((resultant - exact).norm(), 1e-9 * exact.norm());
+  EXPECT_LT((moment - exact_moment).norm(), 0.01 * exact_moment.norm());
 }
 
 // The surface's upper face.
