@@ -64,12 +64,12 @@ std::vector<std::string> texts_of(const std::string& svg) {
 template <class Panel>
 std::vector<std::string> expect_drawn(const std::vector<Panel>& panels, int columns = 1) {
   const fs::path folder = fresh_folder();
-  if constexpr (std::is_same_v<Panel, Chart>) {
-    EXPECT_NO_THROW(write_chart_png(folder / "picture.png", panels, columns));
-    EXPECT_NO_THROW(write_chart_svg(folder / "picture.svg", panels, columns));
-  } else {
-    EXPECT_NO_THROW(write_tornado_png(folder / "picture.png", panels, columns));
-    EXPECT_NO_THROW(write_tornado_svg(folder / "picture.svg", panels, columns));
+  for (const char* name : {"picture.png", "picture.svg"}) {
+    if constexpr (std::is_same_v<Panel, Chart>) {
+      EXPECT_NO_THROW(write_chart(folder / name, panels, columns));
+    } else {
+      EXPECT_NO_THROW(write_tornado(folder / name, panels, columns));
+    }
   }
   const int count = static_cast<int>(panels.size()), across = std::min(columns, count);
   const auto image = decoded(folder / "picture.png");
@@ -139,8 +139,8 @@ TEST(Chart, PutsPanelsInAGrid) {
 TEST(Chart, IsTheSameFileForTheSameInput) {
   const fs::path folder = fresh_folder();
   for (const char* name : {"a", "b"}) {
-    write_chart_png(folder / (std::string(name) + ".png"), {force_curves()});
-    write_chart_svg(folder / (std::string(name) + ".svg"), {force_curves()});
+    write_chart(folder / (std::string(name) + ".png"), {force_curves()});
+    write_chart(folder / (std::string(name) + ".svg"), {force_curves()});
   }
   EXPECT_EQ(read_file(folder / "a.png"), read_file(folder / "b.png"));
   EXPECT_EQ(read_file(folder / "a.svg"), read_file(folder / "b.svg"));
@@ -193,8 +193,27 @@ TEST(Chart, LeavesAGapWhereAValueIsNotFinite) {
   chart.series = {{.name = "gap", .x = {0, 1, 2, 3, 4, 5}, .y = {1, 2, nan, 2, 1, inf}, .colour = 0}};
   const fs::path file = fresh_folder() / "gap.svg";
   expect_drawn(chart);
-  write_chart_svg(file, {chart});
+  write_chart(file, {chart});
   EXPECT_EQ(times_in(read_file(file), "fill=\"none\" stroke=\"#0072b2"), 3U);  // two pieces, and its sample
+}
+
+TEST(Chart, ShadesTheBandOfASeriesAndWritesWhatIsAtItsEnd) {
+  Chart chart;
+  chart.series = {{.name = "force",
+                   .x = {0, 1, nan, 3},
+                   .y = {0, 1, 2, 3},
+                   .markers = false,
+                   .half = {0, 0.1, 0.2, 0.3},
+                   .end = "3 N, +- 10 %"}};
+  const fs::path file = fresh_folder() / "band.svg";
+  EXPECT_THAT(expect_drawn(chart), testing::Contains("3 N, +- 10 %"));
+  write_chart(file, {chart});
+  const std::string drawn = read_file(file);
+  const std::size_t at = drawn.find("<polygon points=\"");
+  ASSERT_NE(at, std::string::npos);
+  EXPECT_EQ(times_in(drawn.substr(at, drawn.find("fill", at) - at), ","), 6U);  // two corners a finite point
+  chart.series[0].half.pop_back();
+  EXPECT_THROW(write_chart(file, {chart}), std::invalid_argument);
 }
 
 TEST(Chart, DrawsASinglePoint) {
@@ -239,7 +258,7 @@ TEST(Chart, GivesTheSameColourToTheSameNumber) {
                   {.name = "b", .x = {1, 2}, .y = {2, 3}, .colour = 0},
                   {.name = "c", .x = {1, 2}, .y = {3, 4}, .dashed = true, .colour = 0}};
   const fs::path file = fresh_folder() / "colours.svg";
-  write_chart_svg(file, {chart});
+  write_chart(file, {chart});
   const std::string drawn = read_file(file);
   EXPECT_EQ(times_in(drawn, "fill=\"none\" stroke=\"#0072b2"), 4U);  // two curves and their samples
   EXPECT_EQ(times_in(drawn, "fill=\"none\" stroke=\"#d55e00"),
@@ -248,14 +267,14 @@ TEST(Chart, GivesTheSameColourToTheSameNumber) {
 
 TEST(Chart, RefusesLengthsThatDoNotAgree) {
   const fs::path file = fresh_folder() / "chart.png";
-  EXPECT_THROW(write_chart_png(file, {Chart{.series = {{.x = {1, 2}, .y = {1}}}}}), std::invalid_argument);
-  EXPECT_THROW(write_chart_png(file, {}), std::invalid_argument);
+  EXPECT_THROW(write_chart(file, {Chart{.series = {{.x = {1, 2}, .y = {1}}}}}), std::invalid_argument);
+  EXPECT_THROW(write_chart(file, {}), std::invalid_argument);
 }
 
 TEST(Chart, GivesAnOutputErrorWhereItCannotWrite) {
   const fs::path absent = fresh_folder() / "absent";
-  EXPECT_THROW(write_chart_png(absent / "chart.png", {force_curves()}), OutputError);
-  EXPECT_THROW(write_chart_svg(absent / "chart.svg", {force_curves()}), OutputError);
+  EXPECT_THROW(write_chart(absent / "chart.png", {force_curves()}), OutputError);
+  EXPECT_THROW(write_chart(absent / "chart.svg", {force_curves()}), OutputError);
 }
 
 Tornado doubts(std::size_t rows) {
@@ -291,7 +310,7 @@ TEST(Tornado, DrawsAnyNumberOfRowsAndNothing) {
 TEST(Tornado, EndsBelowItsRowsAndGivesTheBarsTheRoomThatNamesLeave) {
   const fs::path folder = fresh_folder();
   const auto size_of = [&](const Tornado& tornado) {
-    write_tornado_png(folder / "picture.png", {tornado});
+    write_tornado(folder / "picture.png", {tornado});
     const auto image = decoded(folder / "picture.png");
     int bars = 0;  // pixels of their blue and orange
     for (int y = 0; y < image->GetDimensions()[1]; ++y)
@@ -315,7 +334,7 @@ TEST(Tornado, RefusesABarThatEndsNowhere) {
   for (const double end : {nan, inf}) {
     Tornado tornado = doubts(3);
     tornado.rows[1].high = end;
-    EXPECT_THROW(write_tornado_svg(fresh_folder() / "picture.svg", {tornado}), std::invalid_argument);
+    EXPECT_THROW(write_tornado(fresh_folder() / "picture.svg", {tornado}), std::invalid_argument);
   }
 }
 
