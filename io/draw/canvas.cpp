@@ -179,11 +179,6 @@ void Canvas::area(const Pieces& outline, const Colour& colour) {
   }
 }
 
-void Canvas::text(const Vec2& at, const std::string& text, const Style& style, Align align, double room) {
-  if (is_svg_) return add_text(at, text, style, align, room);
-  set_text(at, room < any_room ? shortened(text, room, style) : text, style, align);
-}
-
 void Canvas::average(unsigned char* to) const {
   for (int y = height() - 1; y >= 0; --y)
     for (int x = 0; x < width(); ++x) {

@@ -136,8 +136,7 @@ class Canvas {
   template <class Distance>
   void paint(const Rect& bounds, const Colour& colour, Distance distance);
   void segment(const Vec2& a, const Vec2& b, double thickness, const Colour& colour);
-  void set_text(const Vec2& at, const std::string& text, const Style& style, Align align);
-  void add_text(const Vec2& at, const std::string& text, const Style& style, Align align, double room);
+  void set_pixels_of(const std::string& shown, const Vec2& at, const Style& style, Align align);
   /// The finished picture: the average of every fine x fine block, three bytes a pixel, bottom row first as
   /// VTK wants it.
   void average(unsigned char* to) const;

@@ -246,16 +246,13 @@ void draw_traces(Canvas& canvas, const Rect& plot, const std::vector<Trace>& tra
 
 constexpr double legend_mark = 36.0, legend_gap = 26.0, legend_row = 22.0;
 
-/// Series with a name, and where their samples begin below the plot, from the upper left.
+/// Where a sample begins below the plot, from the upper left, for each series with a name.
 struct LegendPlan {
-  std::vector<std::size_t> entry;
-  std::vector<Vec2> at;
-  std::size_t left_out = 0;
+  std::vector<std::pair<std::size_t, Vec2>> entries;
   double height = 0.0;
 };
 
 LegendPlan plan_legend(const Chart& chart, double room) {
-  constexpr double most_height = 9.0 * legend_row;
   LegendPlan plan;
   Vec2 at(0.0, 0.0);
   for (std::size_t n = 0; n < chart.series.size(); ++n) {
@@ -263,32 +260,24 @@ LegendPlan plan_legend(const Chart& chart, double room) {
     if (name.empty()) continue;
     const double wide = std::min(legend_mark + text_width(name, small), room);
     if (at.x() + wide > room) at = Vec2(0.0, at.y() + legend_row);
-    if (at.y() + legend_row >= most_height) {
-      ++plan.left_out;
-      continue;
-    }
-    plan.entry.push_back(n);
-    plan.at.push_back(at);
+    plan.entries.emplace_back(n, at);
     plan.height = at.y() + legend_row;
     at.x() += wide + legend_gap;
   }
-  if (plan.left_out > 0) plan.height = most_height;
   return plan;
 }
 
 void draw_names(Canvas& canvas, const Rect& room, const LegendPlan& plan, const std::vector<Trace>& traces) {
   const Vec2 first(room.x, room.y + room.h - 4.0 - plan.height + legend_row);
-  for (std::size_t i = 0; i < plan.entry.size(); ++i) {
-    const Trace& trace = traces[plan.entry[i]];
-    const Vec2 at = first + plan.at[i], mark = at + Vec2(15.0, -5.0), across(14.0, 0.0);
+  for (const auto& [series, place] : plan.entries) {
+    const Trace& trace = traces[series];
+    const Vec2 at = first + place, mark = at + Vec2(15.0, -5.0), across(14.0, 0.0);
     if (trace.series->line)
       canvas.curve({mark - across, mark + across}, 2.2, hue(trace.look), trace.series->dashed);
     if (trace.series->markers) draw_marker(canvas, mark, trace.look, 5.0);
     canvas.text(at + Vec2(legend_mark, 0.0), trace.series->name, small, Align::left,
                 room.w - legend_mark + 4.0);
   }
-  if (plan.left_out > 0)
-    canvas.text({room.x, room.y + room.h - 4.0}, fmt::format("... and {} more series", plan.left_out), soft);
 }
 
 }  // namespace
@@ -451,38 +440,32 @@ void draw_panel(Canvas& canvas, const Rect& tile, const Tornado& tornado) {
 }
 
 template <class Panel>
-void write_panels(const std::filesystem::path& file, const std::vector<Panel>& panels, int columns) {
-  constexpr std::size_t most_panels = 40;
-  if (columns < 1) throw std::invalid_argument(fmt::format("panels in {} columns", columns));
-  if (panels.empty() || panels.size() > most_panels)
-    throw std::invalid_argument(
-        fmt::format("{} panels; from 1 to {} make a picture", panels.size(), most_panels));
+void write_panels(const std::filesystem::path& file, const std::vector<Panel>& panels) {
+  if (panels.empty()) throw std::invalid_argument("a picture without panels");
   double tall = 0.0;
   for (const Panel& panel : panels) {
     check(panel);
     tall = std::max(tall, height_of(panel));
   }
-  const int count = static_cast<int>(panels.size()), across = std::min(columns, count);
-  const int down = (count + across - 1) / across;
-  Canvas canvas(across * panel_width, down * static_cast<int>(tall),
+  Canvas canvas(panel_width, static_cast<int>(panels.size()) * static_cast<int>(tall),
                 file.extension() == ".svg" ? Format::svg : Format::png);
-  for (int n = 0; n < count; ++n)
-    draw_panel(canvas,
-               {static_cast<double>(n % across) * panel_width, static_cast<double>(n / across) * tall,
-                panel_width, tall},
-               panels[static_cast<std::size_t>(n)]);
+  double top = 0.0;
+  for (const Panel& panel : panels) {
+    draw_panel(canvas, {0.0, top, panel_width, tall}, panel);
+    top += tall;
+  }
   write_file(file, canvas.bytes());
 }
 
 }  // namespace
 }  // namespace draw
 
-void write_chart(const std::filesystem::path& file, const std::vector<Chart>& panels, int columns) {
-  draw::write_panels(file, panels, columns);
+void write_chart(const std::filesystem::path& file, const std::vector<Chart>& panels) {
+  draw::write_panels(file, panels);
 }
 
-void write_tornado(const std::filesystem::path& file, const std::vector<Tornado>& panels, int columns) {
-  draw::write_panels(file, panels, columns);
+void write_tornado(const std::filesystem::path& file, const std::vector<Tornado>& panels) {
+  draw::write_panels(file, panels);
 }
 
 }  // namespace dimple

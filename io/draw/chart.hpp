@@ -42,11 +42,11 @@ struct Tornado {
   std::map<int, std::string> legend = {};  ///< colour -> meaning
 };
 
-/// Draw the panels, 1000 x 650 pixels each, row by row in a grid of at most that many columns; those of
-/// tornados are less tall where they have few rows. A PNG, or where the name ends with .svg an SVG of the
-/// same picture, which refers to nothing outside itself. The same input gives the same bytes, no display is
-/// needed. Throw OutputError, and std::invalid_argument where lengths do not agree or there is no column.
-void write_chart(const std::filesystem::path& file, const std::vector<Chart>& panels, int columns = 1);
-void write_tornado(const std::filesystem::path& file, const std::vector<Tornado>& panels, int columns = 1);
+/// Draw the panels, 1000 x 650 pixels each, one below the other; those of tornados are less tall where they
+/// have few rows. A PNG, or where the name ends with .svg an SVG of the same picture, which refers to nothing
+/// outside itself. The same input gives the same bytes, no display is needed. Throw OutputError, and
+/// std::invalid_argument where lengths do not agree, a bar ends nowhere or there is no panel.
+void write_chart(const std::filesystem::path& file, const std::vector<Chart>& panels);
+void write_tornado(const std::filesystem::path& file, const std::vector<Tornado>& panels);
 
 }  // namespace dimple

@@ -89,8 +89,8 @@ double text_width(const std::string& text, const Style& style) {
 }
 
 // Not through vtkFreeTypeTools: it drops all but ASCII.
-void Canvas::set_text(const Vec2& at, const std::string& text, const Style& style, Align align) {
-  const std::string clean = lettered(text);
+void Canvas::set_pixels_of(const std::string& shown, const Vec2& at, const Style& style, Align align) {
+  const std::string clean = lettered(shown);
   const auto property = text_property(style);
   const auto box = text_box(clean, property);
   vtkNew<vtkImageData> image;
@@ -110,11 +110,12 @@ void Canvas::set_text(const Vec2& at, const std::string& text, const Style& styl
     }
 }
 
-void Canvas::add_text(const Vec2& at, const std::string& text, const Style& style, Align align, double room) {
+void Canvas::text(const Vec2& at, const std::string& text, const Style& style, Align align, double room) {
   constexpr double lift = 0.19;  // the pixels' text is at this part of its size above the line
   if (lettered(text).find_first_not_of(' ') == std::string::npos) return;
-  const double wide = text_width(text, style);
-  const std::string shown = wide <= room ? text : shortened(text, room, style);
+  const bool fits = room == any_room || text_width(text, style) <= room;
+  const std::string shown = fits ? text : shortened(text, room, style);
+  if (!is_svg_) return set_pixels_of(shown, at, style, align);
   const char* anchor = align == Align::left     ? ""
                        : align == Align::centre ? " text-anchor=\"middle\""
                                                 : " text-anchor=\"end\"";
@@ -126,7 +127,7 @@ void Canvas::add_text(const Vec2& at, const std::string& text, const Style& styl
   svg_ += fmt::format("<text x=\"{:.2f}\" y=\"{:.2f}\" font-size=\"{:g}\"{}{}{} fill=\"{}\">{}{}</text>\n",
                       at.x(), at.y() - lift * style.size, style.size,
                       style.bold ? " font-weight=\"bold\"" : "", anchor, measured, in_hex(style.colour),
-                      wide <= room ? "" : fmt::format("<title>{}</title>", escaped(text)), escaped(shown));
+                      fits ? "" : fmt::format("<title>{}</title>", escaped(text)), escaped(shown));
 }
 
 std::vector<std::string> wrapped(const std::string& line, double room, const Style& style) {

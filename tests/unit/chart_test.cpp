@@ -62,23 +62,22 @@ std::vector<std::string> texts_of(const std::string& svg) {
 /// Drawn both ways: a PNG of the right size that is not empty, an SVG that is XML without numbers that are
 /// none. Returns the texts.
 template <class Panel>
-std::vector<std::string> expect_drawn(const std::vector<Panel>& panels, int columns = 1) {
+std::vector<std::string> expect_drawn(const std::vector<Panel>& panels) {
   const fs::path folder = fresh_folder();
   for (const char* name : {"picture.png", "picture.svg"}) {
     if constexpr (std::is_same_v<Panel, Chart>) {
-      EXPECT_NO_THROW(write_chart(folder / name, panels, columns));
+      EXPECT_NO_THROW(write_chart(folder / name, panels));
     } else {
-      EXPECT_NO_THROW(write_tornado(folder / name, panels, columns));
+      EXPECT_NO_THROW(write_tornado(folder / name, panels));
     }
   }
-  const int count = static_cast<int>(panels.size()), across = std::min(columns, count);
+  const int count = static_cast<int>(panels.size());
   const auto image = decoded(folder / "picture.png");
-  EXPECT_EQ(image->GetDimensions()[0], 1000 * across);
-  const int down = (count + across - 1) / across;
+  EXPECT_EQ(image->GetDimensions()[0], 1000);
   if constexpr (std::is_same_v<Panel, Tornado>)
-    EXPECT_LE(image->GetDimensions()[1], 650 * down);
+    EXPECT_LE(image->GetDimensions()[1], 650 * count);
   else
-    EXPECT_EQ(image->GetDimensions()[1], 650 * down);
+    EXPECT_EQ(image->GetDimensions()[1], 650 * count);
   EXPECT_LT(image->GetScalarRange()[0], 140.0);
   const std::string svg = read_file(folder / "picture.svg");
   for (const char* bad : {"\"nan", "\"inf", "\"-nan", "\"-inf", " nan", " inf", "href"})
@@ -121,7 +120,7 @@ TEST(Chart, IsAPngOf1000By650PixelsAPanelDrawnWithoutADisplay) {
   expect_drawn(force_curves());
 }
 
-TEST(Chart, PutsPanelsInAGrid) {
+TEST(Chart, PutsPanelsBelowEachOther) {
   Chart curve;
   curve.title = "Force";
   curve.x_label = "indentation [mm]";
@@ -133,7 +132,7 @@ TEST(Chart, PutsPanelsInAGrid) {
     t.x.push_back(0.04 * i), t.y.push_back(0.00035 * i + 1.6e-6 * i * i - 0.002 * std::sin(0.1 * i));
   }
   curve.series = {s, t};
-  expect_drawn<Chart>({force_curves(), curve, Chart{.title = "nothing yet"}}, 2);
+  expect_drawn<Chart>({force_curves(), curve, Chart{.title = "nothing yet"}});
 }
 
 TEST(Chart, IsTheSameFileForTheSameInput) {
