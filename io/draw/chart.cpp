@@ -318,8 +318,7 @@ void draw_plot(Canvas& canvas, const Rect& room, const Chart& chart) {
   draw_names(canvas, room, legend, traces);
 }
 
-// ------------------------------------------------------------------------------------------- charts,
-// tornados
+// --------------------------------------------------------------------------------------------------- panels
 
 namespace {
 
