@@ -211,8 +211,9 @@ std::vector<Trace> traces_of(const Chart& chart, const Axis& x, const Axis& y, c
   return traces;
 }
 
-/// The text at the last point: above it, unless the curve comes down to it; inside the plot in any case.
-void draw_end(Canvas& canvas, const Rect& plot, const Trace& trace) {
+/// The text at the last point: above it, unless the curve comes down to it; inside the plot in any case. On a
+/// white ground where other series may run below it.
+void draw_end(Canvas& canvas, const Rect& plot, const Trace& trace, bool on_white) {
   const Style strong{.size = 16.0, .bold = true};
   const Vec2 last = trace.point.back();
   canvas.disc(last, 6.5, card);
@@ -222,7 +223,7 @@ void draw_end(Canvas& canvas, const Rect& plot, const Trace& trace) {
   const Vec2 foot(
       std::clamp(last.x() + 12.0, plot.x + wide + 8.0, std::max(plot.x + plot.w, plot.x + wide + 8.0)),
       last.y() + (falls ? 26.0 : -14.0));
-  canvas.rectangle({foot.x() - wide - 4.0, foot.y() - 16.0, wide + 8.0, 22.0}, card, 4.0);
+  if (on_white) canvas.rectangle({foot.x() - wide - 4.0, foot.y() - 16.0, wide + 8.0, 22.0}, card, 4.0);
   canvas.text(foot, trace.series->end, strong, Align::right);
 }
 
@@ -239,7 +240,7 @@ void draw_traces(Canvas& canvas, const Rect& plot, const std::vector<Trace>& tra
         canvas.disc(at, 1.6, hue(trace.look));  // a line of one point
     }
   for (const Trace& trace : traces)
-    if (!trace.series->end.empty() && !trace.point.empty()) draw_end(canvas, plot, trace);
+    if (!trace.series->end.empty() && !trace.point.empty()) draw_end(canvas, plot, trace, traces.size() > 1);
 }
 
 // --------------------------------------------------------------------------------------------------- legend
