@@ -3,9 +3,7 @@
 #include <fmt/format.h>
 
 namespace dimple {
-namespace {
 
-/// Bytes of the character that begins `text`; 0: it is not UTF-8.
 std::size_t length_of_character(std::string_view text) {
   const auto byte = [&](std::size_t k) { return static_cast<unsigned char>(text[k]); };
   const unsigned char first = byte(0);
@@ -22,6 +20,8 @@ std::size_t length_of_character(std::string_view text) {
                      (first == 0xF0 && byte(1) < 0x90) || (first == 0xF4 && byte(1) > 0x8F);
   return wrong ? 0 : length;
 }
+
+namespace {
 
 bool is_control(std::string_view character) {
   const auto first = static_cast<unsigned char>(character[0]);

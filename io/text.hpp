@@ -24,6 +24,9 @@ std::string lower(std::string_view text);
 /// Without blanks, tabs and ends of lines before and after it.
 std::string_view trimmed(std::string_view text);
 
+/// Bytes of the character that begins `text`, which is not empty; 0: it is not UTF-8.
+std::size_t length_of_character(std::string_view text);
+
 bool is_utf8(std::string_view text);
 
 /// A TOML basic string on one line, in quotes, that reads back to `text`. Needs: UTF-8.

@@ -268,7 +268,7 @@ void draw(const fs::path& file, const FinishedRun& a, const FinishedRun& b, cons
               .y_label = fmt::format("force [{}]", force.unit)};
   add_series(chart, "A", a, force.per_unit, 0);
   add_series(chart, "B", b, force.per_unit, 1);
-  (file.extension() == ".svg" ? write_chart_svg : write_chart_png)(file, {chart}, 1);
+  write_chart(file, {chart});
 }
 
 struct CompareArguments {

@@ -736,8 +736,7 @@ void write_choices(const std::filesystem::path& folder, const ChoiceTable& table
     bar.high = std::max(bar.high, *row.effect);
   }
   write_file(folder / "explain.csv", csv);
-  write_tornado_png(folder / "explain.png", {tornado});
-  write_tornado_svg(folder / "explain.svg", {tornado});
+  for (const char* name : {"explain.png", "explain.svg"}) write_tornado(folder / name, {tornado});
   write_file(folder / "explain.md", text);
 }
 

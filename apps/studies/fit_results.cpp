@@ -212,8 +212,7 @@ Outcome write_fit(const fs::path& folder, const FitOptions& options, const Measu
                                             residuals(curve, found.fit)}});
   const std::vector<std::string> words = in_words(found, off_first_touch(curve.depth.back()));
   const std::vector<Chart> charts = charts_of(curve, found, words);
-  write_chart_png(folder / "fit.png", charts);
-  write_chart_svg(folder / "fit.svg", charts);
+  for (const char* name : {"fit.png", "fit.svg"}) write_chart(folder / name, charts);
   write_file(folder / "fitted.toml", fitted_toml(curve, found, words));
   const std::string text = as_text(summary_of(options, curve, found));
   write_file(folder / "summary.json", text);

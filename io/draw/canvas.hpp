@@ -1,15 +1,19 @@
 #pragma once
 
-// Pixels, text and numbers for the pictures that io draws; used by picture.cpp, pen.cpp and chart.cpp, by
-// nobody else.
+// Shapes and text for the pictures that io draws, as pixels or as SVG: each picture is drawn by one code.
+// Used by the files of this folder alone.
 //
-// No library draws these: VTK's renderer aborts the process where there is no display, and its charts need
-// that renderer. VTK still sets the text and encodes the PNG; neither needs a display.
+// No library draws these. VTK's renderer aborts the process where there is no display. Cairo's SVG has no
+// text that can be searched or read aloud and is not the same bytes for the same picture; its letters depend
+// on the fonts of the machine. VTK sets the text with its built-in font and encodes the PNG; neither needs a
+// display.
 
 #include <Eigen/Core>
 #include <algorithm>
+#include <array>
 #include <cstddef>
 #include <filesystem>
+#include <limits>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -17,6 +21,7 @@
 namespace dimple::draw {
 
 using Vec2 = Eigen::Vector2d;
+using Pieces = std::vector<std::array<Vec2, 2>>;  ///< straight lines from one place to another
 
 /// In 0..1. Not an Eigen type: pixels are blended millions of times, and a debug build has to finish too.
 struct Colour {
@@ -36,11 +41,13 @@ constexpr Colour rgb(unsigned hex) {
 }
 
 inline constexpr Colour ink = rgb(0x1F2933), soft_ink = rgb(0x5F6B7A), hairline = rgb(0xD8DEE6),
-                        page = rgb(0xEEF1F5), card = rgb(0xFFFFFF);
+                        page = rgb(0xEEF1F5), card = rgb(0xFFFFFF), fact_ink = rgb(0x3A4654),
+                        warning_ink = rgb(0x8A4B00), warning_fill = rgb(0xFFF3DC), wall_ink = rgb(0x6B4FA0);
 
-// -------------------------------------------------------------------------------------------------- drawing
+/// "#1f2933".
+std::string in_hex(const Colour& c);
 
-/// Everything is drawn this much larger, then averaged: edges come out smooth.
+/// Pixels are drawn this much larger, then averaged: edges come out smooth.
 constexpr int fine = 2;
 
 /// A rectangle in picture pixels, y downward.
@@ -56,14 +63,48 @@ inline int pixel_within(double coordinate, int most) {
   return coordinate > 0.0 ? static_cast<int>(std::min(coordinate, static_cast<double>(most))) : 0;
 }
 
-/// The picture, `fine` times larger than written. Coordinates are picture pixels, y downward.
+struct Style {
+  double size = 15.0;  ///< height of a line of text in picture pixels, about
+  Colour colour = ink;
+  bool bold = false;
+};
+
+inline constexpr Style small{.size = 14.0}, soft{.size = 14.0, .colour = soft_ink};
+
+enum class Align { left, centre, right };
+enum class Format { png, svg };
+
+/// A picture. Coordinates are picture pixels, y downward.
 class Canvas {
  public:
-  Canvas(int width, int height);
+  Canvas(int width, int height, Format format = Format::png);
 
   int width() const { return columns_ / fine; }
   int height() const { return rows_ / fine; }
 
+  /// With round corners of that radius.
+  void rectangle(const Rect& r, const Colour& colour, double corner = 0.0);
+  void disc(const Vec2& centre, double radius, const Colour& colour);
+  void line(const Vec2& a, const Vec2& b, double thickness, const Colour& colour) {
+    curve({a, b}, thickness, colour);
+  }
+  void curve(const std::vector<Vec2>& points, double thickness, const Colour& colour, bool dashed = false);
+  void polygon(const std::vector<Vec2>& corners, const Colour& colour);
+
+  static constexpr double any_room = std::numeric_limits<double>::infinity();
+  /// One line of text; `at` is on its baseline. Text wider than `room` is shortened; an SVG then carries the
+  /// whole text as a tooltip, and every text with its measured width, so that another font keeps the layout.
+  void text(const Vec2& at, const std::string& text, const Style& style = {}, Align align = Align::left,
+            double room = any_room);
+
+  // ---------------------------------------------------------------------------------------- pixels alone
+
+  /// Confines lines, discs, polygons and areas to a rectangle until the next call; without one: the picture.
+  void clip(const Rect& r);
+  void clip() { clip({0.0, 0.0, static_cast<double>(width()), static_cast<double>(height())}); }
+  /// What closed outlines enclose an odd number of times; their pieces may be in any order.
+  void area(const Pieces& outline, const Colour& colour);
+  /// A pixel of the enlarged picture.
   void blend(int x, int y, const Colour& colour, double cover) {
     if (!(cover > 0.0) || x < 0 || y < 0 || x >= columns_ || y >= rows_) return;
     const auto t = static_cast<float>(std::min(cover, 1.0));
@@ -75,18 +116,8 @@ class Canvas {
     at = {part(at.red, colour.red), part(at.green, colour.green), part(at.blue, colour.blue)};
   }
 
-  /// With round corners of that radius.
-  void rectangle(const Rect& r, const Colour& colour, double corner = 0.0);
-  void disc(const Vec2& centre, double radius, const Colour& colour, double opacity = 1.0);
-  void line(const Vec2& a, const Vec2& b, double thickness, const Colour& colour, double opacity = 1.0);
-  /// A line from a to b with a head at b.
-  void arrow(const Vec2& a, const Vec2& b, double thickness, const Colour& colour);
-  /// Convex, corners clockwise as seen; every edge moved outward by `grow`.
-  void polygon(const std::vector<Vec2>& corners, const Colour& colour, double grow = 0.0);
-
-  /// The finished picture: the average of every fine x fine block, three bytes a pixel, bottom row first as
-  /// VTK wants it.
-  void average(unsigned char* to) const;
+  /// The bytes of the finished file. Throws OutputError: there is no memory for them.
+  std::string bytes() const;
 
  private:
   // A quarter of a Colour's room: of an overview's eight million pixels memory took more time than drawing.
@@ -103,45 +134,28 @@ class Canvas {
 
   /// Paints where `distance` (picture pixels, negative inside) says; `bounds` limits the search.
   template <class Distance>
-  void paint(const Rect& bounds, const Colour& colour, double opacity, Distance distance);
+  void paint(const Rect& bounds, const Colour& colour, Distance distance);
+  void segment(const Vec2& a, const Vec2& b, double thickness, const Colour& colour);
+  void set_pixels_of(const std::string& shown, const Vec2& at, const Style& style, Align align);
+  /// The finished picture: the average of every fine x fine block, three bytes a pixel, bottom row first as
+  /// VTK wants it.
+  void average(unsigned char* to) const;
 
   int columns_, rows_;
-  std::vector<Pixel> pixel_;
+  std::array<int, 4> shown_;  ///< first and last column, first and last row inside the clip
+  bool is_svg_;
+  std::vector<Pixel> pixel_;  ///< none of an SVG
+  std::string svg_;           ///< without its end
 };
-
-/// The bytes of a PNG. Throws OutputError: there is no memory for it.
-std::string png(const Canvas& canvas);
-/// Through write_file(). Throws OutputError.
-void write_png(const std::filesystem::path& file, const Canvas& canvas);
-
-// ----------------------------------------------------------------------------------------------------- text
-
-struct Style {
-  double size = 15.0;  ///< height of a line of text in picture pixels, about
-  Colour colour = ink;
-  bool bold = false;
-};
-
-enum class Align { left, centre, right };
-
-/// Only what the built-in font has: Latin letters, signs and dashes. Everything else, and bytes that are not
-/// UTF-8, becomes '?'.
-std::string printable(std::string_view text);
 
 /// Width in picture pixels.
 double text_width(const std::string& text, const Style& style);
-
-/// Sets one line of text; `at` is on its baseline.
-void write(Canvas& canvas, const Vec2& at, const std::string& text, const Style& style = {},
-           Align align = Align::left);
 
 /// Breaks a line between words so that no part is wider than `room`. A single longer word is cut.
 std::vector<std::string> wrapped(const std::string& line, double room, const Style& style);
 
 /// The text, shortened at its end until it fits.
 std::string shortened(const std::string& text, double room, const Style& style);
-
-// -------------------------------------------------------------------------------------------------- numbers
 
 /// 1, 2 or 5 times a power of ten, the largest that does not exceed `value` (> 0).
 double round_below(double value);

@@ -9,16 +9,13 @@
 #include <utility>
 
 #include "io/digits.hpp"
-#include "io/draw/canvas.hpp"
-#include "io/draw/pen.hpp"
-
-// No library draws this: VTK's charts need its renderer, which aborts the process where there is no display.
+#include "io/draw/furniture.hpp"
+#include "io/file.hpp"
 
 namespace dimple {
 
+namespace draw {
 namespace {
-
-using namespace draw;
 
 constexpr int panel_width = 1000, panel_height = 650;
 
@@ -26,37 +23,26 @@ constexpr int panel_width = 1000, panel_height = 650;
 constexpr std::array<Colour, 8> hues{rgb(0x0072B2), rgb(0xD55E00), rgb(0x009E73), rgb(0xB5588F),
                                      rgb(0xD99100), rgb(0x4AA3D9), rgb(0x3A4654), rgb(0x7A1F4B)};
 
-constexpr Style small{.size = 14.0}, soft{.size = 14.0, .colour = soft_ink},
-    note{.size = 13.0, .colour = soft_ink};
-
-// -------------------------------------------------------------------------------------------------- layout
-
-/// A white card with title and subtitle; returns the room that is left.
-Rect card_with_title(Pen& pen, const Rect& tile, const std::string& title,
-                     const std::vector<std::string>& subtitle) {
-  const Rect r = tile.inset(8.0, 8.0, 8.0, 8.0);
-  pen.rectangle({r.x - 1.0, r.y - 1.0, r.w + 2.0, r.h + 2.0}, hairline, 9.0);
-  pen.rectangle(r, card, 8.0);
-  Rect room = r.inset(22.0, 14.0, 22.0, 16.0);
-  const auto put = [&](const std::string& text, const Style& style, std::size_t most_rows, double row) {
-    std::vector<std::string> rows = wrapped(text.substr(0, 2000), room.w, style);
-    const bool cut = rows.size() > most_rows || text.size() > 2000;
-    if (rows.size() > most_rows) rows.resize(most_rows);
-    for (std::size_t i = 0; i < rows.size(); ++i) {
-      room = room.inset(0.0, row, 0.0, 0.0);
-      pen.text({room.x, room.y - 5.0}, cut && i + 1 == rows.size() ? rows[i] + " ..." : rows[i], style,
-               Align::left, room.w);
-    }
-  };
-  put(title, {.size = 19.0, .bold = true}, 2, 25.0);
-  constexpr std::size_t most_lines = 6;
-  for (std::size_t i = 0; i < std::min(subtitle.size(), most_lines); ++i) put(subtitle[i], soft, 2, 19.0);
-  return room;
+const Colour& hue(std::size_t number) {
+  return hues[number % hues.size()];
 }
 
-void say_in_the_middle(Pen& pen, const Rect& room, const std::string& text) {
-  pen.text({room.x + room.w / 2.0, room.y + room.h / 2.0}, text, {.size = 18.0, .colour = soft_ink},
-           Align::centre);
+/// A white card with title and subtitle; returns the room that is left.
+Rect card_with_title(Canvas& canvas, const Rect& tile, const std::string& title,
+                     const std::vector<std::string>& subtitle) {
+  const Rect r = tile.inset(8.0, 8.0, 8.0, 8.0);
+  draw_card(canvas, r);
+  Rect room = r.inset(22.0, 14.0, 22.0, 16.0);
+  const auto put = [&](const std::vector<std::string>& texts, const Style& style, double row) {
+    for (const std::string& text : rows_of(texts, room.w, style, 2 * texts.size(), 2)) {
+      room = room.inset(0.0, row, 0.0, 0.0);
+      canvas.text({room.x, room.y - 5.0}, text, style);
+    }
+  };
+  constexpr std::ptrdiff_t most_lines = 6;
+  put({title}, {.size = 19.0, .bold = true}, 25.0);
+  put({subtitle.begin(), subtitle.begin() + std::min(std::ssize(subtitle), most_lines)}, soft, 19.0);
+  return room;
 }
 
 // ----------------------------------------------------------------------------------------------------- axes
@@ -74,12 +60,8 @@ struct Axis {
   double fraction(double value) const { return (value - low) / (high - low); }
 };
 
-struct Tick {
-  double value;
-  std::string text;
-};
-
-Axis axis_of(const std::vector<double>& values) {
+/// With a margin of that part of the range.
+Axis axis_of(const std::vector<double>& values, double part) {
   if (values.empty()) return {};
   const auto [least, largest] = std::minmax_element(values.begin(), values.end());
   const double low = *least, high = *largest, most = std::max(std::abs(low), std::abs(high));
@@ -87,34 +69,16 @@ Axis axis_of(const std::vector<double>& values) {
     const double margin = most > 1e-300 ? 0.1 * most : 1.0;
     return {low - margin, high + margin};
   }
-  const double margin = 0.06 * (high - low);
+  const double margin = part * (high - low);
   if (low >= 0.0 && low < 0.3 * high) return {0.0, high + margin};  // zero where it is near
   if (high <= 0.0 && high > 0.3 * low) return {low - margin, 0.0};
   return {low - margin, high + margin};
 }
 
-/// Short without being cryptic: 0.002, 50, 20000; else 2e-7. `digits` are significant.
-std::string plain(double value, int digits) {
-  if (value == 0.0) return "0";
-  const double size = std::abs(value);
-  if (size >= 9.99e-5 && size < 9.99e5) {
-    const int decimals = digits - 1 - static_cast<int>(std::floor(std::log10(size) + 1e-9));
-    std::string text = fmt::format("{:.{}f}", value, std::clamp(decimals, 0, 12));
-    if (text.find('.') != std::string::npos) {
-      while (text.back() == '0') text.pop_back();
-      if (text.back() == '.') text.pop_back();
-    }
-    return text;
-  }
-  std::string text = fmt::format("{:.{}e}", value, digits - 1);
-  const std::size_t e = text.find('e');
-  std::string lead = text.substr(0, e);
-  if (lead.find('.') != std::string::npos) {
-    while (lead.back() == '0') lead.pop_back();
-    if (lead.back() == '.') lead.pop_back();
-  }
-  return fmt::format("{}e{}", lead, std::stoi(text.substr(e + 1)));
-}
+struct Tick {
+  double value;
+  std::string text;
+};
 
 /// At multiples of a round step between low and high, about `most` of them.
 std::vector<Tick> even_ticks(double low, double high, int most) {
@@ -128,19 +92,19 @@ std::vector<Tick> even_ticks(double low, double high, int most) {
   const double first = std::ceil(low / step - 1e-9);
   for (int i = 0; i <= 2 * most && (first + i) * step <= high + 1e-9 * step; ++i) {
     const double value = (first + i) * step;
-    ticks.push_back({value, decimals ? tick_text(value, step) : plain(value, digits)});
+    ticks.push_back({value, decimals ? tick_text(value, step) : fmt::format("{:.{}g}", value, digits)});
   }
   return ticks;
 }
 
-/// The most ticks of which no two come nearer than `room_of` two texts in the middle of which they stand.
-template <class Room>
-std::vector<Tick> ticks_of(const Axis& axis, double pixels, Room room_of) {
+/// As many ticks as the texts leave room for: beside each other or one above the other.
+std::vector<Tick> ticks_of(const Axis& axis, double pixels, bool beside) {
   std::vector<Tick> ticks;
   const auto fits = [&] {
     double at = -1e9, half = 0.0;
     for (const Tick& tick : ticks) {
-      const double here = axis.fraction(tick.value) * pixels, own = room_of(tick.text) / 2.0;
+      const double here = axis.fraction(tick.value) * pixels,
+                   own = (beside ? text_width(tick.text, small) + 18.0 : 24.0) / 2.0;
       if (here - at < own + half) return false;
       at = here, half = own;
     }
@@ -153,6 +117,23 @@ std::vector<Tick> ticks_of(const Axis& axis, double pixels, Room room_of) {
   return ticks;
 }
 
+void draw_grid(Canvas& canvas, const Rect& plot, const Axis& axis, const std::vector<Tick>& ticks,
+               bool beside) {
+  for (const Tick& tick : ticks) {
+    const double f = axis.fraction(tick.value);
+    if (f < -1e-9 || f > 1.0 + 1e-9) continue;
+    const Vec2 at(plot.x + f * plot.w, plot.y + (1.0 - f) * plot.h);
+    const Colour colour = tick.value == 0.0 && f > 1e-6 && f < 1.0 - 1e-6 ? soft_ink : hairline;
+    if (beside) {
+      canvas.line({at.x(), plot.y}, {at.x(), plot.y + plot.h}, 1.0, colour);
+      canvas.text({at.x(), plot.y + plot.h + 20.0}, tick.text, small, Align::centre);
+    } else {
+      canvas.line({plot.x, at.y()}, {plot.x + plot.w, at.y()}, 1.0, colour);
+      canvas.text({plot.x - 9.0, at.y() + 5.0}, tick.text, small, Align::right);
+    }
+  }
+}
+
 // --------------------------------------------------------------------------------------------------- series
 
 /// A series as it is drawn: pixels instead of values.
@@ -161,36 +142,25 @@ struct Trace {
   std::size_t look = 0;                 ///< number of hue and marker
   std::vector<std::vector<Vec2>> line;  ///< pieces
   std::vector<Vec2> point;
-
-  const Colour& colour() const { return hues[look % hues.size()]; }
+  std::vector<Vec2> band;  ///< its corners
 };
 
-constexpr double marker_radius = 5.0;
-
-void draw_marker(Pen& pen, const Vec2& at, const Trace& trace) {
-  const Colour fill = trace.colour();
-  const Edge edge{card, 1.0};
-  constexpr double r = marker_radius;
-  const auto shape = [&](std::initializer_list<Vec2> corners) {
-    std::vector<Vec2> moved;
-    for (const Vec2& corner : corners) moved.emplace_back(at + r * corner);
-    pen.polygon(moved, fill, edge);
-  };
-  switch (trace.look % 7) {  // not a divisor of the number of hues: look 8 has the hue of 0, another marker
-    case 0:
-      return pen.disc(at, r, fill, edge);
-    case 1:
-      return shape({{-0.9, -0.9}, {0.9, -0.9}, {0.9, 0.9}, {-0.9, 0.9}});
-    case 2:
-      return shape({{0.0, -1.25}, {1.15, 0.85}, {-1.15, 0.85}});
-    case 3:
-      return shape({{0.0, -1.3}, {1.3, 0.0}, {0.0, 1.3}, {-1.3, 0.0}});
-    case 4:
-      return shape({{-1.15, -0.85}, {1.15, -0.85}, {0.0, 1.25}});
-    case 5:
-      return shape({{-0.5, -1.1}, {0.5, -1.1}, {1.1, 0.0}, {0.5, 1.1}, {-0.5, 1.1}, {-1.1, 0.0}});
-    default:
-      return shape({{-1.25, -0.6}, {1.25, -0.6}, {1.25, 0.6}, {-1.25, 0.6}});
+void draw_marker(Canvas& canvas, const Vec2& at, std::size_t look, double radius) {
+  static const std::array<std::vector<Vec2>, 5> shapes{{{},  // a disc
+                                                        {{-0.9, -0.9}, {0.9, -0.9}, {0.9, 0.9}, {-0.9, 0.9}},
+                                                        {{0.0, -1.25}, {1.15, 0.85}, {-1.15, 0.85}},
+                                                        {{0.0, -1.3}, {1.3, 0.0}, {0.0, 1.3}, {-1.3, 0.0}},
+                                                        {{-1.15, -0.85}, {1.15, -0.85}, {0.0, 1.25}}}};
+  const std::vector<Vec2>& shape = shapes[look % shapes.size()];  // look 8: the hue of 0, another marker
+  for (const bool edge : {true, false}) {
+    const double r = radius + (edge ? 0.7 : -0.3);
+    const Colour& colour = edge ? card : hue(look);
+    std::vector<Vec2> corners;
+    for (const Vec2& corner : shape) corners.emplace_back(at + r * corner);
+    if (shape.empty())
+      canvas.disc(at, r, colour);
+    else
+      canvas.polygon(corners, colour);
   }
 }
 
@@ -209,193 +179,172 @@ std::vector<std::size_t> looks_of(const std::vector<ChartSeries>& series) {
   return looks;
 }
 
-// ---------------------------------------------------------------------------------------------------- chart
-
-void check(const Chart& chart) {
-  for (const ChartSeries& s : chart.series)
-    if (s.x.size() != s.y.size())
-      throw std::invalid_argument(
-          fmt::format("the series \"{}\" has {} x and {} y", s.name, s.x.size(), s.y.size()));
-}
-
-/// Where the legend goes: rows below the plot if a few do, else a column on its right.
-struct LegendPlan {
-  std::vector<std::size_t> entry;   ///< series with a name
-  std::vector<std::size_t> row_of;  ///< below
-  std::vector<double> width;
-  std::size_t rows = 0, left_out = 0;
-  bool on_the_right = false;
-  double column = 0.0;  ///< width of the right one
-};
-
-constexpr double legend_mark = 40.0, legend_gap = 26.0, legend_row = 22.0;
-
-LegendPlan plan_legend(const Chart& chart, const Rect& room) {
-  LegendPlan plan;
-  for (std::size_t n = 0; n < chart.series.size(); ++n)
-    if (!chart.series[n].name.empty()) plan.entry.push_back(n);
-  double all = 0.0, widest = 0.0;
-  for (const std::size_t n : plan.entry) {
-    const double w = std::min(legend_mark + text_width(chart.series[n].name, small), room.w);
-    all += w + legend_gap;
-    widest = std::max(widest, w);
-    plan.width.push_back(w);
-  }
-  std::size_t columns = plan.entry.size();
-  if (all - legend_gap > room.w) {  // several rows: their entries stand below each other
-    columns = static_cast<std::size_t>(std::max((room.w + legend_gap) / (widest + legend_gap), 1.0));
-    plan.width.assign(plan.entry.size(), widest);
-  }
-  if (!plan.entry.empty()) plan.rows = (plan.entry.size() - 1) / columns + 1;
-  for (std::size_t i = 0; i < plan.entry.size(); ++i) plan.row_of.push_back(i / columns);
-  const auto height = static_cast<double>(plan.entry.size()) * legend_row;
-  if (plan.rows > 2 && widest <= 320.0 && height <= room.h - 90.0) {
-    plan.on_the_right = true;
-    plan.column = widest;
-    plan.rows = 0;
-  }
-  constexpr std::size_t most_rows = 9;
-  if (plan.rows > most_rows) {
-    plan.rows = most_rows;
-    while (plan.row_of.back() + 1 >= most_rows) {
-      ++plan.left_out;
-      plan.entry.pop_back();
-      plan.row_of.pop_back();
-    }
-  }
-  return plan;
-}
-
-/// The sample stands left of `at`, which is on the name's baseline.
-void draw_entry(Pen& pen, const Vec2& at, double room, const Trace& trace) {
-  const Vec2 mark = at + Vec2(15.0, -5.0);
-  if (trace.series->line)
-    pen.line({mark - Vec2(14.0, 0.0), mark + Vec2(14.0, 0.0)}, 2.2, trace.colour(), trace.series->dashed);
-  if (trace.series->markers) draw_marker(pen, mark, trace);
-  pen.text(at + Vec2(legend_mark - 4.0, 0.0), trace.series->name, small, Align::left,
-           room - legend_mark + 8.0);
-}
-
-void draw_legend(Pen& pen, const Rect& room, const Rect& plot, const LegendPlan& plan,
-                 const std::vector<Trace>& traces) {
-  Vec2 at(plot.x + plot.w + 24.0, plot.y + 16.0);
-  std::size_t row = plan.rows;  // none yet
-  for (std::size_t i = 0; i < plan.entry.size(); ++i) {
-    if (!plan.on_the_right && plan.row_of[i] != row) {
-      row = plan.row_of[i];
-      const auto up = static_cast<double>(plan.rows - row - 1) * legend_row;
-      at = Vec2(room.x, room.y + room.h - 4.0 - up);
-    }
-    draw_entry(pen, at, plan.on_the_right ? plan.column : room.w, traces[plan.entry[i]]);
-    at += plan.on_the_right ? Vec2(0.0, legend_row) : Vec2(plan.width[i] + legend_gap, 0.0);
-  }
-  if (plan.left_out > 0)
-    pen.text({room.x, room.y + room.h - 4.0}, fmt::format("... and {} more series", plan.left_out), note,
-             Align::left);
-}
-
-void draw_grid(Pen& pen, const Rect& plot, const Axis& axis, const std::vector<Tick>& ticks,
-               bool horizontal) {
-  for (const Tick& tick : ticks) {
-    const double f = axis.fraction(tick.value);
-    if (f < -1e-9 || f > 1.0 + 1e-9) continue;
-    const Vec2 at(plot.x + f * plot.w, plot.y + (1.0 - f) * plot.h);
-    const Colour colour = tick.value == 0.0 && f > 1e-6 && f < 1.0 - 1e-6 ? soft_ink : hairline;
-    if (horizontal) {
-      pen.line({{at.x(), plot.y}, {at.x(), plot.y + plot.h}}, 1.0, colour, false);
-      pen.text({at.x(), plot.y + plot.h + 20.0}, tick.text, small, Align::centre);
-    } else {
-      pen.line({{plot.x, at.y()}, {plot.x + plot.w, at.y()}}, 1.0, colour, false);
-      pen.text({plot.x - 9.0, at.y() + 5.0}, tick.text, small, Align::right);
-    }
-  }
-}
-
 /// Where the series run in the plot.
 std::vector<Trace> traces_of(const Chart& chart, const Axis& x, const Axis& y, const Rect& plot) {
   std::vector<Trace> traces;
   const std::vector<std::size_t> looks = looks_of(chart.series);
+  const auto at = [&](double value_x, double value_y) {
+    return Vec2(plot.x + plot.w * x.fraction(value_x), plot.y + plot.h * (1.0 - y.fraction(value_y)));
+  };
   for (std::size_t n = 0; n < chart.series.size(); ++n) {
     const ChartSeries& s = chart.series[n];
-    Trace trace;
-    trace.series = &s;
-    trace.look = looks[n];
+    Trace trace{.series = &s, .look = looks[n], .line = {}, .point = {}, .band = {}};
+    std::vector<Vec2> back;  // along the lower side of the band
     bool goes_on = false;
     for (std::size_t i = 0; i < s.x.size(); ++i) {
-      if (!is_shown(s.x[i]) || !is_shown(s.y[i])) {
-        goes_on = false;
-        continue;
+      const bool shown = is_shown(s.x[i]) && is_shown(s.y[i]);
+      if (shown) {
+        trace.point.push_back(at(s.x[i], s.y[i]));
+        if (!goes_on) trace.line.emplace_back();
+        trace.line.back().push_back(trace.point.back());
+        if (!s.half.empty()) {
+          trace.band.push_back(at(s.x[i], s.y[i] + s.half[i]));
+          back.push_back(at(s.x[i], s.y[i] - s.half[i]));
+        }
       }
-      trace.point.emplace_back(plot.x + plot.w * x.fraction(s.x[i]),
-                               plot.y + plot.h * (1.0 - y.fraction(s.y[i])));
-      if (!goes_on) trace.line.emplace_back();
-      trace.line.back().push_back(trace.point.back());
-      goes_on = true;
+      goes_on = shown;
     }
+    trace.band.insert(trace.band.end(), back.rbegin(), back.rend());
     std::erase_if(trace.line, [&](const auto& piece) { return !s.line || piece.size() < 2; });
     traces.push_back(std::move(trace));
   }
   return traces;
 }
 
-void draw_traces(Pen& pen, const std::vector<Trace>& traces) {
+/// The text at the last point: above it, unless the curve comes down to it; inside the plot in any case. On a
+/// white ground where other series may run below it.
+void draw_end(Canvas& canvas, const Rect& plot, const Trace& trace, bool on_white) {
+  const Style strong{.size = 16.0, .bold = true};
+  const Vec2 last = trace.point.back();
+  canvas.disc(last, 6.5, card);
+  canvas.disc(last, 5.0, hues[1]);
+  const bool falls = trace.point.size() > 1 && trace.point[trace.point.size() - 2].y() < last.y();
+  const double wide = text_width(trace.series->end, strong);
+  const Vec2 foot(
+      std::clamp(last.x() + 12.0, plot.x + wide + 8.0, std::max(plot.x + plot.w, plot.x + wide + 8.0)),
+      last.y() + (falls ? 26.0 : -14.0));
+  if (on_white) canvas.rectangle({foot.x() - wide - 4.0, foot.y() - 16.0, wide + 8.0, 22.0}, card, 4.0);
+  canvas.text(foot, trace.series->end, strong, Align::right);
+}
+
+void draw_traces(Canvas& canvas, const Rect& plot, const std::vector<Trace>& traces) {
   for (const Trace& trace : traces)
-    for (const auto& piece : trace.line) pen.line(piece, 2.2, trace.colour(), trace.series->dashed);
+    if (trace.band.size() > 3) canvas.polygon(trace.band, mixed(hue(trace.look), card, 0.72F));
+  for (const Trace& trace : traces)
+    for (const auto& piece : trace.line) canvas.curve(piece, 2.2, hue(trace.look), trace.series->dashed);
   for (const Trace& trace : traces)
     for (const Vec2& at : trace.point) {
       if (trace.series->markers)
-        draw_marker(pen, at, trace);
+        draw_marker(canvas, at, trace.look, trace.point.size() > 40 ? 2.4 : 5.0);
       else if (trace.series->line && trace.line.empty())
-        pen.disc(at, 1.6, trace.colour(), {trace.colour(), 0.0});  // a line of one point
+        canvas.disc(at, 1.6, hue(trace.look));  // a line of one point
     }
+  for (const Trace& trace : traces)
+    if (!trace.series->end.empty() && !trace.point.empty()) draw_end(canvas, plot, trace, traces.size() > 1);
 }
 
-void draw_panel(Pen& pen, const Rect& tile, const Chart& chart) {
+// --------------------------------------------------------------------------------------------------- legend
+
+constexpr double legend_mark = 36.0, legend_gap = 26.0, legend_row = 22.0;
+
+/// Where a sample begins below the plot, from the upper left, for each series with a name.
+struct LegendPlan {
+  std::vector<std::pair<std::size_t, Vec2>> entries;
+  double height = 0.0;
+};
+
+LegendPlan plan_legend(const Chart& chart, double room) {
+  LegendPlan plan;
+  Vec2 at(0.0, 0.0);
+  for (std::size_t n = 0; n < chart.series.size(); ++n) {
+    const std::string& name = chart.series[n].name;
+    if (name.empty()) continue;
+    const double wide = std::min(legend_mark + text_width(name, small), room);
+    if (at.x() + wide > room) at = Vec2(0.0, at.y() + legend_row);
+    plan.entries.emplace_back(n, at);
+    plan.height = at.y() + legend_row;
+    at.x() += wide + legend_gap;
+  }
+  return plan;
+}
+
+void draw_names(Canvas& canvas, const Rect& room, const LegendPlan& plan, const std::vector<Trace>& traces) {
+  const Vec2 first(room.x, room.y + room.h - 4.0 - plan.height + legend_row);
+  for (const auto& [series, place] : plan.entries) {
+    const Trace& trace = traces[series];
+    const Vec2 at = first + place, mark = at + Vec2(15.0, -5.0), across(14.0, 0.0);
+    if (trace.series->line)
+      canvas.curve({mark - across, mark + across}, 2.2, hue(trace.look), trace.series->dashed);
+    if (trace.series->markers) draw_marker(canvas, mark, trace.look, 5.0);
+    canvas.text(at + Vec2(legend_mark, 0.0), trace.series->name, small, Align::left,
+                room.w - legend_mark + 4.0);
+  }
+}
+
+}  // namespace
+
+void draw_plot(Canvas& canvas, const Rect& room, const Chart& chart) {
   std::vector<double> xs, ys;
-  for (const ChartSeries& series : chart.series)
-    for (std::size_t i = 0; i < series.x.size(); ++i)
-      if (is_shown(series.x[i]) && is_shown(series.y[i]))
-        xs.push_back(series.x[i]), ys.push_back(series.y[i]);
-  const Axis x = axis_of(xs), y = axis_of(ys);
+  for (const ChartSeries& s : chart.series)
+    for (std::size_t i = 0; i < s.x.size(); ++i) {
+      if (!is_shown(s.x[i]) || !is_shown(s.y[i])) continue;
+      const double half = s.half.empty() ? 0.0 : s.half[i];
+      xs.push_back(s.x[i]);
+      ys.insert(ys.end(), {s.y[i] - half, s.y[i] + half});
+    }
+  const Axis x = axis_of(xs, 0.06), y = axis_of(ys, 0.1);
 
   // From the outside in: the texts above and below leave the height, the numbers of y the width.
-  const Rect room = card_with_title(pen, tile, chart.title, chart.subtitle);
-  const LegendPlan legend = plan_legend(chart, room);
+  const LegendPlan legend = plan_legend(chart, room.w);
   const double above = chart.y_label.empty() ? 14.0 : 36.0;
-  const double legend_height = legend.rows > 0 ? static_cast<double>(legend.rows) * legend_row + 8.0 : 0.0;
-  const double below = 28.0 + (chart.x_label.empty() ? 0.0 : 24.0) + legend_height;
-  Rect plot = room.inset(0.0, above, legend.on_the_right ? legend.column + 24.0 : 20.0, below);
-  const auto y_ticks = ticks_of(y, plot.h, [](const std::string&) { return 24.0; });
+  const double below =
+      28.0 + (chart.x_label.empty() ? 0.0 : 24.0) + (legend.height > 0.0 ? legend.height + 8.0 : 0.0);
+  Rect plot = room.inset(0.0, above, 20.0, below);
+  const auto y_ticks = ticks_of(y, plot.h, false);
   double numbers = 0.0;
   for (const Tick& tick : y_ticks) numbers = std::max(numbers, text_width(tick.text, small));
   plot = plot.inset(numbers + 12.0, 0.0, 0.0, 0.0);
-  const auto x_ticks =
-      ticks_of(x, plot.w, [](const std::string& text) { return text_width(text, small) + 18.0; });
 
-  draw_grid(pen, plot, x, x_ticks, true);
-  draw_grid(pen, plot, y, y_ticks, false);
+  draw_grid(canvas, plot, x, ticks_of(x, plot.w, true), true);
+  draw_grid(canvas, plot, y, y_ticks, false);
   const double right = plot.x + plot.w, foot = plot.y + plot.h;
-  pen.line({{plot.x, plot.y}, {right, plot.y}, {right, foot}}, 1.0, hairline, false);
-  pen.line({{plot.x, plot.y}, {plot.x, foot}, {right, foot}}, 1.4, soft_ink, false);
-  pen.text({room.x, plot.y - 14.0}, chart.y_label, small, Align::left, room.w);
-  if (!chart.x_label.empty())
-    pen.text({plot.x + plot.w / 2.0, foot + 44.0}, chart.x_label, small, Align::centre, plot.w);
+  canvas.curve({{plot.x, plot.y}, {right, plot.y}, {right, foot}}, 1.0, hairline);
+  canvas.curve({{plot.x, plot.y}, {plot.x, foot}, {right, foot}}, 1.4, soft_ink);
+  canvas.text({room.x, plot.y - 14.0}, chart.y_label, small, Align::left, room.w);
+  canvas.text({plot.x + plot.w / 2.0, foot + 44.0}, chart.x_label, small, Align::centre, plot.w);
 
   const std::vector<Trace> traces = traces_of(chart, x, y, plot);
-  draw_traces(pen, traces);
-  if (xs.empty()) say_in_the_middle(pen, plot, "no data");
-  draw_legend(pen, room, plot, legend, traces);
+  draw_traces(canvas, plot, traces);
+  if (xs.empty()) say_in_the_middle(canvas, plot, "no data");
+  draw_names(canvas, room, legend, traces);
 }
 
-// -------------------------------------------------------------------------------------------------- tornado
+// --------------------------------------------------------------------------------------------------- panels
+
+namespace {
+
+void check(const Chart& chart) {
+  for (const ChartSeries& s : chart.series)
+    if (s.x.size() != s.y.size() || (!s.half.empty() && s.half.size() != s.y.size()))
+      throw std::invalid_argument(fmt::format("the series \"{}\" has {} x, {} y and {} half-widths", s.name,
+                                              s.x.size(), s.y.size(), s.half.size()));
+}
+
+double height_of(const Chart&) {
+  return panel_height;
+}
+
+void draw_panel(Canvas& canvas, const Rect& tile, const Chart& chart) {
+  draw_plot(canvas, card_with_title(canvas, tile, chart.title, chart.subtitle), chart);
+}
 
 void check(const Tornado& tornado) {
   for (const Tornado::Row& row : tornado.rows)
-    if (!(std::abs(row.low) <= largest_shown) || !(std::abs(row.high) <= largest_shown))
+    if (!is_shown(row.low) || !is_shown(row.high))
       throw std::invalid_argument(fmt::format("the bar \"{}\" ends nowhere", row.name));
 }
 
-constexpr double most_row = 46.0, two_lines_row = 34.0;
+constexpr Style bar_name{.size = 14.0, .bold = true}, bar_note{.size = 13.0, .colour = soft_ink};
 const Colour shade_grey = mixed(card, hairline, 0.55F);
 
 /// What a panel of that size has for the rows, and beside them for their names.
@@ -405,143 +354,118 @@ Rect plot_of(const Rect& room, const Tornado& tornado) {
 }
 
 double row_height(const Rect& plot, const Tornado& tornado) {
-  return std::min(plot.h / static_cast<double>(tornado.rows.size()), most_row);
+  constexpr double most = 46.0;
+  return std::min(plot.h / static_cast<double>(tornado.rows.size()), most);
 }
 
 /// A panel ends below its rows.
 double height_of(const Tornado& tornado) {
   constexpr Rect most{0.0, 0.0, panel_width, panel_height};
   if (tornado.rows.empty()) return most.h;
-  const Rect plot =
-      plot_of(card_with_title(*raster_pen(1, 1), most, tornado.title, tornado.subtitle), tornado);
+  Canvas nothing(1, 1);
+  const Rect plot = plot_of(card_with_title(nothing, most, tornado.title, tornado.subtitle), tornado);
   return std::ceil(most.h - plot.h + row_height(plot, tornado) * static_cast<double>(tornado.rows.size()));
 }
 
-std::string in_one_line(const Tornado::Row& row) {
-  return fmt::format("{}: {}", row.name, row.note);
+/// What is written beside a bar: its name, and a note below it where there is room for two lines.
+struct BarWords {
+  std::string name, under;
+  Style style;
+};
+
+BarWords words_of(const Tornado::Row& row, double height) {
+  if (height >= 34.0 || row.note.empty()) return {row.name, row.note, bar_name};
+  return {fmt::format("{}: {}", row.name, row.note), "", small};
 }
 
-void draw_panel(Pen& pen, const Rect& tile, const Tornado& tornado) {
-  const Rect room = card_with_title(pen, tile, tornado.title, tornado.subtitle);
-  if (tornado.rows.empty()) return say_in_the_middle(pen, room, "no data");
-  Rect plot = plot_of(room, tornado);
-  const double height = row_height(plot, tornado);
-  const bool two_lines = height >= two_lines_row;
-  const Style bold{.size = 14.0, .bold = true};
-  constexpr double most_names = 430.0, numbers = 70.0;
-  double names = 0.0;  // as wide as the widest
-  for (const Tornado::Row& row : tornado.rows)
-    names = std::max(names, two_lines || row.note.empty()
-                                ? std::max(text_width(row.name, bold), text_width(row.note, note))
-                                : text_width(in_one_line(row), small));
-  names = std::min(names + 20.0, most_names);
-  plot = plot.inset(names, 0.0, 0.0, 0.0);
-
+/// From zero and the shade to every end, with room for the numbers at the ends.
+Axis axis_of_bars(const Tornado& tornado, double pixels) {
+  constexpr double number = 70.0;
   std::vector<double> values = {0.0, -tornado.shade, tornado.shade};
   for (const Tornado::Row& row : tornado.rows) values.insert(values.end(), {row.low, row.high});
-  Axis axis = axis_of(values);
-  // Room for the numbers at the ends of the bars.
-  const double margin = numbers / plot.w * (axis.high - axis.low);
+  Axis axis = axis_of(values, 0.06);
+  const double margin = number / pixels * (axis.high - axis.low);
   axis.low = std::min(axis.low, *std::min_element(values.begin(), values.end()) - margin);
   axis.high = std::max(axis.high, *std::max_element(values.begin(), values.end()) + margin);
-  plot.h = height * static_cast<double>(tornado.rows.size());
+  return axis;
+}
+
+/// The bar at that height, and the numbers at its ends.
+void draw_bar(Canvas& canvas, const Rect& plot, const Axis& axis, const Tornado::Row& row, double middle,
+              double thick) {
   const auto across = [&](double value) { return plot.x + axis.fraction(value) * plot.w; };
-  if (tornado.shade > 0.0)
-    pen.rectangle({across(-tornado.shade), plot.y, across(tornado.shade) - across(-tornado.shade), plot.h},
-                  shade_grey, 0.0);
-  draw_grid(pen, plot, axis,
-            ticks_of(axis, plot.w, [](const std::string& text) { return text_width(text, small) + 18.0; }),
-            true);
+  const double low = across(std::min(row.low, 0.0)), high = across(std::max(row.high, 0.0));
+  canvas.rectangle({low, middle - thick / 2.0, std::max(high - low, 2.0), thick},
+                   hue(static_cast<std::size_t>(std::max(row.colour, 0))), 2.0);
+  if (row.low < 0.0 || row.high <= 0.0)
+    canvas.text({low - 6.0, middle + 5.0}, with_sign(row.low), small, Align::right);
+  if (row.high > 0.0) canvas.text({high + 6.0, middle + 5.0}, with_sign(row.high), small);
+}
+
+void draw_panel(Canvas& canvas, const Rect& tile, const Tornado& tornado) {
+  const Rect room = card_with_title(canvas, tile, tornado.title, tornado.subtitle);
+  if (tornado.rows.empty()) return say_in_the_middle(canvas, room, "no data");
+  Rect plot = plot_of(room, tornado);
+  const double height = row_height(plot, tornado);
+  constexpr double most_names = 430.0;
+  double names = 0.0;  // as wide as the widest
+  for (const Tornado::Row& row : tornado.rows) {
+    const auto [name, under, style] = words_of(row, height);
+    names = std::max({names, text_width(name, style), text_width(under, bar_note)});
+  }
+  names = std::min(names + 20.0, most_names);
+  plot = plot.inset(names, 0.0, 0.0, 0.0);
+  plot.h = height * static_cast<double>(tornado.rows.size());
+  const Axis axis = axis_of_bars(tornado, plot.w);
+  const double zero = plot.x + axis.fraction(0.0) * plot.w,
+               shade = plot.x + axis.fraction(tornado.shade) * plot.w - zero;
+  if (tornado.shade > 0.0) canvas.rectangle({zero - shade, plot.y, 2.0 * shade, plot.h}, shade_grey);
+  draw_grid(canvas, plot, axis, ticks_of(axis, plot.w, true), true);
   for (std::size_t r = 0; r < tornado.rows.size(); ++r) {
-    const Tornado::Row& row = tornado.rows[r];
     const double middle = plot.y + (static_cast<double>(r) + 0.5) * height;
-    if (two_lines || row.note.empty()) {
-      pen.text({plot.x - 14.0, middle + (row.note.empty() ? 5.0 : -2.0)}, row.name, bold, Align::right,
-               names - 16.0);
-      pen.text({plot.x - 14.0, middle + 14.0}, row.note, note, Align::right, names - 16.0);
-    } else {
-      pen.text({plot.x - 14.0, middle + 5.0}, in_one_line(row), small, Align::right, names - 16.0);
-    }
-    const double low = std::min(row.low, 0.0), high = std::max(row.high, 0.0),
-                 thick = std::min(0.62 * height, 24.0);
-    const auto number = static_cast<std::size_t>(std::max(row.colour, 0));
-    pen.rectangle({across(low), middle - thick / 2.0, std::max(across(high) - across(low), 2.0), thick},
-                  hues[number % hues.size()], 2.0);
-    if (row.low < 0.0 || row.high <= 0.0)
-      pen.text({across(low) - 6.0, middle + 5.0}, with_sign(row.low), small, Align::right);
-    if (row.high > 0.0) pen.text({across(high) + 6.0, middle + 5.0}, with_sign(row.high), small, Align::left);
+    const auto [name, under, style] = words_of(tornado.rows[r], height);
+    canvas.text({plot.x - 14.0, middle + (under.empty() ? 5.0 : -2.0)}, name, style, Align::right,
+                names - 16.0);
+    canvas.text({plot.x - 14.0, middle + 14.0}, under, bar_note, Align::right, names - 16.0);
+    draw_bar(canvas, plot, axis, tornado.rows[r], middle, std::min(0.62 * height, 24.0));
   }
-  pen.line({{across(0.0), plot.y}, {across(0.0), plot.y + plot.h}}, 1.4, soft_ink, false);
-  double baseline = plot.y + plot.h + 44.0;
-  pen.text({plot.x + plot.w / 2.0, baseline}, tornado.x_label, small, Align::centre, plot.w);
-  double x = room.x;
-  baseline += legend_row;
-  const auto add = [&](const Colour& colour, const std::string& meaning) {
-    pen.rectangle({x, baseline - 12.0, 14.0, 14.0}, colour, 2.0);
-    pen.text({x + 20.0, baseline}, meaning, small, Align::left);
-    x += 20.0 + text_width(meaning, small) + 26.0;
-  };
+  canvas.line({zero, plot.y}, {zero, plot.y + plot.h}, 1.4, soft_ink);
+  const double baseline = plot.y + plot.h + 44.0;
+  canvas.text({plot.x + plot.w / 2.0, baseline}, tornado.x_label, small, Align::centre, plot.w);
+  std::vector<LegendEntry> entries;
   for (const auto& [colour, meaning] : tornado.legend)
-    add(hues[static_cast<std::size_t>(std::max(colour, 0)) % hues.size()], meaning);
-  if (tornado.shade > 0.0) add(shade_grey, tornado.shade_text);
+    entries.push_back({meaning, hue(static_cast<std::size_t>(std::max(colour, 0))), Mark::solid});
+  if (tornado.shade > 0.0) entries.push_back({tornado.shade_text, shade_grey, Mark::solid});
+  draw_legend(canvas, {room.x, baseline + legend_row}, room.x + room.w, entries);
 }
 
-// ----------------------------------------------------------------------------------------------------- both
-
-double height_of(const Chart&) {
-  return panel_height;
-}
-
-template <class Panel, class Draw>
-void write_panels(const std::filesystem::path& file, const std::vector<Panel>& panels, int columns,
-                  std::unique_ptr<Pen> (*make_pen)(int, int), Draw draw_one) {
-  constexpr std::size_t most_panels = 40;
-  if (columns < 1) throw std::invalid_argument(fmt::format("panels in {} columns", columns));
-  if (panels.empty() || panels.size() > most_panels)
-    throw std::invalid_argument(
-        fmt::format("{} panels; from 1 to {} make a picture", panels.size(), most_panels));
-  for (const Panel& panel : panels) check(panel);
-  const int count = static_cast<int>(panels.size()), across = std::min(columns, count);
-  const int down = (count + across - 1) / across;
+template <class Panel>
+void write_panels(const std::filesystem::path& file, const std::vector<Panel>& panels) {
+  if (panels.empty()) throw std::invalid_argument("a picture without panels");
   double tall = 0.0;
-  for (const Panel& panel : panels) tall = std::max(tall, height_of(panel));
-  const std::unique_ptr<Pen> pen = make_pen(across * panel_width, down * static_cast<int>(tall));
-  for (int n = 0; n < count; ++n) {
-    const Rect tile{static_cast<double>(n % across) * panel_width, static_cast<double>(n / across) * tall,
-                    panel_width, tall};
-    draw_one(*pen, tile, panels[static_cast<std::size_t>(n)]);
+  for (const Panel& panel : panels) {
+    check(panel);
+    tall = std::max(tall, height_of(panel));
   }
-  pen->write(file);
-}
-
-void write_charts(const std::filesystem::path& file, const std::vector<Chart>& panels, int columns,
-                  std::unique_ptr<Pen> (*make_pen)(int, int)) {
-  write_panels(file, panels, columns, make_pen,
-               [](Pen& pen, const Rect& tile, const Chart& chart) { draw_panel(pen, tile, chart); });
-}
-
-void write_tornados(const std::filesystem::path& file, const std::vector<Tornado>& panels, int columns,
-                    std::unique_ptr<Pen> (*make_pen)(int, int)) {
-  write_panels(file, panels, columns, make_pen,
-               [](Pen& pen, const Rect& tile, const Tornado& tornado) { draw_panel(pen, tile, tornado); });
+  Canvas canvas(panel_width, static_cast<int>(panels.size()) * static_cast<int>(tall),
+                file.extension() == ".svg" ? Format::svg : Format::png);
+  double top = 0.0;
+  for (const Panel& panel : panels) {
+    draw_panel(canvas, {0.0, top, panel_width, tall}, panel);
+    top += tall;
+  }
+  write_file(file, canvas.bytes());
 }
 
 }  // namespace
+}  // namespace draw
 
-void write_chart_png(const std::filesystem::path& file, const std::vector<Chart>& panels, int columns) {
-  write_charts(file, panels, columns, raster_pen);
+void write_chart(const std::filesystem::path& file, const std::vector<Chart>& panels) {
+  draw::write_panels(file, panels);
 }
 
-void write_chart_svg(const std::filesystem::path& file, const std::vector<Chart>& panels, int columns) {
-  write_charts(file, panels, columns, svg_pen);
-}
-
-void write_tornado_png(const std::filesystem::path& file, const std::vector<Tornado>& panels, int columns) {
-  write_tornados(file, panels, columns, raster_pen);
-}
-
-void write_tornado_svg(const std::filesystem::path& file, const std::vector<Tornado>& panels, int columns) {
-  write_tornados(file, panels, columns, svg_pen);
+void write_tornado(const std::filesystem::path& file, const std::vector<Tornado>& panels) {
+  draw::write_panels(file, panels);
 }
 
 }  // namespace dimple

@@ -13,8 +13,10 @@ struct ChartSeries {
   std::string name = {};               ///< in the legend; empty: not there
   std::vector<double> x = {}, y = {};  ///< [n]
   bool line = true, markers = true;
-  bool dashed = false;  ///< the line
-  int colour = -1;      ///< same number, same hue and marker; -1: the next that no series asks for
+  bool dashed = false;            ///< the line
+  int colour = -1;                ///< same number, same hue and marker; -1: the next that no series asks for
+  std::vector<double> half = {};  ///< [n] half the width of a band about the line; empty: none
+  std::string end = {};           ///< what is written at the last point, at a dot; empty: nothing
 };
 
 struct Chart {
@@ -40,17 +42,11 @@ struct Tornado {
   std::map<int, std::string> legend = {};  ///< colour -> meaning
 };
 
-/// Draw the panels, 1000 x 650 pixels each, row by row in a grid of at most that many columns. Both files
-/// show the same picture: the same input gives the same bytes, no display is needed, the SVG refers to
-/// nothing outside itself. Throw OutputError, and std::invalid_argument where lengths do not agree or there
-/// is no column.
-void write_chart_png(const std::filesystem::path& file, const std::vector<Chart>& panels, int columns = 1);
-void write_chart_svg(const std::filesystem::path& file, const std::vector<Chart>& panels, int columns = 1);
-
-/// Likewise, but with few rows less tall.
-void write_tornado_png(const std::filesystem::path& file, const std::vector<Tornado>& panels,
-                       int columns = 1);
-void write_tornado_svg(const std::filesystem::path& file, const std::vector<Tornado>& panels,
-                       int columns = 1);
+/// Draw the panels, 1000 x 650 pixels each, one below the other; those of tornados are less tall where they
+/// have few rows. A PNG, or where the name ends with .svg an SVG of the same picture, which refers to nothing
+/// outside itself. The same input gives the same bytes, no display is needed. Throw OutputError, and
+/// std::invalid_argument where lengths do not agree, a bar ends nowhere or there is no panel.
+void write_chart(const std::filesystem::path& file, const std::vector<Chart>& panels);
+void write_tornado(const std::filesystem::path& file, const std::vector<Tornado>& panels);
 
 }  // namespace dimple

@@ -62,23 +62,22 @@ std::vector<std::string> texts_of(const std::string& svg) {
 /// Drawn both ways: a PNG of the right size that is not empty, an SVG that is XML without numbers that are
 /// none. Returns the texts.
 template <class Panel>
-std::vector<std::string> expect_drawn(const std::vector<Panel>& panels, int columns = 1) {
+std::vector<std::string> expect_drawn(const std::vector<Panel>& panels) {
   const fs::path folder = fresh_folder();
-  if constexpr (std::is_same_v<Panel, Chart>) {
-    EXPECT_NO_THROW(write_chart_png(folder / "picture.png", panels, columns));
-    EXPECT_NO_THROW(write_chart_svg(folder / "picture.svg", panels, columns));
-  } else {
-    EXPECT_NO_THROW(write_tornado_png(folder / "picture.png", panels, columns));
-    EXPECT_NO_THROW(write_tornado_svg(folder / "picture.svg", panels, columns));
+  for (const char* name : {"picture.png", "picture.svg"}) {
+    if constexpr (std::is_same_v<Panel, Chart>) {
+      EXPECT_NO_THROW(write_chart(folder / name, panels));
+    } else {
+      EXPECT_NO_THROW(write_tornado(folder / name, panels));
+    }
   }
-  const int count = static_cast<int>(panels.size()), across = std::min(columns, count);
+  const int count = static_cast<int>(panels.size());
   const auto image = decoded(folder / "picture.png");
-  EXPECT_EQ(image->GetDimensions()[0], 1000 * across);
-  const int down = (count + across - 1) / across;
+  EXPECT_EQ(image->GetDimensions()[0], 1000);
   if constexpr (std::is_same_v<Panel, Tornado>)
-    EXPECT_LE(image->GetDimensions()[1], 650 * down);
+    EXPECT_LE(image->GetDimensions()[1], 650 * count);
   else
-    EXPECT_EQ(image->GetDimensions()[1], 650 * down);
+    EXPECT_EQ(image->GetDimensions()[1], 650 * count);
   EXPECT_LT(image->GetScalarRange()[0], 140.0);
   const std::string svg = read_file(folder / "picture.svg");
   for (const char* bad : {"\"nan", "\"inf", "\"-nan", "\"-inf", " nan", " inf", "href"})
@@ -121,7 +120,7 @@ TEST(Chart, IsAPngOf1000By650PixelsAPanelDrawnWithoutADisplay) {
   expect_drawn(force_curves());
 }
 
-TEST(Chart, PutsPanelsInAGrid) {
+TEST(Chart, PutsPanelsBelowEachOther) {
   Chart curve;
   curve.title = "Force";
   curve.x_label = "indentation [mm]";
@@ -133,14 +132,14 @@ TEST(Chart, PutsPanelsInAGrid) {
     t.x.push_back(0.04 * i), t.y.push_back(0.00035 * i + 1.6e-6 * i * i - 0.002 * std::sin(0.1 * i));
   }
   curve.series = {s, t};
-  expect_drawn<Chart>({force_curves(), curve, Chart{.title = "nothing yet"}}, 2);
+  expect_drawn<Chart>({force_curves(), curve, Chart{.title = "nothing yet"}});
 }
 
 TEST(Chart, IsTheSameFileForTheSameInput) {
   const fs::path folder = fresh_folder();
   for (const char* name : {"a", "b"}) {
-    write_chart_png(folder / (std::string(name) + ".png"), {force_curves()});
-    write_chart_svg(folder / (std::string(name) + ".svg"), {force_curves()});
+    write_chart(folder / (std::string(name) + ".png"), {force_curves()});
+    write_chart(folder / (std::string(name) + ".svg"), {force_curves()});
   }
   EXPECT_EQ(read_file(folder / "a.png"), read_file(folder / "b.png"));
   EXPECT_EQ(read_file(folder / "a.svg"), read_file(folder / "b.svg"));
@@ -193,8 +192,27 @@ TEST(Chart, LeavesAGapWhereAValueIsNotFinite) {
   chart.series = {{.name = "gap", .x = {0, 1, 2, 3, 4, 5}, .y = {1, 2, nan, 2, 1, inf}, .colour = 0}};
   const fs::path file = fresh_folder() / "gap.svg";
   expect_drawn(chart);
-  write_chart_svg(file, {chart});
+  write_chart(file, {chart});
   EXPECT_EQ(times_in(read_file(file), "fill=\"none\" stroke=\"#0072b2"), 3U);  // two pieces, and its sample
+}
+
+TEST(Chart, ShadesTheBandOfASeriesAndWritesWhatIsAtItsEnd) {
+  Chart chart;
+  chart.series = {{.name = "force",
+                   .x = {0, 1, nan, 3},
+                   .y = {0, 1, 2, 3},
+                   .markers = false,
+                   .half = {0, 0.1, 0.2, 0.3},
+                   .end = "3 N, +- 10 %"}};
+  const fs::path file = fresh_folder() / "band.svg";
+  EXPECT_THAT(expect_drawn(chart), testing::Contains("3 N, +- 10 %"));
+  write_chart(file, {chart});
+  const std::string drawn = read_file(file);
+  const std::size_t at = drawn.find("<polygon points=\"");
+  ASSERT_NE(at, std::string::npos);
+  EXPECT_EQ(times_in(drawn.substr(at, drawn.find("fill", at) - at), ","), 6U);  // two corners a finite point
+  chart.series[0].half.pop_back();
+  EXPECT_THROW(write_chart(file, {chart}), std::invalid_argument);
 }
 
 TEST(Chart, DrawsASinglePoint) {
@@ -239,7 +257,7 @@ TEST(Chart, GivesTheSameColourToTheSameNumber) {
                   {.name = "b", .x = {1, 2}, .y = {2, 3}, .colour = 0},
                   {.name = "c", .x = {1, 2}, .y = {3, 4}, .dashed = true, .colour = 0}};
   const fs::path file = fresh_folder() / "colours.svg";
-  write_chart_svg(file, {chart});
+  write_chart(file, {chart});
   const std::string drawn = read_file(file);
   EXPECT_EQ(times_in(drawn, "fill=\"none\" stroke=\"#0072b2"), 4U);  // two curves and their samples
   EXPECT_EQ(times_in(drawn, "fill=\"none\" stroke=\"#d55e00"),
@@ -248,14 +266,14 @@ TEST(Chart, GivesTheSameColourToTheSameNumber) {
 
 TEST(Chart, RefusesLengthsThatDoNotAgree) {
   const fs::path file = fresh_folder() / "chart.png";
-  EXPECT_THROW(write_chart_png(file, {Chart{.series = {{.x = {1, 2}, .y = {1}}}}}), std::invalid_argument);
-  EXPECT_THROW(write_chart_png(file, {}), std::invalid_argument);
+  EXPECT_THROW(write_chart(file, {Chart{.series = {{.x = {1, 2}, .y = {1}}}}}), std::invalid_argument);
+  EXPECT_THROW(write_chart(file, {}), std::invalid_argument);
 }
 
 TEST(Chart, GivesAnOutputErrorWhereItCannotWrite) {
   const fs::path absent = fresh_folder() / "absent";
-  EXPECT_THROW(write_chart_png(absent / "chart.png", {force_curves()}), OutputError);
-  EXPECT_THROW(write_chart_svg(absent / "chart.svg", {force_curves()}), OutputError);
+  EXPECT_THROW(write_chart(absent / "chart.png", {force_curves()}), OutputError);
+  EXPECT_THROW(write_chart(absent / "chart.svg", {force_curves()}), OutputError);
 }
 
 Tornado doubts(std::size_t rows) {
@@ -291,7 +309,7 @@ TEST(Tornado, DrawsAnyNumberOfRowsAndNothing) {
 TEST(Tornado, EndsBelowItsRowsAndGivesTheBarsTheRoomThatNamesLeave) {
   const fs::path folder = fresh_folder();
   const auto size_of = [&](const Tornado& tornado) {
-    write_tornado_png(folder / "picture.png", {tornado});
+    write_tornado(folder / "picture.png", {tornado});
     const auto image = decoded(folder / "picture.png");
     int bars = 0;  // pixels of their blue and orange
     for (int y = 0; y < image->GetDimensions()[1]; ++y)
@@ -315,7 +333,7 @@ TEST(Tornado, RefusesABarThatEndsNowhere) {
   for (const double end : {nan, inf}) {
     Tornado tornado = doubts(3);
     tornado.rows[1].high = end;
-    EXPECT_THROW(write_tornado_svg(fresh_folder() / "picture.svg", {tornado}), std::invalid_argument);
+    EXPECT_THROW(write_tornado(fresh_folder() / "picture.svg", {tornado}), std::invalid_argument);
   }
 }
 
