@@ -53,8 +53,8 @@ TEST(ToolChoices, AreOfWhatTheToolHas) {
 TEST(ToolChoices, ChangeOneThingAlone) {
   const ToolShape punch = punch_shape(5e-3, 1e-3);
   for (const ToolChoice& choice : tool_choices(punch, 0.2)) {
-    const int changes = (choice.shape.radius != punch.radius) + (choice.shape.edge != punch.edge) +
-                        (choice.friction != 0.2);
+    const int changes =
+        (choice.shape.radius != punch.radius) + (choice.shape.edge != punch.edge) + (choice.friction != 0.2);
     EXPECT_EQ(changes, 1) << choice.what << choice.instead;
     if (choice.what == "friction") EXPECT_EQ(choice.all, "none, 0.3 or stuck");
   }
