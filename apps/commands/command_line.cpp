@@ -18,6 +18,7 @@
 #include "apps/run/result_folder.hpp"
 #include "apps/run/summary.hpp"
 #include "apps/run/unless_stopped.hpp"
+#include "apps/scene/tool_words.hpp"
 #include "io/error.hpp"
 #include "io/text.hpp"
 
@@ -91,7 +92,7 @@ int report(const Error& error, bool json) {
 // Physics that somebody may look for, by the words that an option for it might have.
 struct NotModelled {
   std::vector<std::string> flags;
-  const char *what, *closest;
+  std::string what, closest;
 };
 
 const std::vector<NotModelled>& not_modelled() {
@@ -106,8 +107,7 @@ const std::vector<NotModelled>& not_modelled() {
        "a tool of another shape than the flat circle is an option of `dimple run`, `fit`, `places` and "
        "`poke` alone: "
        "--tool",
-       "dimple run IMAGE --tool sphere:5mm, punch:5mm,edge=1mm, capsule:2mm,length=20mm, "
-       "cone:30deg,tip=0.5mm or probe.stl"},
+       fmt::format("dimple run IMAGE --tool {} or probe.stl", fmt::join(tool_examples(), ", "))},
       {{"--unload", "--unloading", "--retract", "--relax", "--hold"},
        "a tool is held and lifted by steps of a scene, in equilibrium",
        "--set step.press.move=4mm --set step.hold.time=5s --set step.lift.move=-2mm, or `dimple poke IMAGE "

@@ -21,6 +21,7 @@
 #include "apps/run/tool_band.hpp"
 #include "apps/run/unless_stopped.hpp"
 #include "apps/scene/compatibility.hpp"
+#include "apps/scene/tool_words.hpp"
 #include "io/error.hpp"
 #include "io/stop.hpp"
 
@@ -126,8 +127,7 @@ std::string why_no_band(const Scene& scene, const std::vector<Material>& tissues
       scene.support_radius_factor != usual.support_radius_factor)
     return "calibrated for the default rim, points and supports only";
   if (const std::optional<ToolShape> tool = scene.tool) {
-    if (tool->mesh) return "not calibrated for drawn tools";
-    if (tool->kind == "cone") return "not calibrated for cones";
+    if (!has_error_estimate(*tool)) return fmt::format("not calibrated for {}", in_words(*tool));
     if (1e-3 * scene.depth_mm < shallowest_with_tool_band * tool->radius * (1.0 - 1e-9))
       return fmt::format("not calibrated for a depth below {:g} radii of the tool",
                          shallowest_with_tool_band);

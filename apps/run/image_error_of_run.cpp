@@ -1,5 +1,7 @@
 #include "apps/run/image_error_of_run.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -7,6 +9,7 @@
 #include <utility>
 
 #include "apps/run/organ.hpp"
+#include "apps/scene/tool_words.hpp"
 
 namespace dimple {
 
@@ -167,10 +170,8 @@ std::string why_no_image_error(const Scene& scene, const Result& result) {
   if (result.time != TimeMode::quasi_static) return "it was calibrated for equilibrium, not for dynamics";
   if (!scene.walls.empty() || !scene.steps.empty() || !has_tool_alone(scene))
     return "it was calibrated for one tool alone that is pressed straight in, once";
-  if (result.loading.touch && result.loading.touch->shape.mesh)
-    return "it was calibrated for spheres, rods and punches, not for a drawn tool";
-  if (result.loading.touch && result.loading.touch->shape.kind == "cone")
-    return "it was calibrated for spheres, rods and punches, not for a cone";
+  if (result.loading.touch && !has_error_estimate(result.loading.touch->shape))
+    return fmt::format("it was not calibrated for {}", in_words(result.loading.touch->shape));
   return {};
 }
 

@@ -1,8 +1,12 @@
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
 #include <iterator>
 #include <string>
 #include <vector>
 
 #include "apps/scene/config.hpp"
+#include "apps/scene/tool_words.hpp"
 #include "preprocess/scene/sides.hpp"
 
 namespace dimple {
@@ -135,8 +139,7 @@ std::vector<Option> load_options(Config& c) {
   return {
       {.key = "tool.shape", .flag = "--tool", .value = &c.tool.shape, .stage = "run", .common = true,
        .words = {"circle"},
-       .help = "circle; or what touches: sphere:RADIUS, punch:RADIUS,edge=RADIUS, "
-               "capsule:RADIUS,length=LENGTH, cone:ANGLE,tip=RADIUS, FILE.stl"},
+       .help = fmt::format("circle; or what touches: {} or FILE.stl", fmt::join(tool_examples(), ", "))},
       {.key = "tool.friction", .flag = "--friction", .value = &c.tool.friction, .stage = "run",
        .help = "under a tool that touches: Coulomb's coefficient, as 0.3, or stick: what has touched moves "
                "along it no more"},

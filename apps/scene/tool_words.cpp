@@ -24,7 +24,8 @@ struct ToolKind {
   WordForm form;
   ToolShape (*make)(const std::vector<double>& lengths);
   std::string (*words)(const ToolShape& shape);
-  std::vector<double> doubt;  // relative uncertainty of each number; 0: certain
+  std::vector<double> doubt;       // relative uncertainty of each number; 0: certain
+  bool has_error_estimate = true;  // the estimates were calibrated with it
 };
 
 std::string length_words(double metres) {
@@ -68,7 +69,8 @@ std::vector<ToolKind> make_tool_kinds() {
                                 s.numbers[0] * 180.0 / std::numbers::pi, length_words(s.numbers[1]),
                                 length_words(s.radius));
            },
-           {well_known, hardly_known, 0.0}}};
+           {well_known, hardly_known, 0.0},
+           false}};
 }
 
 const std::vector<ToolKind>& tool_kinds() {
@@ -122,6 +124,17 @@ std::optional<ToolShape> tool_named(const std::string& shape, const std::string&
   if (word.kind == "file") return drawn_shape(drawn_in(word.name.front()));
   const ToolKind* kind = kind_of(word.kind);
   return kind ? std::optional(kind->make(word.number)) : std::nullopt;
+}
+
+std::vector<std::string> tool_examples() {
+  std::vector<std::string> examples;
+  for (const ToolKind& kind : tool_kinds()) examples.push_back(kind.form.example);
+  return examples;
+}
+
+bool has_error_estimate(const ToolShape& shape) {
+  const ToolKind* kind = kind_of(shape.kind);
+  return kind && kind->has_error_estimate;
 }
 
 std::vector<ToolLength> lengths_of(const ToolShape& shape) {

@@ -20,6 +20,10 @@ std::string friction_in_words(double friction);
 
 /// "a sphere of 5 mm radius".
 std::string in_words(const ToolShape& shape);
+/// Shapes that have a word in --tool, as a user writes them: "sphere:5mm".
+std::vector<std::string> tool_examples();
+/// Whether the error estimates were calibrated with tools of its kind.
+bool has_error_estimate(const ToolShape& shape);
 
 /// Length [m] or angle [rad] from which a tool is made, by its name in --tool.
 struct ToolLength {
