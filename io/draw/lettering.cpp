@@ -3,6 +3,7 @@
 #include <vtkImageData.h>
 #include <vtkNew.h>
 #include <vtkSmartPointer.h>
+#include <vtkStdString.h>
 #include <vtkTextProperty.h>
 #include <vtkTextRenderer.h>
 
@@ -75,8 +76,8 @@ constexpr int dots_per_inch = 72;  // a font size is then a number of pixels
 std::optional<std::array<int, 4>> text_box(const std::string& clean, vtkTextProperty* property) {
   std::array<int, 4> box{};
   if (clean.find_first_not_of(' ') == std::string::npos ||
-      !vtkTextRenderer::GetInstance()->GetBoundingBox(property, clean, box.data(), dots_per_inch,
-                                                      vtkTextRenderer::FreeType))
+      !vtkTextRenderer::GetInstance()->GetBoundingBox(property, vtkStdString(clean), box.data(),
+                                                      dots_per_inch, vtkTextRenderer::FreeType))
     return std::nullopt;
   return box;
 }
@@ -96,8 +97,8 @@ void Canvas::set_pixels_of(const std::string& shown, const Vec2& at, const Style
   vtkNew<vtkImageData> image;
   std::array<int, 2> size{};
   if (!box || !(at.cwiseAbs().maxCoeff() < 10.0 * width()) ||
-      !vtkTextRenderer::GetInstance()->RenderString(property, clean, image, size.data(), dots_per_inch,
-                                                    vtkTextRenderer::FreeType))
+      !vtkTextRenderer::GetInstance()->RenderString(property, vtkStdString(clean), image, size.data(),
+                                                    dots_per_inch, vtkTextRenderer::FreeType))
     return;
   const double shift = align == Align::left ? 0.0 : align == Align::centre ? 0.5 : 1.0;
   const int left = static_cast<int>(std::lround(at.x() * fine - shift * ((*box)[1] - (*box)[0] + 1)));
