@@ -51,7 +51,10 @@ struct Scheme {
   SupportOptions support;
 };
 
-/// Makes the force independent of where nodes and points lie: solver/README.md.
+/// Makes the force independent of where nodes and points lie: solver/README.md. Evidence of `least`: with
+/// 0.12 radii the block's force is 1.2 % too low; with 0.1 two of three node sets of the phantom brain (4250
+/// nodes) pass a limit point at the edge of the circle at 8 mm. Without `load_exponent` a heart of 2000 nodes
+/// is 3.3 % too soft, with it 0.8 %.
 inline constexpr Scheme converging = {
     .name = "converging",
     .averaged_gradients = true,

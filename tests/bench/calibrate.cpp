@@ -10,8 +10,9 @@
 // 2001 on have large bodies and those from 3001 on thin ones (--from 2001 --scenes 2016). A scene that
 // the file holds is not computed again, so that a study that was stopped goes on. --finer adds a cloud of so
 // many nodes to scenes that hold one of half as many, --points writes band_points.csv: where a random place
-// of each scene's body goes, --bodies writes band_bodies.csv, what each scene's circle sees of its body. Then
-// band.md: what the band says against what is true; --again makes this alone.
+// of each scene's body goes, --bodies writes band_bodies.csv, what each scene's circle sees of its body.
+// Three tables follow from these, and --again makes them alone: band_coverage.csv, how often the bounds hold
+// the truth; band_goals.csv, what a requested accuracy costs; band_misses.csv, each bound that does not hold.
 
 #include <fmt/format.h>
 
@@ -163,14 +164,11 @@ std::string group_of(const BandScene& scene) {
 const std::vector<std::string> groups = {"calibration", "first proof", "second proof", "aside"},
                                extending = {"large", "thin"};
 
-// What the band says against what is true, with each number of nodes. A band holds if all that the truth may
-// be lies in it.
-std::string table_of_bands(const std::vector<BandScene>& scenes, const std::vector<std::string>& of_groups,
-                           std::string& misses) {
-  std::string table =
-      "| scenes | depth | nodes | bands | hold the truth | median half width, % | median error, % "
-      "|\n|---|---|---:|---:|---:|---:|"
-      "---:|\n";
+// Rows of band_coverage.csv: the bounds against the truth, with each number of nodes. Bounds hold if all that
+// the truth may be lies between them. `misses`: rows of band_misses.csv.
+std::string coverage_of_bands(const std::vector<BandScene>& scenes, const std::vector<std::string>& of_groups,
+                              std::string& misses) {
+  std::string table;
   for (const std::string& group : of_groups) {
     for (const bool deep : {false, true})
       for (Index nodes = fewest_nodes_with_band(0.0); nodes <= band_finest_truth / band_compared;
@@ -196,11 +194,9 @@ std::string table_of_bands(const std::vector<BandScene>& scenes, const std::vect
             widest = said, largest = std::max(largest, error);
             holds = holds && error_most <= said;
             if (error_most > said)
-              missed = fmt::format(
-                  "- {}, scene {} ({}), {} nodes, {:.2f} radii deep: {:.2f} % off and {:.2f} % unsure, said "
-                  "{:.2f} %\n",
-                  group, scene.number, scene.body, nodes, fine[k].depth / scene.radius, 100.0 * error,
-                  100.0 * (error_most - error), 100.0 * said);
+              missed = fmt::format("{},{},\"{}\",{},{:.2f},{:.2f},{:.2f},{:.2f}\n", group, scene.number,
+                                   scene.body, nodes, fine[k].depth / scene.radius, 100.0 * error,
+                                   100.0 * (error_most - error), 100.0 * said);
           }
           if (!(widest > 0.0)) continue;
           if (group != "calibration") misses += missed;  // at the deepest of its depths
@@ -209,10 +205,9 @@ std::string table_of_bands(const std::vector<BandScene>& scenes, const std::vect
           held += holds;
         }
         if (halves.empty()) continue;
-        table +=
-            fmt::format("| {} | {} | {} | {} | {:.0f} % | {:.1f} | {:.1f} |\n", group,
-                        deep ? "1 to 1.7 radii" : "to 1 radius", nodes, halves.size(),
-                        100.0 * held / static_cast<double>(halves.size()), median(halves), median(errors));
+        table += fmt::format(
+            "{},{},{},{},{:.0f},{:.1f},{:.1f}\n", group, deep ? "1 to 1.7 radii" : "to 1 radius", nodes,
+            halves.size(), 100.0 * held / static_cast<double>(halves.size()), median(halves), median(errors));
       }
   }
   return table;
@@ -258,14 +253,10 @@ void write_bodies(const fs::path& folder, const fs::path& data, const fs::path& 
   write_file(folder / "band_bodies.csv", csv);
 }
 
-// What asking for an accuracy comes to: the program's refinement over the recorded clouds, up to the finest
-// of them.
-std::string table_of_goals(const std::vector<BandScene>& scenes, int first, std::string& misses) {
-  std::string table =
-      "| asked for | proof scenes | reached with a quarter of the truth's nodes or fewer | truth in the band "
-      "| error within what "
-      "was asked | median nodes | "
-      "median cost / its last cloud's | median s |\n|---:|---:|---:|---:|---:|---:|---:|---:|\n";
+// Rows of band_goals.csv: the program's refinement for a requested accuracy over the recorded clouds, up to a
+// quarter of the truth's nodes, on the proof's scenes from `first` on.
+std::string cost_of_goals(const std::vector<BandScene>& scenes, int first, std::string& misses) {
+  std::string table;
   std::map<int, double> seconds_for_5, seconds_for_2;  // of scenes
   for (const double goal : {0.05, 0.02, 0.01}) {
     int asked = 0, reached = 0, in_band = 0, in_goal = 0;
@@ -301,11 +292,9 @@ std::string table_of_goals(const std::vector<BandScene>& scenes, int first, std:
         in_band += error_most <= half.back() / force;
         in_goal += error_most <= goal;
         if (error_most > half.back() / force)
-          misses += fmt::format(
-              "- asked for {:g} %, scene {} ({}), {} nodes: {:.2f} % off and {:.2f} % unsure, said {:.2f} "
-              "%\n",
-              100.0 * goal, scene.number, scene.body, nodes, 100.0 * error, 100.0 * (error_most - error),
-              100.0 * half.back() / force);
+          misses += fmt::format("goal {:g} %,{},\"{}\",{},{:.2f},{:.2f},{:.2f},{:.2f}\n", 100.0 * goal,
+                                scene.number, scene.body, nodes, radii, 100.0 * error,
+                                100.0 * (error_most - error), 100.0 * half.back() / force);
         costs.push_back(seconds / scene.seconds.at(nodes));
         sizes.push_back(static_cast<double>(nodes));
         times.push_back(seconds);
@@ -315,26 +304,23 @@ std::string table_of_goals(const std::vector<BandScene>& scenes, int first, std:
       }
     }
     const auto share = [&](int count) { return reached > 0 ? 100.0 * count / reached : 0.0; };
-    table += fmt::format("| {:g} % | {} | {} | {:.0f} % | {:.0f} % | {:.0f} | {:.1f} | {:.1f} |\n",
-                         100.0 * goal, asked, reached, share(in_band), share(in_goal), median(sizes),
-                         median(costs), median(times));
+    table += fmt::format("{},{:g},{},{},{:.0f},{:.0f},{:.0f},{:.1f},{:.1f}\n",
+                         first < second_proof ? "both proofs" : "second proof", 100.0 * goal, asked, reached,
+                         share(in_band), share(in_goal), median(sizes), median(costs), median(times));
   }
   std::vector<double> ratios;
   for (const auto& [number, seconds] : seconds_for_2)
     if (seconds_for_5.contains(number)) ratios.push_back(seconds_for_5[number] / seconds);
   if (!ratios.empty())
-    table += fmt::format("\n5 % costs {:.2f} of 2 % (median of the {} scenes that reach both).\n",
-                         median(ratios), ratios.size());
+    fmt::print("5 % costs {:.2f} of 2 % (median of the {} scenes that reach both)\n", median(ratios),
+               ratios.size());
   return table;
 }
 
-// Of displacements, likewise.
-std::string table_of_points(const std::vector<PointScene>& scenes, double multiplier) {
-  std::string table =
-                  "| scenes | nodes | bands | hold the truth | median half width, % of the displacement | "
-                  "median error at most, % "
-                  "|\n|---|---:|---:|---:|---:|---:|\n",
-              misses;
+// The same rows of displacements, with the error at most.
+std::string coverage_of_points(const std::vector<PointScene>& scenes, double multiplier,
+                               std::string& misses) {
+  std::string table;
   for (const std::string set : {"calibration", "proof"})
     for (Index nodes = fewest_nodes_with_band(0.0); nodes <= point_truth / 4; nodes *= 2) {
       std::vector<double> halves, errors;
@@ -348,44 +334,46 @@ std::string table_of_points(const std::vector<PointScene>& scenes, double multip
           halves.push_back(100.0 * half / e.length);
           errors.push_back(100.0 * e.error / e.length);
           if (e.error > half && set == "proof")
-            misses += fmt::format("- displacement, scene {}, {} nodes: {:.1f} % off at most, said {:.1f} %\n",
-                                  scene.number, nodes, errors.back(), halves.back());
+            misses += fmt::format("displacement,{},,{},,{:.2f},,{:.2f}\n", scene.number, nodes, errors.back(),
+                                  halves.back());
         }
       }
       if (!halves.empty())
         table +=
-            fmt::format("| {} | {} | {} | {:.0f} % | {:.1f} | {:.1f} |\n", set, nodes, halves.size(),
+            fmt::format("{},displacement,{},{},{:.0f},{:.1f},{:.1f}\n", set, nodes, halves.size(),
                         100.0 * held / static_cast<double>(halves.size()), median(halves), median(errors));
     }
-  return table + (misses.empty() ? "" : "\n" + misses);
+  return table;
 }
 
 void report(const fs::path& folder) {
   const std::vector<BandScene> scenes = band_scenes(folder / "band_scenes.csv");
   const BandScores scores = band_scores(scenes);
-  std::string missed_bands, missed_goals;
-  std::string unlisted, missed_further;
-  const std::string further = table_of_bands(scenes, extending, missed_further);
-  const std::string bands = table_of_bands(scenes, groups, missed_bands),
-                    goals = table_of_goals(scenes, 1, missed_goals),
-                    second = table_of_goals(scenes, second_proof, unlisted);
-  std::string text = fmt::format(
-      "Multiplier: {:.3f}, from {}.\n\n{}\nBoth "
-      "proofs:\n\n{}\nThe "
-      "second proof alone:\n\n{}\nBands that missed:\n\n{}\nGoals whose band missed:\n\n{}",
-      conformal(scores, 0.95, least_scenes), counted(scores, least_scenes), bands, goals, second,
-      missed_bands, missed_goals);
-  text += fmt::format("\nLarge and thin bodies, with the same multiplier:\n\n{}{}", further,
-                      missed_further.empty() ? "" : "\nMissed:\n\n" + missed_further);
+  fmt::print("multiplier of the force's bounds: {:.3f}, from {}\n", conformal(scores, 0.95, least_scenes),
+             counted(scores, least_scenes));
+  std::string coverage = "scenes,depth,nodes,bounds,held_percent,half_width_percent,error_percent\n",
+              goals =
+                  "scenes,goal_percent,count,reached,held_percent,within_goal_percent,nodes,cost_ratio,"
+                  "seconds\n",
+              misses =
+                  "scenes,scene,body,nodes,depth_radii,error_percent,unsure_percent,half_width_percent\n",
+              unlisted;
+  coverage += coverage_of_bands(scenes, groups, misses);
+  goals += cost_of_goals(scenes, 1, misses);
+  goals += cost_of_goals(scenes, second_proof, unlisted);
+  coverage += coverage_of_bands(scenes, extending, misses);
   if (const fs::path file = folder / "band_points.csv"; fs::exists(file)) {
     const std::vector<PointScene> points = point_scenes(file);
     const BandScores of_points = point_scores(points);
     const double multiplier = conformal(of_points, 0.95, least_points);
-    text += fmt::format("\nDisplacement of a random place: multiplier {:.3f}, from {}.\n\n{}", multiplier,
-                        counted(of_points, least_points), table_of_points(points, multiplier));
+    fmt::print("multiplier of a displacement's bounds: {:.3f}, from {}\n", multiplier,
+               counted(of_points, least_points));
+    coverage += coverage_of_points(points, multiplier, misses);
   }
-  write_file(folder / "band.md", text);
-  fmt::print("{}", text);
+  write_file(folder / "band_coverage.csv", coverage);
+  write_file(folder / "band_goals.csv", goals);
+  write_file(folder / "band_misses.csv", misses);
+  fmt::print("{}\n{}\n{}", coverage, goals, misses);
 }
 
 }  // namespace

@@ -5,13 +5,12 @@
 //   N]
 //                 [--sensitivity]
 //
-// Writes organs_forces.csv: a row for each body, number of nodes, seed and depth; and organs.md: how far the
+// Writes organs_forces.csv: a row for each body, number of nodes, seed and depth; and organs.csv: how far the
 // means over the seeds are from the finite elements of tests/verification/reference at 2 and 4 mm. Bodies
 // whose images are not there are left out, in words. --sensitivity halves and doubles each constant of the
-// scheme instead, and writes sensitivity.csv and .md.
+// scheme instead, and writes sensitivity.csv.
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include <CLI/CLI.hpp>
 #include <array>
@@ -260,29 +259,20 @@ SecondMoments over_seeds(const Forces& forces, Index nodes, double depth) {
 constexpr std::array depths = {2.0, 4.0};  // mm
 
 void compare(const std::vector<std::pair<Body, Forces>>& measured, const Options& wanted) {
-  std::string table = "| body | known to, % |";
-  for (const Index n : wanted.nodes) table += fmt::format(" {} nodes | scatter |", n);
-  table += "\n|---|---:|";
-  for (std::size_t k = 0; k < wanted.nodes.size(); ++k) table += "---:|---:|";
-  table += "\n";
+  std::string table = "body,nodes,indentation_mm,difference_percent,scatter_percent,known_to_percent\n";
   for (const auto& [body, forces] : measured) {
     const std::map<double, Known> known = reference_of(body);
     if (forces.empty() || !known.contains(depths[0]) || !known.contains(depths[1])) continue;
-    table += fmt::format("| {} | {:.2g} / {:.2g} |", body.name, known.at(depths[0]).percent,
-                         known.at(depths[1]).percent);
-    for (const Index n : wanted.nodes) {
-      std::vector<std::string> off, scatter;
+    for (const Index n : wanted.nodes)
       for (const double depth : depths) {
         const SecondMoments spread = over_seeds(forces, n, depth);
-        const double percent = 100.0 * (spread.mean / known.at(depth).force - 1.0);
-        off.push_back(spread.mean > 0.0 ? fmt::format("{:+.1f}", percent) : "none");
-        scatter.push_back(fmt::format("{:.1f}", 100.0 * spread.scatter));
+        if (!(spread.mean > 0.0)) continue;
+        table += fmt::format("{},{},{:g},{:+.1f},{:.1f},{:.2g}\n", body.name, n, depth,
+                             100.0 * (spread.mean / known.at(depth).force - 1.0), 100.0 * spread.scatter,
+                             known.at(depth).percent);
       }
-      table += fmt::format(" {} | {} |", fmt::join(off, " / "), fmt::join(scatter, " / "));
-    }
-    table += "\n";
   }
-  write_file(wanted.folder / "organs.md", table);
+  write_file(wanted.folder / "organs.csv", table);
 }
 
 // What each constant, halved and doubled, does to the mean force over the seeds.
@@ -293,9 +283,6 @@ void measure_sensitivity(const std::vector<Body>& list, const Options& wanted) {
   std::string csv =
       "constant,value,factor,body,nodes,indentation_mm,force_N,scatter_percent,change_percent,difference_"
       "percent\n";
-  std::string table = "| constant | value | times |", rule = "|---|---:|---:|";
-  for (const Body& body : list) table += fmt::format(" {} |", body.name), rule += "---|";
-  table += "\n" + rule + "\n";
   std::map<std::string, Forces> plain;
   const Index nodes = wanted.nodes.front();
   for (const Variation& variation : runs) {
@@ -303,8 +290,6 @@ void measure_sensitivity(const std::vector<Body>& list, const Options& wanted) {
     double value = 0.0;
     for (const Constant& constant : constants())
       if (constant.name == variation.constant) value = constant.of(options);
-    table += fmt::format("| {} | {} | {:g} |", variation.constant,
-                         variation.constant == "none" ? "" : fmt::format("{:g}", value), variation.factor);
     for (const Body& body : list) {
       Options here = wanted;
       here.nodes = {nodes};
@@ -313,7 +298,6 @@ void measure_sensitivity(const std::vector<Body>& list, const Options& wanted) {
       const Forces forces = measure(body, here, unused);
       if (variation.constant == "none") plain[body.name] = forces;
       const std::map<double, Known> known = reference_of(body);
-      std::vector<std::string> changes, scatters;
       for (const double depth : depths) {
         const SecondMoments now = over_seeds(forces, nodes, depth),
                             before = over_seeds(plain[body.name], nodes, depth);
@@ -323,16 +307,9 @@ void measure_sensitivity(const std::vector<Body>& list, const Options& wanted) {
         csv += fmt::format("{},{:g},{:g},{},{},{:g},{:.6g},{:.2f},{:.2f},{}\n", variation.constant, value,
                            variation.factor, body.name, nodes, depth, now.mean, 100.0 * now.scatter, change,
                            known.contains(depth) ? fmt::format("{:.2f}", off) : "");
-        changes.push_back(fmt::format("{:+.1f}", variation.constant == "none" ? off : change));
-        scatters.push_back(fmt::format("{:.1f}", 100.0 * now.scatter));
       }
-      table += changes.empty()
-                   ? " refused |"
-                   : fmt::format(" {} ({}) |", fmt::join(changes, " / "), fmt::join(scatters, " / "));
     }
-    table += "\n";
     write_file(wanted.folder / "sensitivity.csv", csv);
-    write_file(wanted.folder / "sensitivity.md", table);
   }
 }
 

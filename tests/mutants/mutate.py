@@ -4,7 +4,7 @@
     cp -r io preprocess solver apps tests sample_data CMake* Makefile COPY; tests/mutants/mutate.py COPY
 
 Build it as usual, once; a test program then runs mutant n with MUTANT=n in its environment, and none without.
-README.md beside this file lists what each one is killed by.
+table.txt in this folder names the test that kills each one.
 """
 import re
 import sys

@@ -181,8 +181,8 @@ Pressed pressed(double cylinder_mm, double height_mm) {
           history.force.back().force};
 }
 
-// Twelve radii of tissue below and beside the punch. What the discretisation leaves unknown: the README
-// beside this file.
+// Twelve radii of tissue are below and around the punch, which goes in by a hundredth of its radius. Points
+// above 0.4 radii are left out: near the edge, where stresses are unbounded, a point has its cell's mean.
 TEST(UnderThePunch, StressesAreThoseThatSneddonFound) {
   constexpr double height_mm = 60.0;
   const Pressed found = pressed(60.0, height_mm);

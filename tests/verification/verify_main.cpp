@@ -2,7 +2,7 @@
 //
 //   dimple_verify [RESULTS] [--case NAME]... [--nodes 4250]
 //
-// Prints the table; RESULTS gets verify.csv and verify.md. The exit code is that of a failed solution if a
+// Prints the table; RESULTS gets verify.csv. The exit code is that of a failed solution if a
 // row is further from what is known than its tolerance.
 
 #include <fmt/format.h>
@@ -19,7 +19,7 @@ int main(int argc, char** argv) try {
   bool list = false;
   dimple::Index nodes = 4250;
   CLI::App app("Numbers of ours beside those that are known");
-  app.add_option("RESULTS", folder, "folder for verify.csv and verify.md");
+  app.add_option("RESULTS", folder, "folder for verify.csv");
   app.add_option("--case", cases, "only this one; may be given several times")->allow_extra_args(false);
   app.add_flag("--list", list, "list the cases and stop");
   app.add_option("--nodes", nodes, "of the indented bodies")
@@ -36,7 +36,6 @@ int main(int argc, char** argv) try {
   if (!folder.empty()) {
     dimple::make_folder(folder);
     dimple::write_file(folder / "verify.csv", dimple::verify_csv(rows));
-    dimple::write_file(folder / "verify.md", dimple::verify_markdown(rows));
   }
   fmt::print("{}", dimple::verify_markdown(rows));
   dimple::require_passed(rows);
