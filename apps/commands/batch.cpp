@@ -87,7 +87,7 @@ std::size_t index_of(const Cohort& cohort, const std::string& id) {
                     .remedy = fmt::format("give an id of {}", cohort.file.string())});
 }
 
-int run_one(const Cohort& cohort, const Config& of_all_rows, Invocation& shared, std::size_t index) {
+int run_one(const Cohort& cohort, const Description& of_all_rows, Invocation& shared, std::size_t index) {
   if (index > cohort.size())
     throw UsageError({.fact = fmt::format("row {} is asked for, and the table has {}", index, cohort.size()),
                       .where = "--index",
@@ -99,7 +99,8 @@ int run_one(const Cohort& cohort, const Config& of_all_rows, Invocation& shared,
   return finish(shared, run_case(cohort, index - 1, of_all_rows, out, shared.force, to_log()));
 }
 
-int run_all(const Cohort& cohort, const Config& of_all_rows, const Invocation& shared, std::size_t jobs) {
+int run_all(const Cohort& cohort, const Description& of_all_rows, const Invocation& shared,
+            std::size_t jobs) {
   const Stopwatch whole;
   const int threads = std::max(1, shared.threads);
   const auto cores = static_cast<std::size_t>(tbb::info::default_concurrency());  // of those that it may use
@@ -151,7 +152,7 @@ Command add_batch(CLI::App& app, Invocation& shared) {
   add_common(*command, shared);
   command->get_option("--threads")->description("of each row; results do not depend on it [1]");
   return {command, [&shared, command, options] {
-            const Config of_all_rows = options->flags.stated(*command);
+            const Description of_all_rows = options->flags.stated(*command);
             const Cohort cohort = read_cohort(options->cases);
             const std::size_t index = options->id.empty() ? options->index : index_of(cohort, options->id);
             if (index == 0) return run_all(cohort, of_all_rows, shared, options->jobs);

@@ -55,8 +55,9 @@ bool is_default(const Option& option, const std::string& text) {
 
 }  // namespace
 
-void Flags::add(CLI::App& command, const std::string& stage, Config defaults) {
-  for (const Option& option : options_of(defaults)) {
+void Flags::add(CLI::App& command, const std::string& stage,
+                const std::map<std::string, std::string>& defaults) {
+  for (const Option& option : usual_options()) {
     if (option.flag.empty() || !has_flag(stage, option)) continue;
     given.emplace_back(option.key, std::make_unique<std::string>());
     std::string help = option.help;
@@ -65,7 +66,8 @@ void Flags::add(CLI::App& command, const std::string& stage, Config defaults) {
       for (const std::string& choice : option.choices)
         help += choice + (&choice == &option.choices.back() ? ")" : " | ");
     }
-    const std::string standard = default_of(option);
+    const auto other = defaults.find(option.key);
+    const std::string standard = other == defaults.end() ? default_of(option) : other->second;
     if (!standard.empty())
       help += fmt::format(" [{}{}{}]", standard, option.unit.empty() ? "" : " ", option.unit);
     command.add_option(option.flag, *given.back().second, help)
@@ -83,8 +85,8 @@ void Flags::add(CLI::App& command, const std::string& stage, Config defaults) {
       ->allow_extra_args(false);
 }
 
-Config Flags::stated(const CLI::App& command) const {
-  Config result;
+Description Flags::stated(const CLI::App& command) const {
+  Description result;
   if (!config_file.empty()) read_config(result, config_file);
   GivenOnce once;
   for (const std::string& pair : sets) {
@@ -97,8 +99,7 @@ Config Flags::stated(const CLI::App& command) const {
     once.add(pair.substr(0, equals), pair.substr(equals + 1), "--set");
     set_option(result, pair.substr(0, equals), pair.substr(equals + 1), "--set");
   }
-  Config defaults;
-  for (const Option& option : options_of(defaults))
+  for (const Option& option : usual_options())
     for (const auto& [key, text] : given)
       if (key == option.key && command.count(option.flag) > 0 &&
           !(defaults_are_unsaid && is_default(option, *text))) {
@@ -108,14 +109,14 @@ Config Flags::stated(const CLI::App& command) const {
   return result;
 }
 
-Config Flags::config(const CLI::App& command) const {
-  Config result = stated(command);
-  resolve_material(result);
+Description Flags::described(const CLI::App& command) const {
+  Description result = stated(command);
+  complete(result);
   return result;
 }
 
-Config Flags::config(const CLI::App& command, const std::string& image) const {
-  Config result = config(command);
+Description Flags::described(const CLI::App& command, const std::string& image) const {
+  Description result = described(command);
   if (!image.empty()) set_option(result, "image.file", image, "command line");
   return result;
 }

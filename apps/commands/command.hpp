@@ -2,6 +2,7 @@
 
 #include <CLI/CLI.hpp>
 #include <functional>
+#include <map>
 #include <memory>
 #include <string>
 #include <utility>
@@ -9,7 +10,7 @@
 
 #include "apps/ending.hpp"
 #include "apps/run/record.hpp"
-#include "apps/scene/config.hpp"
+#include "apps/scene/description.hpp"
 
 namespace dimple {
 
@@ -47,13 +48,14 @@ struct Flags {
   bool defaults_are_unsaid = false;  ///< a flag with its default says no more than none
 
   /// Those of one stage; "": all but of files; "run": those too; "none": --config and --set alone.
-  /// `defaults`: of the help.
-  void add(CLI::App& command, const std::string& stage, Config defaults = {});
-  /// Defaults, then the file, then --set, then flags; before resolve_material().
-  Config stated(const CLI::App& command) const;
-  Config config(const CLI::App& command) const;
+  /// `defaults`: key -> text that the help gives in place of the usual value.
+  void add(CLI::App& command, const std::string& stage,
+           const std::map<std::string, std::string>& defaults = {});
+  /// Defaults, then the file, then --set, then flags; before complete().
+  Description stated(const CLI::App& command) const;
+  Description described(const CLI::App& command) const;
   /// The same of a command that takes an image.
-  Config config(const CLI::App& command, const std::string& image) const;
+  Description described(const CLI::App& command, const std::string& image) const;
 };
 
 /// A number above 0 of an option that is not in the table, with or without a unit. Throws UsageError.

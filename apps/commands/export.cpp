@@ -54,7 +54,7 @@ Command add_export(CLI::App& app, Invocation& shared) {
                                 .remedy = "leave --elements out, or give --elements tetrahedra"});
             try_file(shared.out);
             if (!shared.force) require_no_file_of_others(shared.out);
-            return finish(shared, export_model(resolve(options->flags.config(*command, shared.image)),
+            return finish(shared, export_model(resolve(options->flags.described(*command, shared.image)),
                                                options->format, shared.out, {.line = to_log().line}));
           }};
 }

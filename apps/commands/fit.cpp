@@ -37,13 +37,13 @@ Command add_fit(CLI::App& app, Invocation& shared) {
   options->flags.add(*command, "fit");
   add_common(*command, shared);
   return {command, [&shared, command, options] {
-            const Config config = options->flags.config(*command, shared.image);
-            into_folder(shared, config.image.file);
+            const Description described = options->flags.described(*command, shared.image);
+            into_folder(shared, image_file(described));
             options->fit.curve = options->curve;
             // What each of many runs says of itself would hide what the fit says.
             if (!shared.verbose) start_log(Verbosity::quiet);
             return finish(shared,
-                          fit(config, options->fit, shared.out, shared.existing(), progress_of(shared)));
+                          fit(described, options->fit, shared.out, shared.existing(), progress_of(shared)));
           }};
 }
 

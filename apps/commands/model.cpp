@@ -20,9 +20,9 @@ Command add_model(CLI::App& app, Invocation& shared) {
   options->flags.add(*command, "model");
   add_common(*command, shared);
   return {command, [&shared, command, options] {
-            const Config config = options->flags.config(*command, shared.image);
-            into_folder(shared, config.image.file);
-            return finish(shared, record_model(config, shared.out, shared.existing(), to_log()));
+            const Description described = options->flags.described(*command, shared.image);
+            into_folder(shared, image_file(described));
+            return finish(shared, record_model(described, shared.out, shared.existing(), to_log()));
           }};
 }
 

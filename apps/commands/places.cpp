@@ -68,7 +68,7 @@ Command add_places(CLI::App& app, Invocation& shared) {
   flags->add(*command, "places");
   add_common(*command, shared);
   return {command, [&shared, command, flags] {
-            const Scene scene = resolve(flags->config(*command, shared.image));
+            const Scene scene = resolve(flags->described(*command, shared.image));
             const PlacesOfImage found = places_of_image(scene, nullptr, {.line = to_log().line});
             clear_stage_line();
             if (shared.json)

@@ -364,7 +364,7 @@ int poke(const Invocation& shared, const CLI::App& command, PokeArguments& optio
   if (!options.script.empty()) options.path = read_tool_path(options.script);
   if (!options.strokes.empty()) options.cuts = read_strokes(options.strokes);
   options.blade = take_scalpel(options.flags);
-  Config config = options.flags.config(command, shared.image);
+  const Description described = options.flags.described(command, shared.image);
   const bool windowed = options.window || (options.script.empty() && options.socket.empty());
   if (windowed) require_display();
   if (options.blade && !windowed)
@@ -374,13 +374,14 @@ int poke(const Invocation& shared, const CLI::App& command, PokeArguments& optio
                       .remedy = "add --window, or give --strokes"});
   std::optional<ResultFolder> folder;  // to the end: it lists what is written and keeps others out
   if (!options.record.empty()) folder.emplace(options.record, shared.existing()).prepare();
-  const LiveOrgan organ = read_live_organ(resolve(config), {.line = to_log().line});
+  const Scene scene = resolve(described);
+  const LiveOrgan organ = read_live_organ(scene, {.line = to_log().line});
   // A count that was not asked for is what this machine can follow; with a limit in evaluations nothing
   // depends on it.
   const bool asked =
-      command.count("--nodes") > 0 || config.cloud.nodes != Scene::Cloud().nodes || options.evaluations > 0;
+      command.count("--nodes") > 0 || scene.cloud.nodes != Scene::Cloud().nodes || options.evaluations > 0;
   const Index nodes =
-      asked ? config.cloud.nodes : nodes_for_rate(organ, options.rate / (windowed ? for_solving : 1.0));
+      asked ? scene.cloud.nodes : nodes_for_rate(organ, options.rate / (windowed ? for_solving : 1.0));
   LiveTool tool = make_live_tool(organ, nodes);
   say(fmt::format("tool     {} nodes, made in {:.2f} s", tool.session->model().node_count(), tool.made_s));
   if (!options.socket.empty())

@@ -31,12 +31,12 @@ Command add_run(CLI::App& app, Invocation& shared) {
   return {command, [&shared, command, options] {
             options->flags.defaults_are_unsaid = shared.slicer;
             if (options->explain && shared.explain == nullptr) refuse_without_whole_program("run --explain");
-            const Config config = options->flags.config(*command, shared.image);
-            into_folder(shared, config.image.file);
-            if (options->explain) check_pairs(resolve(config), Feature::explain);
-            Outcome outcome = record_run(config, shared.out, shared.existing(), to_log());
+            const Description described = options->flags.described(*command, shared.image);
+            into_folder(shared, image_file(described));
+            if (options->explain) check_pairs(resolve(described), Feature::explain);
+            Outcome outcome = record_run(described, shared.out, shared.existing(), to_log());
             if (options->explain && !outcome.interrupted)
-              outcome = shared.explain(resolve(config), shared, std::move(outcome));
+              outcome = shared.explain(resolve(described), shared, std::move(outcome));
             if (!options->return_parameters.empty())
               write_return_parameters(options->return_parameters, outcome.summary_json);
             return finish(shared, outcome);

@@ -72,12 +72,12 @@ Command add_shift(CLI::App& app, Invocation& shared) {
   options->flags.add(*command, "shift", defaults_of_shift());
   add_common(*command, shared);
   return {command, [&shared, command, options] {
-            const Config config =
-                config_of_shift(options->flags.config(*command, shared.image), options->shift);
-            into_folder(shared, config.image.file);
-            Outcome outcome = shift(config, options->shift, shared.out, shared.existing(), to_log());
+            const Description described =
+                describe_shift(options->flags.described(*command, shared.image), options->shift);
+            into_folder(shared, image_file(described));
+            Outcome outcome = shift(described, options->shift, shared.out, shared.existing(), to_log());
             if (options->explain && !outcome.interrupted)
-              outcome = explained(resolve(config), options->shift, shared, std::move(outcome));
+              outcome = explained(resolve(described), options->shift, shared, std::move(outcome));
             return finish(shared, outcome);
           }};
 }

@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <vector>
 
+#include "apps/scene/option.hpp"
 #include "io/file.hpp"
 
 namespace dimple {

@@ -3,8 +3,6 @@
 #include <filesystem>
 #include <string>
 
-#include "apps/scene/config.hpp"
-
 namespace dimple {
 
 // 3D Slicer runs a program that describes itself by --xml as a module of its own (the Slicer Execution

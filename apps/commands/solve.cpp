@@ -21,10 +21,10 @@ Command add_solve(CLI::App& app, Invocation& shared) {
   options->flags.add(*command, "solve");
   add_common(*command, shared);
   return {command, [&shared, command, options] {
-            const Config config = options->flags.config(*command);
+            const Description described = options->flags.described(*command);
             into_folder(shared, options->model);
             return finish(shared,
-                          record_solve(config, options->model, shared.out, shared.existing(), to_log()));
+                          record_solve(described, options->model, shared.out, shared.existing(), to_log()));
           }};
 }
 

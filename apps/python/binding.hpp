@@ -17,7 +17,7 @@
 #include <vector>
 
 #include "apps/python/in_memory.hpp"
-#include "apps/scene/config.hpp"
+#include "apps/scene/description.hpp"
 #include "io/error.hpp"
 #include "io/stop.hpp"
 
@@ -117,7 +117,7 @@ struct Settings {
   std::vector<std::array<std::string, 3>> given;
 
   Settings beside(const Settings& further) const;
-  Config config() const;
+  Description described() const;
   py::dict values() const;  ///< what they amount to: key -> value, in the unit of the key
 };
 

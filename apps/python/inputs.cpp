@@ -4,7 +4,6 @@
 
 #include "apps/python/binding.hpp"
 #include "apps/run/compare.hpp"
-#include "apps/scene/config.hpp"
 #include "io/label_image.hpp"
 
 namespace dimple {
@@ -97,20 +96,20 @@ Settings Settings::beside(const Settings& further) const {
   return both;
 }
 
-Config Settings::config() const {
-  Config result;
+Description Settings::described() const {
+  Description result;
   if (!config_file.empty()) read_config(result, config_file);
   for (const auto& [key, text, source] : given) set_option(result, key, text, source);
-  resolve_material(result);
+  complete(result);
   return result;
 }
 
 py::dict Settings::values() const {
-  Config all = config();
+  const Description all = described();
   py::dict result;
-  for (const Option& option : options_of(all))
+  for (const Option& option : usual_options())
     result[py::str(option.key)] =
-        std::visit([](const auto* value) { return py::cast(*value); }, option.value);
+        std::visit([](const auto& value) { return py::cast(value); }, value_of(all, option.key));
   return result;
 }
 

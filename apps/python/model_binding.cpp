@@ -17,7 +17,7 @@ namespace {
 
 ModelHolder build(const Settings& settings, const LabelImage* image) {
   return computing([&] {
-    const Scene scene = resolve(settings.config());
+    const Scene scene = resolve(settings.described());
     Result result;
     build_case({.scene = scene, .image = image}, {.line = log}, result);
     stop_if_asked();
@@ -33,7 +33,7 @@ struct OrganInMemory {
 
 std::unique_ptr<OrganInMemory> read_organ_of(const Settings& settings, const LabelImage* image) {
   return computing([&] {
-    const Scene scene = resolve(settings.config());
+    const Scene scene = resolve(settings.described());
     return std::make_unique<OrganInMemory>(
         OrganInMemory{settings, read_once({.scene = scene, .image = image}, {.line = log})});
   });
@@ -42,7 +42,7 @@ std::unique_ptr<OrganInMemory> read_organ_of(const Settings& settings, const Lab
 // `settings`: what differs from the organ's own, none of it about the image or the circle's width.
 ModelHolder build_of_organ(const OrganInMemory& of, const Settings& settings) {
   return computing([&] {
-    const Scene scene = resolve(of.settings.beside(settings).config());
+    const Scene scene = resolve(of.settings.beside(settings).described());
     Result result;
     build_case({.scene = scene, .organ = &of.organ}, {.line = log}, result);
     stop_if_asked();
@@ -52,7 +52,7 @@ ModelHolder build_of_organ(const OrganInMemory& of, const Settings& settings) {
 
 std::string places_of_organ(const OrganInMemory& of, const Settings& settings) {
   return computing([&] {
-    const Scene scene = resolve(of.settings.beside(settings).config());
+    const Scene scene = resolve(of.settings.beside(settings).described());
     const Organ& organ = of.organ.organ;
     BoundaryOptions boundary = model_options(scene).boundary;
     boundary.voxel_mm = organ.options.boundary.voxel_mm;
@@ -69,7 +69,7 @@ std::string shown(const OrganInMemory& of) {
 
 std::string usable_places_json(const Settings& settings, const LabelImage* image) {
   return computing([&] {
-    const Scene scene = resolve(settings.config());
+    const Scene scene = resolve(settings.described());
     return places_json(scene, places_of_image(scene, image, {.line = log}));
   });
 }

@@ -96,7 +96,7 @@ std::unique_ptr<Solved> solved(const Case& given, const std::function<Json(const
 }
 
 std::unique_ptr<Solved> solve_model(const ModelHolder& built, const Settings& settings) {
-  Case given{.scene = resolve(settings.config())};
+  Case given{.scene = resolve(settings.described())};
   if (!given.scene.tool) require_nodes_of_circle(*built, "solve");
   given.band = given.scene.band;
   given.model = ModelFiles{.places = built->model,
@@ -115,7 +115,7 @@ std::unique_ptr<Solved> solve_model(const ModelHolder& built, const Settings& se
 }
 
 std::unique_ptr<Solved> run_in_memory(const Settings& settings, const LabelImage* image) {
-  const Scene scene = resolve(settings.config());
+  const Scene scene = resolve(settings.described());
   return solved({.scene = scene, .image = image, .band = scene.band},
                 [&](const Result& result) { return summary_of_image(scene, result); });
 }
@@ -123,7 +123,7 @@ std::unique_ptr<Solved> run_in_memory(const Settings& settings, const LabelImage
 std::unique_ptr<Solved> run_into_folder(const Settings& settings, const LabelImage* image,
                                         const std::string& folder, bool overwrite) {
   return computing([&] {
-    const auto options = settings.config();
+    const auto options = settings.described();
     const Scene scene = resolve(options);
     auto kept = std::make_unique<Solved>();
     const Outcome outcome = record_run(options, folder, overwrite ? Existing::replace : Existing::refuse,

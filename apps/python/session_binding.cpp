@@ -24,7 +24,7 @@ class LiveSession {
  public:
   LiveSession(const ModelInMemory& built, const Settings& settings) {
     session_ = computing([&] {
-      const Scene scene = resolve(settings.config());
+      const Scene scene = resolve(settings.described());
       scene_ = scene;
       check_pairs(scene, Feature::session);
       require_nodes_of_circle(built, "Session");

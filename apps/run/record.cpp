@@ -85,19 +85,17 @@ std::vector<std::pair<std::string, double>> times_of(const Result& result, doubl
 
 // What an earlier run of the same image or model, by the same options, has left finished. Throws UsageError:
 // it was another run.
-Outcome finished_already(const fs::path& folder, const Config& options, const std::string& input_key,
-                         const std::string& input_sha256, const RecordObserver& observer) {
+Outcome finished_already(const fs::path& folder, const Scene& scene, const std::string& input_key,
+                         const RunIdentity& identity, const RecordObserver& observer) {
   Outcome outcome;
   outcome.summary_json = read_file(folder / "summary.json", most_bytes_of_text);
-  Config before;
-  read_config(before, folder / "config.resolved.toml");
+  auto before = option_values_in(folder / "config.resolved.toml");
   const Json summary = Json::parse(outcome.summary_json, nullptr, false);
   // As many as its folds asked for, not somebody.
-  if (default_nodes(options) &&
-      summary.value("model", Json::object()).value("nodes_for_band", Index{0}) == before.cloud.nodes)
-    before.cloud.nodes = options.cloud.nodes;
-  require_same_run({summary.value("version", ""), option_values(before), summary.value(input_key, "")},
-                   {DIMPLE_VERSION, option_values(options), input_sha256});
+  const Index for_band = summary.value("model", Json::object()).value("nodes_for_band", Index{0});
+  if (!scene.given.nodes && std::to_string(for_band) == before["cloud.nodes"])
+    before["cloud.nodes"] = identity.options.at("cloud.nodes");
+  require_same_run({summary.value("version", ""), before, summary.value(input_key, "")}, identity);
   std::error_code ignored;
   fs::remove(folder / checkpoint_file, ignored);  // if it was killed between the last file and this
   remove_temporaries_in(folder);
@@ -112,7 +110,7 @@ Outcome finished_already(const fs::path& folder, const Config& options, const st
                                         largest.value("step", ""), force)
                           : force_title(force, summary.value("indentation_mm", 0.0), half);
   outcome.headline = headline_of(title, force, unknown, summary.value("image_error", Json::object()),
-                                 0.01 * before.material.mu_spread_percent);
+                                 scene.material.mu_spread);
   if (summary.contains("displacement")) outcome.further = displacement_title(summary["displacement"]);
   say(observer, fmt::format("resume   {} holds the finished run: nothing to do", folder.string()));
   return outcome;
@@ -137,7 +135,7 @@ std::optional<MeasuredCurve> compared_curve(const Scene& scene) {
 // What differs between a run from an image and one from a model's files.
 struct Recording {
   fs::path folder;
-  Config options;  ///< of which the folder gets a file
+  Description options;  ///< of which the folder gets a file
   RunIdentity identity;
   std::optional<Checkpoint> resumed = {};
   std::function<void(Result&)> write_model =
@@ -364,8 +362,9 @@ Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reas
   const Json image = image_error_json(result.image_error);
   outcome.headline = headline_of(end.title, end.force, result.band.unknown, image, result.spread);
   if (history.interrupted) outcome.ended_by = ended_by(stopped, end);
-  Config taken = how_.options;  // a run of that file takes these nodes again
-  if (result.nodes_for_band > 0) taken.cloud.nodes = result.nodes_for_band;
+  Description taken = how_.options;  // a run of that file takes these nodes again
+  if (result.nodes_for_band > 0)
+    put_numbers(taken, "cloud.nodes", {static_cast<double>(result.nodes_for_band)});
   const std::string options = to_toml(taken, result.chosen);
   write_file(how_.folder / "config.resolved.toml", options);
 
@@ -604,7 +603,7 @@ Outcome record(Case given, Recording how, const RecordObserver& observer) {
 
 }  // namespace
 
-Outcome record_run(const Config& options, const fs::path& folder, Existing existing,
+Outcome record_run(const Description& options, const fs::path& folder, Existing existing,
                    const RecordObserver& observer, const LabelImage* image) {
   const Stopwatch whole(observer.waited_s);
   ResultFolder results(folder, existing);
@@ -619,8 +618,7 @@ Outcome record_run(const Config& options, const fs::path& folder, Existing exist
   if (existing == Existing::resume && !scene.image.file.empty() &&
       (results.finished() || results.resumable())) {
     identity.input_sha256 = sha256_of_file(scene.image.file);
-    if (results.finished())
-      return finished_already(folder, options, "image_sha256", identity.input_sha256, observer);
+    if (results.finished()) return finished_already(folder, scene, "image_sha256", identity, observer);
     how.resumed = resumed_in(results, identity);
   }
   how.write_model = [&](Result& result) {
@@ -668,8 +666,8 @@ void add_explained(Outcome& outcome, const fs::path& folder, double seconds, con
   write_file(folder / "summary.json", outcome.summary_json);
 }
 
-Outcome record_solve(const Config& options, const fs::path& model, const fs::path& folder, Existing existing,
-                     const RecordObserver& observer) {
+Outcome record_solve(const Description& options, const fs::path& model, const fs::path& folder,
+                     Existing existing, const RecordObserver& observer) {
   const Stopwatch whole(observer.waited_s), reading;
   fs::path model_folder = fs::is_directory(model) ? model : model.parent_path();
   if (model_folder.empty()) model_folder = ".";
@@ -687,7 +685,7 @@ Outcome record_solve(const Config& options, const fs::path& model, const fs::pat
       .read_s = reading.seconds(),
       .whole = whole};
   if (existing == Existing::resume && results.finished())
-    return finished_already(folder, options, "model_sha256", how.identity.input_sha256, observer);
+    return finished_already(folder, scene, "model_sha256", how.identity, observer);
   how.resumed = resumed_in(results, how.identity);
   how.write_model = [&](Result&) {
     results.prepare();
@@ -714,7 +712,7 @@ Outcome record_solve(const Config& options, const fs::path& model, const fs::pat
   return record(given, std::move(how), observer);
 }
 
-Outcome record_model(const Config& options, const fs::path& folder, Existing existing,
+Outcome record_model(const Description& options, const fs::path& folder, Existing existing,
                      const RecordObserver& observer) {
   const Stopwatch whole;
   const Scene scene = resolve(options);

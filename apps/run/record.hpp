@@ -8,7 +8,7 @@
 #include "apps/run/result_folder.hpp"
 #include "apps/run/results.hpp"
 #include "apps/run/simulate.hpp"
-#include "apps/scene/config.hpp"
+#include "apps/scene/description.hpp"
 
 namespace dimple {
 
@@ -38,15 +38,15 @@ struct RecordObserver {
 // simulate() with its results written to a folder as they come: frames, tables, picture, summary, and now and
 // then a checkpoint to go on from. Each throws Error; Stopped too if there is nothing to keep.
 
-/// From the image to the force curve. `image`, if given, stands for the file that config.image.file names.
-Outcome record_run(const Config& config, const std::filesystem::path& folder, Existing existing,
+/// From the image to the force curve. `image`, if given, stands for the file that image.file names.
+Outcome record_run(const Description& options, const std::filesystem::path& folder, Existing existing,
                    const RecordObserver& observer = {}, const LabelImage* image = nullptr);
 /// From a model's files.
-Outcome record_solve(const Config& config, const std::filesystem::path& model,
+Outcome record_solve(const Description& options, const std::filesystem::path& model,
                      const std::filesystem::path& folder, Existing existing,
                      const RecordObserver& observer = {});
 /// From the image to a model's files.
-Outcome record_model(const Config& config, const std::filesystem::path& folder, Existing existing,
+Outcome record_model(const Description& options, const std::filesystem::path& folder, Existing existing,
                      const RecordObserver& observer = {});
 
 /// What came of a run after its summary had been written, for so long, is in the summary and on the page too:

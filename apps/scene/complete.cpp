@@ -16,6 +16,8 @@ namespace {
 // Before the name of the preset that a number is of.
 const std::string of_preset = "preset ";
 const std::string by_tool = "the tool";
+// Before the source of an option that is of all cases of a table; each of them may say otherwise.
+const std::string for_all_cases = "all cases: ";
 
 constexpr std::array keys_of_a_preset = {
     "material.mu_Pa",       "material.nu",          "material.density_kg_per_m3",
@@ -147,7 +149,7 @@ void take_poses(Config& config) {
                       .where = "--poses (load.poses)",
                       .why = "poses are steps from each to the next",
                       .remedy = "leave one of the two out"});
-  if (was_given(config, "load.rate_mm_per_s"))
+  if (weight_of(config, "load.rate_mm_per_s") > 0)
     throw UsageError({.fact = "a rate is given, and poses",
                       .where = "--rate (load.rate_mm_per_s)",
                       .why = "the times of the poses say how fast the tool goes",
@@ -200,11 +202,11 @@ bool depth_is_of_tool(const Config& config) {
   return source != config.source.end() && source->second.ends_with(by_tool);
 }
 
-bool was_given(const Config& config, const char* key) {
-  return weight_of(config, key) > 0;
+bool was_given(const Description& description, const std::string& key) {
+  return weight_of(*description.options, key) > 0;
 }
 
-void resolve_material(Config& config) {
+void complete(Config& config) {
   const int young = config.material.young_Pa > 0.0 ? weight_of(config, "material.young_Pa") : 0;
   const bool young_given = young > 0 && young >= weight_of(config, "material.preset");
   if (!young_given && config.material.preset != "none") config.material.young_Pa = 0.0;
@@ -216,6 +218,16 @@ void resolve_material(Config& config) {
   resolve_depth(config);
   resolve_spacing(config);
   resolve_points(config);
+}
+
+void complete(Description& description) {
+  complete(*description.options);
+}
+
+void complete_for_all_cases(Description& description) {
+  complete(description);
+  for (auto& [key, source] : description.options->source)
+    if (key.starts_with("material.") || key == "cloud.nodes") source = for_all_cases + source;
 }
 
 std::string beside_preset(const Config& config) {
@@ -241,7 +253,8 @@ bool default_stiffness(const Config& config) {
          config.source.count("material.mu_Pa") == 0;
 }
 
-bool default_nodes(const Config& config) {
+bool default_nodes(const Description& description) {
+  const Config& config = *description.options;
   return config.cloud.nodes == Config{}.cloud.nodes && !(config.cloud.spacing_mm > 0.0) &&
          config.source.count("cloud.nodes") == 0;
 }

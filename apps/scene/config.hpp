@@ -7,6 +7,7 @@
 #include <variant>
 #include <vector>
 
+#include "apps/scene/description.hpp"
 #include "apps/scene/option.hpp"
 #include "apps/scene/scene.hpp"
 
@@ -151,59 +152,23 @@ std::vector<std::pair<std::string, StepText>> steps_in_order(const Config& confi
 /// Those that move something.
 std::vector<std::pair<std::string, StepText>> moving_steps(const Config& config);
 
-/// Sets one option from text ("300Pa", "superior", "1,Tumour"). `key` with or without its unit suffix.
-/// Throws UsageError: unknown key (with a suggestion), not a number, unknown unit, out of range, not a
-/// choice.
+/// What set_option() does to a description.
 void set_option(Config& config, const std::string& key, const std::string& text, const std::string& source);
 
 /// The whole key of the option that a file or --set calls `key`, with its unit: "load.depth_mm" of
 /// "load.depth", "step.press.move_mm" of "step.press.move". Throws UsageError: there is none.
 std::string full_key(const std::string& key, const std::string& source);
 
-/// The key of the option that somebody calls `name`, as the head of a column: its key, with or without
-/// section and unit
-/// ("material.mu_Pa", "mu"), or its flag ("indent-at", "indent_at"). Throws UsageError: there is none, with a
-/// suggestion from these names and from `others`.
-std::string option_named(const std::string& name, const std::string& source,
-                         const std::vector<std::string>& others);
-
-/// To be called when all options are set: the numbers of the material become those that are used. A preset's
-/// numbers stand where nobody has given others; Young's modulus, where it was given, becomes the shear
-/// modulus E / (2 (1 + nu)); Ogden moduli are scaled to a shear modulus that was given beside a preset's, and
-/// else add up to it. The depth of a scene of steps follows from them. Throws UsageError: two of these were
-/// given that contradict each other.
-void resolve_material(Config& config);
+/// What read_config() and complete() do to a description.
+void read_config(Config& config, const std::filesystem::path& file);
+void complete(Config& config);
 
 /// The preset, and which of its numbers were given otherwise: "horton_2007, but mu_Pa 3.0 (--mu) in place of
 /// 210.0". Empty: there is no preset, or it is taken as it is.
 std::string beside_preset(const Config& config);
 
-/// Before the source of an option that is of all cases of a table; each of them may say otherwise.
-inline constexpr const char* for_all_cases = "all cases: ";
-
 /// Whether the stiffness is the one that nobody has chosen.
 bool default_stiffness(const Config& config);
-/// Whether the number of nodes is: neither it nor a spacing was given.
-bool default_nodes(const Config& config);
-
-/// Reads a TOML file over what is there. Throws UsageError, InputError.
-void read_config(Config& config, const std::filesystem::path& file);
-
-/// The whole configuration as TOML, each line with where its value came from. `notes`: key -> what was
-/// chosen.
-std::string to_toml(const Config& config, const std::map<std::string, std::string>& notes);
-
-/// Each option as it stands in that file, by key, but for the path of the image.
-std::map<std::string, std::string> option_values(const Config& config);
-
-/// The same of such a file. Throws UsageError, InputError.
-std::map<std::string, std::string> option_values_in(const std::filesystem::path& file);
-
-/// The reference of all options: key, unit, default, range, meaning.
-std::string option_reference();
-
-/// Whether anybody has chosen the option of that key: not where a file of all options states what is usual.
-bool was_given(const Config& config, const char* key);
 /// Whether the depth follows from the radius of the tool, as none was given.
 bool depth_is_of_tool(const Config& config);
 

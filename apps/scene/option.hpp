@@ -8,6 +8,10 @@
 
 namespace dimple {
 
+/// Value of an option.
+using OptionValue =
+    std::variant<double, std::int64_t, std::string, std::vector<std::string>, std::vector<double>>;
+
 /// One option, declared once: the help, the checks, the file format and `--set` are all made from it.
 struct Option {
   std::string key;        ///< "material.mu_Pa": section, name, unit

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include "apps/scene/config.hpp"
 #include "apps/scene/resolve_parts.hpp"
 #include "apps/scene/tool_words.hpp"
 #include "io/error.hpp"
@@ -52,7 +53,7 @@ TissueOfLabel tissue_of(const Config& config, const std::string& label,
   if (config.material.preset != "none" && differing.contains("material.preset"))
     static_cast<MaterialNumbers&>(own.material) = {};
   for (const auto& [key, text] : differing) set_option(own, key, text, "tissue." + label);
-  resolve_material(own);
+  complete(own);
   TissueOfLabel tissue{
       .label = label,
       .numbers = own.material,
@@ -134,19 +135,20 @@ void set_numerics(const Config& config, Scene& scene) {
                                                      : Time::automatic};
 }
 
-Scene::Given given_in(const Config& config) {
-  return {.nodes = !default_nodes(config),
-          .stiffness = !default_stiffness(config),
-          .contact = was_given(config, "load.contact"),
-          .diameter = was_given(config, "boundary.indenter_diameter_mm"),
-          .rate = was_given(config, "load.rate_mm_per_s"),
-          .sample_rate = was_given(config, "solver.sample_rate_per_s"),
-          .depth_is_of_tool = depth_is_of_tool(config)};
+Scene::Given given_in(const Description& description) {
+  return {.nodes = !default_nodes(description),
+          .stiffness = !default_stiffness(*description.options),
+          .contact = was_given(description, "load.contact"),
+          .diameter = was_given(description, "boundary.indenter_diameter_mm"),
+          .rate = was_given(description, "load.rate_mm_per_s"),
+          .sample_rate = was_given(description, "solver.sample_rate_per_s"),
+          .depth_is_of_tool = depth_is_of_tool(*description.options)};
 }
 
 }  // namespace
 
-Scene resolve(const Config& config) {
+Scene resolve(const Description& description) {
+  const Config& config = *description.options;
   Scene scene;
   set_model(config, scene);
   set_material(config, scene);
@@ -157,7 +159,7 @@ Scene resolve(const Config& config) {
   scene.goal = goal_of(config);
   scene.followed = followed_named(config.accuracy.quantity);
   scene.output = config.output;
-  scene.given = given_in(config);
+  scene.given = given_in(description);
   check_steps(scene);
   check_tool(scene);
   check_names(scene);

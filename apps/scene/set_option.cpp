@@ -220,22 +220,22 @@ std::string option_named(const std::string& name, const std::string& source,
   refuse_key(options, name, source, std::move(known));
 }
 
-std::map<std::string, std::string> option_values(const Config& config) {
-  Config copy = config;
+std::map<std::string, std::string> option_values(const Description& description) {
+  Config config = *description.options;
   std::map<std::string, std::string> values;
-  for (const Option& option : options_of(copy))
+  for (const Option& option : options_of(config))
     if (option.key != "image.file") values[option.key] = toml_value(option);
   for (const auto& [label, differing] : config.tissue)
     for (const auto& [key, value] : differing)
       values[fmt::format("tissue.{}.{}", label, key.substr(key.find('.') + 1))] = value;
-  for (const auto& [key, option] : named_options(copy)) values[key] = toml_value(option);
+  for (const auto& [key, option] : named_options(config)) values[key] = toml_value(option);
   return values;
 }
 
 std::map<std::string, std::string> option_values_in(const std::filesystem::path& file) {
-  Config config;
-  read_config(config, file);
-  return option_values(config);
+  Description description;
+  read_config(description, file);
+  return option_values(description);
 }
 
 std::string option_reference() {
@@ -266,6 +266,52 @@ std::string option_reference() {
                         range.empty() ? "" : fmt::format(" ({})", range));
   }
   return text;
+}
+
+Description::Description() : options(std::make_unique<Config>()) {}
+Description::Description(const Description& other) : options(std::make_unique<Config>(*other.options)) {}
+Description::~Description() = default;
+Description& Description::operator=(const Description& other) {
+  *options = *other.options;
+  return *this;
+}
+
+void set_option(Description& description, const std::string& key, const std::string& text,
+                const std::string& source) {
+  set_option(*description.options, key, text, source);
+}
+
+void put_numbers(Description& description, const std::string& key, const std::vector<double>& numbers,
+                 const std::string& source) {
+  std::vector<Option> options = options_of(*description.options);
+  const Option& option = *find_option(options, key);
+  if (auto* list = std::get_if<std::vector<double>*>(&option.value))
+    **list = numbers;
+  else if (auto* whole = std::get_if<std::int64_t*>(&option.value))
+    **whole = static_cast<std::int64_t>(numbers.at(0));
+  else
+    *std::get<double*>(option.value) = numbers.at(0);
+  if (!source.empty()) description.options->source[option.key] = source;
+}
+
+void read_config(Description& description, const std::filesystem::path& file) {
+  read_config(*description.options, file);
+}
+
+std::string image_file(const Description& description) {
+  return description.options->image.file;
+}
+
+OptionValue value_of(const Description& description, const std::string& key) {
+  Config config = *description.options;
+  std::vector<Option> options = options_of(config);
+  return std::visit([](const auto* value) -> OptionValue { return *value; },
+                    find_option(options, key)->value);
+}
+
+std::string source_of(const Description& description, const std::string& key) {
+  const auto source = description.options->source.find(key);
+  return source == description.options->source.end() ? "" : source->second;
 }
 
 }  // namespace dimple

@@ -152,11 +152,11 @@ std::string as_table(const char* section, const std::string& name, const std::ve
 
 }  // namespace
 
-std::string to_toml(const Config& config, const std::map<std::string, std::string>& notes) {
-  Config copy = config;
+std::string to_toml(const Description& description, const std::map<std::string, std::string>& notes) {
+  Config config = *description.options;
   std::string text = "# Every option of this run. `dimple run --config THIS -o OUT` repeats it bit by bit.\n";
   std::string section;
-  for (const Option& option : options_of(copy)) {
+  for (const Option& option : options_of(config)) {
     const auto dot = option.key.find('.');
     if (option.key.substr(0, dot) != section) {
       section = option.key.substr(0, dot);

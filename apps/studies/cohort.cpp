@@ -93,24 +93,26 @@ std::string beside(const Cohort& cohort, const std::string& key, const std::stri
 
 // What an earlier run of the same has left finished; nothing: there is none. Throws UsageError: it was
 // another run.
-std::optional<Outcome> finished_before(const Config& config, const fs::path& folder) {
+std::optional<Outcome> finished_before(const Description& described, const fs::path& folder) {
   std::error_code ignored;
   if (!fs::is_directory(folder, ignored)) return std::nullopt;
   if (const ResultFolder results(folder, Existing::resume); !results.finished()) return std::nullopt;
-  return record_run(config, folder, Existing::resume);
+  return record_run(described, folder, Existing::resume);
 }
 
 // Both moduli in one row, also where one of them is the usual value.
-void require_one_modulus(const Cohort& cohort, std::size_t row, const Config& config) {
+void require_one_modulus(const Cohort& cohort, std::size_t row, const Description& described) {
   const TextTable::Row& fields = cohort.table.row[row];
   const auto says = [&](const char* key) {
     for (std::size_t c = 0; c < cohort.key.size(); ++c)
       if (cohort.key[c] == key) return !fields.field[c].empty();
     return false;
   };
-  if (!says("material.mu_Pa") || !says("material.young_Pa") || config.material.young_Pa == 0.0) return;
+  const double mu_Pa = std::get<double>(value_of(described, "material.mu_Pa")),
+               young_Pa = std::get<double>(value_of(described, "material.young_Pa"));
+  if (!says("material.mu_Pa") || !says("material.young_Pa") || young_Pa == 0.0) return;
   throw UsageError({.fact = fmt::format("both a shear modulus, {} Pa, and Young's modulus, {} Pa, are given",
-                                        config.material.mu_Pa, config.material.young_Pa),
+                                        mu_Pa, young_Pa),
                     .where = line_of(cohort, row),
                     .why = "one follows from the other: mu = E / (2 (1 + nu))",
                     .remedy = "leave one of the two fields empty"});
@@ -168,14 +170,14 @@ Error failure_of(int code, const fs::path& folder, const fs::path& log) {
 }
 
 // One row, in a process of its own.
-CaseEnd run_apart(const Cohort& cohort, std::size_t row, const Config& of_all_rows, const fs::path& out,
+CaseEnd run_apart(const Cohort& cohort, std::size_t row, const Description& of_all_rows, const fs::path& out,
                   const CohortOptions& options) {
   using How = CaseEnd::How;
   const Stopwatch whole;
   const fs::path folder = out / cohort.id(row), log = fs::absolute(out / (cohort.id(row) + ".log"));
-  const Config config = case_of(cohort, row, of_all_rows);
+  const Description described = case_of(cohort, row, of_all_rows);
   try {
-    if (const auto before = finished_before(config, folder))
+    if (const auto before = finished_before(described, folder))
       return {.how = How::skipped, .headline = before->headline};
   } catch (const UsageError& error) {
     if (!options.anew || !is_other_run(error)) throw;
@@ -188,7 +190,7 @@ CaseEnd run_apart(const Cohort& cohort, std::size_t row, const Config& of_all_ro
   CaseEnd end{.seconds = whole.seconds()};
   std::error_code ignored;
   if (run.code == 0) {
-    const auto done = finished_before(config, folder);
+    const auto done = finished_before(described, folder);
     end.how = How::finished;
     end.headline = done ? done->headline : "";
     fs::remove(log, ignored);
@@ -248,37 +250,35 @@ std::string image_of(const Cohort& cohort, std::size_t row) {
   return {};
 }
 
-Config case_of(const Cohort& cohort, std::size_t row, Config config) {
+Description case_of(const Cohort& cohort, std::size_t row, Description described) {
   const std::string line = line_of(cohort, row);
   const TextTable::Row& fields = cohort.table.row[row];
-  resolve_material(config);  // what the row says of it counts more
-  for (auto& [key, source] : config.source)
-    if (key.starts_with("material.") || key == "cloud.nodes") source = for_all_cases + source;
+  complete_for_all_cases(described);  // what the row says of it counts more
   for (std::size_t c = 0; c < cohort.key.size(); ++c)
     if (const std::string& key = cohort.key[c]; key != "id" && !fields.field[c].empty())
-      set_option(config, key, beside(cohort, key, fields.field[c]), line);
-  require_one_modulus(cohort, row, config);
-  resolve_material(config);
-  if (config.image.file.empty())
+      set_option(described, key, beside(cohort, key, fields.field[c]), line);
+  require_one_modulus(cohort, row, described);
+  complete(described);
+  if (image_file(described).empty())
     throw InputError({.fact = "the case has no image",
                       .where = line,
                       .why = "the field is empty",
                       .remedy = "write the path of its label image there"});
-  require_regular_file(config.image.file);
-  const Scene scene = resolve(config);
+  require_regular_file(image_file(described));
+  const Scene scene = resolve(described);
   check_pairs(scene, Feature::run);
   check_words(model_options(scene).boundary);
-  if (!config.output.compare.empty() && config.output.compare != paper_word)
-    read_measured_curve(config.output.compare);
-  return config;
+  if (!scene.output.compare.empty() && scene.output.compare != paper_word)
+    read_measured_curve(scene.output.compare);
+  return described;
 }
 
 std::string changed_since(const Cohort& cohort, std::size_t row, const fs::path& folder) try {
-  Config before;
+  Description before;
   read_config(before, folder / "config.resolved.toml");
-  const Config now = case_of(cohort, row, before);
-  if (fs::path(now.image.file).filename() != fs::path(before.image.file).filename())
-    return fmt::format("image is {} now, and was {}", now.image.file, before.image.file);
+  const Description now = case_of(cohort, row, before);
+  if (fs::path(image_file(now)).filename() != fs::path(image_file(before)).filename())
+    return fmt::format("image is {} now, and was {}", image_file(now), image_file(before));
   const std::map<std::string, std::string> was = option_values(before);
   const std::set<std::string> paths = {"output.compare", "image.label_names",
                                        "load.poses"};  // begin elsewhere
@@ -294,18 +294,18 @@ std::string changed_since(const Cohort& cohort, std::size_t row, const fs::path&
   return {};
 }
 
-Outcome run_case(const Cohort& cohort, std::size_t row, const Config& of_all_rows, const fs::path& out,
+Outcome run_case(const Cohort& cohort, std::size_t row, const Description& of_all_rows, const fs::path& out,
                  bool anew, const RecordObserver& observer) {
   const fs::path folder = out / cohort.id(row);
   try {
-    const Config config = case_of(cohort, row, of_all_rows);
-    if (!anew) return record_run(config, folder, Existing::resume, observer);
+    const Description described = case_of(cohort, row, of_all_rows);
+    if (!anew) return record_run(described, folder, Existing::resume, observer);
     try {
-      if (const auto before = finished_before(config, folder)) return *before;
+      if (const auto before = finished_before(described, folder)) return *before;
     } catch (const UsageError& error) {
       if (!is_other_run(error)) throw;
     }
-    return record_run(config, folder, Existing::replace, observer);
+    return record_run(described, folder, Existing::replace, observer);
   } catch (const Stopped&) {
     throw;
   } catch (const Error& error) {
@@ -314,7 +314,7 @@ Outcome run_case(const Cohort& cohort, std::size_t row, const Config& of_all_row
   }
 }
 
-std::vector<CaseEnd> run_cohort(const Cohort& cohort, const Config& of_all_rows, const fs::path& out,
+std::vector<CaseEnd> run_cohort(const Cohort& cohort, const Description& of_all_rows, const fs::path& out,
                                 const CohortOptions& options,
                                 const std::function<void(const std::string&)>& progress) {
   using How = CaseEnd::How;

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "apps/run/record.hpp"
-#include "apps/scene/config.hpp"
+#include "apps/scene/description.hpp"
 #include "io/error.hpp"
 #include "io/table.hpp"
 
@@ -32,7 +32,7 @@ std::string image_of(const Cohort& cohort, std::size_t row);
 
 /// The options of one row, over those of all rows; an empty field says nothing, and paths begin where the
 /// table is. Checked as far as they can be before the image is read. Throws UsageError, InputError.
-Config case_of(const Cohort& cohort, std::size_t row, Config of_all_rows);
+Description case_of(const Cohort& cohort, std::size_t row, Description of_all_rows);
 
 /// What a row says now that the run in the folder was not made with: "material.mu_Pa is 2000.0 now, and
 /// was 1000.0". Empty: nothing, or it cannot be known.
@@ -42,7 +42,7 @@ std::string changed_since(const Cohort& cohort, std::size_t row, const std::file
 /// stopped, and returns at once where the same run is finished. A run of other options or another image is
 /// refused, or, with `anew`, replaced. Why it failed is put down in the folder, unless that holds something
 /// else. Throws Error.
-Outcome run_case(const Cohort& cohort, std::size_t row, const Config& of_all_rows,
+Outcome run_case(const Cohort& cohort, std::size_t row, const Description& of_all_rows,
                  const std::filesystem::path& out, bool anew, const RecordObserver& observer);
 
 /// What has become of a row.
@@ -66,7 +66,7 @@ struct CohortOptions {
 /// before the first begins, and put down in its folder. A process that fails leaves its words in ID.log
 /// beside the folder. Throws OutputError: `out` cannot be made. When asked to stop (io/stop.hpp) it begins no
 /// further rows and ends the running ones.
-std::vector<CaseEnd> run_cohort(const Cohort& cohort, const Config& of_all_rows,
+std::vector<CaseEnd> run_cohort(const Cohort& cohort, const Description& of_all_rows,
                                 const std::filesystem::path& out, const CohortOptions& options,
                                 const std::function<void(const std::string&)>& progress);
 

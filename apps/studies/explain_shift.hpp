@@ -22,7 +22,7 @@ struct ShiftExplanation {
 /// Repeats the shift with one choice at a time changed: other clouds, the gap, the fluid that is lost, the
 /// shear modulus, the direction of up, the opening's radius, friction at the skull, what is held, and sulci.
 /// A change that gives another cloud is compared with the mean of three clouds. `scene`: of
-/// config_of_shift(). Throws what shift() throws of the shift as it is; one that fails is listed with why.
+/// describe_shift(). Throws what shift() throws of the shift as it is; one that fails is listed with why.
 ShiftExplanation explain_shift(const Scene& scene, const ShiftOptions& options,
                                const std::function<void(const std::string&)>& progress);
 

@@ -39,12 +39,12 @@ void require_proportional(const std::string& why) {
 
 // What follows from the curve is not given as well. A file of all options states everything, and is
 // overruled.
-void refuse_given(const Config& config, const std::vector<std::string>& keys, const std::string& what) {
+void refuse_given(const Description& described, const std::vector<std::string>& keys,
+                  const std::string& what) {
   for (const std::string& key : keys)
-    if (const auto source = config.source.find(key);
-        source != config.source.end() && source->second.starts_with("--"))
+    if (const std::string source = source_of(described, key); source.starts_with("--"))
       throw UsageError({.fact = fmt::format("{} is given, and follows from the curve", key),
-                        .where = source->second,
+                        .where = source,
                         .why = what,
                         .remedy = "leave it out"});
 }
@@ -54,10 +54,9 @@ bool takes_one_run(const std::string& of) {
   return of == "mu" || of == mu_and_touch;
 }
 
-void require_long_tool(const Config& config, const MeasuredCurve& curve) {
-  const std::optional<ToolShape> tool = tool_named(config.tool.shape, "--tool (tool.shape)");
+void require_long_tool(const std::optional<ToolShape>& tool, double depth_mm, const MeasuredCurve& curve) {
   if (const double length = tool ? tool->length : std::numeric_limits<double>::infinity();
-      1e-3 * config.load.depth_mm > length)
+      1e-3 * depth_mm > length)
     throw InputError(
         {.fact = fmt::format("the curve goes to {}, and the tool is {} long",
                              length_in_words(1e3 * curve.depth.back()), length_in_words(1e3 * length)),
@@ -67,51 +66,49 @@ void require_long_tool(const Config& config, const MeasuredCurve& curve) {
          .code = "bad-curve"});
 }
 
-// The case that the curve belongs to, but for the numbers that are sought.
-Config case_of(const Config& config, const FitOptions& options, const MeasuredCurve& curve) {
-  check_pairs(resolve(config), Feature::fit);
-  refuse_given(config, {"load.depth_mm"}, "the run is as deep as the curve");
-  refuse_given(config, {"material.mu_Pa", "material.young_Pa", "material.mu_spread_percent"},
+// The options of the case that the curve belongs to, but for the numbers that are sought. `given`: the scene
+// of `described`.
+Description case_of(const Description& described, const Scene& given, const FitOptions& options,
+                    const MeasuredCurve& curve) {
+  check_pairs(given, Feature::fit);
+  refuse_given(described, {"load.depth_mm"}, "the run is as deep as the curve");
+  refuse_given(described, {"material.mu_Pa", "material.young_Pa", "material.mu_spread_percent"},
                "the modulus is what is looked for");
-  Config own = config;
-  own.material.mu_spread_percent = 0.0;
-  own.load.depth_mm = 1e3 * (curve.depth.back() +
-                             (options.of == mu_and_touch ? farthest_first_touch(curve.depth.back()) : 0.0));
-  own.source["load.depth_mm"] = curve.name;
-  require_long_tool(own, curve);
+  Description own = described;
+  put_numbers(own, "material.mu_spread_percent", {0.0});
+  const double depth_mm =
+      1e3 *
+      (curve.depth.back() + (options.of == mu_and_touch ? farthest_first_touch(curve.depth.back()) : 0.0));
+  put_numbers(own, "load.depth_mm", {depth_mm}, curve.name);
+  require_long_tool(given.tool, depth_mm, curve);
   if (!curve.time.empty()) {
-    refuse_given(config, {"load.rate_mm_per_s"}, "the curve has times");
-    own.load.rate_mm_per_s = 1e3 * ramp_rate(curve);
-    own.source["load.rate_mm_per_s"] = curve.name;
+    refuse_given(described, {"load.rate_mm_per_s"}, "the curve has times");
+    put_numbers(own, "load.rate_mm_per_s", {1e3 * ramp_rate(curve)}, curve.name);
   }
-  if (takes_one_run(options.of) && config.source.count("cloud.nodes") == 0 &&
-      !(config.cloud.spacing_mm > 0.0)) {
-    own.cloud.nodes = nodes_for_one_run;
-    own.source["cloud.nodes"] = "one run is all that it takes";
-  }
-  auto& m = own.material;
+  if (takes_one_run(options.of) && !given.given.nodes)
+    put_numbers(own, "cloud.nodes", {nodes_for_one_run}, "one run is all that it takes");
   if (options.of == "mu,alpha") {
-    refuse_given(config, {"material.ogden_mu_Pa", "material.ogden_alpha"}, "they are what is looked for");
-    m.ogden_mu_Pa = {m.mu_Pa};
+    refuse_given(described, {"material.ogden_mu_Pa", "material.ogden_alpha"}, "they are what is looked for");
+    put_numbers(own, "material.ogden_mu_Pa", {given.material.mu_Pa});
   }
   if (options.of == "mu,g,tau") {
-    refuse_given(config, {"material.prony_g", "material.prony_tau_s"}, "they are what is looked for");
+    refuse_given(described, {"material.prony_g", "material.prony_tau_s"}, "they are what is looked for");
     ramp_rate(curve);  // says that it has no times
   }
   return own;
 }
 
-Config with_numbers(Config config, const std::string& of, const std::vector<double>& numbers) {
-  auto& m = config.material;
+Scene with_numbers(Scene scene, const std::string& of, const std::vector<double>& numbers) {
+  auto& m = scene.material;
   if (of == "mu,alpha") m.ogden_alpha = {numbers[0]};
   if (of == "mu,g,tau") m.prony_g = {numbers[0]}, m.prony_tau_s = {numbers[1]};
-  return config;
+  return scene;
 }
 
 // All constants of the law, multiplied alike.
-void multiply(Config& config, double factor) {
-  config.material.mu_Pa *= factor;
-  for (double& mu : config.material.ogden_mu_Pa) mu *= factor;
+void multiply(Scene& scene, double factor) {
+  scene.material.mu_Pa *= factor;
+  for (double& mu : scene.material.ogden_mu_Pa) mu *= factor;
 }
 
 // What is looked for beside mu; for alpha twice, once for each sign: the energy has no alpha between.
@@ -139,14 +136,15 @@ std::vector<std::vector<FitParameter>> searches_of(const std::string& of, const 
 }
 
 // `auto` is decided when the modulus is known.
-Result march(Config config, bool band) {
-  if (config.solver.time == "auto") config.solver.time = "quasi-static";
+Result march(Scene scene, bool band) {
+  using Time = Scene::Numerics::Time;
+  if (scene.solver.time == Time::automatic) scene.solver.time = Time::quasi_static;
   RunObserver observer;
   observer.march.sample = [](const ForceSample&, const History&) {
     stop_if_asked();
     return true;
   };
-  Result result = simulate({.scene = resolve(config), .band = band}, observer);
+  Result result = simulate({.scene = scene, .band = band}, observer);
   if (result.history.interrupted) throw Stopped(stop_asked());
   return result;
 }
@@ -220,20 +218,20 @@ void refuse_paper_values(const fs::path& curve) {
                     .remedy = "dimple run IMAGE -o OUT --compare horton2007"});
 }
 
-std::vector<std::string> warnings_of(const MeasuredCurve& curve, const Config& own) {
+std::vector<std::string> warnings_of(const MeasuredCurve& curve, const Scene& own) {
   std::vector<std::string> warnings;
   for (const std::string* words : {&curve.left_out, &curve.averaged})
     if (!words->empty()) warnings.push_back(*words);
   if (curve.time.empty() && !own.material.prony_g.empty())
     warnings.push_back(
         fmt::format("the curve has no time_s, and the tissue relaxes: {} mm/s is taken for the speed",
-                    plain(own.load.rate_mm_per_s)));
+                    plain(own.rate_mm_per_s)));
   return warnings;
 }
 
 // What the searches of one curve share: the case without the numbers that are sought, and its runs so far.
 struct Runs {
-  const Config& own;
+  const Scene& own;
   const std::string& of;
   const std::function<void(const std::string&)>& progress;
   int count = 0;
@@ -241,26 +239,22 @@ struct Runs {
   std::vector<std::string> warnings;
 };
 
-void march(Runs& runs, const Config& config, bool band) {
-  runs.last = march(config, band);
+void march(Runs& runs, const Scene& scene, bool band) {
+  runs.last = march(scene, band);
   add_new(runs.warnings, runs.last.warnings);
   ++runs.count;
 }
 
-bool with_band(const Config& config) {
-  return config.accuracy.band == "on";
-}
-
 // By a run of its own, but for what is looked for in the forces of one.
 std::vector<double> unit_forces(Runs& runs, const MeasuredCurve& curve, const std::vector<double>& numbers) {
-  const Config one = with_numbers(runs.own, runs.of, numbers);
+  const Scene one = with_numbers(runs.own, runs.of, numbers);
   const bool one_run = takes_one_run(runs.of);
-  if (!one_run || runs.count == 0) march(runs, one, one_run && with_band(runs.own));
+  if (!one_run || runs.count == 0) march(runs, one, one_run && runs.own.band);
   if (!one_run)
     runs.progress(
         fmt::format("run {:>3}  {} {:.4g}", runs.count, runs.of.substr(3), fmt::join(numbers, ", ")));
   const double touch_mm = runs.of == mu_and_touch ? numbers[0] : 0.0;
-  return scaled(forces_later(runs.last, curve.depth, 1e-3 * touch_mm), 1.0 / material_of(resolve(one)).mu);
+  return scaled(forces_later(runs.last, curve.depth, 1e-3 * touch_mm), 1.0 / material_of(one).mu);
 }
 
 // From each start, the best first. Where one of them finds no equilibrium, another may.
@@ -287,13 +281,13 @@ std::vector<CurveFit> fits_of(Runs& runs, const MeasuredCurve& curve) {
 }
 
 // Whether inertia plays a part depends on the modulus, which is known only now.
-void require_no_inertia(const Config& given, const FoundFit& found) {
+void require_no_inertia(const Scene& given, const FoundFit& found) {
   const Result& result = found.result;
   // A tool that touches is slow where nobody has said how fast it is.
-  if (given.solver.time != "auto" ||
-      (result.loading.touch && !was_given(found.config, "load.rate_mm_per_s")) ||
-      choose_time(result.model, {materials_of(resolve(found.config)), result.tissues.of_point},
-                  result.loading) == TimeMode::quasi_static)
+  if (given.solver.time != Scene::Numerics::Time::automatic ||
+      (result.loading.touch && !found.scene.given.rate) ||
+      choose_time(result.model, {materials_of(found.scene), result.tissues.of_point}, result.loading) ==
+          TimeMode::quasi_static)
     return;
   require_proportional(
       fmt::format("with the {} that would fit, the load is so short that inertia takes part in it",
@@ -301,13 +295,13 @@ void require_no_inertia(const Config& given, const FoundFit& found) {
 }
 
 // The case and the run with the numbers of the best fit.
-FoundFit found_with(Runs& runs, const CurveFit& best) {
+FoundFit found_with(const Description& options, Runs& runs, const CurveFit& best) {
   std::vector<double> numbers;
   for (std::size_t k = 1; k < best.number.size(); ++k) numbers.push_back(best.number[k].value);
-  FoundFit found{.config = with_numbers(runs.own, runs.of, numbers), .fit = best};
-  if (!takes_one_run(runs.of)) march(runs, found.config, with_band(runs.own));
-  found.stiffer = best.number[0].value / material_of(resolve(found.config)).mu;
-  multiply(found.config, found.stiffer);
+  FoundFit found{.options = options, .scene = with_numbers(runs.own, runs.of, numbers), .fit = best};
+  if (!takes_one_run(runs.of)) march(runs, found.scene, runs.own.band);
+  found.stiffer = best.number[0].value / material_of(found.scene).mu;
+  multiply(found.scene, found.stiffer);
   found.result = std::move(runs.last);
   found.runs = runs.count;
   found.warnings = std::move(runs.warnings);
@@ -362,23 +356,24 @@ void weigh_other_sign(FoundFit& found, const CurveFit& other) {
 
 }  // namespace
 
-Outcome fit(const Config& config, const FitOptions& options, const fs::path& folder, Existing existing,
-            const std::function<void(const std::string&)>& progress) {
+Outcome fit(const Description& described, const FitOptions& options, const fs::path& folder,
+            Existing existing, const std::function<void(const std::string&)>& progress) {
   require_known_numbers(options.of);
   refuse_paper_values(options.curve);
   ResultFolder results(folder, existing);
   const MeasuredCurve curve = read_measured_curve(options.curve);
-  const Config own = case_of(config, options, curve);
+  const Scene given = resolve(described);
+  const Description own = case_of(described, given, options, curve);
+  const Scene scene = resolve(own);
 
-  Runs runs{.own = own, .of = options.of, .progress = progress, .warnings = warnings_of(curve, own)};
+  Runs runs{.own = scene, .of = options.of, .progress = progress, .warnings = warnings_of(curve, scene)};
   const std::vector<CurveFit> fits = fits_of(runs, curve);
-  FoundFit found = found_with(runs, fits.front());
-  require_no_inertia(config, found);
+  FoundFit found = found_with(own, runs, fits.front());
+  require_no_inertia(given, found);
   add_errors(found, curve, options.of);
   const double touch = first_touch_of(found, options.of);
-  if (options.of == mu_and_touch) found.config.load.depth_mm = 1e3 * (curve.depth.back() - touch);
-  found.check =
-      half_space_check(found.result, curve, touch, poisson_ratio(material_of(resolve(found.config))));
+  if (options.of == mu_and_touch) found.scene.depth_mm = 1e3 * (curve.depth.back() - touch);
+  found.check = half_space_check(found.result, curve, touch, poisson_ratio(material_of(found.scene)));
 
   if (!found.fit.converged)
     found.warnings.push_back(

@@ -22,10 +22,10 @@ struct FitOptions {
 };
 
 /// Finds a material's numbers from a measured curve: fit.csv, fit.png, fit.svg, fitted.toml, summary.json.
-/// `config` says the image and everything but these numbers and the depth; the rate too, where the curve has
-/// times. Throws UsageError: the force is not proportional to one modulus, or a number that follows from the
-/// curve is given; InputError: the curve; what simulate() throws; Stopped.
-Outcome fit(const Config& config, const FitOptions& options, const std::filesystem::path& folder,
+/// `described` says the image and everything but these numbers and the depth; the rate too, where the curve
+/// has times. Throws UsageError: the force is not proportional to one modulus, or a number that follows from
+/// the curve is given; InputError: the curve; what simulate() throws; Stopped.
+Outcome fit(const Description& described, const FitOptions& options, const std::filesystem::path& folder,
             Existing existing, const std::function<void(const std::string&)>& progress);
 
 }  // namespace dimple

@@ -85,7 +85,7 @@ std::vector<Chart> charts_of(const MeasuredCurve& curve, const FoundFit& found,
   std::vector<double> zero_and_depths = depth_mm, zero_and_forces = scaled(fit.force, unit);
   zero_and_depths.insert(zero_and_depths.begin(), 0.0);
   zero_and_forces.insert(zero_and_forces.begin(), 0.0);
-  return {{.title = fmt::format("{} fitted to {}", fs::path(found.config.image.file).filename().string(),
+  return {{.title = fmt::format("{} fitted to {}", fs::path(found.scene.image.file).filename().string(),
                                 curve.name),
            .subtitle = words,
            .x_label = "indentation [mm]",
@@ -103,20 +103,22 @@ std::vector<Chart> charts_of(const MeasuredCurve& curve, const FoundFit& found,
 // As a file of options, in which the numbers say where they come from.
 std::string fitted_toml(const MeasuredCurve& curve, const FoundFit& found,
                         const std::vector<std::string>& words) {
-  const std::map<std::string, std::vector<std::string>> keys = {
-      {"mu", {"material.mu_Pa", "material.ogden_mu_Pa"}},
+  const Scene::Material& m = found.scene.material;
+  const std::map<std::string, std::map<std::string, std::vector<double>>> numbers = {
+      {"mu", {{"material.mu_Pa", {m.mu_Pa}}, {"material.ogden_mu_Pa", m.ogden_mu_Pa}}},
       {"touch", {}},
-      {"alpha", {"material.ogden_alpha"}},
-      {"g", {"material.prony_g"}},
-      {"tau", {"material.prony_tau_s"}}};
-  Config config = found.config;
+      {"alpha", {{"material.ogden_alpha", m.ogden_alpha}}},
+      {"g", {{"material.prony_g", m.prony_g}}},
+      {"tau", {{"material.prony_tau_s", m.prony_tau_s}}}};
+  Description options = found.options;
+  put_numbers(options, "load.depth_mm", {found.scene.depth_mm});
   std::map<std::string, std::string> notes;
   for (std::size_t k = 0; k < found.fit.number.size(); ++k)
-    for (const std::string& key : keys.at(found.fit.number[k].name)) {
-      config.source[key] = fmt::format("fitted to {}", curve.name);
+    for (const auto& [key, values] : numbers.at(found.fit.number[k].name)) {
+      put_numbers(options, key, values, fmt::format("fitted to {}", curve.name));
       notes[key] = words[k];
     }
-  return to_toml(config, notes);
+  return to_toml(options, notes);
 }
 
 constexpr const char* not_in_the_band =
@@ -173,15 +175,15 @@ void put_numbers(Json& summary, const FitOptions& options, const MeasuredCurve& 
 
 Json summary_of(const FitOptions& options, const MeasuredCurve& curve, const FoundFit& found) {
   Json summary;
-  summary["image"] = found.config.image.file;
+  summary["image"] = found.scene.image.file;
   summary["curve"] = options.curve.string();
   summary["curve_sha256"] = sha256_of_file(options.curve);
   summary["status"] = "finished";
   summary["version"] = DIMPLE_VERSION;
   summary["of"] = options.of;
   put_numbers(summary, options, curve, found);
-  if (found.result.loading.touch) summary["tool"] = found.config.tool.shape;
-  if (found.result.loading.touch) summary["friction"] = found.config.tool.friction;
+  if (found.result.loading.touch) summary["tool"] = found.scene.tool_words.shape;
+  if (found.result.loading.touch) summary["friction"] = found.scene.tool_words.friction;
   summary["rows"] = curve.depth.size();
   summary["depth_mm"] = 1e3 * curve.depth.back();
   summary["nodes"] = found.result.model.node_count();

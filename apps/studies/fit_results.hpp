@@ -20,7 +20,8 @@ struct HalfSpaceCheck {
 
 /// What the fit of a curve has come to.
 struct FoundFit {
-  Config config;         ///< with the numbers that were found
+  Description options;   ///< of its runs
+  Scene scene;           ///< with the numbers that were found
   CurveFit fit;          ///< the best
   double stiffer = 1.0;  ///< its modulus, as a multiple of that of `result`
   Result result = {};    ///< of the run with the other numbers

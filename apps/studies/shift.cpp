@@ -225,10 +225,10 @@ Json times_json(const Shifted& now, double band_s, double images_s, double pictu
 
 }  // namespace
 
-Outcome shift(const Config& config, const ShiftOptions& options, const fs::path& folder, Existing existing,
-              const RecordObserver& observer) {
+Outcome shift(const Description& described, const ShiftOptions& options, const fs::path& folder,
+              Existing existing, const RecordObserver& observer) {
   const Stopwatch whole;
-  const Scene scene = resolve(config);
+  const Scene scene = resolve(described);
   const ShiftScene asked = scene_of(options);
   ResultFolder results(folder, existing);
   const ImageTask task = images_asked_for(scene);
@@ -262,13 +262,13 @@ Outcome shift(const Config& config, const ShiftOptions& options, const fs::path&
   Json told = shift_json(options, asked, scene, now, band);
   warn_of_narrow_opening(log, now, asked.opening);
   warn_of_shift(log, now, told["largest_at_opening_mm"]);
-  const std::vector<std::string> assumed = assumptions_of(config, options);
+  const std::vector<std::string> assumed = assumptions_of(described, options);
   log.say("assumed  " + fmt::format("{}", fmt::join(assumed, "; ")));
   told["assumed"] = assumed;
   log.say(std::string("shift    ") + shift_leaves_out);
   add_scene(summary, scene, result);
   summary["images"] = images;
-  const std::string options_text = to_toml(config, result.chosen);
+  const std::string options_text = to_toml(described, result.chosen);
   write_file(folder / "config.resolved.toml", options_text);
   Json page;
   if (!tables_alone) {

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -20,16 +21,16 @@ struct ShiftOptions {
   bool tables_alone = false;        ///< no images, pictures and page
 };
 
-/// `scene` with a skull around the brain that is open there, fluid lost down to that share of its height,
-/// its lowest part held, and no tool. Throws UsageError: one of the options is not understood.
-Config config_of_shift(Config config, const ShiftOptions& options);
+/// The brain that is described, with a skull around it that is open there, fluid lost down to that share of
+/// its height, its lowest part held, and no tool. Throws UsageError: one of the options is not understood.
+Description describe_shift(Description brain, const ShiftOptions& options);
 
-/// What a shift takes where nobody says it, where that is not what a run takes: modulus, nodes, gaps, base.
-Config defaults_of_shift();
+/// What a shift takes where nobody says it, where that is not what a run takes: key of an option -> text.
+std::map<std::string, std::string> defaults_of_shift();
 
 /// The equilibrium after it: displacement and deformed images, targets.csv, profile.csv, surface.vtp,
-/// nodes.vtu, summary.json. `scene`: as config_of_shift() returns it. Throws as simulate() does.
-Outcome shift(const Config& config, const ShiftOptions& options, const std::filesystem::path& folder,
+/// nodes.vtu, summary.json. `described`: as describe_shift() returns it. Throws as simulate() does.
+Outcome shift(const Description& described, const ShiftOptions& options, const std::filesystem::path& folder,
               Existing existing, const RecordObserver& observer);
 
 }  // namespace dimple

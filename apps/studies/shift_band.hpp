@@ -20,9 +20,8 @@ struct ShiftBand {
   bool known() const { return unknown.empty(); }
 };
 
-/// From the same shift with half as many nodes, which takes about half as long again. `scene`: as
-/// config_of_shift() returns it. Unknown, too, where it is
-/// stopped.
+/// From the same shift with half as many nodes, which takes about half as long again. `scene`: of what
+/// describe_shift() returns. Unknown, too, where it is stopped.
 ShiftBand band_of_shift(const Scene& scene, const ShiftScene& asked, const Shifted& shifted);
 
 /// A sentence's end: "at most 2.3 mm: ..." or "unknown: ...".

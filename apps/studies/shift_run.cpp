@@ -33,6 +33,8 @@ constexpr double held_depth_mm = 20.0;  // of the brain's lowest part
 constexpr double unheld_mm = 5.0;       // around the place of no tool, where no node is held
 constexpr double fold_reach_mm = 5.0;   // half of the widest gap that is watched with --self-contact
 constexpr double profile_step_mm = 5.0;
+constexpr double brain_mu_Pa = 1000.0;   // where nobody says one
+constexpr double closed_sulci_mm = 4.0;  // likewise; sulci narrower than this hold together
 constexpr const char* by_shift = "dimple shift";
 
 Eigen::Vector4d opening_of(const ShiftOptions& options) {
@@ -223,23 +225,19 @@ void come_to_rest(const Scene& scene, const ShiftScene& asked, const ShiftHooks&
 }
 
 // What nobody has said.
-std::vector<std::string> assumptions_of(const Config& config, const ShiftOptions& options) {
-  const auto assumed = [&](const char* key) {
-    const auto source = config.source.find(key);
-    return source != config.source.end() && source->second == by_shift;
-  };
+std::vector<std::string> assumptions_of(const Description& described, const ShiftOptions& options) {
+  const auto assumed = [&](const char* key) { return source_of(described, key) == by_shift; };
   std::vector<std::string> all;
   if (assumed("material.mu_Pa"))
-    all.push_back(
-        fmt::format("the brain's shear modulus is {}", stress_in_words(defaults_of_shift().material.mu_Pa)));
+    all.push_back(fmt::format("the brain's shear modulus is {}", stress_in_words(brain_mu_Pa)));
   if (assumed("image.close_mm"))
     all.push_back(fmt::format("sulci narrower than {} are filled with tissue, as their walls hold together",
-                              length_in_words(defaults_of_shift().image.close_mm)));
+                              length_in_words(closed_sulci_mm)));
   if (assumed("boundary.base")) all.push_back("the brain is held at its inferior side, whichever side is up");
   if (options.skull == "derived")
     all.push_back(
         fmt::format("the skull is the brain's outer hull at a gap of {} mm", plain(gap_of_skull(options))));
-  if (was_given(config, "material.density_kg_per_m3"))
+  if (was_given(described, "material.density_kg_per_m3"))
     all.push_back(
         "the tissue's density, which was given, plays no part: what it weighs it weighed in the image too, "
         "and only the fluid's buoyancy (1007 kg/m3) has gone");
@@ -255,43 +253,39 @@ void check_fluid_lost(const ShiftOptions& options) {
 
 }  // namespace
 
-Config defaults_of_shift() {
-  Config config;
-  config.material.mu_Pa = 1000.0;  // of brain
-  config.cloud.nodes = 4000;
-  config.image.close_mm = 4.0;  // sulci narrower than this hold together
-  config.boundary.base = "inferior";
-  return config;
+std::map<std::string, std::string> defaults_of_shift() {
+  return {{"material.mu_Pa", plain(brain_mu_Pa)},
+          {"cloud.nodes", "4000"},
+          {"image.close_mm", plain(closed_sulci_mm)},
+          {"boundary.base", "inferior"}};
 }
 
-Config config_of_shift(Config config, const ShiftOptions& options) {
-  const Config defaults = defaults_of_shift();
+Description describe_shift(Description brain, const ShiftOptions& options) {
   const auto [opening, up, targets] = scene_of(options);
   check_fluid_lost(options);
-  if (!options.brain.empty()) set_option(config, "image.label", options.brain, "--brain");
-  WallText& skull = config.wall[skull_name];
+  const auto set = [&](const char* key, const std::string& text) { set_option(brain, key, text, by_shift); };
+  if (!options.brain.empty()) set_option(brain, "image.label", options.brain, "--brain");
   const double gap = gap_of_skull(options);
   const bool derived = options.skull == "derived";
-  skull.shape = derived ? fmt::format("around:{}mm", plain(gap)) : "label:" + options.skull;
-  if (!derived && !options.gap.empty()) skull.gap = plain(gap);
-  skull.opening = fmt::format("{},{},{},{}", opening[0], opening[1], opening[2], opening[3]);
-  config.load.fluid_lost = fmt::format("{},{},{},{}", up.x(), up.y(), up.z(), options.fluid_lost);
-  fluid_named(config.load.fluid_lost);
-  config.source["load.fluid_lost"] = "--up, --fluid-lost";
-  if (!was_given(config, "boundary.base"))
-    set_option(config, "boundary.base", defaults.boundary.base, by_shift);
-  if (!was_given(config, "material.mu_Pa") && !was_given(config, "material.young_Pa") &&
-      config.material.preset == "none")
-    set_option(config, "material.mu_Pa", plain(defaults.material.mu_Pa), by_shift);
-  if (default_nodes(config))
-    set_option(config, "cloud.nodes", plain(static_cast<double>(defaults.cloud.nodes)), by_shift);
-  if (!was_given(config, "image.close_mm"))
-    set_option(config, "image.close_mm", plain(defaults.image.close_mm), by_shift);
-  config.load.depth_mm = fold_reach_mm;
-  config.solver.time = "quasi-static";
-  config.output.write = {options.tables_alone ? "force" : "images"};
-  for (const char* key : {"load.depth_mm", "solver.time", "output.write"}) config.source[key] = by_shift;
-  return config;
+  set("wall.skull.shape", derived ? fmt::format("around:{}mm", plain(gap)) : "label:" + options.skull);
+  if (!derived && !options.gap.empty()) set("wall.skull.gap", plain(gap));
+  set("wall.skull.opening", fmt::format("{},{},{},{}", opening[0], opening[1], opening[2], opening[3]));
+  const std::string fluid_lost = fmt::format("{},{},{},{}", up.x(), up.y(), up.z(), options.fluid_lost);
+  fluid_named(fluid_lost);
+  set_option(brain, "load.fluid_lost", fluid_lost, "--up, --fluid-lost");
+  const auto set_default = [&](const std::string& key) {
+    set_option(brain, key, defaults_of_shift().at(key), by_shift);
+  };
+  if (!was_given(brain, "boundary.base")) set_default("boundary.base");
+  if (!was_given(brain, "material.mu_Pa") && !was_given(brain, "material.young_Pa") &&
+      value_of(brain, "material.preset") == OptionValue("none"))
+    set_default("material.mu_Pa");
+  if (default_nodes(brain)) set_default("cloud.nodes");
+  if (!was_given(brain, "image.close_mm")) set_default("image.close_mm");
+  put_numbers(brain, "load.depth_mm", {fold_reach_mm}, by_shift);
+  set("solver.time", "quasi-static");
+  set("output.write", options.tables_alone ? "force" : "images");
+  return brain;
 }
 
 }  // namespace dimple

@@ -55,11 +55,11 @@ struct ShiftHooks {
   std::function<void(const Discretisation&)> placed = {};
   BodyChange change = {};
 };
-/// `scene`: as config_of_shift() returns it. Throws as simulate() does; UsageError: the opening or a target
+/// `scene`: of what describe_shift() returns. Throws as simulate() does; UsageError: the opening or a target
 /// is not where the brain is.
 void come_to_rest(const Scene& scene, const ShiftScene& asked, const ShiftHooks& hooks, Shifted& result);
 
 /// What nobody has said, a sentence each.
-std::vector<std::string> assumptions_of(const Config& config, const ShiftOptions& options);
+std::vector<std::string> assumptions_of(const Description& described, const ShiftOptions& options);
 
 }  // namespace dimple

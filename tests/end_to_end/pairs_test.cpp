@@ -212,10 +212,10 @@ Options on_the_block(const Options& asked, Feature driver) {
 }
 
 Scene described(const Options& options) {
-  Config config;
-  for (const auto& [key, text] : options) set_option(config, key, text, "--set");
-  resolve_material(config);
-  return resolve(config);
+  Description description;
+  for (const auto& [key, text] : options) set_option(description, key, text, "--set");
+  complete(description);
+  return resolve(description);
 }
 
 // That the values of two features contradict each other, such as the numbers of two laws.

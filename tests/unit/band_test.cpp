@@ -7,9 +7,9 @@
 
 #include "apps/run/grading.hpp"
 #include "apps/run/simulate.hpp"
-#include "apps/scene/resolve.hpp"
 #include "preprocess/image/phantom.hpp"
 #include "tests/helpers/band_scenes.hpp"
+#include "tests/helpers/scene_with.hpp"
 #include "tests/helpers/shapes.hpp"
 
 namespace dimple {
@@ -234,20 +234,17 @@ TEST(Band, IsNeverNarrowerWithSeveralTissuesNorDeeperNorWithAnotherCloudFurtherA
 }
 
 // A block of two labels, which may be of one material or of two that are alike.
-Result of_block(const std::map<std::string, std::string>& differing) {
+Result of_block(const OptionTexts& differing) {
   static const LabelImage image =
       make_phantom({.shape = "block", .size_mm = {60, 60, 30}, .spacing_mm = 3, .two_labels = true});
-  Config config;
-  config.cloud.nodes = 1000;
-  config.load.depth_mm = 1.0;
-  config.solver.frames = 4;
-  if (!differing.empty()) config.tissue["2"] = differing;
-  return simulate({.scene = resolve(config), .image = &image, .band = true});
+  OptionTexts options = {{"cloud.nodes", "1000"}, {"load.depth_mm", "1"}, {"solver.frames", "4"}};
+  options.insert(differing.begin(), differing.end());
+  return simulate({.scene = scene_with(options), .image = &image, .band = true});
 }
 
 // Two tissues that are alike give the force of one, and the band that was measured where tissues meet.
 TEST(Band, OfTwoTissuesIsWiderThoughTheyAreAlike) {
-  const Result one = of_block({}), two = of_block({{"material.mu_Pa", "210"}});
+  const Result one = of_block({}), two = of_block({{"tissue.2.mu_Pa", "210"}});
   ASSERT_TRUE(one.band.known()) << one.band.unknown;
   ASSERT_TRUE(two.band.known()) << two.band.unknown;
   const double force = one.history.force.back().force;

@@ -11,10 +11,10 @@
 #include <map>
 
 #include "apps/run/tool.hpp"
-#include "apps/scene/resolve.hpp"
 #include "io/file.hpp"
 #include "io/stop.hpp"
 #include "tests/helpers/folder.hpp"
+#include "tests/helpers/scene_with.hpp"
 
 namespace dimple {
 namespace {
@@ -76,12 +76,10 @@ TEST(ToolChoices, AreNeverALengthThatAToolCannotHave) {
 
 // Until the base is changed, then it is stopped: all of it takes a minute in the program.
 TEST(Explain, OfASphereTellsWhatItsRadiusDoesOnTheSameNodesAndWhatFrictionDoes) {
-  Config config;
-  const auto set = [&](const char* key, const std::string& value) { set_option(config, key, value, "test"); };
-  set("image.file", DIMPLE_SAMPLE_DATA "/block_3mm.nrrd");
-  set("tool.shape", "sphere:5mm");
-  set("load.depth_mm", "1");
-  const Explanation explanation = explain(resolve(config), 400, [](const std::string& line) {
+  const Scene scene = scene_with({{"image.file", DIMPLE_SAMPLE_DATA "/block_3mm.nrrd"},
+                                  {"tool.shape", "sphere:5mm"},
+                                  {"load.depth_mm", "1"}});
+  const Explanation explanation = explain(scene, 400, [](const std::string& line) {
     if (line.find("stuck where") != std::string::npos) ask_to_stop(StopReason::interrupted);
   });
   forget_stop();

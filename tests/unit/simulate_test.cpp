@@ -22,10 +22,10 @@
 #include "preprocess/make_model.hpp"
 #include "preprocess/supports/support.hpp"
 #include "solver/system.hpp"
-#include "tests/helpers/described.hpp"
 #include "tests/helpers/folder.hpp"
 #include "tests/helpers/image.hpp"
 #include "tests/helpers/report.hpp"
+#include "tests/helpers/scene_with.hpp"
 
 namespace dimple {
 namespace {
@@ -33,19 +33,19 @@ namespace {
 namespace fs = std::filesystem;
 using testing::HasSubstr;
 
-Described small_case() {
+// Of few nodes, but for the options that are given.
+Case small_case(OptionTexts options = {}) {
   const fs::path image = fresh_folder() / "block.nrrd";
   write_label_image(image, make_phantom({.shape = "block", .size_mm = {50, 50, 30}, .spacing_mm = 2.5}));
-  Config config;
-  config.image.file = image.string();
-  config.cloud.nodes = 400;
-  config.load.depth_mm = 1.0;
-  config.solver.frames = 2;
-  return described(config);
+  options.insert({{"image.file", image.string()},
+                  {"cloud.nodes", "400"},
+                  {"load.depth_mm", "1"},
+                  {"solver.frames", "2"}});
+  return {.scene = scene_with(options)};
 }
 
 TEST(Simulate, PrintsNothingAndWritesNoFile) {
-  const Described given = small_case();
+  const Case given = small_case();
   testing::internal::CaptureStdout();
   testing::internal::CaptureStderr();
   const Result result = simulate(given);
@@ -62,13 +62,12 @@ TEST(Simulate, PrintsNothingAndWritesNoFile) {
 // A block of 50 x 50 x 30 mm that its weight shortens by 1 mm, and sponge that it shortens by more.
 TEST(Simulate, FindsTheShapeWithoutLoadsFromWhichTheyBringABodyBackToItsImage) {
   for (const double nu : {0.499, 0.3}) {
-    Described given = small_case();
-    given.config.material.mu_Pa = 600.0;
-    given.config.material.nu = nu;
-    given.config.load.gravity = "inferior";
-    given.config.cloud.nodes = 800;
+    Case given = small_case({{"material.mu_Pa", "600"},
+                             {"material.nu", fmt::format("{}", nu)},
+                             {"load.gravity", "inferior"},
+                             {"cloud.nodes", "800"}});
     const Result as_it_is = simulate(given);
-    given.config.load.imaged = "loaded";
+    given.scene.imaged_loaded = true;
     const Result unloaded = simulate(given);
     ASSERT_TRUE(unloaded.unloaded);
     EXPECT_FALSE(as_it_is.unloaded);
@@ -99,16 +98,16 @@ TEST(Simulate, FindsTheShapeWithoutLoadsFromWhichTheyBringABodyBackToItsImage) {
     } else {
       EXPECT_GT(model.volume.sum(), 1.005 * as_it_is.model.volume.sum());
     }
-    Described again = given;
+    Case again = given;
     again.model = ModelFiles{.places = model,
                              .scheme = model.scheme,
                              .label_names = {},
                              .provenance = unloaded.provenance,
                              .notes = {}};
     EXPECT_THROW(simulate(again), UsageError) << "they would be taken off twice";
-    again.config.load.imaged = "unloaded";
+    again.scene.imaged_loaded = false;
     EXPECT_EQ(simulate(again).history.force.back().force, unloaded.history.force.back().force);
-    set_option(again.config, "support.strap.on", "left", "a test");
+    again.scene.supports = scene_with({{"support.strap.on", "left"}}).supports;
     EXPECT_THROW(simulate(again), UsageError) << "which part is on the left was decided on the image";
     EXPECT_NE(unloaded.history.force.back().force, as_it_is.history.force.back().force);
   }
@@ -120,13 +119,12 @@ TEST(Simulate, FindsTheSameShapeWithoutLoadsHoweverTheBodyIsTurned) {
   const auto force = [&](const Mat3& turn) {
     LabelImage image = straight;
     image.to_world = Eigen::Affine3d(turn) * straight.to_world;
-    Described given = small_case();
-    given.image = &image;
     const auto words = [](const Vec3& x) { return fmt::format("{:.15g},{:.15g},{:.15g}", x[0], x[1], x[2]); };
-    given.config.material.mu_Pa = 600.0;
-    given.config.boundary.base = words(turn * -Vec3::UnitZ());
-    given.config.load.gravity = words(turn * Vec3(1.0, 2.0, -9.0));
-    given.config.load.imaged = "loaded";
+    Case given = small_case({{"material.mu_Pa", "600"},
+                             {"boundary.base", words(turn * -Vec3::UnitZ())},
+                             {"load.gravity", words(turn * Vec3(1.0, 2.0, -9.0))},
+                             {"load.imaged", "loaded"}});
+    given.image = &image;
     return simulate(given).history.force.back().force;
   };
   const Mat3 turn =
@@ -136,18 +134,16 @@ TEST(Simulate, FindsTheSameShapeWithoutLoadsHoweverTheBodyIsTurned) {
 }
 
 TEST(Simulate, ChoosesWhereLoadsActOnTheImageOfABodyThatWasImagedUnderThem) {
-  Described given = small_case();
-  given.config.material.mu_Pa = 600.0;
-  given.config.load.gravity = "inferior";
   // Half a millimetre of the ball reaches below the image's top, and the top of the shape without loads is
   // above the ball.
-  for (const auto& [key, value] : {std::pair{"load.pressure.pad.pressure_Pa", "1"},
-                                   {"load.pressure.pad.on", "0,0,19.7,11"},
-                                   {"membrane.film.on", "0,0,19.7,11"},
-                                   {"membrane.film.tension_N_per_m", "0.001"}})
-    set_option(given.config, key, value, "a test");
+  Case given = small_case({{"material.mu_Pa", "600"},
+                           {"load.gravity", "inferior"},
+                           {"load.pressure.pad.pressure_Pa", "1"},
+                           {"load.pressure.pad.on", "0,0,19.7,11"},
+                           {"membrane.film.on", "0,0,19.7,11"},
+                           {"membrane.film.tension_N_per_m", "0.001"}});
   const Loads as_it_is = simulate(given).loading.loads;
-  given.config.load.imaged = "loaded";
+  given.scene.imaged_loaded = true;
   const Result unloaded = simulate(given);
   EXPECT_GT(unloaded.unloaded->taken_back, 0.5e-3);
   EXPECT_EQ(unloaded.loading.loads.pressure.at(0).patch.triangles.cols(),
@@ -192,7 +188,7 @@ TEST(Simulate, AskedToStopAmidTheMarchReturnsWhatThereIs) {
 
 // The libraries behind the readers print and warn by way of the whole process.
 TEST(Simulate, ManyAtOnceGiveWhatOneGivesAndLeaveTheStreamsAlone) {
-  const Described given = small_case();
+  const Case given = small_case();
   const double alone = simulate(given).history.force.back().force;
   const std::streambuf *out = std::cout.rdbuf(), *err = std::cerr.rdbuf();
   std::array<double, 8> force{};
@@ -211,15 +207,12 @@ TEST(Simulate, ManyAtOnceGiveWhatOneGivesAndLeaveTheStreamsAlone) {
 
 // The block stands on its base, and its top is at 30 mm.
 TEST(Simulate, APlaceBelowTheToolGoesWithItAndOneAboveTheBaseStays) {
-  Described given = small_case();
-  given.config.boundary.base = "inferior";
-  given.config.boundary.indent_at = "0,0,top";
+  Case given = small_case({{"boundary.base", "inferior"}, {"boundary.indent_at", "0,0,top"}});
   Result built;
   build_case(given, {}, built);
   const Vec3 centre = built.model.tool.centre, push = built.model.tool.push;
   const auto displacement_at = [&](const Vec3& place) {
-    given.config.accuracy.quantity =
-        fmt::format("displacement@{},{},{}", 1e3 * place.x(), 1e3 * place.y(), 1e3 * place.z());
+    given.scene.followed = place;
     const Result result = simulate(given);
     EXPECT_TRUE(result.followed.has_value());
     return result.followed->u;
@@ -231,23 +224,20 @@ TEST(Simulate, APlaceBelowTheToolGoesWithItAndOneAboveTheBaseStays) {
 }
 
 TEST(Simulate, RefusesAPlaceOutsideOfTheBodyAndAQuantityThatIsNone) {
-  Described given = small_case();
-  for (const char* quantity : {"displacement@500,0,0", "displacement@1,2", "displacement@", "stress", ""}) {
-    given.config.accuracy.quantity = quantity;
-    EXPECT_THROW(simulate(given), UsageError) << quantity;
-  }
+  for (const char* quantity : {"displacement@500,0,0", "displacement@1,2", "displacement@", "stress", ""})
+    EXPECT_THROW(simulate(small_case({{"accuracy.quantity", quantity}})), UsageError) << quantity;
 }
 
 // Tissues in layers of 10 mm, label 1 on the base.
-Described layered_case() {
-  Described given = small_case();
+Case layered_case(const OptionTexts& options = {}) {
+  Case given = small_case(options);
   const fs::path image = test_folder() / "layers.nrrd";
   write_label_image(image, image_of({24, 24, 16}, Vec3::Constant(2.5), [](Index i, Index j, Index k) {
                       const bool inside = i > 1 && i < 22 && j > 1 && j < 22 && k > 1 && k < 14;
                       return inside ? 1 + static_cast<int>((k - 2) / 4) : 0;
                     }));
-  given.config.image.file = image.string();
-  given.config.cloud.nodes = 1000;
+  given.scene.image.file = image.string();
+  given.scene.cloud.nodes = 1000;
   given.band = true;
   return given;
 }
@@ -255,27 +245,24 @@ Described layered_case() {
 // Other reasons: Run.SaysWhyItsBandIsUnknown and Run.HasNoBandDeeperThanItWasMeasured.
 TEST(Simulate, ShowsNoBandOutsideOfWhatItWasMeasuredFor) {
   const auto why = [](auto change) {
-    Described given = small_case();
+    Case given = small_case();
     given.band = true;
-    change(given.config);
+    change(given.scene);
     const Result result = simulate(given);
     EXPECT_TRUE(result.band.half.empty());
     return result.band.unknown;
   };
-  EXPECT_THAT(why([](Config& c) { c.solver.tolerance = 1e-3; }), HasSubstr("tolerance"));
-  EXPECT_THAT(why([](Config& c) { c.solver.step_radii = 0.5; }), HasSubstr("load steps above 0.2"));
-  EXPECT_THAT(why([](Config& c) { c.boundary.direction = "0.1,0,-1"; }), HasSubstr("oblique"));
+  EXPECT_THAT(why([](Scene& s) { s.solver.tolerance = 1e-3; }), HasSubstr("tolerance"));
+  EXPECT_THAT(why([](Scene& s) { s.solver.step_radii = 0.5; }), HasSubstr("load steps above 0.2"));
+  EXPECT_THAT(why([](Scene& s) { s.boundary.direction = "0.1,0,-1"; }), HasSubstr("oblique"));
 }
 
 TEST(Simulate, ABandIsTheSameHoweverManyFramesAreWritten) {
-  Described given = small_case();
+  Case given = small_case({{"cloud.nodes", "1000"}, {"load.depth_mm", "2"}, {"solver.frames", "1"}});
   given.band = true;
-  given.config.cloud.nodes = 1000;
-  given.config.load.depth_mm = 2.0;
-  given.config.solver.frames = 1;
   const Result few = simulate(given);
   ASSERT_TRUE(few.band.known()) << few.band.unknown;
-  given.config.solver.frames = 7;
+  given.scene.solver.frames = 7;
   const Result many = simulate(given);
   EXPECT_EQ(few.history.force.back().force, many.history.force.back().force);
   EXPECT_EQ(few.band.half.back(), many.band.half.back());
@@ -283,8 +270,7 @@ TEST(Simulate, ABandIsTheSameHoweverManyFramesAreWritten) {
 }
 
 TEST(Simulate, ABandIsTheSameWhetherItsCloudIsMarchedBesideOrAfterwards) {
-  Described given = small_case();
-  given.config.cloud.nodes = 1000;
+  Case given = small_case({{"cloud.nodes", "1000"}});
   given.band = true;
   const auto with_threads = [&](std::size_t threads) {
     const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
@@ -298,8 +284,7 @@ TEST(Simulate, ABandIsTheSameWhetherItsCloudIsMarchedBesideOrAfterwards) {
 }
 
 TEST(Simulate, AMarchThatFailsDoesNotWaitForTheWholeOfItsBand) {
-  Described given = small_case();
-  given.config.cloud.nodes = 8000;
+  Case given = small_case({{"cloud.nodes", "8000"}});
   given.band = true;
   RunObserver observer;
   observer.march.sample = [](const ForceSample&, const History&) -> bool {
@@ -312,24 +297,20 @@ TEST(Simulate, AMarchThatFailsDoesNotWaitForTheWholeOfItsBand) {
 }
 
 TEST(Simulate, AnAccuracyIsReachedWithOneFrame) {
-  Described given = small_case();
-  given.config.cloud.nodes = Config{}.cloud.nodes;
-  given.config.solver.frames = 1;
-  given.config.accuracy.goal = "10%";
+  Case given = small_case({{"cloud.nodes", "1500"}, {"solver.frames", "1"}, {"accuracy.goal", "10%"}});
   const Result result = simulate(given);
   EXPECT_TRUE(result.band.known()) << result.band.unknown;
   EXPECT_LE(result.band.half.back(), 0.1 * result.history.force.back().force);
 }
 
 TEST(Simulate, AModelThatIsKeptInMemoryHasTheBandOfItsImage) {
-  Described given = layered_case();
-  given.config.tissue = {{"2", {{"material.mu_Pa", "400"}}}};
+  const Case given = layered_case({{"tissue.2.mu_Pa", "400"}});
   const Result whole = simulate(given);
   ASSERT_TRUE(whole.band.known()) << whole.band.unknown;
   Result built;
-  build_case(described(given.config), {}, built);
+  build_case({.scene = given.scene}, {}, built);
   ASSERT_TRUE(built.origin);
-  Described kept = described(given.config);
+  Case kept{.scene = given.scene};
   kept.origin = built.origin;
   kept.band = true;
   kept.model = ModelFiles{
@@ -342,14 +323,15 @@ TEST(Simulate, AModelThatIsKeptInMemoryHasTheBandOfItsImage) {
 
 // Walls of 5 mm with 2.5 mm of air between them, on a slab.
 TEST(Simulate, AFoldedBodyTakesTheNodesThatItsBandNeedsUnlessTheyAreGiven) {
-  Described given = small_case();
+  Case given = small_case();
   const fs::path image = test_folder() / "folded.nrrd";
   write_label_image(image, image_of({28, 28, 16}, Vec3::Constant(2.5), [](Index i, Index j, Index k) {
                       return i > 1 && i < 26 && j > 1 && j < 26 && k > 1 && k < 14 &&
                              (k < 7 || i % 3 != 0 || (i > 9 && i < 18));
                     }));
-  given.config.image.file = image.string();
-  given.config.cloud.nodes = Config{}.cloud.nodes;
+  given.scene.image.file = image.string();
+  given.scene.cloud.nodes = 1500;
+  given.scene.given.nodes = false;
   std::string said;
   const RunObserver observer{
       .line = [&](RunObserver::Line, const std::string& text) { said += text + "\n"; }};
@@ -359,7 +341,7 @@ TEST(Simulate, AFoldedBodyTakesTheNodesThatItsBandNeedsUnlessTheyAreGiven) {
   EXPECT_EQ(folded.nodes_for_band, 4000);
   EXPECT_NEAR(static_cast<double>(folded.model.node_count()), 4000.0, 40.0);
   EXPECT_THAT(said, HasSubstr("4000 instead of 1500, as none were given"));
-  given.config.source["cloud.nodes"] = "--nodes";
+  given.scene.given.nodes = true;
   Result asked;
   build_case(given, {}, asked);
   EXPECT_EQ(asked.nodes_for_band, 0);
@@ -368,13 +350,13 @@ TEST(Simulate, AFoldedBodyTakesTheNodesThatItsBandNeedsUnlessTheyAreGiven) {
 
 // Cases that share what was made of an organ have their own force each, to the same bits as alone.
 TEST(Simulate, OnAnOrganThatWasReadBeforeIsAsAlone) {
-  const Described first = small_case();
-  ReadOrgan organ = read_once(first.resolved(), {});
-  Described on_organ = first;
+  const Case first = small_case();
+  ReadOrgan organ = read_once(first, {});
+  Case on_organ = first;
   on_organ.organ = &organ;
   const Result found = simulate(on_organ);
   EXPECT_EQ(found.history.force.back().force, simulate(first).history.force.back().force);
-  organ.made = made_in(resolve(first.config), found);
+  organ.made = made_in(first.scene, found);
   ASSERT_TRUE(organ.made);
   for (const auto& [key, value] : {std::pair("material.nu", "0.4"),
                                    {"load.contact", "frictionless"},
@@ -387,16 +369,14 @@ TEST(Simulate, OnAnOrganThatWasReadBeforeIsAsAlone) {
                                    {"load.depth_mm", "0.5"},
                                    {"tool.shape", "sphere:5mm"}}) {
     SCOPED_TRACE(key);
-    Described other = first;
-    set_option(other.config, key, value, "test");
+    Case other = small_case({{key, value}});
     const double alone = simulate(other).history.force.back().force;
     EXPECT_NE(alone, found.history.force.back().force);
     other.organ = &organ;
     EXPECT_EQ(simulate(other).history.force.back().force, alone);
   }
-  Config cut = first.config;
-  cut.image.cut = "plane:0,0,15,1,0,0,radius=5mm";
-  EXPECT_FALSE(made_in(resolve(cut), found)) << "its surface is another";
+  const Case cut = small_case({{"image.cut", "plane:0,0,15,1,0,0,radius=5mm"}});
+  EXPECT_FALSE(made_in(cut.scene, found)) << "its surface is another";
 }
 
 }  // namespace

@@ -12,10 +12,9 @@
 #include <vector>
 
 #include "apps/run/simulate.hpp"
-#include "apps/scene/config.hpp"
-#include "apps/scene/resolve.hpp"
 #include "preprocess/image/phantom.hpp"
 #include "preprocess/supports/support.hpp"
+#include "tests/helpers/scene_with.hpp"
 
 namespace dimple {
 namespace {
@@ -70,20 +69,18 @@ Reach reach_of(const Surface& surface, const Points& displaced_mm) {
 
 // Two spheres of 10 mm that press the crests of both hemispheres together and down, each by 8 mm.
 Case pinch(const LabelImage& image, const char* self_contact, Index nodes) {
-  Config config;
-  for (const auto& [key, value] : std::map<const char*, std::string>{{"cloud.nodes", std::to_string(nodes)},
-                                                                     {"boundary.base", "inferior"},
-                                                                     {"boundary.indent_at", "15,0,23"},
-                                                                     {"boundary.direction", "-1,0,-0.5"},
-                                                                     {"tool.shape", "sphere:10mm"},
-                                                                     {"tool.other.shape", "sphere:10mm"},
-                                                                     {"tool.other.at_mm", "-15,0,23"},
-                                                                     {"tool.other.direction", "1,0,-0.5"},
-                                                                     {"tool.other.move_mm", "8"},
-                                                                     {"load.depth_mm", "8"},
-                                                                     {"load.self_contact", self_contact}})
-    set_option(config, key, value, "test");
-  return {.scene = resolve(config), .image = &image};
+  return {.scene = scene_with({{"cloud.nodes", std::to_string(nodes)},
+                               {"boundary.base", "inferior"},
+                               {"boundary.indent_at", "15,0,23"},
+                               {"boundary.direction", "-1,0,-0.5"},
+                               {"tool.shape", "sphere:10mm"},
+                               {"tool.other.shape", "sphere:10mm"},
+                               {"tool.other.at_mm", "-15,0,23"},
+                               {"tool.other.direction", "1,0,-0.5"},
+                               {"tool.other.move_mm", "8"},
+                               {"load.depth_mm", "8"},
+                               {"load.self_contact", self_contact}}),
+          .image = &image};
 }
 
 struct Pinched {

@@ -9,9 +9,9 @@
 
 #include "apps/run/model_options.hpp"
 #include "apps/run/tool.hpp"
-#include "apps/scene/resolve.hpp"
 #include "io/table.hpp"
 #include "tests/helpers/marched.hpp"
+#include "tests/helpers/scene_with.hpp"
 #include "tests/helpers/shapes.hpp"
 
 namespace dimple::pressed_cylinder {
@@ -31,19 +31,18 @@ struct Pressing {
 };
 
 inline dimple::Scene described(const Pressing& scene) {
-  Config config;
-  const auto set = [&](const char* key, const std::string& value) { set_option(config, key, value, "test"); };
-  set("tool.shape", scene.tool);
-  set("tool.friction", scene.friction);
-  set("load.depth_mm", std::to_string(scene.depth_mm));
-  if (scene.nodes > 0) set("cloud.nodes", std::to_string(scene.nodes));
-  set("boundary.base", "inferior");
-  set("boundary.indent_at", "0,0,top");
+  OptionTexts options = {{"tool.shape", scene.tool},
+                         {"tool.friction", scene.friction},
+                         {"load.depth_mm", std::to_string(scene.depth_mm)},
+                         {"boundary.base", "inferior"},
+                         {"boundary.indent_at", "0,0,top"}};
+  if (scene.nodes > 0) options["cloud.nodes"] = std::to_string(scene.nodes);
   if (scene.tilt) {
     const double angle = *scene.tilt * std::numbers::pi / 180.0;
-    set("boundary.direction", std::to_string(std::sin(angle)) + ",0," + std::to_string(-std::cos(angle)));
+    options["boundary.direction"] =
+        std::to_string(std::sin(angle)) + ",0," + std::to_string(-std::cos(angle));
   }
-  return resolve(config);
+  return scene_with(options);
 }
 
 struct Pressed {

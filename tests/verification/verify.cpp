@@ -6,7 +6,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "apps/scene/config.hpp"
+#include "apps/scene/option.hpp"
 #include "io/error.hpp"
 #include "tests/verification/verify_bodies.hpp"
 

@@ -9,7 +9,7 @@
 #include <numbers>
 
 #include "apps/run/band.hpp"
-#include "apps/scene/config.hpp"
+#include "apps/scene/option.hpp"
 #include "io/stop.hpp"
 #include "io/table.hpp"
 #include "solver/solve.hpp"
