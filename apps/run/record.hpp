@@ -33,6 +33,10 @@ struct RecordObserver {
   std::function<void(Result&)> result = {};
   double waited_s =
       0.0;  ///< before this, by who started the program: libraries were loaded, options were read
+
+  void tell(RunObserver::Line kind, const std::string& text) const {
+    if (line) line(kind, text);
+  }
 };
 
 // simulate() with its results written to a folder as they come: frames, tables, picture, summary, and now and

@@ -114,10 +114,11 @@ bool is_a_word(const Json& summary) {
 // Nothing of these would be missed: a model is made again in a moment.
 bool nothing_to_lose(const fs::path& folder, const std::vector<fs::path>& files) {
   constexpr std::array made_again = {"summary.json", "config.resolved.toml", "label.vti"};
-  return is_a_word(summary_in(folder)) && std::all_of(files.begin(), files.end(), [&](const fs::path& file) {
-           return file.parent_path() == folder / "model" ||
-                  std::find(made_again.begin(), made_again.end(), file.filename()) != made_again.end();
-         });
+  const auto is_made_again = [&](const fs::path& file) {
+    return file.parent_path() == folder / "model" ||
+           std::find(made_again.begin(), made_again.end(), file.filename()) != made_again.end();
+  };
+  return is_a_word(summary_in(folder)) && std::all_of(files.begin(), files.end(), is_made_again);
 }
 
 }  // namespace

@@ -294,6 +294,14 @@ Json summary_of_model(const ModelChoices& choices, const Result& result) {
   return summary;
 }
 
+std::vector<std::pair<std::string, double>> times_of(const Result& result, double read_s) {
+  const double surface_s = result.stages.seconds("close gaps") + result.stages.seconds("surface");
+  return {{"reading", read_s + result.read_s},
+          {"surface", surface_s},
+          {"cloud", std::max(0.0, result.build_s - surface_s)},
+          {"supports", result.complete_s}};
+}
+
 double evaluations_of(const History& history) {
   return static_cast<double>(history.evaluations + history.extra_evaluations);
 }

@@ -25,6 +25,9 @@ Json summary_of_image(const Scene& scene, const Result& result);
 /// Of `dimple model`.
 Json summary_of_model(const ModelChoices& choices, const Result& result);
 
+/// [s] Where the time of a run went that has made its own model, up to its march; `read_s`: before that.
+std::vector<std::pair<std::string, double>> times_of(const Result& result, double read_s);
+
 /// [s] Of all parts of a run that was resumed together.
 struct RunTimes {
   double solve_s = 0.0, write_s = 0.0, total_s = 0.0;

@@ -66,12 +66,10 @@ void read_steps(Config& config, const toml::table& table, const std::filesystem:
   for (const auto& [name, node] : steps) set_all(config, "step." + name, *node, file, given);
 }
 
-}  // namespace
-
-void read_config(Config& config, const std::filesystem::path& file) {
-  toml::table table;
+// The file's tables. Throws UsageError: it is no TOML.
+toml::table tables_of(const std::filesystem::path& file) {
   try {
-    table = toml::parse(read_file(file, most_bytes_of_text), file.string());
+    return toml::parse(read_file(file, most_bytes_of_text), file.string());
   } catch (const toml::parse_error& error) {
     throw UsageError(
         {.fact = fmt::format("{} is not valid TOML: {}", file.string(), error.description()),
@@ -79,63 +77,76 @@ void read_config(Config& config, const std::filesystem::path& file) {
          .why = "the file cannot be read as a configuration",
          .remedy = "correct that line; strings need quotes, tables look like [material]"});
   }
+}
+
+// The items of a list with commas between them.
+std::string list_text(const Option& option, const toml::array& list, const std::string& place) {
+  std::vector<std::string> items;
+  for (const auto& item : list) {
+    if (const auto word = item.value_exact<std::string>())
+      items.push_back(*word);
+    else if (const auto number = item.value_exact<std::int64_t>())
+      items.push_back(std::to_string(*number));
+    else if (const auto real = item.value_exact<double>())
+      items.push_back(fmt::format("{}", *real));
+    else
+      refuse_value(option, "a list with something other than words and numbers", place, "it cannot be read");
+  }
+  return fmt::format("{}", fmt::join(items, ","));
+}
+
+// The value of one option of a section without a name of its own.
+void read_option(Config& config, std::vector<Option>& options, const std::string& key,
+                 const toml::node& value, const std::filesystem::path& file, GivenOnce& given) {
+  const std::string place = fmt::format("{}, line {}", file.string(), value.source().begin.line);
+  Option* option = find_option(options, key);
+  if (!option) refuse_key(options, key, place);
+  given.add(key, text_of_value(value), place);
+  const bool is_text = !std::holds_alternative<double*>(option->value) &&
+                       !std::holds_alternative<std::int64_t*>(option->value);
+  if (const auto text = value.value_exact<std::string>()) {
+    set_option(config, option->key, *text, place);
+  } else if (const toml::array* list = value.as_array(); list && is_text) {
+    set_value(*option, list_text(*option, *list, place), place);
+  } else if (const auto number = value.value<double>(); number && !value.is_boolean() && !is_text) {
+    set_number(*option, *number, fmt::format("{}", *number), place);
+  } else {
+    std::ostringstream shown;
+    value.visit([&](auto&& v) { shown << v; });
+    refuse_value(
+        *option, shown.str(), place,
+        is_text ? "it must be a word in quotes" : "it must be a number, or a number with its unit in quotes");
+  }
+  config.source[option->key] = place;
+}
+
+// [load.pressure.NAME], [load.body_force.NAME]
+void read_named_loads(Config& config, std::vector<Option>& options, const std::string& kind,
+                      const toml::node& value, const std::filesystem::path& file, GivenOnce& given) {
+  const toml::table* all = value.as_table();
+  if (!all) refuse_key(options, kind, file.string());
+  for (const auto& [of, its] : *all) set_all(config, fmt::format("{}.{}", kind, of.str()), its, file, given);
+}
+
+}  // namespace
+
+void read_config(Config& config, const std::filesystem::path& file) {
+  const toml::table table = tables_of(file);
   std::vector<Option> options = options_of(config);
   GivenOnce given;
   for (const auto& [section, node] : table) {
     const toml::table* entries = node.as_table();
     if (!entries) refuse_key(options, std::string(section.str()), file.string());
+    if (section.str() == "step") continue;  // below, in the order of their lines
     for (const auto& [name, value] : *entries) {
-      if (section.str() == "tissue") {
-        set_all(config, "tissue." + std::string(name.str()), value, file, given);
-        continue;
-      }
-      if (section.str() == "membrane" || section.str() == "wall" ||
-          ((section.str() == "support" || section.str() == "tool") && value.is_table())) {
-        set_all(config, fmt::format("{}.{}", section.str(), name.str()), value, file, given);
-        continue;
-      }
-      if (section.str() == "step") continue;  // below, in the order of their lines
-      if (section.str() == "load" && (name.str() == "pressure" || name.str() == "body_force")) {
-        const std::string kind = fmt::format("load.{}", name.str());
-        const toml::table* all = value.as_table();
-        if (!all) refuse_key(options, kind, file.string());
-        for (const auto& [of, its] : *all)
-          set_all(config, fmt::format("{}.{}", kind, of.str()), its, file, given);
-        continue;
-      }
-      const std::string key = std::string(section.str()) + "." + std::string(name.str());
-      const std::string place = fmt::format("{}, line {}", file.string(), value.source().begin.line);
-      Option* option = find_option(options, key);
-      if (!option) refuse_key(options, key, place);
-      given.add(key, text_of_value(value), place);
-      const bool is_text = !std::holds_alternative<double*>(option->value) &&
-                           !std::holds_alternative<std::int64_t*>(option->value);
-      if (const auto text = value.value_exact<std::string>()) {
-        set_option(config, option->key, *text, place);
-      } else if (const toml::array* list = value.as_array(); list && is_text) {
-        std::vector<std::string> items;
-        for (const auto& item : *list) {
-          if (const auto word = item.value_exact<std::string>())
-            items.push_back(*word);
-          else if (const auto number = item.value_exact<std::int64_t>())
-            items.push_back(std::to_string(*number));
-          else if (const auto real = item.value_exact<double>())
-            items.push_back(fmt::format("{}", *real));
-          else
-            refuse_value(*option, "a list with something other than words and numbers", place,
-                         "it cannot be read");
-        }
-        set_value(*option, fmt::format("{}", fmt::join(items, ",")), place);
-      } else if (const auto number = value.value<double>(); number && !value.is_boolean() && !is_text) {
-        set_number(*option, *number, fmt::format("{}", *number), place);
-      } else {
-        std::ostringstream shown;
-        value.visit([&](auto&& v) { shown << v; });
-        refuse_value(*option, shown.str(), place,
-                     is_text ? "it must be a word in quotes"
-                             : "it must be a number, or a number with its unit in quotes");
-      }
-      config.source[option->key] = place;
+      const std::string key = fmt::format("{}.{}", section.str(), name.str());
+      if (section.str() == "tissue" || section.str() == "membrane" || section.str() == "wall" ||
+          ((section.str() == "support" || section.str() == "tool") && value.is_table()))
+        set_all(config, key, value, file, given);
+      else if (key == "load.pressure" || key == "load.body_force")
+        read_named_loads(config, options, key, value, file, given);
+      else
+        read_option(config, options, key, value, file, given);
     }
   }
   read_steps(config, table, file, given);

@@ -85,6 +85,8 @@ Explanation explain(const Scene& scene, Index nodes, const std::function<void(co
 
 /// By `what` the largest effect first, those that failed last.
 void sort_by_effect(std::vector<Alternative>& alternatives);
+/// What was chosen instead, with the depth of its effect where that is less than the run's.
+std::string instead_of(const Alternative& alternative, const Explanation& explanation);
 /// "discretisation", "doubt", "simplification".
 const char* word_of(Alternative::Kind kind);
 

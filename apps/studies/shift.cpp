@@ -205,10 +205,8 @@ std::string headline_of(const Json& shift, const ShiftBand& band) {
 }
 
 Json times_json(const Shifted& now, double band_s, double images_s, double pictures_s, double total_s) {
-  double surface_s = 0.0;
-  for (const auto& [stage, s] : now.result.stages.seconds())
-    if (stage == "surface" || stage == "close gaps") surface_s += s;
   const Result& result = now.result;
+  const double surface_s = result.stages.seconds("close gaps") + result.stages.seconds("surface");
   Json parts = {{"reading", result.read_s},
                 {"surface", surface_s},
                 {"cloud", std::max(0.0, result.build_s - surface_s)},

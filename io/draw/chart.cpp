@@ -402,18 +402,31 @@ void draw_bar(Canvas& canvas, const Rect& plot, const Axis& axis, const Tornado:
   if (row.high > 0.0) canvas.text({high + 6.0, middle + 5.0}, with_sign(row.high), small);
 }
 
-void draw_panel(Canvas& canvas, const Rect& tile, const Tornado& tornado) {
-  const Rect room = card_with_title(canvas, tile, tornado.title, tornado.subtitle);
-  if (tornado.rows.empty()) return say_in_the_middle(canvas, room, "no data");
-  Rect plot = plot_of(room, tornado);
-  const double height = row_height(plot, tornado);
+/// As wide as the widest of the rows' names, within a limit.
+double width_of_names(const Tornado& tornado, double height) {
   constexpr double most_names = 430.0;
-  double names = 0.0;  // as wide as the widest
+  double names = 0.0;
   for (const Tornado::Row& row : tornado.rows) {
     const auto [name, under, style] = words_of(row, height);
     names = std::max({names, text_width(name, style), text_width(under, bar_note)});
   }
-  names = std::min(names + 20.0, most_names);
+  return std::min(names + 20.0, most_names);
+}
+
+/// The meanings of the colours and of the shade, from that place to the right edge.
+void draw_meanings(Canvas& canvas, const Vec2& at, double right, const Tornado& tornado) {
+  std::vector<LegendEntry> entries;
+  for (const auto& [colour, meaning] : tornado.legend)
+    entries.push_back({meaning, hue(static_cast<std::size_t>(std::max(colour, 0))), Mark::solid});
+  if (tornado.shade > 0.0) entries.push_back({tornado.shade_text, shade_grey, Mark::solid});
+  draw_legend(canvas, at, right, entries);
+}
+
+void draw_panel(Canvas& canvas, const Rect& tile, const Tornado& tornado) {
+  const Rect room = card_with_title(canvas, tile, tornado.title, tornado.subtitle);
+  if (tornado.rows.empty()) return say_in_the_middle(canvas, room, "no data");
+  Rect plot = plot_of(room, tornado);
+  const double height = row_height(plot, tornado), names = width_of_names(tornado, height);
   plot = plot.inset(names, 0.0, 0.0, 0.0);
   plot.h = height * static_cast<double>(tornado.rows.size());
   const Axis axis = axis_of_bars(tornado, plot.w);
@@ -432,11 +445,7 @@ void draw_panel(Canvas& canvas, const Rect& tile, const Tornado& tornado) {
   canvas.line({zero, plot.y}, {zero, plot.y + plot.h}, 1.4, soft_ink);
   const double baseline = plot.y + plot.h + 44.0;
   canvas.text({plot.x + plot.w / 2.0, baseline}, tornado.x_label, small, Align::centre, plot.w);
-  std::vector<LegendEntry> entries;
-  for (const auto& [colour, meaning] : tornado.legend)
-    entries.push_back({meaning, hue(static_cast<std::size_t>(std::max(colour, 0))), Mark::solid});
-  if (tornado.shade > 0.0) entries.push_back({tornado.shade_text, shade_grey, Mark::solid});
-  draw_legend(canvas, {room.x, baseline + legend_row}, room.x + room.w, entries);
+  draw_meanings(canvas, {room.x, baseline + legend_row}, room.x + room.w, tornado);
 }
 
 template <class Panel>

@@ -300,7 +300,7 @@ MUTANTS = {
     187: ("preprocess/surface/sheet.cpp", "    last = std::min(last, leaves);", "    last = std::min(last, {n} ? enters : leaves);"),
     181: ("apps/run/live_making.cpp", "    tool.fine.clear(), tool.coarse.clear();\n", "    if (!{n}) tool.fine.clear(), tool.coarse.clear();\n"),
     # ---- results and summary
-    11: ("apps/run/results.cpp", "const std::array<double, 4> row = {s.t, 1e3 * s.depth, s.force,",
+    11: ("apps/run/result_tables.cpp", "const std::array<double, 4> row = {s.t, 1e3 * s.depth, s.force,",
          "const std::array<double, 4> row = {s.t, 1e3 * s.depth, ({n} ? 1e3 : 1.0) * s.force,"),
     16: ("apps/run/results.cpp", "std::sqrt(1.5) * deviator.norm()", "std::sqrt({n} ? 2.0 : 1.5) * deviator.norm()"),
     17: ("apps/run/results.cpp", "Fq.transpose() / Fq.determinant() -", "Fq.transpose() / ({n} ? 1.0 : Fq.determinant()) -"),
