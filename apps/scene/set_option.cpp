@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "apps/scene/config.hpp"
+#include "apps/scene/named_sections.hpp"
 #include "io/error.hpp"
 
 namespace dimple {
@@ -23,96 +23,6 @@ std::vector<std::pair<std::string, StepText>> moving_steps(const Config& config)
 }
 
 namespace {
-
-// What a name of one's own stands for, below a section: "load.pressure.csf.on".
-template <class Named>
-struct NamedSection {
-  std::map<std::string, Named>& named;
-  std::string_view section, what, example;
-
-  // Of a key that is one of those; the name need not be there yet.
-  std::optional<Option> option_of(const std::string& key, const std::string& source) const {
-    const auto dot = key.rfind('.');
-    if (!key.starts_with(section) || dot < section.size()) return std::nullopt;
-    const std::string name = key.substr(section.size(), dot - section.size()), own(what);
-    if (name.empty())
-      throw UsageError({.fact = fmt::format("'{}' names no option of a {}", key, what),
-                        .where = source,
-                        .why = fmt::format("keys are {}name.option", section),
-                        .remedy = std::string(example)});
-    if (name.find('.') != std::string::npos)
-      throw UsageError(
-          {.fact = fmt::format("a {} is called '{}', and a name holds no dot", own, name),
-           .where = source,
-           .why = fmt::format("dots part keys: {}name.option, here and in summary.json's own paths", section),
-           .remedy = std::string(example)});
-    std::vector<Option> options = options_of(named[name]);
-    Option* option = find_option(options, own + key.substr(dot));
-    if (!option) {
-      for (Option& one : options) one.key = fmt::format("{}{}{}", section, name, one.key.substr(own.size()));
-      refuse_key(options, key, source);
-    }
-    return *option;
-  }
-  // The key of each option as it is written, and the option.
-  std::vector<std::pair<std::string, Option>> all() const {
-    std::vector<std::pair<std::string, Option>> result;
-    for (auto& [name, its] : named)
-      for (const Option& option : options_of(its))
-        result.emplace_back(fmt::format("{}{}{}", section, name, option.key.substr(option.key.find('.'))),
-                            option);
-    return result;
-  }
-};
-
-NamedSection<PressureText> pressures_of(Config& config) {
-  return {config.pressure, "load.pressure.", "pressure",
-          "for instance --set load.pressure.csf.pressure=500Pa"};
-}
-NamedSection<BodyForceText> body_forces_of(Config& config) {
-  return {config.body_force, "load.body_force.", "body_force",
-          "for instance --set load.body_force.pull.force=0,0,-500"};
-}
-NamedSection<FilmText> membranes_of(Config& config) {
-  return {config.membrane, "membrane.", "membrane", "for instance --set membrane.pia.thickness=0.1mm"};
-}
-NamedSection<WallText> walls_of(Config& config) {
-  return {config.wall, "wall.", "wall", "for instance --set wall.skull.shape=label:skull"};
-}
-NamedSection<SupportText> supports_of(Config& config) {
-  return {config.held, "support.", "support", "for instance --set support.retractor.on=left"};
-}
-
-NamedSection<FurtherToolText> tools_of(Config& config) {
-  return {config.other_tool, "tool.", "tool", "for instance --set tool.left.shape=sphere:4mm"};
-}
-
-NamedSection<StepText> steps_of(Config& config) {
-  return {config.step, "step.", "step", "for instance --set step.press.move=4mm"};
-}
-
-std::optional<Option> named_option(Config& config, const std::string& key, const std::string& source) {
-  if (auto option = pressures_of(config).option_of(key, source)) return option;
-  if (auto option = body_forces_of(config).option_of(key, source)) return option;
-  if (auto option = membranes_of(config).option_of(key, source)) return option;
-  if (auto option = walls_of(config).option_of(key, source)) return option;
-  if (auto option = supports_of(config).option_of(key, source)) return option;
-  if (auto option = tools_of(config).option_of(key, source)) return option;
-  const int before = static_cast<int>(config.step.size());
-  auto option = steps_of(config).option_of(key, source);
-  if (static_cast<int>(config.step.size()) > before)
-    config.step[key.substr(5, key.rfind('.') - 5)].order = before;
-  return option;
-}
-
-std::vector<std::pair<std::string, Option>> named_options(Config& config) {
-  auto all = pressures_of(config).all(), body_forces = body_forces_of(config).all(),
-       membranes = membranes_of(config).all(), walls = walls_of(config).all(),
-       supports = supports_of(config).all(), tools = tools_of(config).all(), steps = steps_of(config).all();
-  for (const auto* further : {&body_forces, &membranes, &walls, &supports, &tools, &steps})
-    all.insert(all.end(), further->begin(), further->end());
-  return all;
-}
 
 // A file of all options holds both in one table.
 void refuse_names_of_options(const Config& config, const std::string& source) {
@@ -240,13 +150,7 @@ std::map<std::string, std::string> option_values_in(const std::filesystem::path&
 
 std::string option_reference() {
   Config config;
-  config.pressure["NAME"];
-  config.body_force["NAME"];
-  config.membrane["NAME"];
-  config.wall["NAME"];
-  config.held["NAME"];
-  config.other_tool["NAME"];
-  config.step["NAME"];
+  for (const NamedSection& section : named_sections()) section.options_of(config, "NAME");
   std::string text =
       "Options, as `--set key=value` or in a TOML file given with --config. Bare numbers are in the unit "
       "shown.\n\n";

@@ -6,8 +6,8 @@
 #include <array>
 #include <sstream>
 
-#include "apps/scene/config.hpp"
 #include "apps/scene/given_once.hpp"
+#include "apps/scene/named_sections.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
 #include "io/text.hpp"
@@ -120,14 +120,6 @@ void read_option(Config& config, std::vector<Option>& options, const std::string
   config.source[option->key] = place;
 }
 
-// [load.pressure.NAME], [load.body_force.NAME]
-void read_named_loads(Config& config, std::vector<Option>& options, const std::string& kind,
-                      const toml::node& value, const std::filesystem::path& file, GivenOnce& given) {
-  const toml::table* all = value.as_table();
-  if (!all) refuse_key(options, kind, file.string());
-  for (const auto& [of, its] : *all) set_all(config, fmt::format("{}.{}", kind, of.str()), its, file, given);
-}
-
 }  // namespace
 
 void read_config(Config& config, const std::filesystem::path& file) {
@@ -140,11 +132,11 @@ void read_config(Config& config, const std::filesystem::path& file) {
     if (section.str() == "step") continue;  // below, in the order of their lines
     for (const auto& [name, value] : *entries) {
       const std::string key = fmt::format("{}.{}", section.str(), name.str());
-      if (section.str() == "tissue" || section.str() == "membrane" || section.str() == "wall" ||
-          ((section.str() == "support" || section.str() == "tool") && value.is_table()))
+      if (section.str() == "tissue" || (is_named_section(section.str()) && value.is_table()))
         set_all(config, key, value, file, given);
-      else if (key == "load.pressure" || key == "load.body_force")
-        read_named_loads(config, options, key, value, file, given);
+      else if (const toml::table* members = value.as_table(); members && is_named_section(key))
+        for (const auto& [member, its] : *members)
+          set_all(config, fmt::format("{}.{}", key, member.str()), its, file, given);
       else
         read_option(config, options, key, value, file, given);
     }
@@ -154,7 +146,7 @@ void read_config(Config& config, const std::filesystem::path& file) {
 
 namespace {
 
-std::string as_table(const char* section, const std::string& name, const std::vector<Option>& options) {
+std::string as_table(std::string_view section, const std::string& name, const std::vector<Option>& options) {
   std::string text = fmt::format("\n[{}.{}]\n", section, toml_string(name));
   for (const Option& option : options)
     text += fmt::format("{} = {}\n", option.key.substr(option.key.find('.') + 1), toml_value(option));
@@ -184,13 +176,9 @@ std::string to_toml(const Description& description, const std::map<std::string, 
     for (const auto& [key, value] : differing)
       text += fmt::format("{} = {}\n", key.substr(key.find('.') + 1), toml_string(value));
   }
-  for (auto [name, pressure] : config.pressure) text += as_table("load.pressure", name, options_of(pressure));
-  for (auto [name, force] : config.body_force) text += as_table("load.body_force", name, options_of(force));
-  for (auto [name, film] : config.membrane) text += as_table("membrane", name, options_of(film));
-  for (auto [name, wall] : config.wall) text += as_table("wall", name, options_of(wall));
-  for (auto [name, held] : config.held) text += as_table("support", name, options_of(held));
-  for (auto [name, tool] : config.other_tool) text += as_table("tool", name, options_of(tool));
-  for (auto [name, step] : steps_in_order(config)) text += as_table("step", name, options_of(step));
+  for (const NamedSection& section : named_sections())
+    for (const std::string& name : section.names(config))
+      text += as_table(section.section, name, section.options_of(config, name));
   return text;
 }
 
