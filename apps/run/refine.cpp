@@ -129,6 +129,18 @@ void refuse_without_band(const std::string& none) {
                     .remedy = "leave them out, and compare several --nodes"});
 }
 
+void check_goal(const Scene& scene) {
+  if (!scene.goal || scene.followed) return;
+  const double least = band_floor(scene)(most_nodes_for_accuracy);
+  if (scene.goal->share == 0.0 || scene.goal->share >= least) return;
+  throw UsageError({.fact = fmt::format("an accuracy of {} is asked for", scene.goal->text),
+                    .where = "--accuracy (accuracy.goal)",
+                    .why = fmt::format("the error of this load cannot be shown to be below {:.2g} %: two "
+                                       "clouds agree that well by chance",
+                                       100.0 * least),
+                    .remedy = "ask for less accuracy, or for less depth than the circle's radius"});
+}
+
 std::pair<double, double> asked_for(const RefinementLevel& level, const Result& result) {
   return result.followed ? std::pair(level.length, level.half_length)
                          : std::pair(std::abs(level.force), level.half);

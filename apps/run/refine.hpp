@@ -65,6 +65,8 @@ Refinement refine(const Case& given, const Goal& goal, const Origin& from, const
 
 /// Throws UsageError if there is a reason why no band is known.
 void refuse_without_band(const std::string& none);
+/// Throws UsageError: the scene asks for a smaller error than two clouds can show by other than chance.
+void check_goal(const Scene& scene);
 
 /// What an accuracy is asked of, and half its band's width: of the displacement where one is asked for.
 std::pair<double, double> asked_for(const RefinementLevel& level, const Result& result);

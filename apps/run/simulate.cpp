@@ -186,6 +186,7 @@ void simulate(const Case& given, const RunObserver& observer, Result& result) {
                            : !given.origin ? Feature::solve
                                            : Feature::solve_in_memory);
   check_imaged(given.scene, given.model ? &*given.model : nullptr);
+  check_goal(given.scene);
   if (given.model) {
     if (!given.origin && given.model->provenance.contains("cut") && !given.scene.membranes.empty())
       throw UsageError({.fact = "a membrane is asked for on the model of a body that was cut",

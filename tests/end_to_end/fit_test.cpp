@@ -169,7 +169,7 @@ TEST_F(Fit, RefusesWhatItCannotDo) {
            {2, "good.csv --mu 200", {"what is looked for"}},
            {2, "horton2007", {"never tuned"}},
            {3, "deep.csv --tool sphere:2mm", {"the tool is 4.00 mm long"}},
-           {2, "deep.csv --tool cone:2mm", {"is not known"}},
+           {2, "deep.csv --tool pyramid:2mm", {"is not known"}},
            {2, "deep.csv --tool sphere:5mm --depth 3mm", {"as deep as the curve"}}});
   refused(2, "fit " + block + " -o out --nodes 300", {"--curve"});
   EXPECT_FALSE(fs::exists(folder / "out" / "fit.csv"));

@@ -316,9 +316,9 @@ TEST_F(Block, WithoutTheLoadsUnderWhichItWasImagedIsNotSolvedWithAnythingOnAPart
 }
 
 TEST_F(Block, RefusesLoadsAndSupportsThatItDoesNotUnderstand) {
-  const std::string start =
-                        "run block.nrrd -o no -q --base inferior --indent-at 0,0,top --nodes 600 --depth 1mm",
-                    pressure = "--set load.pressure.csf.";
+  const std::string
+      start = "run block.nrrd -o no --force -q --base inferior --indent-at 0,0,top --nodes 600 --depth 1mm",
+      pressure = "--set load.pressure.csf.";
   refuses(start, {{2, "--gravity sideways", {"gravity 'sideways'", "give inferior"}},
                   {2, "--gravity 0,1", {"gravity '0,1'"}},
                   {2, pressure + "on=lleft", {"'csf'", "'lleft'", "a side such as superior"}},

@@ -2,7 +2,9 @@
 // feature and a driver, is computed or refused in the table's words. Drivers, and what acts on files, run as
 // the real program; other pairs run in memory, on an organ that is read once.
 
+#include <algorithm>
 #include <cctype>
+#include <cmath>
 #include <optional>
 #include <utility>
 
@@ -256,6 +258,15 @@ bool needs_program(Feature feature) {
   }
 }
 
+// Relative error of the trapezoidal rule in the work of a Hertzian force, which grows as depth^1.5, over so
+// many load steps.
+double trapezoidal_error(std::size_t steps) {
+  double sum = 0.5;
+  for (std::size_t k = 1; k < steps; ++k)
+    sum += std::pow(static_cast<double>(k) / static_cast<double>(steps), 1.5);
+  return 2.5 * sum / static_cast<double>(steps) - 1.0;
+}
+
 class Pairs : public testing::TestWithParam<Feature> {
  protected:
   const fs::path folder = fresh_folder();
@@ -305,15 +316,25 @@ class Pairs : public testing::TestWithParam<Feature> {
     return simulate({.scene = now, .image = &image, .organ = &organ});
   }
 
-  // What is refused by the table is refused in its words. What is not has a finite force, and its energy
-  // balance closes to what the guard allows.
+  // The energy balance closes to what its guard allows, or to what few load steps can show. The balance of
+  // tissue that relaxes counts no dissipation, and the verdict must report that.
+  static void expect_closed_books(const Scene& now, const Result& result) {
+    const auto energy = verdict_of(now, result, "finished").at("energy");
+    const double value = 0.01 * energy.at("value").get<double>();
+    if (features_of(now).has(Feature::viscous)) {
+      EXPECT_TRUE(value <= energy_to_check || energy.at("word") != "good") << energy;
+      return;
+    }
+    EXPECT_LE(value, std::max(energy_to_check, trapezoidal_error(result.history.force.size() - 1))) << energy;
+  }
+
+  // What is refused by the table is refused in its words. What is not has a finite force and closed books.
   void expect_in_memory(const Scene& now, const std::optional<Report>& refused) const {
     try {
       const Result result = solved_in_memory(now);
       EXPECT_FALSE(refused) << refused->fact;
       EXPECT_TRUE(std::isfinite(result.history.force.back().force));
-      const auto energy = verdict_of(now, result, "finished").at("energy");
-      EXPECT_LE(energy.at("value").get<double>(), 100.0 * energy_to_check) << energy;
+      expect_closed_books(now, result);
     } catch (const Error& error) {
       ASSERT_TRUE(refused) << error.report.fact << "\n" << error.report.why;
       EXPECT_EQ(error.report.fact, refused->fact);
