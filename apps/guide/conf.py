@@ -12,6 +12,7 @@ import subprocess
 project = "Dimple"
 copyright = "The Dimple authors"
 extensions = ["myst_parser"]
+highlight_language = "none"  # of blocks without a language: commands and what they print
 html_theme = "furo"
 html_title = "Dimple: user's guide"
 html_copy_source = False
