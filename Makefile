@@ -10,6 +10,7 @@
 # make converge, make atlas, make chart   the studies of tests/studies: IMAGE=FILE is yours, STUDY="--options of the study"
 # make wheel  the Python module as a wheel, for this system: build/wheel
 # make deb    packages for Debian 12: build/package/dimple_*.deb, libdimple-dev_*.deb
+# make docs   the user's guide as a site with search: build/docs/index.html
 # make clean  remove everything that was built
 
 BUILD := build/release
@@ -17,7 +18,7 @@ DIMPLE := $(BUILD)/dimple
 DEMO := out/demo
 FUZZ_RUNS := 1000000
 
-.PHONY: demo test build check check-quick check-threads fuzz bench converge atlas chart studies wheel deb clean bootstrap
+.PHONY: demo test build check check-quick check-threads fuzz bench converge atlas chart studies wheel deb docs clean bootstrap
 
 demo: bootstrap
 	cmake --preset release -DDIMPLE_TESTS=OFF
@@ -102,6 +103,18 @@ deb:
 	cmake --preset release -B build/package -DDIMPLE_TESTS=OFF
 	cmake --build build/package
 	cd build/package && cpack
+
+# The reference is what the program prints; make docs DIMPLE_PROGRAM=FILE takes one that is built already.
+DIMPLE_PROGRAM := $(CURDIR)/$(BUILD)/whole/dimple
+docs:
+	@/usr/bin/python3 -c 'import furo, myst_parser, sphinx' 2>/dev/null || \
+	  { echo "make docs needs three Debian packages: apt-get install python3-sphinx python3-myst-parser furo" >&2; exit 1; }
+	@[ "$(origin DIMPLE_PROGRAM)" = "command line" ] || $(MAKE) build
+	rm -rf build/docs build/docs-source
+	@mkdir -p build
+	cp -r apps/guide build/docs-source
+	DIMPLE_PROGRAM=$(DIMPLE_PROGRAM) /usr/bin/python3 -m sphinx -q -W --keep-going -b html build/docs-source build/docs
+	@echo "open     build/docs/index.html in a browser"
 
 clean:
 	rm -rf build out

@@ -6,7 +6,7 @@
 
 namespace dimple {
 
-/// What the process returns. Documented in apps/README.md; stable.
+/// What the process returns. Documented in apps/guide/files.md; stable.
 enum class ExitCode : int {
   ok = 0,
   internal = 1,      ///< a mistake of ours

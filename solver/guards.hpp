@@ -10,7 +10,7 @@
 
 namespace dimple {
 
-// What every run watches for, one code each; apps/README.md, "Guards", is their table. Where the number would
+// What every run watches for, one code each; apps/guide/files.md has their table. Where the number would
 // be wrong a guard throws, and the march takes up its last good state again, more carefully; where it is
 // honest but less good than one might think it leaves a finding.
 

@@ -19,7 +19,7 @@ struct Served {
 
 /// Answers poses of a tool with forces, on a unix domain socket that its owner alone may use. One program at
 /// a time moves the tool; another is told so and sent away. When one has gone the tool stays where it is, and
-/// the next may come. The lines of text are described in apps/README.md (A live organ).
+/// the next may come. The lines of text are described in apps/guide/how-to/live.md.
 ///
 /// A thread of its own answers, from the last frames (BetweenFrames), and waits for nothing, so that a loop
 /// of 200 Hz or more can be closed over it. Frames are found by whoever owns the tool: move() at a steady

@@ -137,10 +137,10 @@ TEST_F(GuardedRun, PressesABlockToSixtyPercentOfItsHeightAtAnyPoissonRatio) {
   }
 }
 
-// Each warning by a command that deserves it; apps/README.md lists the codes. `inverted`, `circle-nodes`,
-// `time-step`, `no-equilibrium` and a `hourglass` that ends the run have tests of their own above.
-// `conditioning`, `non-finite` and `energy` stand behind the others: no command is known that gets past
-// those, and tests/unit/guards_test.cpp fires them.
+// Each warning by a command that deserves it; apps/guide/files.md lists the codes. `inverted`,
+// `circle-nodes`, `time-step`, `no-equilibrium` and a `hourglass` that ends the run have tests of their own
+// above. `conditioning`, `non-finite` and `energy` stand behind the others: no command is known that gets
+// past those, and tests/unit/guards_test.cpp fires them.
 TEST_F(GuardedRun, WarnsOfWhateverMakesItsForceLessExact) {
   const std::map<std::string, std::string> firing = {
       {"supports", "--nodes 400 --support 1.2 --depth 1mm --frames 2"},

@@ -1090,8 +1090,8 @@ class Documentation(InAFolder):
                     self.assertTrue(getattr(thing, attribute).__doc__, f"{name}.{attribute}")
         self.assertIn("mu_Pa : float, default 210.0\n    shear modulus", pydimple.solve.__doc__)
 
-    def test_the_readmes_code_runs(self):
-        text = (SOURCE / "apps" / "python" / "README.md").read_text()
+    def test_the_guides_code_runs(self):
+        text = (SOURCE / "apps" / "guide" / "how-to" / "python.md").read_text()
         blocks = re.findall(r"```python\n(.*?)```", text, re.S)
         self.assertTrue(blocks)
         shutil.copy(SOURCE / "sample_data" / "brain_3mm.nrrd", self.folder / "brain.nrrd")

@@ -32,7 +32,7 @@ class Error(_FiveParts, Exception):
     fact, where, why, remedy : str
         What is wrong, with numbers; keyword, stage, file or place; how it came about; what to do.
     code : str
-        A word for programs, such as ``no-equilibrium``; apps/README.md lists those of the guards.
+        A word for programs, such as ``no-equilibrium``; apps/guide/files.md lists those of the guards.
     """
 
 

@@ -1,0 +1,106 @@
+"""Sphinx builds the guide as a site: `make docs` copies this folder to build/docs-source and calls it there.
+
+The program prints the reference of its options, pairs and commands; its lines become the page reference.md.
+DIMPLE_PROGRAM names the program.
+"""
+
+import os
+import pathlib
+import re
+import subprocess
+
+project = "Dimple"
+copyright = "The Dimple authors"
+extensions = ["myst_parser"]
+highlight_language = "none"  # of blocks without a language: commands and what they print
+html_theme = "furo"
+html_title = "Dimple: user's guide"
+html_copy_source = False
+smartquotes = False  # two hyphens are a flag
+myst_heading_anchors = 3  # as on a forge: cuts.md#cut-a-deformed-body
+exclude_patterns = ["conf.py"]
+
+HERE = pathlib.Path(__file__).resolve().parent
+PROGRAM = os.environ.get("DIMPLE_PROGRAM", str(HERE.parent / "release" / "whole" / "dimple"))
+
+CONTENTS = """
+```{toctree}
+:hidden:
+
+getting-started
+```
+
+```{toctree}
+:hidden:
+:caption: Tutorials
+
+tutorials/figure
+tutorials/craniotomy
+tutorials/instrument
+```
+
+```{toctree}
+:hidden:
+:caption: How to
+:glob:
+
+how-to/*
+```
+
+```{toctree}
+:hidden:
+:caption: Reference
+
+method
+files
+reference
+glossary
+```
+"""
+
+
+def printed(*words):
+    """What the program prints, each entry on a line of its own."""
+    run = subprocess.run([PROGRAM, *words], env={**os.environ, "COLUMNS": "100000"}, capture_output=True, text=True, check=True)
+    return run.stdout
+
+
+def options():
+    """A heading for each section, and a paragraph with an anchor for each option."""
+    lines, section = [], ""
+    for key, default, meaning in re.findall(r"^  (\S+) += (\S.*?)  +(\S.*)$", printed("options"), re.M):
+        if key.rsplit(".", 1)[0] != section:
+            section = key.rsplit(".", 1)[0]
+            lines += [f"### {section}", ""]
+        lines += [f"({key.lower().replace('.', '-').replace('_', '-')})=", f"`{key}` (default `{default}`)", f": {meaning}", ""]
+    return lines
+
+
+def commands():
+    """The help of each command, as it is printed."""
+    lines = []
+    for name in re.findall(r"^  ([a-z]+)  +\S", printed("--help").split("Subcommands:")[1].split("Examples:")[0], re.M):
+        lines += [f"### dimple {name}", "", "```text", printed(name, "--help-all").rstrip(), "```", ""]
+    return lines
+
+
+def write_reference(app):
+    lines = ["# Reference", "", "Printed by the program: `dimple options`, `dimple COMMAND --help-all`, `dimple options --pairs`.", ""]
+    lines += ["## Options", "", *options(), "## Commands", "", *commands()]
+    lines += ["## What cannot be combined", "", "```text", printed("options", "--pairs").rstrip(), "```", ""]
+    (HERE / "reference.md").write_text("\n".join(lines))
+
+
+def for_the_site(app, page, source):
+    """Adds the contents to the first page, and makes paths of links that lead out of the guide."""
+    if page == "index":
+        source[0] += CONTENTS
+    source[0] = re.sub(r"(?<!!)\[([^\]]*)\]\((?:\.\./)*\.\./\.\./([^)#]*)(#[^)]*)?\)", r"\1 (`\2`)", source[0])
+
+
+def setup(app):
+    app.connect("builder-inited", write_reference)
+    app.connect("source-read", for_the_site)
+
+
+myst_enable_extensions = ["deflist"]
