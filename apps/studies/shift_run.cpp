@@ -283,7 +283,8 @@ Config config_of_shift(Config config, const ShiftOptions& options) {
   if (!was_given(config, "material.mu_Pa") && !was_given(config, "material.young_Pa") &&
       config.material.preset == "none")
     set_option(config, "material.mu_Pa", plain(defaults.material.mu_Pa), by_shift);
-  if (default_nodes(config))
+  const bool has_goal = was_given(config, "accuracy.goal") || was_given(config, "accuracy.budget_s");
+  if (default_nodes(config) && !has_goal)  // the table refuses that goal in its own words
     set_option(config, "cloud.nodes", plain(static_cast<double>(defaults.cloud.nodes)), by_shift);
   if (!was_given(config, "image.close_mm"))
     set_option(config, "image.close_mm", plain(defaults.image.close_mm), by_shift);
