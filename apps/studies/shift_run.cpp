@@ -280,7 +280,9 @@ Description describe_shift(Description brain, const ShiftOptions& options) {
   if (!was_given(brain, "material.mu_Pa") && !was_given(brain, "material.young_Pa") &&
       value_of(brain, "material.preset") == OptionValue("none"))
     set_default("material.mu_Pa");
-  if (default_nodes(brain)) set_default("cloud.nodes");
+  const bool has_goal = was_given(brain, "accuracy.goal") || was_given(brain, "accuracy.budget_s");
+  if (default_nodes(brain) && !has_goal)  // the table refuses that goal in its own words
+    set_default("cloud.nodes");
   if (!was_given(brain, "image.close_mm")) set_default("image.close_mm");
   put_numbers(brain, "load.depth_mm", {fold_reach_mm}, by_shift);
   set("solver.time", "quasi-static");
