@@ -78,8 +78,9 @@ std::optional<MeasuredCurve> compared_curve(const Scene& scene) {
 Outcome record_run(const Description& options, const fs::path& folder, Existing existing,
                    const RecordObserver& observer, const LabelImage* image) {
   const Stopwatch whole(observer.waited_s);
-  ResultFolder results(folder, existing);
   const Scene scene = resolve(options);
+  check_pairs(scene, Feature::run);
+  ResultFolder results(folder, existing);
   RunIdentity identity{DIMPLE_VERSION, option_values(options), ""};
   Recording how{.folder = folder,
                 .options = options,
@@ -143,9 +144,9 @@ Outcome record_solve(const Description& options, const fs::path& model, const fs
   const Stopwatch whole(observer.waited_s), reading;
   fs::path model_folder = fs::is_directory(model) ? model : model.parent_path();
   if (model_folder.empty()) model_folder = ".";
-  ResultFolder results(folder, existing, model_folder);
   const Scene scene = resolve(options);
   check_pairs(scene, Feature::solve);
+  ResultFolder results(folder, existing, model_folder);
   Case given{.scene = scene, .model = read_model(model)};
   const ModelFiles& files = *given.model;
   Recording how{
