@@ -88,7 +88,6 @@ std::vector<int> chosen_labels(const LabelImage& image, const std::vector<LabelM
   return result;
 }
 
-// A label that scene.tissues names, as a number; -1 if it is neither a number nor a known name.
 // What of an image is to be the body.
 struct Taken {
   std::vector<int> chosen;  // by --label and not by --cut; none: all
@@ -217,14 +216,14 @@ Work work_of(const Scene& scene, const Result& result) {
   const double nodes = static_cast<double>(placed ? result.model.node_count() : scene.cloud.nodes);
   const Wanted wanted = wanted_of(scene);
   const auto& size = result.image.size;
+  const double radius_mm = scene.tool ? 1e3 * scene.tool->radius : 0.5 * scene.boundary.indenter_diameter_mm;
   return {
       .voxels = static_cast<double>(size[0]) * static_cast<double>(size[1]) * static_cast<double>(size[2]),
       .nodes = nodes,
       .points =
           placed ? static_cast<double>(result.model.point_count()) : nodes * scheme_of(scene).points_per_node,
-      .depths =
-          std::max(static_cast<double>(scene.solver.frames),
-                   scene.depth_mm / (0.5 * longest_step_radii(scene) * scene.boundary.indenter_diameter_mm)),
+      .depths = std::max(static_cast<double>(scene.solver.frames),
+                         scene.depth_mm / (longest_step_radii(scene) * radius_mm)),
       .picture = wanted.picture,
       .band = scene.band,
       .refinement = scene.goal.has_value()};

@@ -39,12 +39,12 @@ struct Wanted {
 Wanted wanted_of(const Scene& scene);
 inline constexpr Wanted tables_alone = {false, false, false, false, false, false, false, false, false};
 
-/// The force of the tissue on the tool and its moment about the circle's middle, which moves with the tool:
-/// LPS, in files.
 /// Of force.csv, in a scene of steps: how far the tool has come across its push, LPS.
 inline constexpr std::array aside_columns = {"aside_x_mm", "aside_y_mm", "aside_z_mm"};
 /// Where it turns: by which rotation vector it has, from where it began, LPS.
 inline constexpr std::array turned_columns = {"turned_x_deg", "turned_y_deg", "turned_z_deg"};
+/// Force of the tissue on the tool, and its moment about the middle of the bonded patch or the tip of a tool
+/// in contact, which move with the tool: LPS.
 inline constexpr std::array wrench_columns = {"force_x_N",   "force_y_N",   "force_z_N",
                                               "moment_x_Nm", "moment_y_Nm", "moment_z_Nm"};
 

@@ -21,7 +21,7 @@ struct Supports {
   std::vector<HeldSet> sets;
   std::vector<std::string> words;
 };
-/// Throws UsageError as check_supports() does; ModelError: a support meets no node, or some of the tool's,
+/// Throws ModelError: a support meets no node, or some of the tool's,
 /// all of them leave nothing free, or the model lacks a surface or labels.
 Supports supports_of(const Scene& scene, const Discretisation& places,
                      const std::map<std::string, int>& label_names);

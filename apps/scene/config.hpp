@@ -73,7 +73,7 @@ struct StepText {
 /// All options of a run.
 struct Config {
   struct Image : ModelChoices::Image {
-    std::string cut;  ///< see blades_in()
+    std::string cut;  ///< see cut_named()
   } image;
   struct Scheme {
     std::string name{converging.name};
