@@ -15,6 +15,7 @@
 #include "apps/run/run_words.hpp"
 #include "apps/run/steps.hpp"
 #include "apps/run/tool.hpp"
+#include "apps/run/view.hpp"
 #include "apps/run/walls.hpp"
 #include "apps/run/words.hpp"
 #include "io/digits.hpp"
