@@ -6,6 +6,7 @@
 #include <set>
 
 #include "apps/run/result_folder.hpp"
+#include "apps/scene/description.hpp"
 #include "io/file.hpp"
 #include "io/stop.hpp"
 #include "io/text.hpp"
