@@ -11,6 +11,7 @@
 #include "apps/run/organ.hpp"
 #include "apps/run/simulate.hpp"
 #include "apps/run/stopwatch.hpp"
+#include "apps/run/tool.hpp"
 #include "apps/run/unless_stopped.hpp"
 #include "apps/run/words.hpp"
 #include "apps/scene/compatibility.hpp"
