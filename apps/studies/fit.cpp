@@ -87,10 +87,8 @@ Description case_of(const Description& described, const Scene& given, const FitO
   }
   if (takes_one_run(options.of) && !given.given.nodes)
     put_numbers(own, "cloud.nodes", {nodes_for_one_run}, "one run is all that it takes");
-  if (options.of == "mu,alpha") {
+  if (options.of == "mu,alpha")
     refuse_given(described, {"material.ogden_mu_Pa", "material.ogden_alpha"}, "they are what is looked for");
-    put_numbers(own, "material.ogden_mu_Pa", {given.material.mu_Pa});
-  }
   if (options.of == "mu,g,tau") {
     refuse_given(described, {"material.prony_g", "material.prony_tau_s"}, "they are what is looked for");
     ramp_rate(curve);  // says that it has no times
@@ -100,7 +98,7 @@ Description case_of(const Description& described, const Scene& given, const FitO
 
 Scene with_numbers(Scene scene, const std::string& of, const std::vector<double>& numbers) {
   auto& m = scene.material;
-  if (of == "mu,alpha") m.ogden_alpha = {numbers[0]};
+  if (of == "mu,alpha") m.ogden_mu_Pa = {m.mu_Pa}, m.ogden_alpha = {numbers[0]};
   if (of == "mu,g,tau") m.prony_g = {numbers[0]}, m.prony_tau_s = {numbers[1]};
   return scene;
 }
