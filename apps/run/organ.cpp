@@ -88,7 +88,7 @@ std::vector<int> chosen_labels(const LabelImage& image, const std::vector<LabelM
   return result;
 }
 
-// What of an image is to be the body.
+// Part of an image that is to be the body.
 struct Taken {
   std::vector<int> chosen;  // by --label and not by --cut; none: all
   std::vector<LabelMeasure> labels, cut_out;

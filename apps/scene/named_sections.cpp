@@ -40,7 +40,7 @@ std::string_view last_part(std::string_view section) {
   return section.substr(section.rfind('.') + 1);  // all of it where there is no dot
 }
 
-// Of a key that begins with the section.
+// Option that a whole key names, which begins with the section.
 Option option_of(const NamedSection& section, Config& config, const std::string& key,
                  const std::string& source) {
   const auto begin = section.section.size() + 1, dot = key.rfind('.');

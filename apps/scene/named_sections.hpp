@@ -22,7 +22,7 @@ struct NamedSection {
 /// All of them, in the order of a file of options. A new kind of section is one more row.
 const std::vector<NamedSection>& named_sections();
 
-/// Whether these are the first parts of a key of one of them: "load.pressure".
+/// True if one of them has this name: "load.pressure".
 bool is_named_section(std::string_view section);
 
 /// The option of a member by its whole key, with or without its unit; the member need not be there yet.
