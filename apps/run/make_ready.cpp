@@ -1,0 +1,294 @@
+#include <fmt/format.h>
+
+#include <utility>
+
+#include "apps/run/folds.hpp"
+#include "apps/run/loads.hpp"
+#include "apps/run/membranes.hpp"
+#include "apps/run/model_options.hpp"
+#include "apps/run/other_tools.hpp"
+#include "apps/run/pipeline.hpp"
+#include "apps/run/run_words.hpp"
+#include "apps/run/steps.hpp"
+#include "apps/run/stopwatch.hpp"
+#include "apps/run/supports.hpp"
+#include "apps/run/tool.hpp"
+#include "apps/run/unloaded.hpp"
+#include "apps/run/walls.hpp"
+#include "apps/run/words.hpp"
+#include "apps/scene/compatibility.hpp"
+#include "io/digits.hpp"
+#include "io/error.hpp"
+#include "preprocess/supports/support.hpp"
+#include "solver/equilibrium/stable_time_step.hpp"
+#include "solver/march/quasi_static.hpp"
+
+namespace dimple {
+namespace {
+
+using Line = RunObserver::Line;
+
+// How far the body reaches along the push, from the middle of the tool's place [m].
+double reach_beneath(const Discretisation& places) {
+  return (places.X.transpose() * places.tool.push).maxCoeff() - places.tool.centre.dot(places.tool.push);
+}
+
+void require_room_beneath(const Scene& scene, const Discretisation& places) {
+  const double beneath = reach_beneath(places);
+  const double depth = deepest(scene, places.tool);
+  require_tool_as_long(scene, 1e3 * depth);
+  if (turns(scene)) require_tool_as_long_turned(scene, most_of_tool_below(scene, places.tool));
+  if (depth >= beneath)
+    throw ModelError(
+        {.fact = fmt::format("an indentation of {} is deeper than the organ beneath the circle, {}",
+                             length_in_words(1e3 * depth), length_in_words(1e3 * beneath)),
+         .where = scene.steps.empty() ? "--depth (load.depth_mm)" : "step",
+         .why = "the tool would come out on the other side",
+         .remedy = "give a smaller --depth, or another place with --indent-at"});
+}
+
+// Where the contact's radius is less than four node spacings the force was up to 4 % too high, and where it
+// is less than two up to 12 % (spheres beside finite elements).
+void tell_of_first_touch(const RunLog& log, const Scene& scene, const Model& model, const Touch& touch) {
+  constexpr double enough = 4.0;
+  const double radius = enough * model.spacing.minCoeff(), depth = 1e-3 * scene.depth_mm;
+  if (touch.shape.edge > 0.0) return;
+  double until = depth;
+  if (contact_radius(touch.shape, depth) > radius) {
+    double low = 0.0;
+    for (int k = 0; k < 40; ++k) {
+      const double middle = 0.5 * (low + until);
+      (contact_radius(touch.shape, middle) < radius ? low : until) = middle;
+    }
+  }
+  if (until < 0.01 * depth) return;  // a flat end touches with all of it at once
+  if (until < 0.2 * depth)
+    return log.say(
+        fmt::format("touch    up to a depth of {} the contact is less than {:g} node spacings in radius, and "
+                    "the force may be 4 % too high there",
+                    length_in_words(1e3 * until), enough));
+  log.warn(
+      fmt::format("up to a depth of {} the contact is less than {:g} node spacings in radius, and the "
+                  "force was up to 12 % too high with such; give more --nodes",
+                  length_in_words(1e3 * until), enough));
+}
+
+// Steps go from equilibrium to equilibrium, whatever they last.
+void tell_of_fast_steps(const RunLog& log, const Result& result) {
+  const double crossing = shear_crossing_time(result.tissues, result.model);
+  for (const Step& step : result.loading.steps)
+    if (step.lasts > 0.0 && step.lasts < slow_load * crossing && !step.holds())
+      return log.warn(fmt::format(
+          "the step '{}' lasts {:.3g} s, and a shear wave takes {:.3g} s through the organ: inertia, "
+          "which is left out in steps, would take part in its force",
+          step.name, step.lasts, crossing));
+}
+
+// Whatever decides that the march has inertia.
+void check_without_equilibrium(const Scene& scene) {
+  for (const Feature feature : {Feature::membrane, Feature::free_base, Feature::wall})
+    check_pair(scene, feature, Feature::inertia);
+}
+
+// As scene.solver.time asks: "auto" looks at how long the load lasts.
+TimeMode time_of(const Scene& scene, const RunLog& log, const Result& result) {
+  using Time = Scene::Numerics::Time;
+  const Time asked = scene.solver.time;
+  if (asked == Time::quasi_static) return TimeMode::quasi_static;
+  if (asked == Time::explicit_ || !result.model.scheme.pressure_patches) {
+    check_without_equilibrium(scene);
+    return TimeMode::explicit_;
+  }
+  Loading at_the_rate = result.loading;  // without what says how long it lasts
+  std::erase_if(at_the_rate.steps, [](const Step& step) { return step.lasts > 0.0; });
+  TimeMode mode = choose_time(result.model, result.tissues, at_the_rate);
+  // Whoever names no speed asks for the force of equilibrium.
+  if (!scene.given.rate || (!result.loading.steps.empty() && at_the_rate.steps.empty()))
+    mode = TimeMode::quasi_static;
+  if (mode != TimeMode::quasi_static && result.loading.touch)
+    throw UsageError({.fact = "the tool is too fast for its contact to be solved for in equilibrium",
+                      .where = "--rate (load.rate_mm_per_s)",
+                      .why = "its force holds inertia, which is modelled for the circle alone",
+                      .remedy = "give a lower --rate, or --time quasi-static"});
+  if (mode != TimeMode::quasi_static && !scene.further_tools.empty())
+    throw UsageError({.fact = "the load is too fast for the contact of further tools to be solved for",
+                      .where = "--rate (load.rate_mm_per_s)",
+                      .why = "contact is solved for in equilibrium, without inertia",
+                      .remedy = "give a lower --rate, or --time quasi-static"});
+  if (result.loading.touch) return mode;
+  if (mode != TimeMode::quasi_static && !scene.steps.empty())
+    throw UsageError({.fact = "the tool is too fast for a scene of steps",
+                      .where = "--rate (load.rate_mm_per_s)",
+                      .why = "its force holds inertia, and each step goes from an equilibrium to the next",
+                      .remedy = "give a lower --rate, or --time quasi-static"});
+  if (mode != TimeMode::quasi_static) check_without_equilibrium(scene);
+  const double crossings = shear_crossings(result.model, result.tissues, result.loading);
+  const bool shallow = mode == TimeMode::quasi_static && crossings < slow_load;
+  log.line(mode == TimeMode::quasi_static && !shallow ? Line::detail : Line::said,
+           time_in_words(mode, crossings, shallow));
+  return mode;
+}
+
+// What only a march with inertia knows.
+void tell_of_damping(const Scene& scene, const RunLog& log, TimeMode mode) {
+  if (mode == TimeMode::quasi_static && scene.solver.damping_per_s > 0.0)
+    log.warn(
+        fmt::format("{} 1/s of damping is not used: the force is that of equilibrium at each depth, which "
+                    "nothing damps (--time explicit does)",
+                    plain(scene.solver.damping_per_s)));
+}
+void stand_walls(const Case& given, const RunLog& log, Result& result) {
+  if (given.scene.walls.empty()) return;
+  log.doing("walls");
+  const LabelImage& image = result.image.run.empty() && result.origin ? result.origin->image : result.image;
+  Walls walls =
+      walls_beside(given.scene, result.model, &image, result.origin ? &result.origin->organ : nullptr);
+  for (const std::string& words : walls.words) log.say("wall     " + words);
+  for (Touch& wall : walls.touch) result.loading.walls.push_back(std::move(wall));
+  result.stages.done("walls");
+}
+
+// To where it first touches.
+void bring_tool(const Scene& scene, const RunLog& log, Result& result) {
+  const Model& model = result.model;
+  const bool moved = result.loading.loads.move_the_body();
+  if (moved) {
+    log.doing("loads");
+    const ForceSystem tissue(model, result.tissues, scene.solver.precision);
+    rest_under_loads(tissue, model, result.loading, scene.solver.tolerance);
+    result.stages.done("loads");
+  }
+  const Touch& touch = *result.loading.touch;
+  log.say(fmt::format(
+      "tool     {}{}, {}; its tip at first touch at {}{}; contact is looked for at {} parts of the "
+      "surface",
+      in_words(touch.shape), depth_of_tool_in_words(scene), friction_in_words(touch.friction),
+      in_words(1e3 * touch.pose.tip), moved ? ", where the loads have moved it" : "", touch.surface.count()));
+  if (touch.shape.mesh && touch.shape.mesh->turned)
+    log.say("tool     some of its triangles faced inward in the file, and were turned");
+  tell_of_first_touch(log, scene, model, touch);
+}
+
+// The shape functions smooth the step from one tissue to another. A soft layer on one a thousand times as
+// stiff: 16 % too much force with 1500 nodes, 9 % with 6000.
+void warn_of_stiff_tissue(const RunLog& log, const Tissues& tissues) {
+  constexpr double like_bone = 50.0;
+  const std::vector<Material> used = in_use(tissues);
+  const auto [softest, stiffest] = std::minmax_element(
+      used.begin(), used.end(), [](const Material& a, const Material& b) { return a.mu < b.mu; });
+  if (used.empty() || !(stiffest->mu > like_bone * softest->mu)) return;
+  log.warn(
+      fmt::format("one tissue (mu {}) is {:.3g} times as stiff as another (mu {}): nodes too far apart for "
+                  "the step between them "
+                  "make the soft one too thin by a part of their spacing, and an equilibrium may not be "
+                  "found; a tissue that hardly "
+                  "bends is better held: --set support.bone.on=label:NAME",
+                  stress_in_words(stiffest->mu), stiffest->mu / softest->mu, stress_in_words(softest->mu)));
+}
+
+// Supports, loads, steps, tools and walls of the scene, on the complete model.
+void make_loading(const Case& given, Supports supports, const RunLog& log, Result& result) {
+  const Scene& scene = given.scene;
+  const Model& model = result.model;
+  Loading& loading = result.loading = loading_of(scene);
+  loading.further = std::move(supports.sets);
+  loading.loads = loads_of(scene, model, result.unloaded ? result.unloaded->imaged_surface : model.surface);
+  OtherTools others = other_tools_of(scene, model, loading.further);
+  for (const std::string& words : others.words) log.say("tool     " + words);
+  std::map<std::string, Vec3> push_of_others;
+  for (const Touch& other : others.touch) push_of_others[other.name] = other.pose.points_at;
+  loading.steps = steps_of(scene, model.tool, push_of_others);
+  require_near(loading.steps, model.X);
+  if (!scene.poses_words.empty()) log.say("poses    " + scene.poses_words);
+  for (const Step& step : loading.steps) log.say("step     " + in_words(step));
+  loading.touch = given.change.tool ? touch_of(scene, model, *given.change.tool) : touch_of(scene, model);
+  const double down = deepest(scene, model.tool);
+  if (loading.touch) require_free_under(*loading.touch, down, loading.further, model);
+  loading.walls = std::move(others.touch);
+  result.time = time_of(scene, log, result);
+  tell_of_damping(scene, log, result.time);
+  tell_of_fast_steps(log, result);
+  if (result.time == TimeMode::quasi_static || scene.self_contact == Scene::SelfContact::on)
+    loading.folds = folds_of(scene, result.facing_share, model, down);
+  if (loading.folds)
+    log.say("folds    " + in_words(*loading.folds, down));
+  else if (scene.self_contact == Scene::SelfContact::on)
+    log.say(
+        "folds    nothing can touch: the surface nowhere faces itself across twice the tool's way or less");
+  stand_walls(given, log, result);
+  if (loading.touch) bring_tool(scene, log, result);
+}
+
+void tell_of_tissues(const Scene& scene, const RunLog& log, const Tissues& tissues) {
+  auto own = scene.tissues.begin();
+  for (std::size_t t = 0; t < tissues.material.size(); ++t) {
+    const Material& m = tissues.material[t];
+    const std::string label = t == 0 ? "" : (own++)->label;
+    // The default stiffness was reported before.
+    log.line(t == 0 && !scene.given.stiffness ? Line::detail : Line::said, describe(tissues, t, label));
+    log.detail(fmt::format("waves    kappa {}, so {:.2f} and {:.3f} m/s", stress_in_words(m.kappa),
+                           pressure_wave_speed(m), shear_wave_speed(m)));
+  }
+  warn_of_stiff_tissue(log, tissues);
+  if (const std::string preset = scene.material.beside_preset; !preset.empty()) log.say("preset   " + preset);
+}
+
+void tell_of_load(const Scene& scene, const RunLog& log, const Result& result) {
+  const Loading& loading = result.loading;
+  const SolverOptions options = solver_options(scene);
+  for (const Membrane& film : loading.loads.membrane) log.say("membrane " + in_words(film));
+  if (const std::string loads = in_words(loading.loads); !loads.empty())
+    log.say("loads    " + loads + "; the body comes to rest under it first" +
+            (relaxes(result.tissues.material) ? ", as tissue that has relaxed" : ""));
+  log.detail(
+      fmt::format("load     {} at {} mm/s: {} s, {}, {}", length_in_words(scene.depth_mm),
+                  plain(scene.rate_mm_per_s), three_digits(loading.duration()),
+                  !loading.touch                   ? std::string(name_of(scene.contact))
+                  : loading.touch->friction == 0.0 ? "frictionless"
+                                                   : friction_in_words(loading.touch->friction),
+                  result.time == TimeMode::quasi_static
+                      ? fmt::format("equilibrium in {} steps", steps_of_load(result.model, loading, options))
+                      : "with inertia, by central differences"));
+  if (!is_as_printed(result.tissues.material.front())) return;
+  log.warn("the printed stress has no energy: energy.csv shows that of the consistent form");
+  if (options.damping == 0.0)
+    log.warn(
+        "the printed stress does work on closed paths, so undamped vibration grows: give --damping, for "
+        "instance 20");
+}
+
+}  // namespace
+
+void make_ready(const Case& given, Placed placed, const RunLog& log, Result& result) {
+  const Scene& scene = given.scene;
+  require_room_beneath(scene, placed.places);
+  check_loads(scene, placed.places.surface);
+  Supports supports = supports_of(scene, placed.places, placed.label_names);
+  for (const std::string& words : supports.words) log.say("support  " + words);
+  const Stopwatch preparing;
+  const std::map<std::string, int> names = placed.label_names;
+  complete(scene, std::move(placed), log, result);
+  if (!scene.base_is_held) {
+    result.model.base.clear();
+    log.say("base     is not held: the body lies on its walls, by contact alone");
+  }
+  take_loads_off(scene, supports.sets, tissues_of(scene, names, result.model, result.cut.labels).density, log,
+                 result);
+  make_loading(given, std::move(supports), log, result);
+  result.findings = check_model(result.model, result.model.support_report, result.loading.depth);
+  for (const Finding& finding : result.findings) log.warn(in_words(finding));
+  tell_of_tissues(scene, log, result.tissues);
+  tell_of_load(scene, log, result);
+  if (result.time != TimeMode::quasi_static && scene.material.mu_spread > 0.0)
+    throw UsageError(
+        {.fact = "mu is given as known to a share of it, and inertia takes part in the force",
+         .where = "--mu (material.mu_spread_percent)",
+         .why = "the load is so short that the run is dynamic, and its force not proportional to mu",
+         .remedy = "run it once with the smallest and once with the largest modulus, or slower"});
+  result.spread = scene.material.mu_spread;
+  result.model_warnings = result.warnings.size();
+  ask_for_units(log, scene, result);
+  result.complete_s = preparing.seconds();
+}
+
+}  // namespace dimple

@@ -1,0 +1,267 @@
+#include <fmt/format.h>
+
+#include <utility>
+
+#include "apps/run/bending.hpp"
+#include "apps/run/closing_cut.hpp"
+#include "apps/run/cut_scene.hpp"
+#include "apps/run/loads.hpp"
+#include "apps/run/other_tools.hpp"
+#include "apps/run/pipeline.hpp"
+#include "apps/run/rocking.hpp"
+#include "apps/run/run_words.hpp"
+#include "apps/run/stopwatch.hpp"
+#include "apps/run/unless_stopped.hpp"
+#include "apps/run/walls.hpp"
+#include "apps/run/words.hpp"
+#include "io/digits.hpp"
+#include "io/error.hpp"
+#include "io/memory.hpp"
+#include "io/stop.hpp"
+#include "preprocess/supports/support.hpp"
+
+namespace dimple {
+namespace {
+
+std::unique_ptr<ForceSystem> force_system(const Scene& scene, Result& result) {
+  const Stopwatch readying;
+  auto system = std::make_unique<ForceSystem>(result.model, result.tissues, scene.solver.precision);
+  result.model.dphi.resize(
+      3, 0);  // the system has them in a layout of its own; twice is 0.4 GB at 100,000 nodes
+  give_back_memory();
+  stop_if_asked();
+  result.complete_s += readying.seconds();
+  return system;
+}
+
+// Where it was lifted, or slid beyond what it had touched.
+void tell_of_lost_contact(const RunLog& log, const Result& result) {
+  constexpr double nothing = 1e-6;  // of the largest force: the search for equilibrium has a tolerance
+  const std::vector<ForceSample>& force = result.history.force;
+  if (!result.loading.touch || force.empty()) return;
+  const auto size = [](const ForceSample& sample) {  // one that sticks may pull, and across its push
+    return Eigen::Map<const Wrench>(sample.on_tool.data()).head<3>().norm();
+  };
+  double largest = 0.0;
+  for (const ForceSample& sample : force) largest = std::max(largest, size(sample));
+  const auto last = std::find_if(force.rbegin(), force.rend(),
+                                 [&](const ForceSample& sample) { return size(sample) > nothing * largest; });
+  if (largest == 0.0 && force.size() > 1 && !result.history.interrupted)
+    log.warn("the tool never touches the body: its force is 0 at every depth; check its place and direction");
+  if (last != force.rend() && last != force.rbegin())
+    log.say(
+        fmt::format("touch    the tool has left the body: it touched last at a depth of {}, after {:.3g} s",
+                    length_in_words(1e3 * last->depth), last->t));
+}
+
+// The force is said along the push; what of it is across is said where it is more than a little.
+void tell_of_lateral_force(const RunLog& log, const Result& result) {
+  constexpr double little = 0.2;
+  if (result.history.force.empty()) return;
+  const Eigen::Map<const Wrench> on_tool(result.history.force.back().on_tool.data());
+  const double share = lateral_share(on_tool, result.model.tool.push);
+  if (!(share > little)) return;
+  const Written written = force_written(on_tool.head<3>().norm());
+  log.say(fmt::format("across   {} of the force on the tool is across its push: x {}, y {}, z {} {} (LPS)",
+                      percent(share), written.number(on_tool[0]), written.number(on_tool[1]),
+                      written.number(on_tool[2]), written.unit));
+}
+
+// Of all that is rigid beside the tool: further tools and walls.
+void tell_of_rigid(const RunLog& log, const Result& result) {
+  for (std::size_t k = 0; k < result.history.walls.size(); ++k) {
+    const Touch& rigid = result.loading.walls[k];
+    const TouchingTool::Touched& now = result.history.walls[k];
+    log.say(rigid.is_tool ? "tool     " + at_the_end_in_words(rigid.name, now)
+                          : "wall     " + in_words(rigid.name, now));
+  }
+}
+
+// What no step of the march sees alone: of a tool that touches, unless it is known why.
+void find_jump(Result& result) {
+  constexpr double much = 0.2;  // of the largest force
+  History& history = result.history;
+  if (!result.loading.touch ||
+      std::any_of(history.guards.begin(), history.guards.end(), [](const Finding& f) {
+        return f.report.code == "limit-point" || f.report.code == "tool-left";
+      }))
+    return;
+  double largest = 0.0;
+  for (const ForceSample& sample : history.force) largest = std::max(largest, std::abs(sample.force));
+  const Jump jump = largest_jump(history.force);
+  if (!(jump.force > much * largest)) return;
+  const ForceSample& at = history.force[jump.sample];
+  const Vec3 aside(at.aside[0], at.aside[1], at.aside[2]);
+  history.guards.push_back(
+      {{.fact = fmt::format("the force jumps by {:.0f} % of the largest from one equilibrium to the next",
+                            100.0 * jump.force / largest),
+        .where = fmt::format("t = {:.4g} s, indentation {:.4g} mm, {:.4g} mm across the push", at.t,
+                             1e3 * at.depth, 1e3 * aside.norm()),
+        .why = "few nodes touch the tool there, or it comes over an edge or a step of the surface",
+        .remedy = "use more nodes (--nodes), a larger tool, or a shorter way; shorter steps (--set "
+                  "solver.step_radii=0.05) show whether the force goes there smoothly",
+        .code = "jagged"},
+       jump.force / largest});
+}
+
+void keep_findings(const RunLog& log, Result& result) {
+  for (const Finding& finding : result.history.guards)
+    if (finding.is_minor)
+      log.detail(in_words(finding));
+    else
+      log.warn(in_words(finding));
+  result.findings.insert(result.findings.end(), result.history.guards.begin(), result.history.guards.end());
+}
+
+// What moves the place that is followed, in this model.
+std::optional<Interpolation> to_followed(const Result& result) {
+  if (!result.followed) return std::nullopt;
+  return inner_interpolation(result.model, result.followed->place);
+}
+
+Vec3 displacement_at(const Interpolation& place, const ForceSystem::Nodal& u) {
+  return place(u.topRows<3>()).col(0);
+}
+// What the supports feel where the tool is at that depth [m].
+void feel_supports(const ForceSystem::Nodal& f, double depth, Result& result) {
+  result.on_support.clear();
+  for (const HeldSet& support : result.loading.further) result.on_support.push_back(force_on(support, f));
+  result.on_support_at = depth;
+}
+// What is seen of one body while it is marched.
+class Watched {
+ public:
+  Watched(const Scene& scene, const Observer& observer, const MarchState* from, Result& result)
+      : result_(result),
+        observer_(observer),
+        hears_(observer),
+        place_(to_followed(result)),
+        bending_(result.model),
+        rocking_(result.model),
+        closing_(result.model, 1e-3 * scene.image.cut_gap_mm) {
+    if (place_ && from && from->u.cols() > 0)
+      result.followed->u = displacement_at(*place_, from->u);  // no frame may be left
+    hears_.frame = [this](const Frame& frame) { see(frame); };
+  }
+  Watched(const Watched&) = delete;
+  Watched& operator=(const Watched&) = delete;
+  const Observer& hears() const { return hears_; }
+  // Between the places where folds touch the banks of a cut are looked at too.
+  void tell(const RunLog& log) {
+    FoldContact::Audit& folds = result_.history.folds;
+    const bool touch = result_.loading.folds != nullptr;
+    folds.penetration = std::max(folds.penetration, touch ? closing_.deepest() : 0.0);
+    const std::string bends = bending_.warning(), rocks = bends.empty() ? rocking_.warning() : bends;
+    for (const std::string& warning : {rocks, touch ? std::string() : closing_.warning()})
+      if (!warning.empty()) log.warn(warning);
+    if (result_.loading.loads.move_the_body()) tell_of_settling(log);
+  }
+
+ private:
+  // Far from the image's shape the image says little of the body.
+  void tell_of_settling(const RunLog& log) const {
+    const double way = 1e3 * result_.history.settled;
+    log.say(fmt::format("settled  by {} at most, under the loads alone", length_in_words(way)));
+    if (result_.unloaded) return;  // they bring it back to the image
+    const Model& model = result_.model;
+    const double size = 1e3 * (model.X.rowwise().maxCoeff() - model.X.rowwise().minCoeff()).minCoeff();
+    if (way > 0.5 * size)
+      log.warn(
+          fmt::format("the loads alone move the body by up to {}, more than half of its smallest extent, {}: "
+                      "it has little of the image's shape left; see whether the loads and moduli are right, "
+                      "or say with load.imaged=loaded that the image shows it under them",
+                      length_in_words(way), length_in_words(size)));
+  }
+
+  void see(const Frame& frame) {
+    if (place_) result_.followed->u = displacement_at(*place_, frame.u);
+    // The solver knows the nodes' parameters alone, which are no displacements.
+    if (frame.number == 0 && result_.loading.loads.move_the_body())
+      result_.history.settled = node_interpolation(result_.model)(frame.u).colwise().norm().maxCoeff();
+    feel_supports(frame.f, frame.depth, result_);
+    bending_.see(frame);
+    rocking_.see(frame);
+    closing_.see(frame);
+    if (observer_.frame) observer_.frame(frame);
+  }
+
+  Result& result_;
+  const Observer& observer_;
+  Observer hears_;
+  std::optional<Interpolation> place_;
+  BendingOfPart bending_;
+  RockingOfBody rocking_;
+  ClosingCut closing_;
+};
+
+// The scene on one body after another.
+std::unique_ptr<ForceSystem> march_cut(const Scene& scene, const SolverOptions& options,
+                                       const Observer& observer, const MarchState* from, const RunLog& log,
+                                       Result& result, CutScene& cuts, const RunObserver& watching) {
+  ScenePart part = cuts.part(0);
+  Observer later = observer;
+  later.between_steps = {};  // a run that is taken up again makes its cuts again
+  for (std::size_t k = 0;; ++k) {
+    std::unique_ptr<ForceSystem> system = force_system(scene, result);
+    {
+      Watched watched(scene, k == 0 ? observer : later, k == 0 ? from : nullptr, result);
+      part.has_settled = [&] { cuts.tell(part, log, result); };
+      const Stopwatch solving;
+      try {
+        solve(result.time, *system, result.model, result.loading, options, watched.hears(), result.history,
+              k == 0 ? from : nullptr, &part);
+      } catch (...) {
+        result.solve_s += solving.seconds();
+        throw;
+      }
+      result.solve_s += solving.seconds();
+      watched.tell(log);
+    }
+    if (k == cuts.count() || result.history.interrupted) return system;
+    if (watching.before_cut) watching.before_cut(result);
+    ScenePart next;
+    cuts.cut(k, part, log, result, next);
+    part = std::move(next);
+    if (watching.after_cut) watching.after_cut(result);
+  }
+}
+
+}  // namespace
+
+std::unique_ptr<ForceSystem> march(const Scene& scene, const SolverOptions& options, const Observer& observer,
+                                   const MarchState* from, const RunLog& log, Result& result, CutScene* cuts,
+                                   const RunObserver* watching) {
+  std::optional<Watched> watched;
+  std::unique_ptr<ForceSystem> system;
+  if (!cuts) {
+    watched.emplace(scene, observer, from, result);
+    system = force_system(scene, result);
+  }
+  const Stopwatch solving;
+  try {
+    unless_stopped([&] {
+      if (cuts)
+        system = march_cut(scene, options, observer, from, log, result, *cuts, *watching);
+      else
+        solve(result.time, *system, result.model, result.loading, options, watched->hears(), result.history,
+              from);
+    });
+  } catch (const Stopped&) {
+    result.history.interrupted = true;
+  } catch (const Error&) {
+    if (!cuts) result.solve_s = solving.seconds();
+    keep_findings(log, result);  // they count also where the march ends by an error
+    throw;
+  }
+  if (!cuts) result.solve_s = solving.seconds();
+  find_jump(result);
+  keep_findings(log, result);
+  tell_of_lost_contact(log, result);
+  tell_of_lateral_force(log, result);
+  tell_of_rigid(log, result);
+  warn_of_inertia(log, result);
+  if (watched) watched->tell(log);
+  return system;
+}
+
+}  // namespace dimple
