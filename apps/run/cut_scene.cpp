@@ -203,7 +203,7 @@ void CutScene::cut(std::size_t k, const ScenePart& part, const RunLog& log, Resu
   next.near = std::move(near);
 }
 
-void CutScene::tell(const ScenePart& part, const RunLog& log, Result& result) {
+void CutScene::tell(const ScenePart& part, const RunLog& log, Solution& result) {
   CutMade& made = result.cuts.back();
   const ForceSample& now = result.history.force.back();
   made.t = now.t;

@@ -23,7 +23,7 @@
 namespace dimple {
 namespace {
 
-std::unique_ptr<ForceSystem> force_system(const Scene& scene, Result& result) {
+std::unique_ptr<ForceSystem> force_system(const Scene& scene, BuiltModel& result) {
   const Stopwatch readying;
   auto system = std::make_unique<ForceSystem>(result.model, result.tissues, scene.solver.precision);
   result.model.dphi.resize(
@@ -104,7 +104,7 @@ void find_jump(Result& result) {
        jump.force / largest});
 }
 
-void keep_findings(const RunLog& log, Result& result) {
+void keep_findings(const RunLog& log, Solution& result) {
   for (const Finding& finding : result.history.guards)
     if (finding.is_minor)
       log.detail(in_words(finding));

@@ -91,7 +91,7 @@ std::optional<RefinementEnd> end_before(Index next, Index nodes, const Level& le
 
 // The band of the only cloud that came to a force, where no finer one does: by one of half its nodes, which
 // may reach the goal.
-void compare_with_coarser(const Case& given, const Goal& goal, const Origin& from, const Result& read,
+void compare_with_coarser(const Case& given, const Goal& goal, const Origin& from, const BuiltModel& read,
                           const Stopwatch& whole, const RefinementObserver& observer, int number,
                           Refinement& found) {
   Level& finest = *found.finest;
@@ -141,7 +141,7 @@ void check_goal(const Scene& scene) {
                     .remedy = "ask for less accuracy, or for less depth than the circle's radius"});
 }
 
-std::pair<double, double> asked_for(const RefinementLevel& level, const Result& result) {
+std::pair<double, double> asked_for(const RefinementLevel& level, const Solution& result) {
   return result.followed ? std::pair(level.length, level.half_length)
                          : std::pair(std::abs(level.force), level.half);
 }

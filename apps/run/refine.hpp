@@ -69,7 +69,7 @@ void refuse_without_band(const std::string& none);
 void check_goal(const Scene& scene);
 
 /// What an accuracy is asked of, and half its band's width: of the displacement where one is asked for.
-std::pair<double, double> asked_for(const RefinementLevel& level, const Result& result);
+std::pair<double, double> asked_for(const RefinementLevel& level, const Solution& result);
 
 /// The march of a level, for who has not seen it. It becomes the result.
 void replay(Level level, const RunObserver& observer, Result& result);

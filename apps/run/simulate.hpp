@@ -104,42 +104,52 @@ struct Unloaded {
   Vec3 imaged_centre = Vec3::Zero();  ///< of the circle, likewise [m]
 };
 
-/// What came of it. Each part is there as soon as it is known: also when simulate() throws later.
-struct Result : ImageFacts {
-  LabelImage image;                      ///< until the march has begun, where the case began with one
-  Index nodes_for_band = 0;              ///< asked for by the body's folds, as nobody has; 0: not so
+/// The model, its load, and all that is known of how they were made.
+struct BuiltModel : ImageFacts {
+  LabelImage image;                      ///< until the march begins, where the case began with one
+  Index nodes_for_band = 0;              ///< required by the body's folds where none were given; 0: not so
   std::shared_ptr<const Origin> origin;  ///< of the model, where it is known
   ModelReport report;
-  std::map<std::string, std::string> chosen;      ///< option key -> what was chosen for it
+  std::map<std::string, std::string> chosen;      ///< option key -> value chosen for it
   std::map<std::string, std::string> provenance;  ///< image, its SHA-256, labels, reasons
-
   /// Complete until the march: its force system then takes over the gradients. For an accuracy the march
   /// comes before `begin`.
   Model model;
   Tissues tissues;
   Loading loading;
   TimeMode time = TimeMode::quasi_static;
+  std::optional<Unloaded> unloaded;  ///< where the body was imaged under its loads
+  double spread = 0.0;               ///< relative spread of the force by its material, +-; 0: none requested
+  Stages stages;                     ///< of the preprocessing [s]
+  /// [s] Reading the image, making the model from it, completing it; without the observer's part.
+  double read_s = 0.0, build_s = 0.0, complete_s = 0.0;
+};
+
+/// The march of a model through its load.
+struct Solution {
   std::vector<Finding> findings;  ///< of the guards: of the model, then of the march
   History history;                ///< the force curve; `interrupted` if it was asked to stop
-  /// Of the tissue on each of loading.further, at the last frame [N]; and the tool's depth there [m].
+  /// Force of the tissue on each of loading.further at the last frame [N], and the tool's depth there [m].
   std::vector<Vec3> on_support;
   double on_support_at = 0.0;
+  std::optional<Followed> followed;  ///< where a displacement is requested
+  std::vector<CutMade> cuts;         ///< by steps that have been done
+  double solve_s = 0.0;              ///< [s] without the error estimate
+};
+
+/// Errors of the force, and the warnings.
+struct Judgement {
   Band band;
   ImageError image_error;
-  std::optional<Unloaded> unloaded;  ///< where the body was imaged under its loads
-  std::optional<Followed> followed;  ///< where a displacement is asked for
-  double spread = 0.0;               ///< of the force by its material: +- this share of it; 0: not asked for
-  std::vector<CutMade> cuts;         ///< by steps that have been done
-  std::vector<RefinementLevel> levels;  ///< where an accuracy was asked for: all clouds, the last is this one
-
+  std::vector<RefinementLevel>
+      levels;  ///< where an accuracy is requested: all node sets, the last is this one
   std::vector<std::string> warnings;
-  /// The first so many are of the image; so many were there before the march.
+  /// Number of warnings about the image, and of those before the march.
   std::size_t image_warnings = 0, model_warnings = 0;
-  Stages stages;  ///< of the preprocessing [s]
-  /// [s] Reading the image, making the model from it, completing it, marching; without what an observer takes
-  /// before the march, and without the band.
-  double read_s = 0.0, build_s = 0.0, complete_s = 0.0, solve_s = 0.0;
 };
+
+/// The outcome of a case. Each part is there as soon as it is known: also when simulate() throws later.
+struct Result : BuiltModel, Solution, Judgement {};
 
 /// What a caller may want to hear of. All may be empty.
 struct RunObserver {

@@ -51,7 +51,7 @@ Json cut_json(const ImageFacts::Cut& cut) {
           {"parted", parted}};
 }
 
-Json model_json(const Result& p) {
+Json model_json(const BuiltModel& p) {
   const ModelReport& r = p.report;
   return {{"organ_volume_mm3", p.segment.voxel_volume_mm3},
           {"surface_volume_mm3", r.surface_volume_mm3},
@@ -270,7 +270,7 @@ Json report_json(const Report& r) {
   return {{"code", r.code}, {"fact", r.fact}, {"where", r.where}, {"why", r.why}, {"remedy", r.remedy}};
 }
 
-Json summary_of_image(const Scene& scene, const Result& result) {
+Json summary_of_image(const Scene& scene, const BuiltModel& result) {
   Json summary;
   summary["image"] = name_of_image(scene);
   summary["image_sha256"] = result.provenance.at("image_sha256");
@@ -294,7 +294,7 @@ Json summary_of_model(const ModelChoices& choices, const Result& result) {
   return summary;
 }
 
-std::vector<std::pair<std::string, double>> times_of(const Result& result, double read_s) {
+std::vector<std::pair<std::string, double>> times_of(const BuiltModel& result, double read_s) {
   const double surface_s = result.stages.seconds("close gaps") + result.stages.seconds("surface");
   return {{"reading", read_s + result.read_s},
           {"surface", surface_s},
@@ -501,7 +501,7 @@ void add_times(Json& summary, const Result& result, const RunTimes& times) {
   summary["real_time_factor"] = times.solve_s > 0.0 ? reached_s / times.solve_s : 0.0;
 }
 
-void add_guards(Json& summary, const Result& result) {
+void add_guards(Json& summary, const Solution& result) {
   summary["guards"] = Json::array();
   for (const Finding& finding : result.findings) {
     Json entry = report_json(finding.report);

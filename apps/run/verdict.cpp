@@ -37,7 +37,7 @@ struct Answer {
 
 // Of the guards that fired; a march that went back and found another way has been looked after by one too.
 // That a few points at a sharp rim are inverted the force hardly feels, and every fine cloud has some.
-std::set<std::string> fired(const Result& result, const std::set<std::string>& about) {
+std::set<std::string> fired(const Solution& result, const std::set<std::string>& about) {
   std::set<std::string> codes;
   for (const Finding& finding : result.findings)
     if (finding.report.code != "inverted" && !finding.is_minor && about.contains(finding.report.code))

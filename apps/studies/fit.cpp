@@ -178,8 +178,8 @@ double share_of_band(const Result& result, const MeasuredCurve& curve, const Cur
   return share;
 }
 
-std::optional<HalfSpaceCheck> half_space_check(const Result& result, const MeasuredCurve& curve, double touch,
-                                               double nu) {
+std::optional<HalfSpaceCheck> half_space_check(const BuiltModel& result, const MeasuredCurve& curve,
+                                               double touch, double nu) {
   if (!result.loading.touch || !result.origin) return std::nullopt;
   double products = 0.0, squares = 0.0;
   for (std::size_t k = 0; k < curve.depth.size(); ++k) {
