@@ -18,6 +18,7 @@ constexpr double smallest_J_of_barriers = 0.2;
 constexpr double smallest_stretch = 0.1;
 constexpr double largest_stiffening = 1e3;
 constexpr double smallest_J_of_second_stress = 0.05;
+constexpr double largest_share_of_limit = 0.98;
 
 template <class... Of>
 struct Cases : Of... {
@@ -70,6 +71,14 @@ double energy_factor(const OgdenTerm& term) {
   return 2.0 * term.mu / (term.alpha * term.alpha);
 }
 
+/// Gent's energy for mu = 1 as a function of x = tr Cbar - 3.
+Curve gent_curve(const Gent& law, double x) {
+  const double x0 = largest_share_of_limit * law.limit, at = std::min(x, x0), left = 1.0 - at / law.limit;
+  const Curve there{-0.5 * law.limit * std::log(left), 0.5 / left};
+  const double beyond = x - at, second = 0.5 / (law.limit * left * left);
+  return {there.value + beyond * (there.slope + 0.5 * second * beyond), there.slope + second * beyond};
+}
+
 /// The energy of one stretch at zero, for terms that repel it, times (1 - J / J0)^3 below J0.
 Curve collapse(const Ogden& law, double J) {
   Curve sum{0.0, 0.0};
@@ -102,6 +111,12 @@ Parts mooney_rivlin_parts(double c10, double c01, const Mat3& F, double J) {
           c10 * g.slope * C.trace() + c01 * h.slope * cofactor(F).squaredNorm()};
 }
 
+Parts gent_parts(double mu, const Gent& law, const Mat3& F, double J) {
+  const Curve g = isochoric_factor(J);
+  const double trace = F.squaredNorm(), slope = mu * gent_curve(law, g.value * trace - 3.0).slope;
+  return {2.0 * slope * g.value * Mat3::Identity(), slope * g.slope * trace};
+}
+
 Parts ogden_parts(const Ogden& law, const Mat3& F, double J) {
   const Curve g = isochoric_factor(J, least_J(law));
   const Eigen::SelfAdjointEigenSolver<Mat3> principal(F.transpose() * F);
@@ -118,7 +133,8 @@ Parts stress_parts(const Material& m, const Mat3& F, double J) {
       m, [&](const NeoHookean&) { return neo_hookean_parts(m.mu, F, J); },
       [&](const PrintedNeoHookean&) { return neo_hookean_parts(m.mu, F, J); },
       [&](const Ogden& law) { return ogden_parts(law, F, J); },
-      [&](const MooneyRivlin& law) { return mooney_rivlin_parts(0.5 * m.mu - law.c01, law.c01, F, J); });
+      [&](const MooneyRivlin& law) { return mooney_rivlin_parts(0.5 * m.mu - law.c01, law.c01, F, J); },
+      [&](const Gent& law) { return gent_parts(m.mu, law, F, J); });
 }
 
 double neo_hookean_energy(double mu, const Mat3& F, double J) {
@@ -179,6 +195,11 @@ Material mooney_rivlin(double c10, double c01, double nu, double density) {
   return {.mu = mu, .kappa = bulk_modulus(mu, nu), .density = density, .law = MooneyRivlin{c01}};
 }
 
+Material gent(double mu, double limit, double nu, double density) {
+  assert(limit > 0.0);
+  return {.mu = mu, .kappa = bulk_modulus(mu, nu), .density = density, .law = Gent{limit}};
+}
+
 bool relaxes(const std::vector<Material>& tissues) {
   return std::any_of(tissues.begin(), tissues.end(), [](const Material& m) { return !m.prony.empty(); });
 }
@@ -187,7 +208,8 @@ bool is_plain(const Material& m) {
   return m.prony.empty() &&
          ask(
              m, [](const NeoHookean&) { return true; }, [](const PrintedNeoHookean&) { return true; },
-             [](const Ogden&) { return false; }, [](const MooneyRivlin&) { return false; });
+             [](const Ogden&) { return false; }, [](const MooneyRivlin&) { return false; },
+             [](const Gent&) { return false; });
 }
 
 bool is_as_printed(const Material& m) {
@@ -212,6 +234,9 @@ LawWords words_of(const Material& m) {
       [&](const MooneyRivlin& law) {
         return LawWords{
             "mooney-rivlin", "Mooney-Rivlin", {{{"c10_Pa", 0.5 * m.mu - law.c01}, {"c01_Pa", law.c01}}}};
+      },
+      [](const Gent& law) {
+        return LawWords{"gent", "Gent", {{{"limit", law.limit}}}};
       });
 }
 
@@ -221,7 +246,10 @@ double distortional_energy(const Material& m, const Mat3& F) {
       m, [&](const NeoHookean&) { return neo_hookean_energy(m.mu, F, J); },
       [&](const PrintedNeoHookean&) { return neo_hookean_energy(m.mu, F, J); },
       [&](const Ogden& law) { return ogden_energy(law, F, J); },
-      [&](const MooneyRivlin& law) { return mooney_rivlin_energy(0.5 * m.mu - law.c01, law.c01, F, J); });
+      [&](const MooneyRivlin& law) { return mooney_rivlin_energy(0.5 * m.mu - law.c01, law.c01, F, J); },
+      [&](const Gent& law) {
+        return m.mu * gent_curve(law, isochoric_factor(J).value * F.squaredNorm() - 3.0).value;
+      });
 }
 
 Mat3 distortional_stress(const Material& m, const Mat3& F) {
@@ -382,12 +410,14 @@ void set_prony(const MaterialNumbers& m, Material& material) {
 
 Material material_from(const MaterialNumbers& m, bool as_printed) {
   const bool is_ogden = !m.ogden_mu_Pa.empty() || !m.ogden_alpha.empty();
-  const bool is_mooney_rivlin = m.mooney_c01_Pa > 0.0;
-  if (is_mooney_rivlin && is_ogden)
-    refuse_numbers("a Mooney-Rivlin constant is given beside another law", "a tissue has one law",
-                   "leave out material.mooney_c01_Pa, or the preset and the Ogden numbers");
+  const bool is_mooney_rivlin = m.mooney_c01_Pa > 0.0, is_gent = m.gent_limit > 0.0;
+  if (is_mooney_rivlin + is_gent + is_ogden > 1)
+    refuse_numbers("numbers of two laws are given", "a tissue has one law",
+                   "leave out all but one of material.mooney_c01_Pa, material.gent_limit, the preset and the "
+                   "Ogden numbers");
   Material result = is_ogden           ? ogden_from(m)
                     : is_mooney_rivlin ? mooney_rivlin_from(m)
+                    : is_gent          ? gent(m.mu_Pa, m.gent_limit, m.nu, m.density_kg_per_m3)
                                        : neo_hookean(m.mu_Pa, m.nu, m.density_kg_per_m3, as_printed);
   if (as_printed && !is_as_printed(result))
     throw UsageError({.fact = "the printed stress is of a neo-Hookean tissue",

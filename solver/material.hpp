@@ -44,7 +44,10 @@ struct Ogden {
 struct MooneyRivlin {
   double c01;  ///< [Pa] of the second invariant, 0 ... mu/2; that of the first is c10 = mu/2 - c01
 };
-using Law = std::variant<NeoHookean, PrintedNeoHookean, Ogden, MooneyRivlin>;
+struct Gent {
+  double limit;  ///< Jm > 0, the value of tr Cbar - 3 at which the chains of the tissue are straight
+};
+using Law = std::variant<NeoHookean, PrintedNeoHookean, Ogden, MooneyRivlin, Gent>;
 
 /// Isotropic, nearly incompressible solid, elastic or viscoelastic.
 struct Material {
@@ -60,6 +63,7 @@ struct MaterialNumbers {
   double mu_Pa = 210.0, nu = 0.499, density_kg_per_m3 = 1000.0;
   std::vector<double> ogden_mu_Pa, ogden_alpha;  ///< as many of both; mu_Pa is not asked then
   double mooney_c01_Pa = 0.0;                    ///< at most mu/2
+  double gent_limit = 0.0;                       ///< Jm
   std::vector<double> prony_g, prony_tau_s;      ///< as many of both
 };
 /// The law whose numbers are given, neo-Hookean if none are. `as_printed`: PrintedNeoHookean. Throws
@@ -74,6 +78,9 @@ Material ogden(std::vector<OgdenTerm> terms, double nu, double density);
 
 /// mu = 2 (c10 + c01); kappa from it and nu as above.
 Material mooney_rivlin(double c10, double c01, double nu, double density);
+
+/// Gent's law; kappa from mu and nu as above. Needs: limit > 0.
+Material gent(double mu, double limit, double nu, double density);
 
 /// The stress is that of NeoHookean, and nothing relaxes: what the quick loop of the kernel does, and what
 /// finite-element programs are given.
@@ -94,8 +101,10 @@ LawWords words_of(const Material& material);
 ///
 ///     neo-Hookean   W = mu/2 (g(J) tr C - 3)
 ///     Mooney-Rivlin W = c10 (g(J) tr C - 3) + c01 (h(J) |cof F|^2 - 3)
+///     Gent          W = mu f(g(J) tr C - 3)
 ///     Ogden         W = sum_p 2 mu_p / alpha_p^2 (sum_i s_p(g(J) l_i^2) - 3) + collapse(J)
 ///
+///     f(x)   = -Jm/2 ln(1 - x / Jm)  for x <= 0.98 Jm, above: its Taylor polynomial of second order there
 ///     g(J)   = J^(-2/3)       for J >= J0,        below: its Taylor polynomial of second order at J0
 ///     h(J)   = J^(-4/3)       likewise
 ///     s_p(c) = c^(alpha_p/2)  for c >= l0^2,      below: its Taylor polynomial of second order at l0^2
@@ -126,7 +135,13 @@ LawWords words_of(const Material& material);
 /// derivatives, so the stiffness is continuous. For J >= J0 and isochoric stretches above l0 nothing is
 /// changed.
 ///
-/// Source:   Ogden 1972; Stomakhin, Howes, Schroeder, Teran, Energetically consistent invertible elasticity,
+/// f is extended because it is infinite at x = Jm and undefined beyond, where an iterative solver may pass.
+/// At 0.98 Jm the secant stiffness is 50 times that at rest and the tangent grows with 2500 / Jm: a state in
+/// equilibrium hardly gets there, and what does is driven back. For small x the law is neo-Hookean, which it
+/// becomes as Jm grows.
+///
+/// Source:   Ogden 1972; Gent, A new constitutive relation for rubber, Rubber Chem. Technol. 69, 1996;
+/// Stomakhin, Howes, Schroeder, Teran, Energetically consistent invertible elasticity,
 ///           SCA 2012.
 /// Departs:  there the energy is extended along principal stretches with a sign, which jumps from one stretch
 ///           to another when two are equal; here in J and l^2, smooth everywhere and without a singular value
@@ -139,6 +154,7 @@ double distortional_energy(const Material& material, const Mat3& F);
 ///
 ///     neo-Hookean   P = mu g F + mu/2 g' tr C cof F                                        cof F = J F^-T
 ///     Mooney-Rivlin P = 2 F (c10 g I + c01 h (tr C I - C)) + (c10 g' tr C + c01 h' |cof F|^2) cof F
+///     Gent          P = mu f' (2 g F + g' tr C cof F)
 ///     Ogden         P = 2 g F sum_i w_i N_i N_i^T + g' (sum_i w_i l_i^2) cof F
 ///                     + collapse' cof F,    w_i = sum_p 2 mu_p / alpha_p^2 s_p'(g l_i^2)
 ///

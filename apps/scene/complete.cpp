@@ -22,7 +22,7 @@ const std::string for_all_cases = "all cases: ";
 constexpr std::array keys_of_a_preset = {
     "material.mu_Pa",       "material.nu",          "material.density_kg_per_m3",
     "material.ogden_mu_Pa", "material.ogden_alpha", "material.mooney_c01_Pa",
-    "material.prony_g",     "material.prony_tau_s"};
+    "material.gent_limit",  "material.prony_g",     "material.prony_tau_s"};
 
 bool is_of_a_preset(const Option& option) {
   return std::find(keys_of_a_preset.begin(), keys_of_a_preset.end(), option.key) != keys_of_a_preset.end();

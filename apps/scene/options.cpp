@@ -128,6 +128,8 @@ std::vector<Option> material_options(Config& c) {
       {.key = "material.mooney_c01_Pa", .unit = "Pa", .value = &c.material.mooney_c01_Pa, .most = 1e12,
        .stage = "solve",
        .help = "constant of the second invariant, at most mu/2: a Mooney-Rivlin law; 0: neo-Hookean"},
+      {.key = "material.gent_limit", .value = &c.material.gent_limit, .most = 1e6, .stage = "solve",
+       .help = "limit of tr C - 3 at constant volume, Jm: Gent's law, which stiffens towards it; 0: neo-Hookean"},
       {.key = "material.prony_g", .value = &c.material.prony_g, .stage = "solve",
        .help = "fractions of the shear modulus that relax; none: elastic"},
       {.key = "material.prony_tau_s", .unit = "s", .value = &c.material.prony_tau_s, .stage = "solve",

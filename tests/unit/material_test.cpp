@@ -26,7 +26,8 @@ const Material two_terms = ogden({{300.0, -8.0}, {120.0, 3.0}}, 0.49, 1000.0);
 /// Ogden's 1972 fit to rubber in this convention, mu_p alpha_p / 2, a thousand times softer.
 const Material three_terms = ogden({{409.5, 1.3}, {3.0, 5.0}, {10.0, -2.0}}, 0.49, 1000.0);
 const Material two_invariants = mooney_rivlin(60.0, 45.0, 0.499, 1000.0);
-const std::array laws{swine_brain, one_term, two_terms, three_terms, two_invariants};
+const Material limited = gent(120.0, 2.0, 0.499, 1000.0);
+const std::array laws{swine_brain, one_term, two_terms, three_terms, two_invariants, limited};
 const std::array ogden_laws{one_term, two_terms, three_terms};
 
 const std::vector<OgdenTerm>& terms_of(const Material& m) {
@@ -125,7 +126,7 @@ TEST(Material, IsFiniteForAnyDeformation) {
 
 TEST(Material, AnInvertedPointIsDrivenBack) {
   // By distortion alone, without the help of kappa.
-  for (const Material& m : {swine_brain, one_term, two_terms, three_terms, two_invariants,
+  for (const Material& m : {swine_brain, one_term, two_terms, three_terms, two_invariants, limited,
                             ogden({{1430.0, -19.0}}, 0.499, 1000.0)})
     for (const double across : {0.6, 0.8, 1.0, 1.5})
       for (double l = -1.0; l <= 0.1; l += 0.01) {
@@ -140,6 +141,10 @@ TEST(Material, TheStiffnessIsContinuousWhereTheEnergyIsExtended) {
     // Isochoric and with one stretch at the end of a law, or J = 0.05 or 0.2.
     std::vector<Mat3> joints{std::cbrt(0.05) * Mat3::Identity(), std::cbrt(0.2) * Mat3::Identity(),
                              Vec3(1.25, 0.8, 0.2).asDiagonal()};
+    if (const Gent* law = std::get_if<Gent>(&m.law)) {  // simple shear has tr C - 3 = gamma^2
+      joints.push_back(Mat3::Identity());
+      joints.back()(0, 2) = std::sqrt(0.98 * law->limit);
+    }
     for (const OgdenTerm& term : terms_of(m)) {
       const double l0 = term.alpha < 0.0 ? std::pow(1e3, 1.0 / (term.alpha - 2.0)) : 0.1;
       joints.push_back(Vec3(2.0, 0.5 / l0, l0).asDiagonal());
@@ -152,6 +157,46 @@ TEST(Material, TheStiffnessIsContinuousWhereTheEnergyIsExtended) {
       // One-sided: off by h times the third derivative, some hundreds of the second.
       EXPECT_LT((above - below).norm(), 1e3 * h * (above.norm() + m.mu)) << F.diagonal().transpose();
     }
+  }
+}
+
+TEST(Material, GentsLawHasItsClosedFormsAndStiffensTowardsItsLimit) {
+  // Gent 1996, with I1 - 3 of each motion: s = mu (...) / (1 - (I1 - 3) / Jm).
+  const double mu = limited.mu, Jm = std::get<Gent>(limited.law).limit;
+  for (const double l : {0.55, 0.8, 1.0, 1.3, 1.9}) {
+    const double across = 1.0 / std::sqrt(l), I1 = l * l + 2.0 / l;
+    const Mat3 F = Vec3(l, across, across).asDiagonal(),
+               sigma = distortional_stress(limited, F) * F.transpose();
+    EXPECT_NEAR(sigma(0, 0) - sigma(1, 1), mu * (l * l - 1.0 / l) / (1.0 - (I1 - 3.0) / Jm), 1e-11 * mu) << l;
+    EXPECT_NEAR(distortional_energy(limited, F), -0.5 * mu * Jm * std::log(1.0 - (I1 - 3.0) / Jm), 1e-11 * mu)
+        << l;
+  }
+  for (const double gamma : {-1.2, -0.3, 0.1, 0.9, 1.39}) {
+    Mat3 F = Mat3::Identity();
+    F(0, 1) = gamma;
+    const Mat3 sigma = distortional_stress(limited, F) * F.transpose();
+    EXPECT_NEAR(sigma(0, 1), mu * gamma / (1.0 - gamma * gamma / Jm),
+                1e-11 * mu / (1.0 - gamma * gamma / Jm));
+  }
+  for (const double l : {0.4, 0.7, 1.2, 2.0}) {  // confined
+    const double x = std::pow(l, -2.0 / 3.0) * (2.0 + l * l) - 3.0;
+    const double slope = -2.0 / 3.0 * std::pow(l, -5.0 / 3.0) * (2.0 + l * l) + 2.0 * std::cbrt(l);
+    const Mat3 F = Vec3(1.0, 1.0, l).asDiagonal();
+    EXPECT_NEAR(distortional_stress(limited, F)(2, 2), 0.5 * mu * slope / (1.0 - x / Jm), 1e-11 * mu) << l;
+  }
+  // Without a limit it is neo-Hookean; beyond its limit the stress grows on and stays finite.
+  const Mat3 F = Vec3(1.2, 0.9, 1.0).asDiagonal();
+  EXPECT_LT((distortional_stress(gent(120.0, 1e9, 0.499, 1000.0), F) -
+             distortional_stress(neo_hookean(120.0, 0.499, 1000.0), F))
+                .norm(),
+            1e-6 * mu);
+  double last = 0.0;
+  for (double gamma = 1.3; gamma < 3.0; gamma += 0.05) {
+    Mat3 at = Mat3::Identity();
+    at(0, 1) = gamma;
+    const double stress = (distortional_stress(limited, at) * at.transpose())(0, 1);
+    EXPECT_GT(stress, last);
+    last = stress;
   }
 }
 
