@@ -24,15 +24,17 @@ Command add_fit(CLI::App& app, Invocation& shared) {
       ->required();
   add_over_results(*command, shared, false);
   command
-      ->add_option("--curve", options->curve,
-                   "CSV with indentation_mm and force_N (or force_mN), and time_s if it is known: one "
-                   "loading, from contact")
+      ->add_option(
+          "--curve", options->curve,
+          "CSV with indentation_mm (or _um) and force_N (or _mN, _uN, _nN), and time_s if it is known: one "
+          "loading, from contact; with a column sample: many curves of one scene, fitted one by one")
       ->required();
   command
       ->add_option(
           "--of", options->fit.of,
           "what is looked for: mu, by one run; mu,touch: where the tool first touched too, by the same run; "
-          "mu,alpha: Ogden's exponent too; mu,g,tau: one Prony term too")
+          "mu,alpha: Ogden's exponent too; mu,limit: the limit of Gent's law too; mu,g,tau: one Prony term "
+          "too")
       ->capture_default_str();
   options->flags.add(*command, "fit");
   add_common(*command, shared);

@@ -149,7 +149,7 @@ std::string why_no_band(const Scene& scene) {
 }
 
 std::string why_no_band(const Scene& scene, const Organ& organ, const Boundary& boundary,
-                        const BuiltModel& result) {
+                        const LoadedModel& result) {
   if (result.time != TimeMode::quasi_static) return not_for_dynamics;
   if (const std::string none = why_no_band(scene, in_use(result.tissues)); !none.empty()) return none;
   constexpr double straight = 0.9998;  // a degree
@@ -170,7 +170,7 @@ std::string why_no_labels(const Scene& scene, const Origin& origin) {
   return "the second set of nodes needs the labels of the image, which were not kept";
 }
 
-std::string why_no_band_after(const Scene& scene, const BuiltModel& result) {
+std::string why_no_band_after(const Scene& scene, const LoadedModel& result) {
   const Origin* origin = result.origin.get();
   if (!origin) return "a model's files hold one set of nodes, and the estimate needs two";
   if (const std::string none = why_no_labels(scene, *origin); !none.empty()) return none;

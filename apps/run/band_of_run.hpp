@@ -13,9 +13,9 @@ std::string why_no_band(const Scene& scene);
 /// Likewise, once it is known how time is followed and what the body looks like. `boundary`: in the surface's
 /// frame.
 std::string why_no_band(const Scene& scene, const Organ& organ, const Boundary& boundary,
-                        const BuiltModel& result);
+                        const LoadedModel& result);
 /// Likewise, of a march that has come to its end. `scene`: with the choices that its model was made with.
-std::string why_no_band_after(const Scene& scene, const BuiltModel& result);
+std::string why_no_band_after(const Scene& scene, const LoadedModel& result);
 
 /// That other clouds need the labels of an origin's image, and that these are not there; or nothing.
 std::string why_no_labels(const Scene& scene, const Origin& origin);

@@ -17,30 +17,37 @@ namespace {
 namespace fs = std::filesystem;
 
 // What the options take too.
-constexpr double deepest_mm = 1000.0;
+constexpr double deepest_m = 1.0;
 
 [[noreturn]] void refuse_run(const fs::path& file, const std::string& fact, const std::string& why,
                              const std::string& remedy) {
   throw InputError({.fact = fact, .where = file.string(), .why = why, .remedy = remedy, .code = "bad-curve"});
 }
 
-// In newtons.
-std::vector<double> forces_in(const Table& table, const fs::path& file) {
-  const auto *newtons = table.find("force_N"), *milli = table.find("force_mN");
-  if (!table.find("indentation_mm") || (!newtons && !milli))
+// The column of that quantity in SI units, whose name ends with its unit.
+std::vector<double> in_si(const Table& table, const fs::path& file, const std::string& quantity,
+                          const std::vector<std::pair<const char*, double>>& units) {
+  const std::vector<double>* found = nullptr;
+  double factor = 1.0;
+  std::string names, first;
+  for (const auto& [unit, si] : units) {
+    const std::string name = quantity + "_" + unit;
+    names += (names.empty() ? "" : ", ") + name;
+    const std::vector<double>* column = table.find(name);
+    if (!column) continue;
+    if (found)
+      refuse_run(file, fmt::format("there are two columns of one quantity, {} and {}", first, name),
+                 "one of them would be ignored", "leave one of them out");
+    found = column, factor = si, first = name;
+  }
+  if (!found)
     refuse_run(
-        file,
-        fmt::format("there is no column {}", table.find("indentation_mm") ? "force_N" : "indentation_mm"),
+        file, fmt::format("there is no column {}_{}", quantity, units.front().first),
         fmt::format("the columns are named {}, and a unit is not guessed", fmt::join(table.header, ", ")),
-        "name them indentation_mm and force_N (or force_mN), and convert the numbers where they are in "
-        "other units");
-  if (newtons && milli)
-    refuse_run(file, "there are two forces, force_N and force_mN", "one of them would be ignored",
-               "leave one of them out");
-  std::vector<double> forces = newtons ? *newtons : *milli;
-  if (!newtons)
-    for (double& force : forces) force *= 1e-3;
-  return forces;
+        fmt::format("name it one of {}, and convert the numbers where they are in other units", names));
+  std::vector<double> values = *found;
+  for (double& value : values) value *= factor;
+  return values;
 }
 
 // Means of groups of rows that follow each other; the last row alone.
@@ -67,43 +74,39 @@ void average(MeasuredCurve& curve) {
                   group, curve.depth.size());
 }
 
-}  // namespace
-
-MeasuredCurve read_measured_curve(const fs::path& file) {
-  const Table table = read_csv(file);
-  const std::vector<double> force = forces_in(table, file);
-  const std::vector<double>& depth = *table.find("indentation_mm");
-  const auto* time = table.find("time_s");
+// The rows of one loading; depth [m], force [N], time [s] or none.
+MeasuredCurve loading_in(const fs::path& file, const std::vector<double>& depth,
+                         const std::vector<double>& force, const std::vector<double>& time) {
   const auto deepest = std::max_element(depth.begin(), depth.end());
   if (deepest == depth.end() || !(*deepest > 0.0))
     refuse_run(file, "no row has an indentation above 0", "a curve needs forces at depths",
                "count the indentation from the first contact, positive into the tissue");
-  if (*deepest > deepest_mm)
-    refuse_run(file, fmt::format("the curve is {:g} mm deep", *deepest), "no organ is",
-               "give indentation_mm in millimetres");
+  if (*deepest > deepest_m)
+    refuse_run(file, fmt::format("the curve is {:g} mm deep", 1e3 * *deepest), "no organ is",
+               "give the indentation in the unit of its column");
   MeasuredCurve curve{.name = file.filename().string()};
   const auto last = static_cast<std::size_t>(deepest - depth.begin());
   for (std::size_t k = 0; k <= last; ++k) {
     if (!(depth[k] > 0.0)) {
       if (curve.depth.empty()) continue;  // before contact
-      refuse_run(file, fmt::format("row {} is at {:g} mm, after deeper ones", k + 1, depth[k]),
+      refuse_run(file, fmt::format("row {} is at {:g} mm, after deeper ones", k + 1, 1e3 * depth[k]),
                  "a curve is one loading: its depths rise",
                  "cut the file before that row, and keep one cycle of loading");
     }
-    if (!curve.depth.empty() && !(1e-3 * depth[k] > curve.depth.back()))
+    if (!curve.depth.empty() && !(depth[k] > curve.depth.back()))
       refuse_run(file,
                  fmt::format("row {} is at {:g} mm, the one before at {:g} mm, and deeper ones follow", k + 1,
-                             depth[k], 1e3 * curve.depth.back()),
+                             1e3 * depth[k], 1e3 * curve.depth.back()),
                  "a curve is one loading: its depths rise",
                  "keep one cycle of loading; where the sensor's noise does it, average over rows");
-    curve.depth.push_back(1e-3 * depth[k]);
+    curve.depth.push_back(depth[k]);
     curve.force.push_back(force[k]);
-    if (time) curve.time.push_back((*time)[k]);
+    if (!time.empty()) curve.time.push_back(time[k]);
   }
   if (const std::size_t after = depth.size() - last - 1; after > 0)
     curve.left_out = fmt::format(
         "{} of {} rows, which come after the largest depth, {:g} mm, are left out: they are no loading",
-        after, depth.size(), *deepest);
+        after, depth.size(), 1e3 * *deepest);
   double sum = 0.0;
   for (const double f : curve.force) sum += f;
   if (!(sum > 0.0))
@@ -114,6 +117,38 @@ MeasuredCurve read_measured_curve(const fs::path& file) {
                                : "turn the sign of the force, or bring the rows into the order of loading");
   average(curve);
   return curve;
+}
+
+}  // namespace
+
+std::vector<MeasuredCurve> read_measured_curves(const fs::path& file) {
+  const Table table = read_csv(file);
+  const std::vector<double> depth = in_si(table, file, "indentation", {{"mm", 1e-3}, {"um", 1e-6}});
+  const std::vector<double> force =
+      in_si(table, file, "force", {{"N", 1.0}, {"mN", 1e-3}, {"uN", 1e-6}, {"nN", 1e-9}});
+  const auto *time = table.find("time_s"), *sample = table.find("sample");
+  std::vector<MeasuredCurve> curves;
+  std::size_t from = 0, to = 0;
+  do {  // without a row, one empty curve, which is refused
+    while (to < depth.size() && (!sample || (*sample)[to] == (*sample)[from])) ++to;
+    const auto rows = [&](const std::vector<double>& all) {
+      return std::vector(all.data() + from, all.data() + to);
+    };
+    fs::path name = file;
+    if (sample && to > from) name += fmt::format(", sample {:g}", (*sample)[from]);
+    curves.push_back(loading_in(name, rows(depth), rows(force), time ? rows(*time) : std::vector<double>()));
+    if (sample && to > from) curves.back().sample = (*sample)[from];
+    from = to;
+  } while (to < depth.size());
+  return curves;
+}
+
+MeasuredCurve read_measured_curve(const fs::path& file) {
+  std::vector<MeasuredCurve> curves = read_measured_curves(file);
+  if (curves.size() != 1)
+    refuse_run(file, fmt::format("the file holds {} curves", curves.size()), "one is compared with one run",
+               "keep the rows of one sample");
+  return std::move(curves.front());
 }
 
 double ramp_rate(const MeasuredCurve& curve) {

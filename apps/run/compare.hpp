@@ -15,6 +15,7 @@ namespace dimple {
 /// the largest depth.
 struct MeasuredCurve {
   std::string name = {};                       ///< of its file, or the word that stands for it
+  double sample = 0.0;                         ///< number of the sample, where the file holds many
   std::vector<double> depth = {}, force = {};  ///< [m] above 0, [N]
   std::vector<double> time = {};               ///< [s], as many, or none
   std::vector<std::string> row_name = {};      ///< as many, or none where the depths tell the rows apart
@@ -26,11 +27,14 @@ struct MeasuredCurve {
 /// A sensor's rows beyond this many say no more of a curve.
 inline constexpr std::size_t most_rows_of_curve = 4000;
 
-/// Reads a CSV with the columns indentation_mm and force_N (or force_mN), and time_s if there is one. Depths
-/// rise until the largest; what comes after it, a hold or the unloading, is left out. Of more than
-/// most_rows_of_curve rows groups of one size are averaged, but for the deepest, which stays. Throws
-/// InputError: no such columns, depths that fall and rise again, no depth above 0, forces that do not resist.
+/// Reads a CSV with the columns indentation_mm (or _um) and force_N (or _mN, _uN, _nN), and time_s if there
+/// is one. Depths rise until the largest; what comes after it, a hold or the unloading, is left out. Of more
+/// than most_rows_of_curve rows groups of one size are averaged, except for the deepest, which stays. Throws
+/// InputError: no such columns, depths that fall and rise again, no depth above 0, forces that do not resist,
+/// several curves.
 MeasuredCurve read_measured_curve(const std::filesystem::path& file);
+/// One curve for each run of rows with the same number in the column sample; without that column, one.
+std::vector<MeasuredCurve> read_measured_curves(const std::filesystem::path& file);
 
 /// Speed of the tool [m/s]. Throws InputError: the curve has no times, they do not rise, or the depth is not
 /// proportional to the time since contact within 5 % of the largest.

@@ -165,7 +165,7 @@ void look_under(const Touch& touch, const Surface& surface, const Vec3& push, do
 
 namespace {
 
-std::string why_no_image_error(const Scene& scene, const BuiltModel& result) {
+std::string why_no_image_error(const Scene& scene, const LoadedModel& result) {
   if (!result.origin || result.voxel_edges_mm.isZero(0.0)) return "the model was made without its image";
   if (result.time != TimeMode::quasi_static) return "it was calibrated for equilibrium, not for dynamics";
   if (!scene.walls.empty() || !scene.steps.empty() || !has_tool_alone(scene))

@@ -74,7 +74,7 @@ void tell_of_first_touch(const RunLog& log, const Scene& scene, const Model& mod
 }
 
 // Steps go from equilibrium to equilibrium, whatever they last.
-void tell_of_fast_steps(const RunLog& log, const BuiltModel& result) {
+void tell_of_fast_steps(const RunLog& log, const LoadedModel& result) {
   const double crossing = shear_crossing_time(result.tissues, result.model);
   for (const Step& step : result.loading.steps)
     if (step.lasts > 0.0 && step.lasts < slow_load * crossing && !step.holds())
@@ -91,7 +91,7 @@ void check_without_equilibrium(const Scene& scene) {
 }
 
 // As scene.solver.time asks: "auto" looks at how long the load lasts.
-TimeMode time_of(const Scene& scene, const RunLog& log, const BuiltModel& result) {
+TimeMode time_of(const Scene& scene, const RunLog& log, const LoadedModel& result) {
   using Time = Scene::Numerics::Time;
   const Time asked = scene.solver.time;
   if (asked == Time::quasi_static) return TimeMode::quasi_static;
@@ -137,7 +137,7 @@ void tell_of_damping(const Scene& scene, const RunLog& log, TimeMode mode) {
                     "nothing damps (--time explicit does)",
                     plain(scene.solver.damping_per_s)));
 }
-void stand_walls(const Case& given, const RunLog& log, BuiltModel& result) {
+void stand_walls(const Case& given, const RunLog& log, LoadedModel& result) {
   if (given.scene.walls.empty()) return;
   log.doing("walls");
   const LabelImage& image = result.image.run.empty() && result.origin ? result.origin->image : result.image;
@@ -149,7 +149,7 @@ void stand_walls(const Case& given, const RunLog& log, BuiltModel& result) {
 }
 
 // To where it first touches.
-void bring_tool(const Scene& scene, const RunLog& log, BuiltModel& result) {
+void bring_tool(const Scene& scene, const RunLog& log, LoadedModel& result) {
   const Model& model = result.model;
   const bool moved = result.loading.loads.move_the_body();
   if (moved) {
@@ -187,7 +187,7 @@ void warn_of_stiff_tissue(const RunLog& log, const Tissues& tissues) {
 }
 
 // Supports, loads, steps, tools and walls of the scene, on the complete model.
-void make_loading(const Case& given, Supports supports, const RunLog& log, BuiltModel& result) {
+void make_loading(const Case& given, Supports supports, const RunLog& log, LoadedModel& result) {
   const Scene& scene = given.scene;
   const Model& model = result.model;
   Loading& loading = result.loading = loading_of(scene);
@@ -233,7 +233,7 @@ void tell_of_tissues(const Scene& scene, const RunLog& log, const Tissues& tissu
   if (const std::string preset = scene.material.beside_preset; !preset.empty()) log.say("preset   " + preset);
 }
 
-void tell_of_load(const Scene& scene, const RunLog& log, const BuiltModel& result) {
+void tell_of_load(const Scene& scene, const RunLog& log, const LoadedModel& result) {
   const Loading& loading = result.loading;
   const SolverOptions options = solver_options(scene);
   for (const Membrane& film : loading.loads.membrane) log.say("membrane " + in_words(film));

@@ -23,7 +23,7 @@
 namespace dimple {
 namespace {
 
-std::unique_ptr<ForceSystem> force_system(const Scene& scene, BuiltModel& result) {
+std::unique_ptr<ForceSystem> force_system(const Scene& scene, LoadedModel& result) {
   const Stopwatch readying;
   auto system = std::make_unique<ForceSystem>(result.model, result.tissues, scene.solver.precision);
   result.model.dphi.resize(

@@ -211,7 +211,7 @@ std::string sha256_of_image(const ModelChoices& choices, const LabelImage& image
   return sha256(bytes);
 }
 
-Work work_of(const Scene& scene, const BuiltModel& result) {
+Work work_of(const Scene& scene, const LoadedModel& result) {
   const bool placed = result.model.node_count() > 0;
   const double nodes = static_cast<double>(placed ? result.model.node_count() : scene.cloud.nodes);
   const Wanted wanted = wanted_of(scene);
@@ -419,7 +419,7 @@ void warn_of_parted(const RunLog& log, const std::vector<CutPiece>& parted) {
 
 // Base and tool have their places on the body as it was before, `uncut` where that is another.
 void cut_organ(const Scene& scene, const std::vector<TriangleMesh>& blades, const SegmentedBody& uncut,
-               Organ& organ, BuiltModel& result) {
+               Organ& organ, LoadedModel& result) {
   const BodySurface &before = uncut.surface, &body = organ.body->surface;
   Site site{find_boundary(before, organ.options.boundary), {}, {}};
   auto [surface, removed_mm3, area_mm2, parted, taken] =
@@ -464,7 +464,7 @@ SegmentedBody without_labels(const Scene& scene, const LabelImage& image, const 
 }  // namespace
 
 Organ cut_by_steps(const Scene& scene, const Organ& whole, const LabelImage& image, const StepCuts& cuts,
-                   const RunLog& log, BuiltModel& result) {
+                   const RunLog& log, LoadedModel& result) {
   const Stopwatch cutting;
   Organ organ = whole;
   if (!cuts.labels.empty()) {
@@ -500,7 +500,7 @@ Organ cut_by_steps(const Scene& scene, const Organ& whole, const LabelImage& ima
   return organ;
 }
 
-void find_site(const Scene& scene, const RunLog& log, Organ& organ, BuiltModel& result) {
+void find_site(const Scene& scene, const RunLog& log, Organ& organ, LoadedModel& result) {
   const Stopwatch finding;
   log.begin(Part::cloud, scene);
   if (has_cuts(scene)) {
@@ -516,7 +516,7 @@ void find_site(const Scene& scene, const RunLog& log, Organ& organ, BuiltModel& 
 }
 
 Discretisation place_nodes(const Scene& scene, const Organ& organ, const ModelOptions& options,
-                           const LabelImage& image, const RunLog& log, BuiltModel& result,
+                           const LabelImage& image, const RunLog& log, LoadedModel& result,
                            const Discretised* made) {
   const Stopwatch building;
   const SegmentReport& segment = result.segment;

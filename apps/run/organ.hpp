@@ -14,7 +14,7 @@ namespace dimple {
 // What simulate() is made of, up to the places of nodes and points.
 
 /// As far as it is known yet.
-Work work_of(const Scene& scene, const BuiltModel& result);
+Work work_of(const Scene& scene, const LoadedModel& result);
 
 /// What is told to the observer; warnings are kept too.
 struct RunLog {
@@ -75,7 +75,7 @@ struct ReadOrgan {
 };
 ReadOrgan read_once(const Case& given, const RunObserver& observer);
 /// What was made in the run of a case on that organ; null where it was cut, or its loads were taken off it.
-std::shared_ptr<const ReadOrgan::Made> made_in(const Scene& scene, const BuiltModel& found);
+std::shared_ptr<const ReadOrgan::Made> made_in(const Scene& scene, const LoadedModel& found);
 
 /// What a model in memory was made from, and what else its clouds are made from.
 struct Origin {
@@ -95,7 +95,7 @@ Organ read_organ(const Case& given, const ModelOptions& options, const RunLog& l
 LabelAt labels_of(const Scene& scene, const Organ& organ, const LabelImage& image);
 
 /// Where the organ rests and the tool stands, under its options.
-void find_site(const Scene& scene, const RunLog& log, Organ& organ, BuiltModel& result);
+void find_site(const Scene& scene, const RunLog& log, Organ& organ, LoadedModel& result);
 
 /// What steps of a scene have cut, all of them so far.
 struct StepCuts {
@@ -108,12 +108,12 @@ struct StepCuts {
 /// it. The result's labels and cut become those of the organ that is left. Throws ModelError ("cut"),
 /// InputError: there is no such label.
 Organ cut_by_steps(const Scene& scene, const Organ& whole, const LabelImage& image, const StepCuts& cuts,
-                   const RunLog& log, BuiltModel& result);
+                   const RunLog& log, LoadedModel& result);
 
 /// Nodes, points, base and circle of an organ whose site is known; `options` differ from the organ's in the
 /// number of nodes, if at all. Adds them to the provenance of the image. `made`: the same, if it is known.
 Discretisation place_nodes(const Scene& scene, const Organ& organ, const ModelOptions& options,
-                           const LabelImage& image, const RunLog& log, BuiltModel& result,
+                           const LabelImage& image, const RunLog& log, LoadedModel& result,
                            const Discretised* made = nullptr);
 
 }  // namespace dimple

@@ -19,7 +19,7 @@ namespace dimple {
 namespace {
 
 // Without --nodes, a folded body gets as many as its error bounds need, and a punch as its edge needs.
-void take_nodes_for_band(const Scene& scene, const RunLog& log, ModelOptions& options, BuiltModel& result) {
+void take_nodes_for_band(const Scene& scene, const RunLog& log, ModelOptions& options, LoadedModel& result) {
   const Index of_tool = fewest_nodes_under_tool(scene), of_body = fewest_nodes_with_band(result.facing_share),
               fewest = std::max(of_tool, of_body);
   if (scene.given.nodes || !options.scheme.pressure_patches || options.cloud.count >= fewest) return;
@@ -83,7 +83,7 @@ Organ taken_again(const Case& given, Result& result) {
 }
 
 // A place that meets nothing may be on a piece that was dropped.
-void find_site_on_kept(const Scene& scene, const RunLog& log, Organ& organ, BuiltModel& result) {
+void find_site_on_kept(const Scene& scene, const RunLog& log, Organ& organ, LoadedModel& result) {
   try {
     find_site(scene, log, organ, result);
   } catch (const ModelError& error) {
@@ -146,7 +146,7 @@ Placed place(Index nodes, const Scene& scene, const Organ& organ, const LabelIma
   return {place_nodes(scene, organ, options, image, log, result), options.scheme, organ.label_names};
 }
 
-void complete(const Scene& scene, Placed placed, const RunLog& log, BuiltModel& result) {
+void complete(const Scene& scene, Placed placed, const RunLog& log, LoadedModel& result) {
   const Stopwatch completing;
   const TissueOptions tissues = tissues_of(scene, placed.label_names, placed.places, result.cut.labels);
   log.begin(Part::supports, scene);
@@ -175,7 +175,7 @@ std::optional<Followed> followed_in(const Scene& scene, const Organ& organ) {
   return Followed{.place = *place};
 }
 
-std::shared_ptr<const ReadOrgan::Made> made_in(const Scene& scene, const BuiltModel& found) {
+std::shared_ptr<const ReadOrgan::Made> made_in(const Scene& scene, const LoadedModel& found) {
   if (has_cuts(scene) || found.unloaded || !found.origin || !scene.base_is_held) return {};
   ReadOrgan::Made made{.scene = scene,
                        .site = found.origin->organ.site,

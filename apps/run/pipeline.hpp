@@ -30,7 +30,7 @@ Placed place(Index nodes, const Scene& scene, const Organ& organ, const LabelIma
              Result& result);
 
 /// From places to a model that is complete.
-void complete(const Scene& scene, Placed placed, const RunLog& log, BuiltModel& result);
+void complete(const Scene& scene, Placed placed, const RunLog& log, LoadedModel& result);
 /// The same, and to a load that is accepted. Throws UsageError, ModelError: it is not.
 void make_ready(const Case& given, Placed placed, const RunLog& log, Result& result);
 

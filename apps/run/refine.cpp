@@ -91,7 +91,7 @@ std::optional<RefinementEnd> end_before(Index next, Index nodes, const Level& le
 
 // The band of the only cloud that came to a force, where no finer one does: by one of half its nodes, which
 // may reach the goal.
-void compare_with_coarser(const Case& given, const Goal& goal, const Origin& from, const BuiltModel& read,
+void compare_with_coarser(const Case& given, const Goal& goal, const Origin& from, const LoadedModel& read,
                           const Stopwatch& whole, const RefinementObserver& observer, int number,
                           Refinement& found) {
   Level& finest = *found.finest;

@@ -55,7 +55,7 @@ std::string supports_in_words(const std::vector<HeldSet>& supports) {
   return fmt::format("{}", fmt::join(words, "; "));
 }
 
-std::string cuts_in_words(const BuiltModel& result) {
+std::string cuts_in_words(const LoadedModel& result) {
   const double area = result.cut.area_mm2, removed = result.cut.removed_mm3;
   std::vector<std::string> words;
   if (area > 0.0) words.push_back(fmt::format("{} mm2", three_digits(area)));
@@ -164,7 +164,7 @@ std::string time_in_words(TimeMode mode, double crossings, bool shallow) {
       shallow ? "; the load is short, but its tool is slow; --time explicit follows the waves" : "");
 }
 
-void ask_for_units(const RunLog& log, const Scene& scene, const BuiltModel& result) {
+void ask_for_units(const RunLog& log, const Scene& scene, const LoadedModel& result) {
   constexpr double shallowest_mm = 0.05, softest_Pa = 5.0, thinnest_film_mm = 0.005, softest_film_Pa = 1e3;
   const auto ask = [&](const std::string& what, const std::string& least, const std::string& option,
                        const char* unit) {

@@ -25,7 +25,7 @@ std::string time_in_words(TimeMode mode, double crossings, bool shallow);
 
 /// Asks for the unit of numbers that look like metres or kPa: a depth, a tool, a modulus or a film that is
 /// smaller than any of soft tissue.
-void ask_for_units(const RunLog& log, const Scene& scene, const BuiltModel& result);
+void ask_for_units(const RunLog& log, const Scene& scene, const LoadedModel& result);
 /// Warns where the base does not bear the tool's force at the end of a march with inertia.
 void warn_of_inertia(const RunLog& log, const Result& result);
 

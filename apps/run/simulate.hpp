@@ -104,8 +104,8 @@ struct Unloaded {
   Vec3 imaged_centre = Vec3::Zero();  ///< of the circle, likewise [m]
 };
 
-/// The model, its load, and all that is known of how they were made.
-struct BuiltModel : ImageFacts {
+/// The model under its load, and all that is known of how both were made.
+struct LoadedModel : ImageFacts {
   LabelImage image;                      ///< until the march begins, where the case began with one
   Index nodes_for_band = 0;              ///< required by the body's folds where none were given; 0: not so
   std::shared_ptr<const Origin> origin;  ///< of the model, where it is known
@@ -149,7 +149,7 @@ struct Judgement {
 };
 
 /// The outcome of a case. Each part is there as soon as it is known: also when simulate() throws later.
-struct Result : BuiltModel, Solution, Judgement {};
+struct Result : LoadedModel, Solution, Judgement {};
 
 /// What a caller may want to hear of. All may be empty.
 struct RunObserver {

@@ -51,7 +51,7 @@ Json cut_json(const ImageFacts::Cut& cut) {
           {"parted", parted}};
 }
 
-Json model_json(const BuiltModel& p) {
+Json model_json(const LoadedModel& p) {
   const ModelReport& r = p.report;
   return {{"organ_volume_mm3", p.segment.voxel_volume_mm3},
           {"surface_volume_mm3", r.surface_volume_mm3},
@@ -270,7 +270,7 @@ Json report_json(const Report& r) {
   return {{"code", r.code}, {"fact", r.fact}, {"where", r.where}, {"why", r.why}, {"remedy", r.remedy}};
 }
 
-Json summary_of_image(const Scene& scene, const BuiltModel& result) {
+Json summary_of_image(const Scene& scene, const LoadedModel& result) {
   Json summary;
   summary["image"] = name_of_image(scene);
   summary["image_sha256"] = result.provenance.at("image_sha256");
@@ -294,7 +294,7 @@ Json summary_of_model(const ModelChoices& choices, const Result& result) {
   return summary;
 }
 
-std::vector<std::pair<std::string, double>> times_of(const BuiltModel& result, double read_s) {
+std::vector<std::pair<std::string, double>> times_of(const LoadedModel& result, double read_s) {
   const double surface_s = result.stages.seconds("close gaps") + result.stages.seconds("surface");
   return {{"reading", read_s + result.read_s},
           {"surface", surface_s},

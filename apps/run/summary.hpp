@@ -21,12 +21,12 @@ std::string as_text(const Json& json);
 Json report_json(const Report& report);
 
 /// Of a run that began with an image: what was taken from it, and the model's report.
-Json summary_of_image(const Scene& scene, const BuiltModel& result);
+Json summary_of_image(const Scene& scene, const LoadedModel& result);
 /// Of `dimple model`.
 Json summary_of_model(const ModelChoices& choices, const Result& result);
 
 /// [s] Where the time of a run went that has made its own model, up to its march; `read_s`: before that.
-std::vector<std::pair<std::string, double>> times_of(const BuiltModel& result, double read_s);
+std::vector<std::pair<std::string, double>> times_of(const LoadedModel& result, double read_s);
 
 /// [s] Of all parts of a run that was resumed together.
 struct RunTimes {

@@ -65,7 +65,7 @@ struct Equilibrium {
   std::vector<Mat3> F;         // at the points
 };
 
-Equilibrium under_loads(const Scene& scene, const std::vector<HeldSet>& further, const BuiltModel& result,
+Equilibrium under_loads(const Scene& scene, const std::vector<HeldSet>& further, const LoadedModel& result,
                         const Surface& imaged) {
   const Model& model = result.model;
   const ForceSystem tissue(model, result.tissues, scene.solver.precision);
@@ -120,7 +120,7 @@ void check_imaged(const Scene& scene, const ModelFiles* model) {
 }
 
 void take_loads_off(const Scene& scene, const std::vector<HeldSet>& further,
-                    const std::vector<double>& density, const RunLog& log, BuiltModel& result) {
+                    const std::vector<double>& density, const RunLog& log, LoadedModel& result) {
   if (!was_loaded(scene)) return;
   if (folds_touch(scene, result.facing_share))
     refuse("folds that touch stand beside a body that was imaged under its loads",

@@ -22,6 +22,6 @@ void check_imaged(const Scene& scene, const ModelFiles* model);
 ///
 /// Source:   Sellier, Comput. Methods Appl. Mech. Eng. 200 (2011) 1843 (the inverse problem by fixed points).
 void take_loads_off(const Scene& scene, const std::vector<HeldSet>& further,
-                    const std::vector<double>& density, const RunLog& log, BuiltModel& result);
+                    const std::vector<double>& density, const RunLog& log, LoadedModel& result);
 
 }  // namespace dimple

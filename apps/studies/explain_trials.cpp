@@ -28,7 +28,7 @@ std::string vector_text(const Vec3& v) {
 }
 
 // [m]
-Vec3 centre_in_image(const BuiltModel& found) {
+Vec3 centre_in_image(const LoadedModel& found) {
   return found.unloaded ? found.unloaded->imaged_centre : found.model.tool.centre;
 }
 
@@ -225,7 +225,7 @@ void add_one_material(std::vector<Trial>& trials, const Unchanged& u) {
 
 }  // namespace
 
-Scene pinned(Scene scene, const BuiltModel& found, const Vec3& down) {
+Scene pinned(Scene scene, const LoadedModel& found, const Vec3& down) {
   const auto& tool = found.model.tool;
   scene.boundary.indent_at = vector_text(1e3 * centre_in_image(found));
   scene.boundary.direction = vector_text(tool.push);
@@ -255,7 +255,7 @@ std::vector<Trial> trials_of(const Unchanged& unchanged) {
   return trials;
 }
 
-std::string left_out(const Trial& trial, const BuiltModel& now, const BuiltModel& found) {
+std::string left_out(const Trial& trial, const LoadedModel& now, const LoadedModel& found) {
   if (trial.what == "folds" && trial.given.scene.image.close_mm > 0.0 && now.closed_mm3 == 0.0)
     return "no gap is that narrow";
   if (const Scene& scene = trial.given.scene;

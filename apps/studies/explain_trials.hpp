@@ -31,12 +31,12 @@ struct Unchanged {
 };
 
 /// The scene as it was found, with its places as numbers: a change of the body does not move the tool.
-Scene pinned(Scene scene, const BuiltModel& found, const Vec3& down);
+Scene pinned(Scene scene, const LoadedModel& found, const Vec3& down);
 
 /// All trials, in the order in which they are run.
 std::vector<Trial> trials_of(const Unchanged& unchanged);
 
 /// Why a trial has nothing to say: its change has changed nothing. Empty: it has.
-std::string left_out(const Trial& trial, const BuiltModel& now, const BuiltModel& found);
+std::string left_out(const Trial& trial, const LoadedModel& now, const LoadedModel& found);
 
 }  // namespace dimple

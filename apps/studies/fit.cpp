@@ -17,7 +17,9 @@
 #include "apps/run/words.hpp"
 #include "apps/scene/compatibility.hpp"
 #include "apps/scene/resolve.hpp"
+#include "apps/studies/fit_case.hpp"
 #include "apps/studies/fit_results.hpp"
+#include "apps/studies/fit_samples.hpp"
 #include "io/digits.hpp"
 #include "io/error.hpp"
 #include "io/file.hpp"
@@ -28,157 +30,13 @@ namespace {
 
 namespace fs = std::filesystem;
 
-void require_proportional(const std::string& why) {
-  if (why.empty()) return;
-  throw UsageError(
-      {.fact = "the modulus of this case cannot be told from a force",
-       .where = "dimple fit",
-       .why = "it is told by a force that is proportional to it, and " + why,
-       .remedy = "fit one tissue of neo-Hookean or Ogden's law in equilibrium (--time quasi-static)"});
-}
-
-// What follows from the curve is not given as well. A file of all options states everything, and is
-// overruled.
-void refuse_given(const Description& described, const std::vector<std::string>& keys,
-                  const std::string& what) {
-  for (const std::string& key : keys)
-    if (const std::string source = source_of(described, key); source.starts_with("--"))
-      throw UsageError({.fact = fmt::format("{} is given, and follows from the curve", key),
-                        .where = source,
-                        .why = what,
-                        .remedy = "leave it out"});
-}
-
-// The place of the first touch is looked for in the forces of one run, as the modulus is.
-bool takes_one_run(const std::string& of) {
-  return of == "mu" || of == mu_and_touch;
-}
-
-void require_long_tool(const std::optional<ToolShape>& tool, double depth_mm, const MeasuredCurve& curve) {
-  if (const double length = tool ? tool->length : std::numeric_limits<double>::infinity();
-      1e-3 * depth_mm > length)
-    throw InputError(
-        {.fact = fmt::format("the curve goes to {}, and the tool is {} long",
-                             length_in_words(1e3 * curve.depth.back()), length_in_words(1e3 * length)),
-         .where = curve.name,
-         .why = "what holds a tool at its upper end is not modelled",
-         .remedy = "fit a shallower part of the curve, or give the tool that it was measured with",
-         .code = "bad-curve"});
-}
-
-// The options of the case that the curve belongs to, but for the numbers that are sought. `given`: the scene
-// of `described`.
-Description case_of(const Description& described, const Scene& given, const FitOptions& options,
-                    const MeasuredCurve& curve) {
-  check_pairs(given, Feature::fit);
-  refuse_given(described, {"load.depth_mm"}, "the run is as deep as the curve");
-  refuse_given(described, {"material.mu_Pa", "material.young_Pa", "material.mu_spread_percent"},
-               "the modulus is what is looked for");
-  Description own = described;
-  put_numbers(own, "material.mu_spread_percent", {0.0});
-  const double depth_mm =
-      1e3 *
-      (curve.depth.back() + (options.of == mu_and_touch ? farthest_first_touch(curve.depth.back()) : 0.0));
-  put_numbers(own, "load.depth_mm", {depth_mm}, curve.name);
-  require_long_tool(given.tool, depth_mm, curve);
-  if (!curve.time.empty()) {
-    refuse_given(described, {"load.rate_mm_per_s"}, "the curve has times");
-    put_numbers(own, "load.rate_mm_per_s", {1e3 * ramp_rate(curve)}, curve.name);
-  }
-  if (takes_one_run(options.of) && !given.given.nodes)
-    put_numbers(own, "cloud.nodes", {nodes_for_one_run}, "one run is all that it takes");
-  if (options.of == "mu,alpha")
-    refuse_given(described, {"material.ogden_mu_Pa", "material.ogden_alpha"}, "they are what is looked for");
-  if (options.of == "mu,g,tau") {
-    refuse_given(described, {"material.prony_g", "material.prony_tau_s"}, "they are what is looked for");
-    ramp_rate(curve);  // says that it has no times
-  }
-  return own;
-}
-
-Scene with_numbers(Scene scene, const std::string& of, const std::vector<double>& numbers) {
-  auto& m = scene.material;
-  if (of == "mu,alpha") m.ogden_mu_Pa = {m.mu_Pa}, m.ogden_alpha = {numbers[0]};
-  if (of == "mu,g,tau") m.prony_g = {numbers[0]}, m.prony_tau_s = {numbers[1]};
-  return scene;
-}
-
 // All constants of the law, multiplied alike.
 void multiply(Scene& scene, double factor) {
   scene.material.mu_Pa *= factor;
   for (double& mu : scene.material.ogden_mu_Pa) mu *= factor;
 }
 
-// What is looked for beside mu; for alpha twice, once for each sign: the energy has no alpha between.
-std::vector<std::vector<FitParameter>> searches_of(const std::string& of, const MeasuredCurve& curve) {
-  if (of == "mu") return {{}};
-  if (of == mu_and_touch) {
-    const double far = 1e3 * farthest_first_touch(curve.depth.back());
-    return {{{.name = "touch", .unit = "mm", .start = 0.0, .least = -far, .most = far, .is_place = true}}};
-  }
-  if (of == "mu,alpha") {
-    const FitParameter positive{
-        .name = "alpha", .unit = "", .start = 2.0, .least = 0.5, .most = 30.0, .logarithmic = true};
-    const FitParameter negative{
-        .name = "alpha", .unit = "", .start = -4.7, .least = -0.5, .most = -30.0, .logarithmic = true};
-    return {{negative}, {positive}};
-  }
-  const double lasts = curve.depth.back() / ramp_rate(curve);
-  return {{{.name = "g", .unit = "", .start = 0.5, .least = 0.01, .most = 0.99},
-           {.name = "tau",
-            .unit = "s",
-            .start = 0.3 * lasts,
-            .least = 0.01 * lasts,
-            .most = 100.0 * lasts,
-            .logarithmic = true}}};
-}
-
-// `auto` is decided when the modulus is known.
-Result march(Scene scene, bool band) {
-  using Time = Scene::Numerics::Time;
-  if (scene.solver.time == Time::automatic) scene.solver.time = Time::quasi_static;
-  RunObserver observer;
-  observer.march.sample = [](const ForceSample&, const History&) {
-    stop_if_asked();
-    return true;
-  };
-  Result result = simulate({.scene = scene, .band = band}, observer);
-  if (result.history.interrupted) throw Stopped(stop_asked());
-  return result;
-}
-
-void add_new(std::vector<std::string>& list, const std::vector<std::string>& more) {
-  for (const std::string& line : more)
-    if (std::find(list.begin(), list.end(), line) == list.end()) list.push_back(line);
-}
-
-// Of the model at the curve's depths, where the tool first touches `later` [m] than these begin to count.
-std::vector<double> forces_later(const Result& result, std::vector<double> depth, double later) {
-  for (double& d : depth) d = std::max(0.0, d - later);
-  return result.loading.touch ? forces_of_touch(result.history.force, depth)
-                              : forces_between(result.history.force, depth);
-}
-
-// Of the force's band, as the fit feels it. Of the circle the largest share at any depth: the band of a
-// shallower one says as much of the modulus. A tool that touches has few nodes under it at first, and hardly
-// any force.
-double share_of_band(const Result& result, const MeasuredCurve& curve, const CurveFit& fit) {
-  if (!result.band.known()) return 0.0;
-  const std::vector<ForceSample>& samples = result.history.force;
-  if (result.loading.touch) {
-    std::vector<double> share = halves_between(samples, result.band.half, curve.depth);
-    const std::vector<double> force = forces_between(samples, curve.depth);
-    for (std::size_t k = 0; k < share.size(); ++k) share[k] /= std::abs(force[k]);
-    return weighted_share(share, fit.force);
-  }
-  double share = 0.0;
-  for (std::size_t k = 0; k < samples.size(); ++k)
-    if (const ForceSample& s = samples[k]; s.depth > 0.0)
-      share = std::max(share, result.band.half[k] / std::abs(s.force));
-  return share;
-}
-
-std::optional<HalfSpaceCheck> half_space_check(const BuiltModel& result, const MeasuredCurve& curve,
+std::optional<HalfSpaceCheck> half_space_check(const LoadedModel& result, const MeasuredCurve& curve,
                                                double touch, double nu) {
   if (!result.loading.touch || !result.origin) return std::nullopt;
   double products = 0.0, squares = 0.0;
@@ -197,24 +55,6 @@ std::optional<HalfSpaceCheck> half_space_check(const BuiltModel& result, const M
 
 constexpr int most_runs_of_a_search = 24;  // and one more for the band
 constexpr int most_looks_at_one_run = 200;
-
-void require_known_numbers(const std::string& of) {
-  if (takes_one_run(of) || of == "mu,alpha" || of == "mu,g,tau") return;
-  throw UsageError(
-      {.fact = fmt::format("--of {} is not allowed", of),
-       .where = "--of",
-       .why = "a curve may tell a modulus alone, with the place of the first touch, with Ogden's exponent, "
-              "or with one Prony term",
-       .remedy = "give one of mu, mu,touch, mu,alpha and mu,g,tau"});
-}
-
-void refuse_paper_values(const fs::path& curve) {
-  if (curve != paper_word) return;
-  throw UsageError({.fact = "the paper's values are three end values of two hemispheres, and no curve",
-                    .where = "--curve",
-                    .why = "they are a comparison and never tuned to",
-                    .remedy = "dimple run IMAGE -o OUT --compare horton2007"});
-}
 
 std::vector<std::string> warnings_of(const MeasuredCurve& curve, const Scene& own) {
   std::vector<std::string> warnings;
@@ -356,10 +196,12 @@ void weigh_other_sign(FoundFit& found, const CurveFit& other) {
 
 Outcome fit(const Description& described, const FitOptions& options, const fs::path& folder,
             Existing existing, const std::function<void(const std::string&)>& progress) {
-  require_known_numbers(options.of);
+  fit_numbers(options.of);
   refuse_paper_values(options.curve);
   ResultFolder results(folder, existing);
-  const MeasuredCurve curve = read_measured_curve(options.curve);
+  const std::vector<MeasuredCurve> curves = read_measured_curves(options.curve);
+  if (curves.size() > 1) return fit_samples(described, options, curves, results, folder, progress);
+  const MeasuredCurve& curve = curves.front();
   const Scene given = resolve(described);
   const Description own = case_of(described, given, options, curve);
   const Scene scene = resolve(own);

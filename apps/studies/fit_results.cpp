@@ -108,6 +108,7 @@ std::string fitted_toml(const MeasuredCurve& curve, const FoundFit& found,
       {"mu", {{"material.mu_Pa", {m.mu_Pa}}, {"material.ogden_mu_Pa", m.ogden_mu_Pa}}},
       {"touch", {}},
       {"alpha", {{"material.ogden_alpha", m.ogden_alpha}}},
+      {"limit", {{"material.gent_limit", {m.gent_limit}}}},
       {"g", {{"material.prony_g", m.prony_g}}},
       {"tau", {{"material.prony_tau_s", m.prony_tau_s}}}};
   Description options = found.options;

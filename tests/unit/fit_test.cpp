@@ -272,7 +272,7 @@ TEST_F(CurveFile, IsReadInEitherUnitOfForceFromContactToTheLargestDepth) {
 TEST_F(CurveFile, IsRefusedWithItsReason) {
   refused("indentation_mm,force\n1,1\n", "no column force_N");
   refused("depth_m,force_N\n1,1\n", "no column indentation_mm");
-  refused("indentation_mm,force_N,force_mN\n1,1,1000\n", "two forces");
+  refused("indentation_mm,force_N,force_mN\n1,1,1000\n", "two columns of one quantity");
   refused("indentation_mm,force_N\n1,0.1\n3,0.3\n2,0.2\n4,0.4\n", "deeper ones follow");
   refused("indentation_mm,force_N\n1,0.1\n1,0.1\n2,0.2\n", "deeper ones follow");
   refused("indentation_mm,force_N\n1,0.1\n0,0\n2,0.2\n", "after deeper ones");

@@ -1,0 +1,49 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "apps/run/compare.hpp"
+#include "apps/run/simulate.hpp"
+#include "apps/scene/resolve.hpp"
+#include "apps/studies/fit.hpp"
+
+namespace dimple {
+
+/// A set of numbers that a curve may determine in addition to the modulus.
+struct FitNumbers {
+  const char* of;                 ///< as --of names it
+  const char* words;              ///< for people
+  std::vector<std::string> keys;  ///< options that are not given as well
+};
+
+/// Throws UsageError: --of names no set of numbers that can be sought.
+const FitNumbers& fit_numbers(const std::string& of);
+/// Throws UsageError: the curve is the word for the paper's values.
+void refuse_paper_values(const std::filesystem::path& curve);
+/// Throws UsageError with that reason; empty: the force is proportional to one modulus.
+void require_proportional(const std::string& why);
+
+/// Whether the numbers follow from the forces of one run: the modulus, and the place of first contact.
+bool takes_one_run(const std::string& of);
+/// The options of the case that the curve belongs to, except the numbers sought. `given`: the scene of
+/// `described`. Throws UsageError, InputError.
+Description case_of(const Description& described, const Scene& given, const FitOptions& options,
+                    const MeasuredCurve& curve);
+/// The scene with values of the numbers that are sought beside mu.
+Scene with_numbers(Scene scene, const std::string& of, const std::vector<double>& numbers);
+/// The parameters sought beside mu; for alpha two searches, one for each sign, as the energy has no alpha
+/// between them.
+std::vector<std::vector<FitParameter>> searches_of(const std::string& of, const MeasuredCurve& curve);
+/// Runs a scene in equilibrium. Throws what simulate() throws, and Stopped.
+Result march(Scene scene, bool band);
+/// Forces of the model at the curve's depths [N], where the tool first touches `later` [m] after their zero.
+std::vector<double> forces_later(const Result& result, std::vector<double> depth, double later);
+/// Relative half-width of the force's error bounds, as the fit weighs it.
+double share_of_band(const Result& result, const MeasuredCurve& curve, const CurveFit& fit);
+
+/// Adds the lines that `list` does not hold yet.
+void add_new(std::vector<std::string>& list, const std::vector<std::string>& more);
+
+}  // namespace dimple
