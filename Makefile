@@ -1,13 +1,12 @@
-# make demo   install what is missing, build the commands of one run, make a phantom, indent it, say the force and what
-#             to open
-# make test   install what is missing, build, run all tests
+# make demo   install missing packages, build the commands of one run, indent a phantom, print the force and the result files
+# make test   install missing packages, build, run all tests
 # make build  only build, all commands
 # make check  the tests under address and undefined-behaviour sanitizers
-# make check-quick   those of the solver alone, but for what marches for minutes there
+# make check-quick   those of the solver only, without marches that take minutes under sanitizers
 # make check-threads   the tests under the thread sanitizer
-# make fuzz   a million damaged files for each reader, under sanitizers (clang); 5000 honest ones beside other libraries
-# make bench  how long each stage takes, beside what this processor can do; results into tests/bench/results
-# make converge, make atlas, make chart   the studies of tests/studies: IMAGE=FILE is yours, STUDY="--options of the study"
+# make fuzz   a million damaged files for each reader, under sanitizers (clang); 5000 valid ones compared with other libraries
+# make bench  time of each stage and limits of this processor; results in tests/bench/results
+# make converge, make atlas, make chart   the studies of tests/studies: IMAGE=FILE for your own, STUDY="--options of the study"
 # make wheel  the Python module as a wheel, for this system: build/wheel
 # make deb    packages for Debian 12: build/package/dimple_*.deb, libdimple-dev_*.deb
 # make docs   the user's guide as a site with search: build/docs/index.html
@@ -47,7 +46,7 @@ check-quick: bootstrap
 	LSAN_OPTIONS=suppressions=$(CURDIR)/tests/leaks.supp ctest --test-dir build/asan-solver --output-on-failure -j 2 -L unit \
 	  -E '^(BetweenFrames|Frames|Live|LoadSlowly|Recovery|Restart|Steps)\.|OtherCaches|HoweverManyRows'
 
-# ITK's pool and VTK's hand work over where the sanitizer cannot see it. ITK's plain threads it sees; VTK gets one.
+# The sanitizer does not see work passed between threads of ITK or VTK. It sees ITK's plain threads; VTK gets one.
 check-threads: bootstrap
 	cmake --preset tsan
 	cmake --build build/tsan
@@ -69,14 +68,14 @@ bench:
 	cmake --build $(BUILD) --target dimple_bench
 	$(BUILD)/dimple_bench --results=tests/bench/results --version=$$(git describe --always --dirty)
 
-# Debian's Python, whatever else a path may hold before it.
+# Debian's Python, whatever the path holds before it.
 wheel: bootstrap
 	@./bootstrap pybind11-dev python3-dev python3-build python3-setuptools python3-venv python3-numpy python3-wheel
 	cmake --preset release -DDIMPLE_PYTHON=ON
 	cmake --build $(BUILD) --target dimple_python
 	DIMPLE_BUILD=$(BUILD) /usr/bin/python3 -m build --wheel --no-isolation -o build/wheel apps/python
 
-# How far a force can be trusted, where a scene survives, error against wall time: with the wheel, in an environment of its own.
+# Studies of accuracy, of usable scenes, and of error against wall time, with the wheel in its own environment.
 IMAGE :=
 STUDY :=
 STUDIES := DIMPLE_PROGRAM=$(DIMPLE) build/studies/bin/python tests/studies
@@ -104,7 +103,7 @@ deb:
 	cmake --build build/package
 	cd build/package && cpack
 
-# The reference is what the program prints; make docs DIMPLE_PROGRAM=FILE takes one that is built already.
+# The program prints the reference; make docs DIMPLE_PROGRAM=FILE uses an existing build.
 DIMPLE_PROGRAM := $(CURDIR)/$(BUILD)/whole/dimple
 docs:
 	@/usr/bin/python3 -c 'import furo, myst_parser, sphinx' 2>/dev/null || \

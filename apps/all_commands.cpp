@@ -2,7 +2,7 @@
 
 #include "apps/commands/command_line.hpp"
 
-// Of the whole program.
+// All commands, for the program `dimple_all`.
 
 namespace dimple {
 

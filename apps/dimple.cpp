@@ -1,6 +1,6 @@
 // dimple: from a label image to a force curve.
 //
-// Sample runs (ctest runs every line that starts with a dollar sign, from a folder of its own beside
+// Sample runs (ctest runs every line that starts with a dollar sign, in a folder of its own next to
 // sample_data):
 //   $ dimple phantom block.nrrd --shape block --size 60,60,30 --spacing 3
 //   $ dimple info block.nrrd
@@ -11,7 +11,7 @@
 #include <fcntl.h>
 #include <unistd.h>
 
-#include <cstdlib>  // which says whether the library is glibc
+#include <cstdlib>  // defines __GLIBC__
 #ifdef __GLIBC__
 #include <malloc.h>
 #endif
@@ -20,7 +20,7 @@
 
 namespace {
 
-// A closed stderr (2>&-) would be the number of the next file, and messages would go there.
+// Opens a closed stderr (2>&-): the next file would get its number, and messages would go there.
 void open_where_closed(int descriptor) {
   if (fcntl(descriptor, F_GETFD) >= 0) return;
   const int nowhere = open("/dev/null", O_RDWR);
@@ -33,7 +33,7 @@ void open_where_closed(int descriptor) {
 
 int main(int argc, char** argv) {
   open_where_closed(STDERR_FILENO);
-  // Each stage reuses the memory that the one before it has freed: new pages cost up to a fifth of its time.
+  // Each stage reuses the memory freed by the one before; new pages cost up to a fifth of its time.
 #ifdef __GLIBC__
   mallopt(M_MMAP_THRESHOLD, 32 << 20);
   mallopt(M_TRIM_THRESHOLD, 128 << 20);

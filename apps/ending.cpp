@@ -26,11 +26,10 @@
 namespace dimple {
 namespace {
 
-constexpr double patience_s =
-    1.2;  // an answer within 2 s is what people wait for, and gigabytes take a while to go
+constexpr double patience_s = 1.2;  // users expect an answer within 2 s, and releasing gigabytes takes time
 
-// What signal handlers touch: lock-free atomics, and a semaphore because sem_post() is one of the few calls
-// that they may make.
+// State of the signal handlers: lock-free atomics, and a semaphore because sem_post() is one of the few calls
+// that a handler may make.
 sem_t woken;
 std::atomic<int> signals{0};
 std::atomic<bool> ended{false};
@@ -84,7 +83,7 @@ void wait_until(double deadline) {
     if (words) words(why);
   }
   end_all_writing();
-  // To nobody who has stopped reading: that would last for ever.
+  // Not if nobody reads stderr, as write() would never return.
   pollfd err{.fd = STDERR_FILENO, .events = POLLOUT, .revents = 0};
   if (poll(&err, 1, 0) == 1 && (err.revents & POLLOUT) != 0) {
     const std::string line = fmt::format(
@@ -113,7 +112,7 @@ Ending::Ending() {
   signals = 0;
   latest = std::numeric_limits<double>::infinity();
   thread_ = std::jthread(watch);
-  // Shells start what runs in the background with SIGINT ignored, and send it nevertheless when asked to.
+  // Shells start background programs with SIGINT ignored, but can still send it.
   std::signal(SIGINT, on_signal);
   std::signal(SIGTERM, on_signal);
   if (std::signal(SIGHUP, on_signal) == SIG_IGN) std::signal(SIGHUP, SIG_IGN);  // started by nohup
@@ -129,20 +128,19 @@ Ending::~Ending() {
 
 double seconds_since_start() {
   const double since_main = now() - started;
-  // Libraries are loaded before anything here runs. The system keeps when that began, in ticks since it was
-  // booted itself.
+  // Libraries are loaded before main(). The system records the start of the process in ticks since boot.
   std::ifstream in("/proc/self/stat");
   std::string text((std::istreambuf_iterator<char>(in)), std::istreambuf_iterator<char>());
   std::istringstream fields(
       text.substr(std::min(text.size(), text.rfind(')') + 1)));  // a name may hold blanks
-  constexpr int begun = 20;                                      // of those after the name
+  constexpr int begun = 20;                                      // index of the start time after the name
   std::string field;
   for (int k = 0; k < begun; ++k) fields >> field;
   timespec t{};
   if (!fields || clock_gettime(CLOCK_BOOTTIME, &t) != 0) return since_main;
   const double since_begun = static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec) -
                              std::strtod(field.c_str(), nullptr) / static_cast<double>(sysconf(_SC_CLK_TCK));
-  constexpr double longest_loading_s = 60.0;  // else the two clocks have nothing to do with each other
+  constexpr double longest_loading_s = 60.0;  // otherwise the two clocks are unrelated
   return since_begun > since_main && since_begun < since_main + longest_loading_s ? since_begun : since_main;
 }
 

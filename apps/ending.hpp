@@ -7,9 +7,9 @@
 
 namespace dimple {
 
-/// Hears Ctrl-C, SIGTERM, SIGHUP and the clock for as long as it lives, and asks all work to end
-/// (io/stop.hpp). What has not ended by itself within 1.2 s is ended: temporaries and programs started from
-/// here go, and the process returns 130. A second signal does so at once, a third one kills. One at a time.
+/// Handler of Ctrl-C, SIGTERM, SIGHUP and the time limit, while it exists: requests a stop of all work
+/// (io/stop.hpp). If that takes more than 1.2 s, it removes temporaries, ends child programs and returns 130
+/// from the process. A second signal does so at once, a third one kills. Only one may exist at a time.
 class Ending {
  public:
   Ending();
@@ -17,19 +17,20 @@ class Ending {
   Ending(const Ending&) = delete;
   Ending& operator=(const Ending&) = delete;
 
-  /// Work is to end this long after the start of the process.
+  /// Sets the time limit, from the start of the process.
   void limit(double seconds);
-  /// What is still to be written when the process is ended: from another thread, while others are at work.
+  /// Sets the function that writes what remains when the process is ended. Another thread calls it during the
+  /// computation.
   void last_words(std::function<void(const Stopped&)> write);
 
  private:
   std::jthread thread_;
 };
 
-/// Wall time since the system started this process: what a person has waited for [s].
+/// Wall time since the system started this process [s].
 double seconds_since_start();
 
-/// A program started from here, with the group of its own that it leads: it ends when this process is ended.
+/// Child program that leads its own process group; it ends when this process is ended.
 class Child {
  public:
   explicit Child(int group);

@@ -2,12 +2,12 @@
 #include "apps/commands/command_line.hpp"
 #include "apps/commands/whole_program.hpp"
 
-// Of the program `dimple`: the commands of one run.
+// Commands of one run, for the program `dimple`.
 
 namespace dimple {
 namespace {
 
-// Listed by the help. command_line() has looked for the program that has it before it comes to this.
+// Command listed in the help. It runs only if command_line() has not found the whole program.
 template <const WholeCommand& elsewhere>
 Command listed(CLI::App& app, Invocation&) {
   CLI::App* command = add_to(app, elsewhere)->allow_extras()->prefix_command();

@@ -1,5 +1,5 @@
-# The scripts that install packages, beside an apt-get that only writes down what it is asked for: they take nothing away
-# that a user has, and `make wheel` asks for all that its build imports.
+# Scripts that install packages, with an apt-get that only records its arguments: they remove no package of the user,
+# and `make wheel` requests all packages that its build imports. Run as
 #   cmake -D SOURCE=<root> -D FOLDER=<scratch> -P bootstrap.cmake
 file(REMOVE_RECURSE ${FOLDER})
 file(MAKE_DIRECTORY ${FOLDER}/bin)

@@ -1,6 +1,5 @@
-# Installs the build tree into a folder of its own, then builds apps/examples/indent.cpp against the installed package as
-# a project of its own would, once with the static libraries and once with the shared one, and runs both: they must say
-# the same. Run as
+# Installs the build tree into a folder of its own and builds apps/examples/indent.cpp against it as another project
+# would, with the static libraries and with the shared one. Both must print the same. Run as
 #   cmake -D BUILD=<build> -D SOURCE=<root> -D FOLDER=<scratch> -D COMPILER=<c++> -P package.cmake
 function(run)
   execute_process(COMMAND ${ARGN} RESULT_VARIABLE code OUTPUT_VARIABLE said ERROR_VARIABLE said)
@@ -20,7 +19,7 @@ foreach(folder io preprocess solver)
   endif()
 endforeach()
 file(GLOB_RECURSE headers ${FOLDER}/prefix/include/dimple/*.hpp)
-# All of them in one file.
+# One file that includes all headers.
 set(every "")
 foreach(header ${headers})
   file(RELATIVE_PATH name ${FOLDER}/prefix/include ${header})
@@ -35,7 +34,7 @@ add_executable(with_static indent.cpp every.cpp)
 target_link_libraries(with_static PRIVATE Dimple::dimple)
 add_executable(with_shared indent.cpp)
 target_link_libraries(with_shared PRIVATE Dimple::shared)
-# The project has headers of its own that are called as ours are in our tree.
+# The project has headers with the same names as in this tree.
 foreach(target with_static with_shared)
   target_include_directories(\${target} BEFORE PRIVATE own)
 endforeach()

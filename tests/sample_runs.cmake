@@ -1,5 +1,5 @@
 # Runs every line of SOURCE that starts with "//   $ dimple" with the program PROGRAM, in order, in the fresh folder
-# FOLDER. What the documentation shows is thereby what works.
+# FOLDER, so that the documented commands work.
 file(REMOVE_RECURSE ${FOLDER})
 file(MAKE_DIRECTORY ${FOLDER})
 file(STRINGS ${SOURCE} lines REGEX "^//   \\$ dimple ")

@@ -4,7 +4,7 @@
 
 namespace dimple {
 
-// Every subcommand, each in a file of its name.
+// Subcommands, each in a file of its name.
 Command add_phantom(CLI::App& app, Invocation& shared);
 Command add_info(CLI::App& app, Invocation& shared);
 Command add_places(CLI::App& app, Invocation& shared);
@@ -14,7 +14,7 @@ Command add_run(CLI::App& app, Invocation& shared);
 Command add_options(CLI::App& app, Invocation& shared);
 Command add_cite(CLI::App& app, Invocation& shared);
 Command add_doctor(CLI::App& app, Invocation& shared);
-// Of the whole program alone.
+// Commands of the whole program only:
 Command add_poke(CLI::App& app, Invocation& shared);
 Command add_batch(CLI::App& app, Invocation& shared);
 Command add_collect(CLI::App& app, Invocation& shared);
@@ -25,10 +25,10 @@ Command add_export(CLI::App& app, Invocation& shared);
 Command add_man(CLI::App& app, Invocation& shared);         // man.cpp
 Command add_completion(CLI::App& app, Invocation& shared);  // man.cpp
 
-/// After a run: what its force depends on. Of the whole program alone.
+/// Measures the dependence of a run's force on its choices (whole program only).
 Outcome explain_run(const Scene& scene, const Invocation& shared, Outcome outcome);
 
-/// A command of the whole program alone, as the help of both programs lists it.
+/// Command of the whole program only, listed in the help of both programs.
 struct WholeCommand {
   const char *name, *summary;
   const char* group = "Subcommands";

@@ -74,7 +74,7 @@ void print_ends(const Cohort& cohort, const std::vector<CaseEnd>& ends, double s
   print_json(as_text(out));
 }
 
-// Counted from 1, of the row with that id.
+// Number of the row with that id, from 1.
 std::size_t index_of(const Cohort& cohort, const std::string& id) {
   std::vector<std::string> known;
   for (std::size_t row = 0; row < cohort.size(); ++row) {
@@ -103,7 +103,7 @@ int run_all(const Cohort& cohort, const Description& of_all_rows, const Invocati
             std::size_t jobs) {
   const Stopwatch whole;
   const int threads = std::max(1, shared.threads);
-  const auto cores = static_cast<std::size_t>(tbb::info::default_concurrency());  // of those that it may use
+  const auto cores = static_cast<std::size_t>(tbb::info::default_concurrency());  // that this process may use
   CohortOptions options{
       .jobs = jobs > 0 ? jobs : std::max<std::size_t>(1, cores / static_cast<std::size_t>(threads)),
       .anew = shared.force,

@@ -7,7 +7,7 @@
 namespace dimple {
 namespace {
 
-// What CITATION.cff says, which a test compares.
+// Text of CITATION.cff; a test compares the two.
 constexpr const char* text = R"(Please cite the software, and the paper that its method grew from.
 
 The Dimple authors: Dimple: from a label image to a force, meshless soft-tissue indentation. Version {}.

@@ -40,7 +40,7 @@ std::vector<double> depths_in(const std::vector<std::string>& words) {
   return depths;
 }
 
-// A row that was changed after its run: the numbers in the folder are not of it.
+// Marks a row that was changed after its run, as the numbers in the folder do not belong to it.
 void mark_changed(const Cohort& cohort, const fs::path& folder, std::vector<CollectedCase>& cases) {
   for (std::size_t row = 0; row < cohort.size(); ++row)
     for (CollectedCase& one : cases) {

@@ -17,9 +17,9 @@ namespace dimple {
 
 namespace {
 
-// "run" has all flags, "" all that decide a result, "fit" those and the tool's, "solve" those of the
-// simulation and of its files, "live" those of the model and of what a tool feels that someone moves,
-// "places" those of the model and of how wide the tool touches.
+// True if a command has the flag of an option: "run" all, "" those of the stages model and solve, "fit" the
+// tool's in addition. "solve" has those of its stage and of files. "live", "places" and "shift" have those
+// that they use.
 bool has_flag(const std::string& command, const Option& of) {
   const std::string& option = of.stage;
   if (command == "live")
@@ -44,7 +44,7 @@ std::string default_of(const Option& option) {
   return {};
 }
 
-// Also "10.0" where the default is 10.
+// True for the default of an option, also in another form: "10.0" for 10.
 bool is_default(const Option& option, const std::string& text) {
   if (text == default_of(option)) return true;
   const bool number =
@@ -172,7 +172,7 @@ void into_folder(Invocation& shared, const std::string& input) {
 
 namespace {
 
-// What there is to look at, of what stands in the folder.
+// Commands and files that open the results in the folder, separated by commas.
 std::string to_open(const std::filesystem::path& folder) {
   std::vector<std::string> words;
   for (const char* file : {"report.html", "overview.png"})

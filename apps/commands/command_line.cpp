@@ -38,7 +38,7 @@ A word after -- is no option: dimple info -- -odd.nrrd
 Ctrl-C ends any command within 2 s, and so does --time-limit: what is on disk then is valid.
 Exit codes: 0 ok, 1 internal error, 2 command line or configuration, 3 input unreadable or unusable, 4 model could not be built, 5 solution failed, 6 results could not be written, 130 interrupted, or out of the time given by --time-limit.)";
 
-// The common options alone, unless all are asked for, as wide as the terminal.
+// Help as wide as the terminal, with only the common options unless all are requested.
 class WrappedHelp : public CLI::Formatter {
  public:
   WrappedHelp() {
@@ -89,7 +89,7 @@ int report(const Error& error, bool json) {
   return static_cast<int>(error.code);
 }
 
-// Physics that somebody may look for, by the words that an option for it might have.
+// Physics that is not modelled, with the option names that a user might try.
 struct NotModelled {
   std::vector<std::string> flags;
   std::string what, closest;
@@ -138,7 +138,7 @@ bool has_option(const CLI::App& app, const std::vector<std::string>& words, cons
   return false;
 }
 
-// Says so, if one of the words is an option for physics that the command has not. Throws UsageError.
+// Throws UsageError if a word is an option for physics that the command does not model.
 void refuse_what_is_not_modelled(const CLI::App& app, const std::vector<std::string>& words) {
   for (const std::string& word : words)
     for (const NotModelled& one : not_modelled())
@@ -156,7 +156,7 @@ void refuse_what_is_not_modelled(const CLI::App& app, const std::vector<std::str
              .code = "not-modelled"});
 }
 
-// "load.depth" of "--depth", as --set takes it; empty: that is no option of the table.
+// Key of a flag as --set accepts it, "load.depth" for "--depth"; empty: not in the table.
 std::string key_of(const std::string& flag) {
   for (const Option& option : usual_options())
     if (option.flag == flag) return without_unit(option);
@@ -174,13 +174,13 @@ std::string key_of(const std::string& flag) {
   }
   std::string fact = error.what(), remedy = "see `dimple --help`, or `dimple COMMAND --help`",
               why = "it does not follow the usage of the command";
-  // CLI11: "--depth: At Most 1 required but received 2"
+  // Message of CLI11: "--depth: At Most 1 required but received 2"
   if (const std::size_t twice = fact.find(": At Most 1 required but received "); twice != std::string::npos) {
     fact = fmt::format("{} is given {} times", fact.substr(0, twice), fact.substr(fact.rfind(' ') + 1));
     why = "it has one value, and which one is meant is not known";
     remedy = "leave all but one of them out";
   }
-  // CLI11: "--gravity: 1 required TEXT missing"
+  // Message of CLI11: "--gravity: 1 required TEXT missing"
   if (const std::size_t missing = fact.find(": 1 required"); missing != std::string::npos)
     fact = fmt::format("{} is given without its value", fact.substr(0, missing));
   if (!words.empty() && words[0].rfind("-", 0) != 0 &&
@@ -189,14 +189,14 @@ std::string key_of(const std::string& flag) {
     if (words[0] == "view") remedy = "open report.html or overview.png in the folder of a run";
   } else {
     for (const std::string& word : words) {
-      if (word == "--") break;  // the rest are no options
+      if (word == "--") break;  // the rest are arguments
       const std::string flag = word.substr(0, word.find('='));
       if (flag.rfind("--", 0) == 0 && std::find(flags.begin(), flags.end(), flag) == flags.end() &&
           flag != "--help" && flag != "--help-all" && flag != "--version")
         fact = fmt::format("there is no option {}{}", flag, did_you_mean(flag, flags));
       else if (flag.rfind("--", 0) == 0 && !has_option(app, words, flag)) {
         fact = fmt::format("`dimple {}` has no option {}", words[0], flag);
-        if (flag == "--wall" || flag == "--membrane")  // refused as --set load.wall, too
+        if (flag == "--wall" || flag == "--membrane")  // also refused as --set load.wall
           remedy = fmt::format("`dimple run` takes {}", flag);
         else if (const std::string key = key_of(flag); !key.empty() && has_option(app, words, "--set"))
           remedy = fmt::format("give it as --set {}={}", key,
@@ -208,7 +208,7 @@ std::string key_of(const std::string& flag) {
   throw UsageError({.fact = fact, .where = "command line", .why = why, .remedy = remedy});
 }
 
-// 3D Slicer knows one program as one module, and gives flags without a command.
+// 3D Slicer runs one program as one module and gives flags without a command.
 std::vector<std::string> as_run(std::vector<std::string> words) {
   const std::vector<std::string> own = {"-h", "--help", "--help-all", "--version"};
   if (!words.empty() && words[0].starts_with("-") && std::find(own.begin(), own.end(), words[0]) == own.end())
@@ -216,7 +216,7 @@ std::vector<std::string> as_run(std::vector<std::string> words) {
   return words;
 }
 
-// The command that was asked for.
+// Runs the requested command.
 int perform(Invocation& shared, const ProgramParts& parts) {
   CLI::App app{
       "From a label image to a force: meshless soft-tissue indentation, without a mesh and by one command.",
@@ -235,7 +235,7 @@ int perform(Invocation& shared, const ProgramParts& parts) {
     return 0;
   }
   try {
-    app.parse(std::vector<std::string>(words.rbegin(), words.rend()));  // it takes them from the end
+    app.parse(std::vector<std::string>(words.rbegin(), words.rend()));  // parse() reads from the end
   } catch (const CLI::CallForHelp& e) {
     return app.exit(e);
   } catch (const CLI::CallForAllHelp& e) {
@@ -243,7 +243,7 @@ int perform(Invocation& shared, const ProgramParts& parts) {
   } catch (const CLI::CallForVersion& e) {
     return app.exit(e);
   } catch (const CLI::ParseError& e) {
-    if (!parts.whole) become_whole_program(words);  // which knows the flags of all commands
+    if (!parts.whole) become_whole_program(words);  // it has the flags of all commands
     usage_error(app, e, words);
   }
   start_log(shared.quiet     ? Verbosity::quiet
@@ -255,7 +255,7 @@ int perform(Invocation& shared, const ProgramParts& parts) {
     limit.emplace(tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(shared.threads));
   if (!shared.time_limit.empty())
     shared.ending.limit(quantity(shared.time_limit, "--time-limit", "s", "the time after which to end"));
-  std::signal(SIGXFSZ, SIG_IGN);  // a limit on the size of files is to be met as a full disk is
+  std::signal(SIGXFSZ, SIG_IGN);  // a limit on file sizes is handled like a full disk
 
   for (const Command& command : commands)
     if (*command.app) {
@@ -281,7 +281,7 @@ int answered(Invocation& shared, const ProgramParts& parts) {
                             .why = "the image or the model is too large for this machine",
                             .remedy = "use fewer nodes (--nodes) or crop the image"}));
   } catch (const std::exception& error) {
-    if (std::ferror(stdout)) return static_cast<int>(ExitCode::output);  // command_line() says so
+    if (std::ferror(stdout)) return static_cast<int>(ExitCode::output);  // command_line() reports it
     return fail(Error(ExitCode::internal, {.fact = error.what(),
                                            .where = "",
                                            .why = "this is a mistake of ours",
@@ -294,7 +294,7 @@ int answered(Invocation& shared, const ProgramParts& parts) {
 int command_line(int argc, char** argv, const ProgramParts& parts) {
   const std::vector<std::string> words(argv + (argc > 0 ? 1 : 0), argv + argc);
   if (!parts.whole && needs_whole_program(words)) become_whole_program(words);
-  Ending ending;  // a signal is answered from here on
+  Ending ending;  // signals are handled from here on
   Invocation shared{.ending = ending, .words = words, .explain = parts.explain};
   const int code = answered(shared, parts);
   end_log();

@@ -6,20 +6,19 @@
 
 namespace dimple {
 
-/// What a program is made of. There are two, see whole_program.hpp: one with what one run needs, one with
-/// all commands.
+/// Parts of one of the two programs (whole_program.hpp): one has the commands of a run, the other has all
+/// commands.
 struct ProgramParts {
   std::vector<Command (*)(CLI::App&, Invocation&)> commands;  ///< in the order of the help
   Outcome (*explain)(const Scene&, const Invocation&,
-                     Outcome) = nullptr;  ///< of `run --explain`, if it is there
-  bool whole = false;                     ///< all commands are there
+                     Outcome) = nullptr;  ///< for `run --explain`, if available
+  bool whole = false;                     ///< has all commands
 };
 
-/// Those of the program that is linked: few_commands.cpp or all_commands.cpp.
+/// Parts of the linked program: few_commands.cpp or all_commands.cpp.
 ProgramParts program_parts();
 
-/// The program behind main(): reads the command line, runs one command, reports errors. Returns the exit
-/// code.
+/// Body of main(): reads the command line, runs one command, reports errors. Returns the exit code.
 int command_line(int argc, char** argv, const ProgramParts& parts);
 
 }  // namespace dimple

@@ -25,7 +25,7 @@ struct Difference {
   std::string what, a, b;
 };
 
-// Options first, then what the runs have chosen themselves.
+// Differences in the options, then in the choices that the runs made themselves.
 std::vector<Difference> differences_of(const FinishedRun& a, const FinishedRun& b) {
   std::vector<Difference> differences;
   const auto compare = [&](const std::string& what, const std::string& of_a, const std::string& of_b) {
@@ -37,9 +37,9 @@ std::vector<Difference> differences_of(const FinishedRun& a, const FinishedRun& 
     const auto found = run.options.find(key);
     return found == run.options.end() ? std::string("not given") : found->second;
   };
-  // Which files were written changes no result.
+  // The list of written files does not change the result.
   std::erase_if(keys, [](const auto& option) { return option.first.starts_with("output."); });
-  // An accuracy has chosen the nodes, see below.
+  // Nodes chosen for an accuracy are compared below.
   if (a.summary.contains("ladder") || b.summary.contains("ladder")) keys.erase("cloud.nodes");
   for (const auto& [key, ignored] : keys) compare(key, value_in(a, key), value_in(b, key));
   const auto compare_part = [&](const std::string& what, std::initializer_list<const char*> names) {
@@ -62,8 +62,7 @@ struct Row {
   double change() const { return force_b / force_a - 1.0; }
 };
 
-// At the depths of the curve with fewer rows; where the other has none there, it is interpolated between its
-// rows.
+// Rows at the depths of the curve with fewer rows; the other curve is interpolated there.
 std::vector<Row> rows_of(const FinishedRun& a, const FinishedRun& b) {
   const auto shallower = std::min(a.curve.back().depth, b.curve.back().depth) * (1.0 + 1e-9);
   std::vector<double> depths;
@@ -78,7 +77,7 @@ std::vector<Row> rows_of(const FinishedRun& a, const FinishedRun& b) {
                             1e3 * a.curve.front().depth, 1e3 * a.curve.back().depth,
                             1e3 * b.curve.front().depth, 1e3 * b.curve.back().depth),
          .remedy = "run one of them with more --frames"});
-  constexpr std::size_t most_rows = 16;  // the last one is always there
+  constexpr std::size_t most_rows = 16;  // including the last one
   std::vector<double> kept;
   const std::size_t count = std::min(most_rows, depths.size());
   for (std::size_t k = 1; k <= count; ++k) kept.push_back(depths[k * depths.size() / count - 1]);
@@ -94,9 +93,9 @@ std::vector<Row> rows_of(const FinishedRun& a, const FinishedRun& b) {
   return rows;
 }
 
-// Of two bodies that differ in their cuts alone, held alike: what the further cut has released by itself.
+// Elastic energy released by the further cut, for two bodies that differ only in their cuts.
 struct Released {
-  bool in_b = true;     // which is cut further
+  bool in_b = true;     // the one with the further cut
   double energy, area;  // [J], [m^2]
 };
 
@@ -126,7 +125,7 @@ bool both_banded(const FinishedRun& a, const FinishedRun& b) {
   return !a.half.empty() && !b.half.empty();
 }
 
-// "yes", "no" or why it is not known.
+// "yes", "no" or "not known".
 std::string same_image(const FinishedRun& a, const FinishedRun& b) {
   if (a.image_sha256.empty() || b.image_sha256.empty()) return "not known";
   return a.image_sha256 == b.image_sha256 ? "yes" : "no";
@@ -142,10 +141,10 @@ std::string image_in_words(const FinishedRun& a, const FinishedRun& b) {
 
 Written force_at(const Row& row) {
   const auto [less, more] = std::minmax({std::abs(row.force_a), std::abs(row.force_b)});  // a list: by value
-  return force_written(less > 0.0 ? less : more);  // a unit in which both have digits
+  return force_written(less > 0.0 ? less : more);  // unit in which both have digits
 }
 
-// That of the smallest force of a table, but for those that are next to nothing.
+// Unit of the smallest force of a table, without forces that are nearly zero.
 Written force_of(const std::vector<Row>& rows) {
   constexpr double next_to_nothing = 0.01;
   const auto most = [](const Row& row) { return std::max(std::abs(row.force_a), std::abs(row.force_b)); };

@@ -31,7 +31,7 @@ std::string replaced(std::string text, const std::string& what, const std::strin
   return text;
 }
 
-// Text as roff prints it: hyphens that can be searched, no line that is taken for a request.
+// Text for roff: hyphens can be searched, and no line is read as a request.
 std::string roff(const std::string& text) {
   std::string result = replaced(replaced(text, "\\", "\\e"), "-", "\\-");
   for (const char* mark : {".", "'"}) {
@@ -50,7 +50,7 @@ std::string man_flag(const FlagWords& flag) {
   return fmt::format(".TP\n{}\n{}{}\n", names, roff(flag.help), flag.required ? " (required)" : "");
 }
 
-// Within '...' of a shell.
+// Text in single quotes of a shell.
 std::string in_quotes(const std::string& text) {
   return "'" + replaced(text, "'", "'\\''") + "'";
 }
@@ -67,7 +67,7 @@ std::vector<std::string> names_of(const std::vector<FlagWords>& flags) {
   return names;
 }
 
-// The words that an argument may be, as that of `dimple completion`; empty: names of files.
+// Choices of an argument, as for `dimple completion`; empty: file names.
 std::vector<std::string> words_of_argument(const std::vector<FlagWords>& flags) {
   for (const FlagWords& flag : flags)
     if (flag.positional) return flag.choices;
@@ -178,7 +178,7 @@ std::string for_fish(const CLI::App& app) {
         names += name.starts_with("--") ? " -l " + name.substr(2) : " -s " + name.substr(1);
       if (flag.takes_value) names += " -r";
       text += fmt::format("{}{} -d {}\n", here, names, in_quotes(first_line(flag.help)));
-      // By themselves: what describes the flag does not describe each word.
+      // Choices are listed separately, as the flag's description does not apply to each.
       if (!flag.choices.empty()) text += here + names + one_of(flag.choices);
     }
   }

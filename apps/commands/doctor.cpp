@@ -29,23 +29,23 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// One line each; a remedy where something is not as it should be.
+// Result of a check, printed as one line, with a remedy if it failed.
 struct Check {
   bool ok;
   std::string what, found, remedy = {};
-  ExitCode code = ExitCode::ok;  ///< if it is not
+  ExitCode code = ExitCode::ok;  ///< exit code if it failed
 };
 
-// Where temporary files go, also where it is no folder.
+// Folder of temporary files, even if it does not exist.
 fs::path temporary_folder() {
   std::error_code error;
   if (const fs::path folder = fs::temp_directory_path(error); !error) return folder;
-  for (const char* name : {"TMPDIR", "TMP", "TEMP", "TEMPDIR"})  // in the library's order
+  for (const char* name : {"TMPDIR", "TMP", "TEMP", "TEMPDIR"})  // order of the library
     if (const char* folder = std::getenv(name)) return folder;
   return "/tmp";
 }
 
-// A folder of this process alone, gone with it.
+// Temporary folder of this process, removed at its end.
 struct Scratch {
   fs::path path = temporary_folder() / fmt::format("dimple_doctor_{}", getpid());
   Scratch() { make_folder(path); }
@@ -75,7 +75,7 @@ Check check_simd() {
 }
 
 Check check_memory() {
-  // tests/bench/results/scaling.csv: 1.9 GB at 100,000 nodes, 0.15 GB at 2000.
+  // Measured in tests/bench/results/scaling.csv: 1.9 GB at 100,000 nodes, 0.15 GB at 2000.
   constexpr double per_node = 18e3, beside = 0.12e9;
   const double bytes = memory_at_hand(), nodes = std::floor((bytes - beside) / per_node / 1e3) * 1e3;
   constexpr double enough = 4000.0;
@@ -116,7 +116,7 @@ Check check_locale() {
           "unset LC_ALL", ExitCode::internal};
 }
 
-// A block whose force is known from finite elements.
+// Checks the force on a block against finite elements.
 Check check_force() {
   constexpr int depth_mm = 5;
   constexpr double known = 0.0480;                 // [N] there: tests/verification/reference/block.csv

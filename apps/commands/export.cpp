@@ -18,7 +18,7 @@ struct ExportArguments {
   std::string format, elements = "tetrahedra";
 };
 
-// A mesh of this program says so in its first lines.
+// Refuses to replace a file of another program; meshes of this one name it in their first lines.
 void require_no_file_of_others(const std::filesystem::path& file) {
   if (!std::filesystem::exists(file)) return;
   std::string head(4096, '\0');
@@ -42,7 +42,7 @@ Command add_export(CLI::App& app, Invocation& shared) {
       ->required();
   command->add_option("--format", options->format, "the other program [from the file's name]")
       ->type_name("calculix|febio");
-  command->add_option("--elements", options->elements)->group("");  // there were others once
+  command->add_option("--elements", options->elements)->group("");  // for old command lines
   command->add_flag("--force", shared.force, "replace a file that this program has not written");
   options->flags.add(*command, "");
   add_common(*command, shared);

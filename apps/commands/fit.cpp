@@ -42,7 +42,7 @@ Command add_fit(CLI::App& app, Invocation& shared) {
             const Description described = options->flags.described(*command, shared.image);
             into_folder(shared, image_file(described));
             options->fit.curve = options->curve;
-            // What each of many runs says of itself would hide what the fit says.
+            // A fit makes many runs; their messages would hide its own.
             if (!shared.verbose) start_log(Verbosity::quiet);
             return finish(shared,
                           fit(described, options->fit, shared.out, shared.existing(), progress_of(shared)));

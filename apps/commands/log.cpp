@@ -36,7 +36,7 @@ std::string left_in_words(double s) {
   return s < 5400.0 ? fmt::format("{:.0f} min left", s / 60.0) : fmt::format("{:.1f} h left", s / 3600.0);
 }
 
-// The line at the bottom of a terminal. No packaged progress bar is in Debian 12.
+// Progress line at the bottom of a terminal. Debian 12 has no package for one.
 class StageLine {
  public:
   explicit StageLine(bool slicer) : slicer_(slicer), terminal_(!quiet && isatty(STDERR_FILENO) != 0) {
@@ -62,7 +62,7 @@ class StageLine {
 
   void begin(Part part, const Work& work) {
     const std::lock_guard lock(mutex_);
-    if (own_s_ > 0.0) {  // how long the last part took tells how fast this machine is
+    if (own_s_ > 0.0) {  // the last part's time measures the speed of this machine
       taken_s_ += since_.seconds();
       expected_before_s_ += own_s_;
     }
@@ -85,7 +85,7 @@ class StageLine {
     draw();
   }
 
-  // How far the march has come.
+  // Sets the progress of the march.
   void update(double share, const std::string& state) {
     std::optional<std::string> line;
     {
@@ -105,13 +105,13 @@ class StageLine {
     if (line) say(*line);
   }
 
-  // Prints lines in its place; it comes again below them.
+  // Prints lines above the progress line.
   void above(const std::function<void()>& print) {
     const std::lock_guard lock(mutex_);
     erase();
     print();
   }
-  // Nothing is being done any longer.
+  // Removes the progress line.
   void idle() {
     const std::lock_guard lock(mutex_);
     erase();
@@ -119,9 +119,9 @@ class StageLine {
   }
 
  private:
-  // Of all parts that are left, by their counts and by how this machine has done until now.
+  // Estimated time of all remaining parts [s], from their counts and the speed of this machine so far.
   double left_s() const {
-    constexpr double doubt_s = 0.3;  // the first parts are short and say little
+    constexpr double doubt_s = 0.3;  // the first parts are too short for an estimate
     const double pace = std::clamp((taken_s_ + doubt_s) / (expected_before_s_ + doubt_s), 0.1, 30.0);
     const double here = since_.seconds();
     const double done = std::pow(share_, 1.5);  // deep equilibria take longer than shallow ones
@@ -179,7 +179,7 @@ class StageLine {
   std::mutex mutex_;
   std::string what_, state_;
   double share_ = 0.0, own_s_ = 0.0, after_s_ = 0.0;
-  double taken_s_ = 0.0, expected_before_s_ = 0.0;  // of the parts that are over
+  double taken_s_ = 0.0, expected_before_s_ = 0.0;  // of the finished parts
   double told_ = 0.0;
   int tenths_ = 0;
   bool open_ = false;
@@ -196,7 +196,7 @@ void above_stage_line(const std::function<void()>& print) {
     print();
 }
 
-// In colours on a terminal alone.
+// Prints a line, in colours only on a terminal.
 void print_line(const std::string& line, const fmt::text_style& style) {
   above_stage_line([&] {
     fmt::print(stderr, coloured ? style : fmt::text_style(), "{}", line);
@@ -208,7 +208,7 @@ void print_line(const std::string& line, const fmt::text_style& style) {
 }  // namespace
 
 void start_log(Verbosity verbosity, bool slicer) {
-  // https://no-color.org: any value of NO_COLOR means plain text.
+  // Plain text for any value of NO_COLOR: https://no-color.org.
   const bool plain =
       std::getenv("NO_COLOR") || std::string_view(std::getenv("TERM") ? std::getenv("TERM") : "") == "dumb";
   coloured = !plain && isatty(STDERR_FILENO) != 0;
@@ -275,7 +275,7 @@ std::string times_in_words(double total_s, std::vector<std::pair<std::string, do
   double rest_s = total_s;
   for (const auto& [name, s] : parts) rest_s -= s;
   parts.emplace_back("starting and ending", std::max(0.0, rest_s));
-  // Whole units, of which the largest remainders get what is missing: the sum is the total.
+  // Rounds by largest remainders, so that the parts add up to the total.
   const int decimals = total_s < 10.0 ? 2 : 1;
   const double unit = std::pow(10.0, -decimals), in_all = std::round(total_s / unit);
   std::vector<double> whole;

@@ -19,7 +19,7 @@ struct PhantomArguments {
   std::string size, voxel;
 };
 
-// "60,60,30", "6cm,6cm,30mm": three lengths in mm.
+// Three lengths in mm: "60,60,30", "6cm,6cm,30mm".
 Vec3 lengths(const std::string& text, const std::string& flag) {
   const auto length = [](const char* name) { return length_number(name, 1.0, 1e9); };
   return parse_word({"the size", {{"", {length("x"), length("y"), length("z")}, "60,60,30, or 6cm,6cm,3cm"}}},

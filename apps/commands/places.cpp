@@ -31,7 +31,7 @@ void print_place(const UsablePlace& place) {
                       verdict));
 }
 
-// "a circle of 10 mm", or "the tool sphere:6mm, pressed in by 3.00 mm".
+// Tool as text: "a circle of 10 mm", or "the tool sphere:6mm, pressed in by 3.00 mm".
 std::string tool_in_words(const Scene& scene) {
   if (!scene.tool) return fmt::format("a circle of {:.4g} mm", scene.boundary.indenter_diameter_mm);
   return fmt::format("the tool {}, pressed in by {}", scene.tool_words.shape,

@@ -37,22 +37,22 @@ struct PokeArguments {
   double rate = 25.0, seconds = 3600.0;
   std::int64_t evaluations = 0;
   bool window = false;
-  std::optional<ToolPath> path = {};   // the script's
-  std::vector<TimedStroke> cuts = {};  // the strokes'
-  std::optional<double> blade = {};    // of a scalpel in the hand [m]
+  std::optional<ToolPath> path = {};   // of the script
+  std::vector<TimedStroke> cuts = {};  // of the strokes
+  std::optional<double> blade = {};    // depth of a hand-held scalpel [m]
 };
 
 constexpr double for_solving = 0.7;       // of a frame's time; the rest is for drawing
-constexpr Index most_triangles = 12'000;  // that are drawn
+constexpr Index most_triangles = 12'000;  // in the picture
 constexpr double recorded_rate = 5.0;     // surfaces a second
 
-// The surface under the tool of one touch, small enough to be drawn in a few milliseconds.
+// Surface under the tool, reduced so that it is drawn within a few milliseconds.
 struct Skin {
   ReducedSurface part;
   Points rest_mm;
   Interpolation moved;
 
-  // `opened`: the surface with the banks of cuts; null: there are none, or they are not drawn yet.
+  // `opened`: surface with the faces of cuts; null: there are none, or they are not drawn yet.
   Skin(const Model& model, const BodySurface* opened) {
     const Surface surface =
         opened ? Surface{opened->to_world() * opened->vertex().colwise().homogeneous(), opened->triangles()}
@@ -61,11 +61,11 @@ struct Skin {
     rest_mm = surface.vertex_mm(Eigen::all, part.vertex);
     moved = inner_interpolation(model, 1e-3 * rest_mm);
   }
-  // A cloud that was cut since has further nodes behind those that this knows.
+  // Cuts made since then append nodes, which are not read here.
   Points displacement_mm(const Session& session) const { return 1e3 * moved(session.nodal_parameters()); }
 };
 
-// Of the tool's cloud as it now is: what is drawn of it is made anew when that changes.
+// State of the tool's nodes and cuts; the picture is rebuilt when it changes.
 struct Drawn {
   Index clouds = 0;
   std::size_t opened_cuts = 0;
@@ -73,12 +73,12 @@ struct Drawn {
   bool operator==(const Drawn&) const = default;
 };
 
-// Frames of the tool's way: forces.csv, surface.pvd, and how long each took.
+// Frames of the tool's path: forces.csv, surface.pvd, and the time of each.
 class Recording {
  public:
   explicit Recording(const fs::path& folder) : folder_(folder), surfaces_(folder / "surface.pvd", ".vtp") {}
 
-  /// Whether a surface was written, and a picture is due: `picture()`.
+  /// Adds a frame. True: a surface was written and `picture()` is due.
   bool add(const PathFrame& now, const Session& session, const Skin& skin) {
     frames_.push_back(now);
     if (now.time < next_) return false;
@@ -111,7 +111,7 @@ class Recording {
   int pictures_ = 0;
 };
 
-// What was recorded stays, too where Ctrl-C comes amid a frame.
+// The recording is completed even if Ctrl-C arrives within a frame.
 template <class Work>
 void finish_after(std::optional<Recording>& recording, const LiveTool& tool, Work work) {
   try {
@@ -152,7 +152,7 @@ class Poking {
     });
     return frames_;
   }
-  /// Of the socket, if there is one.
+  /// Statistics of the socket; nothing if there is none.
   std::optional<Served> served() const { return server_ ? std::optional(server_->served()) : std::nullopt; }
 
  private:
@@ -176,7 +176,7 @@ class Poking {
     return true;
   }
 
-  // The tool comes up with the hand; where a scalpel is at hand it stays, so that one can cut beside it.
+  // The tool rises when the mouse is released. With a scalpel it stays, so that one can cut next to it.
   void released() {
     if (!from_mm_) {
       if (!options_.blade) asked_ = 0.0;
@@ -229,7 +229,7 @@ class Poking {
       frame = server_->move(tool_, limit, period);
       frame.time = time;
     } else {
-      // Let go of: tissue that relaxes would hold a circle that stands where it first touched.
+      // The tool is released: relaxing tissue would hold one that stays at the height of first contact.
       constexpr double above = -1e-3;
       const bool is_held = asked_ > 0.0 || !relaxes(tool_.organ->materials);
       move_depth(tool_, is_held ? asked_ : above, limit, period);
@@ -291,10 +291,10 @@ class Poking {
   std::optional<ToolPath> path_;
   std::optional<ForceServer> server_;
   double asked_ = 0.0;                             // depth [m]
-  bool cuts_ = options_.blade.has_value();         // the scalpel is in the hand, not the tool
-  std::optional<Vec3> from_mm_ = {}, to_mm_ = {};  // of its stroke, while it is made
+  bool cuts_ = options_.blade.has_value();         // the mouse moves the scalpel, not the tool
+  std::optional<Vec3> from_mm_ = {}, to_mm_ = {};  // of the current stroke
   std::size_t told_ = 0;                           // strokes
-  std::size_t stroke_ = 0;                         // the next of the options
+  std::size_t stroke_ = 0;                         // next stroke of the options
   Stopwatch clock_;
   std::vector<PathFrame> frames_;
   std::vector<ShownForce> curve_;
@@ -302,7 +302,7 @@ class Poking {
   double next_ = 0.0, solve_s_ = 0.0, draw_s_ = 0.0, busy_ = 0.04;
 };
 
-// Without a window: along the script as fast as it goes, or as a device has it.
+// Without a window: follows the script at full speed, or the device.
 std::vector<PathFrame> follow_unseen(LiveTool& tool, const PokeArguments& options,
                                      std::optional<Served>& served) {
   std::optional<Recording> recording;
@@ -347,7 +347,7 @@ void check(const PokeArguments& options) {
            "give a shorter one, in /tmp for instance");
 }
 
-// "--tool scalpel:12mm" is what the hand holds; the tool that presses stays the circle.
+// Depth of the hand-held scalpel of "--tool scalpel:12mm"; the pressing tool remains the bonded patch.
 std::optional<double> take_scalpel(Flags& flags) {
   const WordTable words{"the tool", {{"scalpel", {length_number("depth", 1e-3, 1000.0)}, "scalpel:12mm"}}};
   for (auto& [key, text] : flags.given)
@@ -372,12 +372,12 @@ int poke(const Invocation& shared, const CLI::App& command, PokeArguments& optio
                       .where = "--tool scalpel",
                       .why = "it is what the hand holds in a window",
                       .remedy = "add --window, or give --strokes"});
-  std::optional<ResultFolder> folder;  // to the end: it lists what is written and keeps others out
+  std::optional<ResultFolder> folder;  // until the end: it lists the files and locks the folder
   if (!options.record.empty()) folder.emplace(options.record, shared.existing()).prepare();
   const Scene scene = resolve(described);
   const LiveOrgan organ = read_live_organ(scene, {.line = to_log().line});
-  // A count that was not asked for is what this machine can follow; with a limit in evaluations nothing
-  // depends on it.
+  // The default number of nodes depends on the speed of this machine; with a limit in evaluations nothing may
+  // depend on it.
   const bool asked =
       command.count("--nodes") > 0 || scene.cloud.nodes != Scene::Cloud().nodes || options.evaluations > 0;
   const Index nodes =

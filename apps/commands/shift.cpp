@@ -17,7 +17,7 @@ struct ShiftArguments {
   bool explain = false;
 };
 
-// After a shift: what it depends on.
+// Measures the dependence of a shift on its choices, after it.
 Outcome explained(const Scene& scene, const ShiftOptions& options, const Invocation& shared,
                   Outcome outcome) {
   const Stopwatch comparing;

@@ -23,7 +23,7 @@ std::string escaped(const std::string& text) {
   return result;
 }
 
-// "boundary.indenter_diameter_mm" -> "Indenter diameter [mm]", for the flag's own words.
+// Label of a flag: "Indenter diameter [mm]" for "boundary.indenter_diameter_mm".
 std::string label_of(const Option& option) {
   std::string words = option.flag.substr(2);
   std::replace(words.begin(), words.end(), '-', ' ');
@@ -37,7 +37,7 @@ std::string name_of(const Option& option) {
   return name;
 }
 
-// A parameter's inner lines: name, flag, words, and what is given as `more`.
+// Lines of a parameter: name, flag, label, description and `more`.
 std::string parameter(const std::string& tag, const std::string& attributes, const std::string& name,
                       const std::string& flag, const std::string& label, const std::string& help,
                       const std::string& more) {
@@ -50,7 +50,7 @@ std::string parameter(const std::string& tag, const std::string& attributes, con
 }
 
 std::string number(const Option& option, const std::string& tag, double standard) {
-  // What spin boxes of 3D Slicer hold; the program itself checks the option's own range.
+  // Largest value of a spin box in 3D Slicer; the program itself checks the option's range.
   constexpr double largest = 1e9;
   const double most = std::min(option.most, largest);
   const double step =

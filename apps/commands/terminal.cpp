@@ -28,12 +28,12 @@ std::string wrapped(const std::string& text, std::size_t column, std::size_t wid
   for (std::string line; std::getline(lines, line);) {
     const std::size_t begin = std::min(line.find_first_not_of(' '), line.size());
     const bool listed = begin > 0 && line.size() > column && line[column - 1] == ' ';
-    // Beside a wide first column there is no room for a second one.
+    // A wide first column leaves no room for a second one.
     const std::size_t indent = !listed ? begin : 2 * column > width ? begin + 4 : column;
     while (line.size() > width) {
       std::size_t blank = line.rfind(' ', width);
       if (blank == std::string::npos || line.find_first_not_of(' ') >= blank || blank <= indent)
-        blank = line.find(' ', std::max(indent, line.find_first_not_of(' ')) + 1);  // a word that is too long
+        blank = line.find(' ', std::max(indent, line.find_first_not_of(' ')) + 1);  // too long for a line
       if (blank == std::string::npos) break;
       std::string head = line.substr(0, blank);
       head.erase(head.find_last_not_of(' ') + 1);
@@ -52,7 +52,8 @@ std::string wrapped(const std::string& text, std::size_t column, std::size_t wid
 
 namespace {
 
-// stdio keeps in mind that a write has failed, where fmt::print throws: command_line() says so in the end.
+// Writes without exceptions: stdio records a failure, which command_line() reports at the end; fmt::print
+// would throw.
 void put(const std::string& text, std::FILE* file) {
   std::fwrite(text.data(), 1, text.size(), file);
 }

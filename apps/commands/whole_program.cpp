@@ -16,7 +16,7 @@ constexpr WholeCommand whole_commands[] = {whole::poke,        whole::batch, who
                                            whole::compare,     whole::fit,   whole::shift,
                                            whole::export_mesh, whole::man,   whole::completion};
 
-// Beside the file of this program, wherever links to it are; empty where that is not known.
+// Path next to the file of this program, not to a link to it; empty if that is not known.
 std::filesystem::path path_of_whole_program() {
   std::error_code unknown;
   const std::filesystem::path here = std::filesystem::read_symlink("/proc/self/exe", unknown);

@@ -5,16 +5,16 @@
 
 namespace dimple {
 
-// `dimple` has the commands of one run. All others, with the libraries that they need, are in the whole
-// program, the target dimple_all: whole/dimple beside it. What is installed is the whole program.
+// `dimple` has the commands of one run. The whole program (target dimple_all, whole/dimple next to it) has
+// all commands and the libraries that they need. The whole program is installed.
 
-/// Whether the words of a command line, without the program's name, ask for what the whole program alone has.
+/// True if a command line, without the program's name, needs the whole program.
 bool needs_whole_program(const std::vector<std::string>& words);
 
-/// Continues as the whole program with the same words, in this process; returns if it is not there.
+/// Replaces this process by the whole program with the same arguments; returns if it is not found.
 void become_whole_program(const std::vector<std::string>& words);
 
-/// `command`: "fit". Throws UsageError, with how to build the whole program.
+/// Throws UsageError with instructions to build the whole program. `command`: "fit".
 [[noreturn]] void refuse_without_whole_program(const std::string& command);
 
 }  // namespace dimple

@@ -1,4 +1,4 @@
-// Dimple as a library: from a label image to a force curve, and a tool that is moved by hand.
+// Dimple as a library: from a label image to a force curve, and a tool moved by hand.
 //
 //     indent IMAGE [DEPTH_MM]
 
@@ -16,7 +16,7 @@ int main(int argc, char** argv) try {
   const double depth =
       argc > 2 ? 1e-3 * std::atof(argv[2]) : 2e-3;  // metres: all but images and files are SI
 
-  // Image to model: surface, base and circle, nodes, integration points, supports.
+  // Image to model: surface, base, bonded patch, nodes, integration points, supports.
   dimple::ModelOptions options;
   options.cloud.count = 1000;  // nodes
   dimple::BuiltModel built = dimple::build_model(dimple::read_label_image(argv[1]), {}, options);
@@ -29,7 +29,7 @@ int main(int argc, char** argv) try {
        dimple::solve(built.model, {{brain}, built.model.tissue}, {.depth = depth}, {.frames = 4}).force)
     std::printf("%.2f mm  %.5f N\n", 1e3 * now.depth, now.force);
 
-  // Or live: 0.1 mm at a time, reading the force and the surface after each move.
+  // Interactive: steps of 0.1 mm, with force and surface after each.
   dimple::Session session(std::move(built.model), {brain});
   const dimple::Interpolation skin = dimple::surface_interpolation(session.model());
   for (double d = 1e-4; d < 1.05e-3; d += 1e-4) {

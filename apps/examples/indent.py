@@ -1,4 +1,4 @@
-# From an array of labels to a force curve with its band, and a picture. Cells begin with # %%: editors run them one by
+# Force curve of an array of labels with its error bounds, and a picture. Cells begin with # %%: editors run them one by
 # one, and `python3 indent.py [PICTURE.png]` runs all of them.
 
 # %% A body as an array: half an ellipsoid of the size of a swine's brain, in voxels of 2 mm, on a flat face
@@ -17,11 +17,11 @@ i, j, k = np.indices((54, 42, 24))
 labels = (((i - 26.5) / 23) ** 2 + ((j - 20.5) / 16) ** 2 + ((k - 2) / 17) ** 2 < 1) & (k >= 2)
 affine = np.diag([voxel_mm, voxel_mm, voxel_mm, 1.0])  # as nibabel gives it: RAS
 
-# %% The force, and how well it is known
+# %% The force and its error bounds
 result = pydimple.run(labels, affine=affine, space="RAS", nodes=1000, depth_mm=5, mu_Pa=210, nu=0.499)
 print(result)
 
-# %% The same body under a tool that is moved by hand
+# %% The same body under a tool moved by hand
 session = pydimple.Session(result.model, mu_Pa=210, nu=0.499)
 for depth_mm in (0.2, 0.4, 0.2):
     session.equilibrate(depth_mm=depth_mm)
@@ -30,7 +30,7 @@ for depth_mm in (0.2, 0.4, 0.2):
 
 # %% A section through the tool's axis, at rest and deformed
 def section(vertices_mm, triangles, origin, normal):
-    """(segments, 2, 3): where triangles cross a plane."""
+    """Intersections of triangles with a plane, (segments, 2, 3)."""
     side = (vertices_mm - origin) @ normal
     segments = []
     for corners in triangles:

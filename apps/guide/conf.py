@@ -12,12 +12,12 @@ import subprocess
 project = "Dimple"
 copyright = "The Dimple authors"
 extensions = ["myst_parser"]
-highlight_language = "none"  # of blocks without a language: commands and what they print
+highlight_language = "none"  # of blocks without a language: commands and their output
 html_theme = "furo"
 html_title = "Dimple: user's guide"
 html_copy_source = False
 smartquotes = False  # two hyphens are a flag
-myst_heading_anchors = 3  # as on a forge: cuts.md#cut-a-deformed-body
+myst_heading_anchors = 3  # as on a code-hosting site: cuts.md#cut-a-deformed-body
 exclude_patterns = ["conf.py"]
 
 HERE = pathlib.Path(__file__).resolve().parent
@@ -60,13 +60,13 @@ glossary
 
 
 def printed(*words):
-    """What the program prints, each entry on a line of its own."""
+    """Output of the program, with each entry on one line."""
     run = subprocess.run([PROGRAM, *words], env={**os.environ, "COLUMNS": "100000"}, capture_output=True, text=True, check=True)
     return run.stdout
 
 
 def options():
-    """A heading for each section, and a paragraph with an anchor for each option."""
+    """Heading for each section, and a paragraph with an anchor for each option."""
     lines, section = [], ""
     for key, default, meaning in re.findall(r"^  (\S+) += (\S.*?)  +(\S.*)$", printed("options"), re.M):
         if key.rsplit(".", 1)[0] != section:
@@ -77,7 +77,7 @@ def options():
 
 
 def commands():
-    """The help of each command, as it is printed."""
+    """Help of each command, as printed."""
     lines = []
     for name in re.findall(r"^  ([a-z]+)  +\S", printed("--help").split("Subcommands:")[1].split("Examples:")[0], re.M):
         lines += [f"### dimple {name}", "", "```text", printed(name, "--help-all").rstrip(), "```", ""]
@@ -92,7 +92,7 @@ def write_reference(app):
 
 
 def for_the_site(app, page, source):
-    """Adds the contents to the first page, and makes paths of links that lead out of the guide."""
+    """Adds the contents to the first page, and replaces links that leave the guide by paths."""
     if page == "index":
         source[0] += CONTENTS
     source[0] = re.sub(r"(?<!!)\[([^\]]*)\]\((?:\.\./)*\.\./\.\./([^)#]*)(#[^)]*)?\)", r"\1 (`\2`)", source[0])

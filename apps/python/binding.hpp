@@ -1,6 +1,6 @@
 #pragma once
 
-// What the parts of the module share: views of arrays, the interpreter's lock, Ctrl-C and errors.
+// Common parts of the module: views of arrays, the interpreter's lock, Ctrl-C and errors.
 
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
@@ -25,15 +25,15 @@ namespace py = pybind11;
 
 namespace dimple {
 
-/// A string of Python. File names need not be UTF-8.
+/// Python string of a text; file names need not be UTF-8.
 py::object words(const std::string& text);
-/// What the program says to its command line, as it is said in Python: `--nodes` is `nodes=`.
+/// Message of the program with its options named as in Python: `nodes=` for `--nodes`.
 py::object in_keywords(const std::string& text);
 py::list in_keywords(const std::vector<std::string>& texts);
-/// JSON as a dictionary of Python.
+/// Python dictionary of JSON.
 py::object dictionary(const std::string& json);
 
-/// One of the computations under way: a request to stop is to all of them, and done with when the last has
+/// Counter of running computations: a request to stop applies to all of them and is reset when the last has
 /// ended.
 class UnderWay {
  public:
@@ -43,8 +43,9 @@ class UnderWay {
   UnderWay& operator=(const UnderWay&) = delete;
 };
 
-/// Does work in a thread of its own, without the interpreter's lock. This thread hears signals meanwhile, as
-/// Python alone can: what the handler raises, KeyboardInterrupt by default, ends the work and is raised then.
+/// Runs work in its own thread, without the interpreter's lock. Meanwhile this thread handles signals, as
+/// only Python can: an exception of the handler (by default KeyboardInterrupt) stops the work and is raised
+/// then.
 template <class Work>
 auto computing(const Work& work) {
   const UnderWay counted;
@@ -63,18 +64,18 @@ auto computing(const Work& work) {
   if (!raised) return result.get();
   try {
     result.get();
-  } catch (...) {  // a consequence of the stop
+  } catch (...) {  // caused by the stop
   }
   if (raised->matches(PyExc_KeyboardInterrupt)) throw Stopped(StopReason::interrupted);
   throw *raised;
 }
 
-/// The program's lines go to Python's logging, as those of "pydimple".
+/// Passes a message to the Python logger "pydimple".
 void log(RunObserver::Line kind, const std::string& text);
 
 using Shape = std::vector<py::ssize_t>;
 
-/// Numbers where they are: read-only, and `owner` lives as long as the array.
+/// Read-only array without a copy; `owner` lives as long as the array.
 template <class T>
 py::array view(const py::object& owner, const T* first, const Shape& shape, const Shape& strides = {}) {
   py::array array(py::dtype::of<T>(), shape, strides, first, owner);
@@ -82,13 +83,13 @@ py::array view(const py::object& owner, const T* first, const Shape& shape, cons
   return array;
 }
 
-/// Vectors side by side, [3xN], are the rows of [N, 3].
+/// Array [N, 3] of the columns of a matrix [3xN].
 template <class T>
 py::array view(const py::object& owner, const Eigen::Matrix<T, 3, Eigen::Dynamic>& rows) {
   return view(owner, rows.data(), {rows.cols(), 3});
 }
 
-/// The numbers of a vector.
+/// Array of a vector.
 template <class T, int n>
 py::array view(const py::object& owner, const Eigen::Matrix<T, n, 1>& numbers) {
   return view(owner, numbers.data(), {numbers.size()});
@@ -98,7 +99,7 @@ py::array view(const py::object& owner, const std::vector<T>& numbers) {
   return view(owner, numbers.data(), {static_cast<py::ssize_t>(numbers.size())});
 }
 
-/// The array becomes the owner.
+/// Array that owns the numbers.
 template <class Numbers>
 py::array_t<double> handed_over(Numbers&& numbers, Shape shape) {
   auto* kept = new std::decay_t<Numbers>(std::forward<Numbers>(numbers));
@@ -107,31 +108,32 @@ py::array_t<double> handed_over(Numbers&& numbers, Shape shape) {
 }
 py::array_t<double> handed_over(Points&& rows);
 
-/// What a pickle holds, and back: the first of `parts` in its state. Throws InputError.
+/// Bytes for a pickle, and bytes of the first of `parts` in a pickle's state. Throws InputError.
 py::bytes as_object(const std::vector<std::uint8_t>& bytes);
 std::vector<std::uint8_t> bytes_in(const py::tuple& state, std::size_t parts);
 
-/// A file of options or "", then key, text and where it was given, as the package hands them over.
+/// File of options or "", then key, text and source of each option, from the Python package.
 struct Settings {
   std::string config_file;
   std::vector<std::array<std::string, 3>> given;
 
   Settings beside(const Settings& further) const;
   Description described() const;
-  py::dict values() const;  ///< what they amount to: key -> value, in the unit of the key
+  py::dict values() const;  ///< resulting values by key, in the unit of the key
 };
 
-/// Moves the model out of a result and leaves the rest.
+/// Moves the model out of a result.
 ModelHolder take_model(Result& result, const ModelChoices& choices);
 
-/// Throws UsageError: the model was made for a tool that touches and has no nodes that a circle moves.
+/// Throws UsageError: the model was made for a contacting tool and has no nodes of a bonded patch.
 void require_nodes_of_circle(const ModelInMemory& built, const char* where);
 
-// What Python sees: documented in numpydoc's style, with shape, type, unit and meaning.
+// Functions that define the Python interface, documented in numpydoc's style with shape, type, unit and
+// meaning.
 void add_errors();
 void add_inputs(py::module_& m);   ///< options, LabelImage, Settings
-void add_model(py::module_& m);    ///< Model, Organ, and what makes them
-void add_result(py::module_& m);   ///< Result, and what makes it
+void add_model(py::module_& m);    ///< Model, Organ, and their makers
+void add_result(py::module_& m);   ///< Result and its makers
 void add_session(py::module_& m);  ///< Session
 
 }  // namespace dimple

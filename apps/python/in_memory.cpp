@@ -92,7 +92,7 @@ void members(Archive& io, T& grid) {
 
 template <class Archive, Like<BoundaryOptions> T>
 void members(Archive& io, T& boundary) {
-  // Of a tool that touches no model is kept in memory.
+  // No model with a contacting tool is kept in memory, so the members after the first seven are left out.
   auto& [base, base_depth_mm, indent_at, indenter_diameter_mm, direction, voxel_mm, contact_radius_mm,
          height_of_tool, way_of_tool, way_of_turning_tool, other_tools, is_pressed] = boundary;
   io(base, base_depth_mm, indent_at, indenter_diameter_mm, direction, voxel_mm, contact_radius_mm);
@@ -105,7 +105,7 @@ void members(Archive& io, T& options) {
 }
 
 // ---------------------------------------------------------------------------------------------------------
-// Image, surface and what a model was made from
+// Image, surface and input of a model
 // ---------------------------------------------------------------------------------------------------------
 
 template <class Archive, Like<LabelImage> T>
@@ -142,7 +142,7 @@ void members(Archive& io, T& end) {
   io(out, offset, tolerance);
 }
 
-// What a surface is made from; the same comes of it again.
+// Data from which a surface is made; the same data give the same surface.
 struct Triangulated {
   Points vertex;
   Triangles triangles;
@@ -197,7 +197,7 @@ void members(Archive& io, T& label) {
 template <class Archive, Like<ImageFacts> T>
 void members(Archive& io, T& facts) {
   auto& [image_words, labels, closed_mm3, cut, facing_share, voxel_edges_mm, segment] = facts;
-  auto& [area_mm2, removed_mm3, sizing, parted, taken_out, took] = cut;  // images alone ask what a blade took
+  auto& [area_mm2, removed_mm3, sizing, parted, taken_out, took] = cut;  // `took` is only needed for images
   io(image_words, labels, closed_mm3, area_mm2, removed_mm3, sizing, parted, taken_out, facing_share,
      voxel_edges_mm, segment);
 }

@@ -13,17 +13,17 @@
 
 namespace dimple {
 
-/// What pydimple.Model is.
+/// Content of pydimple.Model.
 struct ModelInMemory {
-  /// Places, scheme, and what to_surface() needs: who solves makes the rest, which hangs on the tissues.
+  /// Nodes, scheme, and data for to_surface(); a solution adds what depends on the tissues.
   Model model;
   std::map<std::string, int> label_names;
   std::map<std::string, std::string> provenance;
   std::vector<std::string> warnings;
   std::string report_json;
-  std::shared_ptr<const Origin> origin;  // by which its force gets a band
+  std::shared_ptr<const Origin> origin;  // for the error bounds of its force
 
-  // At the vertices of the surface; made when it is asked for at first.
+  // Interpolation to the vertices of the surface, made at the first call.
   const Interpolation& to_surface() const {
     std::call_once(made_, [this] { to_surface_ = surface_interpolation(model); });
     return to_surface_;
@@ -39,7 +39,7 @@ struct ModelInMemory {
 };
 using ModelHolder = std::shared_ptr<ModelInMemory>;
 
-/// What pydimple.Result is.
+/// Content of pydimple.Result.
 struct Solved {
   std::vector<ForceSample> force;
   Band band;
@@ -49,8 +49,8 @@ struct Solved {
   std::vector<double> frame_time, frame_depth, frame_u;  // [F], [F], [F x N x 3]
 };
 
-/// All of a model, or of a result but for its model, and back to the same bits: what it gives afterwards is
-/// what it gave before. Throws InputError: bytes of another version of the program, or damaged ones.
+/// Bytes of a model, or of a result without its model, and back, without loss. Throws InputError: bytes of
+/// another version of the program, or damaged ones.
 std::vector<std::uint8_t> bytes_of(const ModelInMemory& model);
 ModelHolder model_of(const std::vector<std::uint8_t>& bytes);
 std::vector<std::uint8_t> bytes_of(const Solved& solved);

@@ -37,7 +37,7 @@ LabelArray labels_in(const py::array& array) {
   }
 }
 
-// `array`: of one of the types above, three axes, side by side in memory; `to_world`: 4x4, to LPS mm.
+// Image of an array: one of the types above, three axes, contiguous. `to_world`: 4x4, to LPS mm.
 std::shared_ptr<LabelImage> label_image(const py::array& array, const py::array_t<double>& to_world,
                                         const std::string& label_names) {
   LabelArray labels = labels_in(array);
@@ -46,7 +46,7 @@ std::shared_ptr<LabelImage> label_image(const py::array& array, const py::array_
   return computing([&] { return std::make_shared<LabelImage>(label_image_of(labels, label_names)); });
 }
 
-// The word of the flag with the unit of the key: "--mu" of material.mu_Pa is mu_Pa.
+// Keyword of an option: its flag with the unit of the key, mu_Pa for "--mu" of material.mu_Pa.
 std::string keyword_of(const Option& option) {
   const std::string last = option.key.substr(option.key.find('.') + 1);
   if (option.flag.empty()) return last;
@@ -55,8 +55,7 @@ std::string keyword_of(const Option& option) {
   return last.starts_with(word) ? last : word;
 }
 
-// Words that an option of free text knows. In Slicer, which makes a closed list of its words, these stay
-// free.
+// Suggested words of an option of free text. They are not in its table, as Slicer would allow no others.
 std::vector<std::string> words_beside_text(const Option& option) {
   static const std::map<std::string, std::vector<std::string>> others = {
       {"image.label_names", {"totalsegmentator", "totalsegmentator-ct", "totalsegmentator-mr", "freesurfer"}},

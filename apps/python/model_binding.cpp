@@ -25,7 +25,7 @@ ModelHolder build(const Settings& settings, const LabelImage* image) {
   });
 }
 
-// An organ that is read once, for models at several places.
+// Organ that is read once, for models at several positions.
 struct OrganInMemory {
   Settings settings;
   ReadOrgan organ;
@@ -39,7 +39,7 @@ std::unique_ptr<OrganInMemory> read_organ_of(const Settings& settings, const Lab
   });
 }
 
-// `settings`: what differs from the organ's own, none of it about the image or the circle's width.
+// Builds a model. `settings`: changes to the organ's, except those of the image and the patch's diameter.
 ModelHolder build_of_organ(const OrganInMemory& of, const Settings& settings) {
   return computing([&] {
     const Scene scene = resolve(of.settings.beside(settings).described());
@@ -155,7 +155,7 @@ ModelHolder take_model(Result& result, const ModelChoices& choices) {
   built->model.scheme = result.model.scheme;
   if (built->model.support_report.unseen = result.model.support_report.unseen;
       built->model.support_report.unseen > 0)
-    built->model.support = std::move(result.model.support);  // a surface's fields hang on who sees whom
+    built->model.support = std::move(result.model.support);  // needed to interpolate fields to the surface
   return built;
 }
 

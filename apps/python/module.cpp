@@ -1,5 +1,5 @@
-// pydimple._core: the library as the package in pydimple/ hands it to its users. Names of options, images and
-// their affines are matters of __init__.py.
+// Extension pydimple._core: the library for the package in pydimple/. Keywords, images and their affines are
+// handled in __init__.py.
 
 #include <tbb/global_control.h>
 
@@ -35,7 +35,7 @@ void add_words(py::module_& m) {
 
 PYBIND11_MODULE(_core, m) {
   add_errors();
-  // In this order: a signature names classes that are known by then.
+  // In this order, as a signature can name only registered classes.
   add_words(m);
   add_inputs(m);
   add_model(m);

@@ -16,7 +16,7 @@
 namespace dimple {
 namespace {
 
-// A step has cut the body: its model is another, and its frames begin there.
+// Removes the frames before a cut, as the cut body has another model.
 void forget_frames(Solved& solved) {
   solved.frame_time.clear(), solved.frame_depth.clear(), solved.frame_u.clear();
 }
@@ -28,7 +28,7 @@ void add(Solved& solved, const Frame& frame) {
     solved.frame_u.insert(solved.frame_u.end(), &frame.u(0, a), &frame.u(0, a) + 3);
 }
 
-// `built`: the model that was solved; none: it was made for this.
+// Takes a result. `built`: the model that was solved; null: it was made for this run.
 void take(Solved& solved, Result& result, const ModelChoices& choices, ModelHolder built = nullptr) {
   solved.force = std::move(result.history.force);
   solved.band = result.band;
@@ -36,14 +36,14 @@ void take(Solved& solved, Result& result, const ModelChoices& choices, ModelHold
   solved.model = built ? std::move(built) : take_model(result, choices);
 }
 
-// A column of the force curve, as it lies among the others.
+// View of a column of the force curve, in place.
 py::array curve(const py::object& self, double ForceSample::*column) {
   const std::vector<ForceSample>& force = self.cast<const Solved&>().force;
   return view(self, force.empty() ? nullptr : &(force.front().*column),
               {static_cast<py::ssize_t>(force.size())}, {sizeof(ForceSample)});
 }
 
-// Of the force on the tool and its moment, three numbers a sample, as they lie among the others.
+// View of the force on the tool or of its moment: three numbers of each sample, in place.
 py::array on_tool(const py::object& self, std::size_t first) {
   const std::vector<ForceSample>& force = self.cast<const Solved&>().force;
   return view(self, force.empty() ? nullptr : &force.front().on_tool[first],
@@ -68,8 +68,8 @@ std::string shown(const Solved& solved) {
          (half_N ? "" : ", no error estimate: " + in_keywords(solved.band.unknown).cast<std::string>()) + ">";
 }
 
-// What simulate() makes of a case, all in memory. `summary` begins it; `built`: the model that the case
-// begins with.
+// Result of simulate() for a case, all in memory. `summary` gives the first part of the summary; `built`: the
+// model with which the case begins.
 std::unique_ptr<Solved> solved(const Case& given, const std::function<Json(const Result&)>& summary,
                                const ModelHolder& built = nullptr) {
   return computing([&] {
@@ -89,7 +89,7 @@ std::unique_ptr<Solved> solved(const Case& given, const std::function<Json(const
             ExitCode::ok, nullptr);
     kept->summary_json = as_text(all);
     const bool is_built =
-        built && result.levels.empty() && !result.unloaded;  // an accuracy takes other nodes
+        built && result.levels.empty() && !result.unloaded;  // otherwise the run made other nodes
     take(*kept, result, result.origin ? result.origin->choices : given.scene, is_built ? built : nullptr);
     return kept;
   });
@@ -181,7 +181,7 @@ void add_band(py::class_<Solved>& result) {
           "str: why there is no band; empty where there is one.");
 }
 
-// Of each node at each frame [F x N x 3].
+// Displacement of each node at each frame [F x N x 3].
 py::array_t<double> displacements(const Solved& kept) {
   const Index nodes = kept.model->model.node_count(), frames = static_cast<Index>(kept.frame_time.size());
   std::vector<double> all(kept.frame_u.size());

@@ -19,7 +19,7 @@
 namespace dimple {
 namespace {
 
-// One thing at a time is asked of it, by whatever thread.
+// Session that handles one request at a time, from any thread.
 class LiveSession {
  public:
   LiveSession(const ModelInMemory& built, const Settings& settings) {
@@ -38,7 +38,7 @@ class LiveSession {
     });
   }
 
-  // Places on the body as it now is [mm, LPS].
+  // Cuts between points on the deformed body [mm, LPS].
   void cut(const Vec3& from, const Vec3& to, double depth) {
     computing([&] {
       const std::lock_guard alone(mutex_);
@@ -53,7 +53,7 @@ class LiveSession {
     });
   }
 
-  // `ask`: of the session. Without the interpreter's lock, which another thread may need to finish.
+  // Reads the session with `ask`, without the interpreter's lock, which another thread may need to finish.
   template <class Ask>
   auto now(const Ask& ask) {
     const py::gil_scoped_release others_may_run;
@@ -88,7 +88,7 @@ class LiveSession {
   std::map<std::string, int> label_names_;
   std::optional<BodySurface> rest_ = {};  // made by the first cut
   std::unique_ptr<Session> session_;
-  Interpolation to_nodes_ = {};  // empty: not asked for since the body was cut
+  Interpolation to_nodes_ = {};  // empty until requested after a cut
 };
 
 std::string shown(LiveSession& session) {
@@ -103,7 +103,7 @@ py::array on_tool(LiveSession& session, Index first) {
   return handed_over(std::vector<double>(&all[first], &all[first] + 3), {3});
 }
 
-// The members of pydimple.Frame, in its order.
+// Members of pydimple.Frame, in its order.
 py::tuple frame_of(const LiveFrame& frame) {
   const auto three = [](const Wrench& of, Index first) {
     return py::make_tuple(of[first], of[first + 1], of[first + 2]);

@@ -14,17 +14,17 @@ from setuptools.command.build_ext import build_ext
 
 HERE = pathlib.Path(__file__).resolve().parent
 ROOT = HERE.parent.parent
-# DIMPLE_BUILD=build/release, counted from the root: what a build there has made is taken as it is.
+# Existing build, relative to the root, that is used as it is: DIMPLE_BUILD=build/release.
 GIVEN = os.environ.get("DIMPLE_BUILD")
 BUILD = (ROOT / (GIVEN or "build/python")).resolve()
 VERSION = re.search(r"project\(Dimple VERSION ([\d.]+)", (ROOT / "CMakeLists.txt").read_text()).group(1)
 
 
-VECTORS = ("base", "direction")  # whose other values are three numbers; of other words there is free text, too
+VECTORS = ("base", "direction")  # these also accept three numbers; other options with words accept any text
 
 
 def typed(option):
-    """The type of an option's keyword. Numbers with their unit are strings."""
+    """Type of an option's keyword. Numbers with a unit are strings."""
     default, words = option["default"], option["words"]
     literal = "Literal[" + ", ".join(f'"{word}"' for word in words) + "]"
     if isinstance(default, (int, float)):
@@ -57,7 +57,7 @@ class CMakeBuild(build_ext):
         self.complete_stubs(made, package / "__init__.pyi")
 
     def complete_stubs(self, made, stubs):
-        """`**options` of each function becomes the keywords that it takes."""
+        """Replaces `**options` of each function by the keywords that it accepts."""
         sys.path.insert(0, str(stubs.parent.parent))
         import pydimple
 
@@ -72,7 +72,7 @@ class CMakeBuild(build_ext):
             owner, _, method = name.rpartition(".")
             start = text.index(f"class {owner}:") if owner else 0
             start = text.index(f"class {name}:" if inspect.isclass(thing) else f"def {method}(", start)
-            by_name = "self, *, " if "." in name else ""  # nothing stands before them
+            by_name = "self, *, " if "." in name else ""  # no argument precedes them
             text = text[:start] + re.sub(rf"({'self, ' if by_name else ''})\*\*options: Any", by_name + keywords, text[start:], count=1)
         stubs.write_text(text)
 
@@ -83,6 +83,6 @@ setup(
     package_data={"pydimple": ["py.typed", "__init__.pyi"]},
     ext_modules=[Extension("pydimple._core", sources=[])],
     cmdclass={"build_ext": CMakeBuild},
-    # What is made on the way lies where everything else is built, and not among the sources.
+    # Intermediate files go to the build folder, not among the sources.
     options={"build": {"build_base": str(BUILD / "wheel")}, "egg_info": {"egg_base": str(BUILD)}},
 )

@@ -1,4 +1,4 @@
-// One file from src/: template.html, which the program fills with a run's numbers.
+// Bundles src/ into template.html, in which the program inserts the numbers of a run.
 import { build } from 'esbuild';
 import { readFile, writeFile } from 'node:fs/promises';
 

@@ -83,7 +83,7 @@ std::string first_turn(const Scene& scene) {
   return {};
 }
 
-// In a step either something moves or the body is cut.
+// Refuses steps that cut and move at once.
 void check_cut_steps(const Scene& scene) {
   for (const Scene::Step& step : scene.steps) {
     if (!step.cut) continue;

@@ -9,7 +9,7 @@ namespace dimple {
 void require_tool_as_long(const Scene& scene, double depth_mm) {
   const std::optional<ToolShape> tool = scene.tool;
   if (!tool || 1e-3 * depth_mm <= tool->length) return;
-  constexpr double smallest_mm = 0.05;  // radius of what indents soft tissue
+  constexpr double smallest_mm = 0.05;  // smallest radius of an indenter for soft tissue
   const bool looks_like_metres = 1e3 * tool->radius < smallest_mm;
   throw UsageError(
       {.fact = fmt::format("the tool is to be pushed in by {}, and is {} long", length_in_words(depth_mm),
@@ -32,7 +32,7 @@ void check_tool(const Scene& scene) {
          .where = "solver.step_radii",
          .why = fmt::format("the shortest are {:g} radii: a radius takes a thousand of them", shortest),
          .remedy = "give a longer one, or 0 for the usual"});
-  // Steps may go aside or away: how deep they push is known where the push is (require_room_beneath()).
+  // The depth of steps depends on the approach direction: require_room_beneath() checks it.
   if (scene.steps.empty()) require_tool_as_long(scene, scene.depth_mm);
 }
 

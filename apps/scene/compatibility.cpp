@@ -104,14 +104,14 @@ void add_output(const Scene& scene, Features& has) {
   has.set(Feature::paper_comparison, scene.output.compare == paper_word);
 }
 
-// Which of them is there first, in the order of the enumeration.
+// First of some features that is present, in the order of the enumeration.
 std::optional<Feature> first_of(Features some, Features there) {
   for (std::size_t k = 0; k < feature_count; ++k)
     if (some.has(feature_at(k)) && there.has(feature_at(k))) return feature_at(k);
   return std::nullopt;
 }
 
-// What the texts of the table may hold.
+// Text of the table with its placeholders replaced.
 std::string filled_in(const char* text, const Scene& scene, Feature beside) {
   const auto after = cuts_after_moves(scene);
   const auto any = [](const auto&) { return true; };
@@ -141,7 +141,7 @@ Report report_of(const Clash& row, const Scene& scene, Feature beside) {
           .remedy = filled(row.remedy)};
 }
 
-// The first reason of the table why there are no error bounds, or no proportional force.
+// First reason in the table why there are no error bounds or no proportional force.
 const Clash* reason_in(Features has, Feature wanted) {
   for (const Clash& row : clashes())
     if (row.feature == wanted && first_of(row.beside, has)) return &row;
@@ -184,7 +184,7 @@ Features features_of(const Scene& scene) {
 std::optional<Report> clash_of(const Scene& scene, Feature driver) {
   Features has = features_of(scene);
   has.set(driver);
-  // The scheme is that of the model, which check_materials() is given.
+  // The scheme is the model's, which check_materials() checks.
   if (driver == Feature::solve || driver == Feature::solve_in_memory || driver == Feature::session)
     has.erase(Feature::converging_scheme);
   return clash_in(has, scene);

@@ -11,8 +11,8 @@
 
 namespace dimple {
 
-/// What a scene may have, and what may be done with it (a driver, from `run` on). Two of them go together
-/// unless the table of clashes() says otherwise.
+/// Feature of a scene, or driver (from `run` on). Two features are compatible unless the table of clashes()
+/// excludes them.
 enum class Feature : std::uint8_t {
   circle,
   touching_tool,
@@ -92,7 +92,7 @@ struct Features {
 };
 static_assert(feature_count <= 64);
 
-/// How a feature is spoken of: "a tool that touches", and its option.
+/// Name of a feature in messages, "gravity", and its option.
 struct FeatureWords {
   Feature feature;
   const char* name;
@@ -100,9 +100,9 @@ struct FeatureWords {
 };
 const FeatureWords& words_of(Feature feature);
 
-/// A feature that does not go with any of some others. The texts may hold {beside}, the name of the other,
-/// and values of the configuration. Without a fact nothing is refused: `why` is then the reason why there are
-/// no error bounds, or why the force is not proportional to one modulus.
+/// Feature that excludes some others. The texts may hold {beside}, the name of the other, and values of the
+/// configuration. Without a fact, nothing is refused: `why` then explains missing error bounds or a force
+/// that is not proportional to one modulus.
 struct Clash {
   Feature feature;
   Features beside;
@@ -111,10 +111,10 @@ struct Clash {
   const char* why;
   const char* remedy;
 };
-/// All of them, in the order in which they are looked for.
+/// All of them, in the order in which they are checked.
 std::span<const Clash> clashes();
 
-/// A feature that takes error bounds or a proportional force. `lead` comes before the reason why there is
+/// Feature that requires error bounds or a proportional force. `lead`: text before the reason why there are
 /// none.
 struct Need {
   Feature feature, needs;
@@ -125,31 +125,30 @@ struct Need {
 };
 std::span<const Need> needs();
 
-/// What of the table a configuration asks for, without drivers. Throws UsageError, InputError: a tool, a
-/// friction or a material is not understood.
+/// Features of a configuration, without drivers. Throws UsageError, InputError: a tool, a friction or a
+/// material is not understood.
 Features features_of(const Scene& scene);
 
-/// Why this configuration does not go with the driver: what check_pairs() throws. Nothing: it goes.
+/// Error that check_pairs() throws for this configuration and driver; nothing if they are compatible.
 std::optional<Report> clash_of(const Scene& scene, Feature driver);
 
-/// Before anything is built: throws UsageError where two features of the configuration do not go together, or
-/// one does not go with the driver. Throws what features_of() throws.
+/// Throws UsageError if two features of the configuration exclude each other, or one excludes the driver.
+/// Nothing needs to be built before. Throws what features_of() throws.
 void check_pairs(const Scene& scene, Feature driver);
 
-/// Throws UsageError: the configuration has `feature`, which does not go with `beside`. For what is known
-/// later than the configuration: that a march has inertia, or the scheme of a model that was made before.
+/// Throws UsageError: the configuration has `feature`, which excludes `beside`. For features found after the
+/// configuration was read: inertia of a march, or the scheme of a model made before.
 void check_pair(const Scene& scene, Feature feature, Feature beside);
 
 inline constexpr const char* not_for_dynamics = "not calibrated for dynamics";
-/// The reason why the configuration has no `wanted`, which are error bounds or a proportional force; empty:
-/// it has.
+/// Reason why the configuration has no `wanted` (error bounds or a proportional force); empty if it has.
 std::string why_without(const Scene& scene, Feature wanted);
 
-/// Throws UsageError: a law, a stress or several tissues that the scheme does not know. The scheme may be
-/// that of a model that was made before.
+/// Throws UsageError: the scheme does not support a law, a stress or several tissues. The scheme may be that
+/// of a model made before.
 void check_materials(const Scene& scene, const Scheme& scheme);
 
-/// The table for people, a paragraph for each feature that does not go with another.
+/// The table as text, a paragraph for each feature that excludes another.
 std::string pairs_in_words();
 
 }  // namespace dimple

@@ -2,7 +2,7 @@
 
 #include "apps/scene/compatibility.hpp"
 
-// Short names, which are this table's alone.
+// Short names for this table only.
 namespace dimple::compatibility {
 namespace {
 
@@ -85,7 +85,7 @@ constexpr bool is_in_order() {
 }
 static_assert(is_in_order());
 
-// What several lines of the table name, and say.
+// Features and texts that several lines of the table use.
 constexpr Features loads = of(F::fluid_lost, F::gravity, F::pressure, F::body_force);
 constexpr const char* equilibrium = "the contact is solved for in equilibrium, depth by depth";
 constexpr const char* circle_alone = "its explicit march knows the circle alone";
@@ -96,7 +96,7 @@ constexpr const char* mu_in_words =
 constexpr const char* two_runs = "run it once with the smallest and once with the largest modulus";
 
 constexpr auto all_clashes = std::to_array<Clash>({
-    // What a driver does not take.
+    // Features that a driver does not support:
     {F::export_mesh, of(F::tissues, F::other_law, F::printed_stress),
      "only one neo-Hookean tissue can be exported", "material",
      "other laws are not written alike by these programs",
@@ -254,7 +254,7 @@ constexpr auto all_clashes = std::to_array<Clash>({
      "the first touch is found on the body at rest, without loads", leave_one},
     {F::further_tool, of(F::membrane), "a membrane is asked for beside a further tool", "membrane",
      "contact with a body under a membrane has not been compared with anything", leave_one},
-    // Folds, and the shape without loads.
+    // Contact of folds, and the load-free configuration.
     {F::self_contact, of(F::inertia), "folds are to touch, and the time is '{time}'",
      "--self-contact (load.self_contact) and --time (solver.time)", equilibrium, leave_one},
     {F::self_contact, of(F::paper_scheme), "folds are to touch, and the scheme is '{scheme}'",
@@ -273,7 +273,7 @@ constexpr auto all_clashes = std::to_array<Clash>({
      "add --scheme horton2007"},
     {F::uncertain_mu, of(F::ogden), mu_in_words, "--mu (material.mu_spread_percent)",
      "the modulus of this material is not given by --mu", two_runs},
-    // Why there are no error bounds, and why a force is not proportional to one modulus.
+    // Reasons why there are no error bounds, and why a force is not proportional to one modulus.
     {F::error_bounds, of(F::paper_scheme), "", "", "calibrated for the converging scheme only", ""},
     {F::error_bounds, of(F::inertia), "", "", not_for_dynamics, ""},
     {F::error_bounds, of(F::frictionless), "", "", "not calibrated for a circle that is not bonded", ""},

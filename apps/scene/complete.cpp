@@ -13,10 +13,10 @@
 namespace dimple {
 namespace {
 
-// Before the name of the preset that a number is of.
+// Prefix of a preset's name in the source of a number.
 const std::string of_preset = "preset ";
 const std::string by_tool = "the tool";
-// Before the source of an option that is of all cases of a table; each of them may say otherwise.
+// Prefix of the source of an option for all cases of a table; a case may override it.
 const std::string for_all_cases = "all cases: ";
 
 constexpr std::array keys_of_a_preset = {
@@ -28,8 +28,8 @@ bool is_of_a_preset(const Option& option) {
   return std::find(keys_of_a_preset.begin(), keys_of_a_preset.end(), option.key) != keys_of_a_preset.end();
 }
 
-// How much an option was meant: 0, not at all, or as a file of all options states whatever nobody has chosen;
-// 1, for all cases of a table, each of which may say otherwise; 2, in a file; 3, by the caller.
+// Rank of an option's source: 0, none, a preset or a default in a file of all options; 1, for all cases of a
+// table, each of which may override it; 2, a file; 3, the caller.
 int weight_of(const Config& config, const std::string& key) {
   const auto source = config.source.find(key);
   if (source == config.source.end() || source->second.starts_with(of_preset)) return 0;
@@ -40,7 +40,7 @@ int weight_of(const Config& config, const std::string& key) {
   return toml_value(*find_option(all, key)) == toml_value(*find_option(as_usual, key)) ? 0 : 2;
 }
 
-// Whether a number is of a preset that was there before.
+// True if the value of an option came from an earlier preset.
 bool was_of_a_preset(const Config& config, const std::string& key) {
   const auto source = config.source.find(key);
   return source != config.source.end() &&
@@ -82,14 +82,14 @@ void resolve_young(Config& config) {
   m.young_Pa = 0.0;
 }
 
-// Of Ogden's law the shear modulus is the sum of its moduli.
+// Makes mu the sum of Ogden's moduli, or scales the moduli to the sum mu.
 void match_ogden(Config& config, int weight_of_modulus) {
   auto& m = config.material;
   double sum = 0.0;
   for (const double mu : m.ogden_mu_Pa) sum += mu;
   constexpr double rounding = 1e-12;
   if (!(sum > 0.0) || std::abs(sum - m.mu_Pa) <= rounding * sum)
-    return;  // what is no law is refused elsewhere
+    return;  // an invalid law is refused elsewhere
   const int weight = weight_of(config, "material.ogden_mu_Pa");
   if (weight == weight_of_modulus && weight > 0)
     throw UsageError(
@@ -108,7 +108,7 @@ void match_ogden(Config& config, int weight_of_modulus) {
   }
 }
 
-// The number follows from the spacing; a number in the terminal takes back a spacing in a file.
+// The number of nodes follows from the spacing; a number of the caller overrides a spacing in a file.
 void resolve_spacing(Config& config) {
   if (!(config.cloud.spacing_mm > 0.0)) return;
   const int nodes = weight_of(config, "cloud.nodes"), spacing = weight_of(config, "cloud.spacing_mm");
@@ -126,7 +126,7 @@ void resolve_spacing(Config& config) {
                       .remedy = "give one of --nodes and --spacing"});
 }
 
-// What was said nearer to the terminal takes back the other.
+// The source nearer to the command line decides between the number of points and their ratio.
 void resolve_points(Config& config) {
   if (!(config.grid.points > 0) || !(config.grid.ratio > 0.0)) return;
   const int points = weight_of(config, "grid.points"), ratio = weight_of(config, "grid.ratio");
@@ -140,8 +140,8 @@ void resolve_points(Config& config) {
                       .remedy = "give one of them"});
 }
 
-// Poses become steps, and the depth of a scene of steps follows from them: the deepest that the tool is
-// pushed, or else the longest way that anything has gone.
+// Makes steps of poses. The depth of a scene of steps follows from them: the largest depth of the tool, or
+// else the longest displacement.
 void take_poses(Config& config) {
   if (config.load.poses.empty()) return;
   if (!config.step.empty())
@@ -157,7 +157,7 @@ void take_poses(Config& config) {
   PosesTaken taken = steps_of_poses(config.load.poses);
   config.step = std::move(taken.steps);
   config.load.poses_taken = std::move(taken.words);
-  config.load.poses.clear();  // from here on they are steps
+  config.load.poses.clear();  // they are steps now
 }
 
 void resolve_steps(Config& config) {
@@ -172,7 +172,7 @@ void resolve_steps(Config& config) {
     longest = std::max(longest, length);
   }
   const double pushed = deepest_push(moving), depth = pushed > 0.0 ? pushed : longest;
-  if (!(depth > 0.0)) return;  // which check_steps() refuses
+  if (!(depth > 0.0)) return;  // check_steps() refuses it
   const auto given = config.source.find("load.depth_mm");
   if (given != config.source.end() && given->second != "the steps" &&
       std::abs(config.load.depth_mm - depth) > 1e-9 * depth)
@@ -186,7 +186,7 @@ void resolve_steps(Config& config) {
   config.source["load.depth_mm"] = "the steps";
 }
 
-// Where a tool touches and nobody has given a depth it goes in by a part of its radius at most.
+// Limits the default depth of a contacting tool to a fraction of its radius.
 void resolve_depth(Config& config) {
   const std::optional<ToolShape> tool = tool_named(config.tool.shape, "--tool (tool.shape)");
   const bool is_given = config.source.count("load.depth_mm") > 0 && !depth_is_of_tool(config);

@@ -5,11 +5,11 @@
 
 namespace dimple {
 
-/// What one file or one command line has set, so that no option gets two values.
+/// Options that one file or one command line has set; it refuses a second value.
 class GivenOnce {
  public:
-  /// `key`: with its unit or without. Throws UsageError: its option was set before, to another text; or there
-  /// is no such option.
+  /// Adds an option. `key`: with or without its unit. Throws UsageError: it was set before, to another text,
+  /// or does not exist.
   void add(const std::string& key, const std::string& text, const std::string& source);
 
  private:

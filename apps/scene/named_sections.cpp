@@ -20,7 +20,7 @@ NamedSection section_of(std::string_view section, std::string_view example) {
           }};
 }
 
-// Steps keep the order in which they were given.
+// Section of the steps, which keep the order in which they were given.
 NamedSection section_of_steps() {
   return {"step", "step.press.move=4mm",
           [](Config& config, const std::string& name) {
@@ -37,10 +37,10 @@ NamedSection section_of_steps() {
 }
 
 std::string_view last_part(std::string_view section) {
-  return section.substr(section.rfind('.') + 1);  // all of it where there is no dot
+  return section.substr(section.rfind('.') + 1);  // all of it if there is no dot
 }
 
-// Option that a whole key names, which begins with the section.
+// Option of a complete key, which begins with the section.
 Option option_of(const NamedSection& section, Config& config, const std::string& key,
                  const std::string& source) {
   const auto begin = section.section.size() + 1, dot = key.rfind('.');

@@ -27,8 +27,8 @@ std::string without_unit(const Option& option) {
 
 namespace {
 
-// What a number may be written in, as multiples of the option's own unit. Three dozen characters of table;
-// the unit libraries at hand bring hundreds of units and no such list to print in a message.
+// Units of a number, as multiples of the option's unit. A table of three dozen entries suffices: libraries
+// for units have hundreds and no such list to print in a message.
 const std::map<std::string, std::map<std::string, double>>& unit_table() {
   static const std::map<std::string, std::map<std::string, double>> table = {
       {"mm", {{"mm", 1.0}, {"cm", 10.0}, {"m", 1000.0}, {"um", 1e-3}}},
@@ -119,7 +119,6 @@ bool is_of_caller(const std::string& source) {
   return source.starts_with("--") || source.ends_with("=");
 }
 
-// "1cm,2cm,30mm" -> "10,20,30": a place is kept in mm. Parts that are no lengths stay as they are.
 std::string place_in_mm(const std::string& text) {
   std::string result;
   for (const std::string& part : parts_between(text, ',')) {
@@ -158,7 +157,7 @@ void set_value(const Option& option, const std::string& text, const std::string&
     std::vector<double> read;
     for (const std::string& part : parts_between(text, ',')) {
       read.push_back(parse_quantity(option, part, source) +
-                     0.0);  // no -0, which is written as a whole number
+                     0.0);  // no -0, which would be written as an integer
       if (!std::isfinite(read.back())) refuse_value(option, part, source, "it is not a finite number");
     }
     **numbers = std::move(read);
@@ -177,7 +176,7 @@ Option* find_option(std::vector<Option>& options, const std::string& key) {
                              std::vector<std::string> known) {
   for (const Option& option : options) known.push_back(option.key);
   for (const Option& option : options) known.push_back(without_unit(option));
-  // Other names of the same, which spelling alone does not lead to.
+  // Synonyms that are not similar in spelling.
   static const std::map<std::string, std::string> synonyms = {{"e", "material.young"},
                                                               {"e_pa", "material.young"},
                                                               {"youngs_modulus", "material.young"},
@@ -204,7 +203,7 @@ Option* find_option(std::vector<Option>& options, const std::string& key) {
 
 std::string toml_value(const Option& option) {
   if (auto* real = std::get_if<double*>(&option.value)) {
-    const std::string s = fmt::format("{}", **real);  // shortest form that reads back to the same bits
+    const std::string s = fmt::format("{}", **real);  // shortest text with the same bits
     return s.find_first_of(".en") == std::string::npos ? s + ".0" : s;
   }
   if (auto* whole = std::get_if<std::int64_t*>(&option.value)) return fmt::format("{}", **whole);

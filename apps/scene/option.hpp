@@ -12,55 +12,54 @@ namespace dimple {
 using OptionValue =
     std::variant<double, std::int64_t, std::string, std::vector<std::string>, std::vector<double>>;
 
-/// One option, declared once: the help, the checks, the file format and `--set` are all made from it.
+/// Option, declared once: the help, the checks, the file format and `--set` follow from it.
 struct Option {
   std::string key;        ///< "material.mu_Pa": section, name, unit
   std::string flag = {};  ///< "--mu" or empty
-  std::string unit = {};  ///< "Pa" or empty; bare numbers are in it
+  std::string unit = {};  ///< "Pa" or empty; unit of bare numbers
   std::variant<double*, std::int64_t*, std::string*, std::vector<std::string>*, std::vector<double>*> value;
   double least = 0.0, most = 0.0;  ///< range of numbers, both allowed
   bool least_excluded = false;
-  std::vector<std::string> choices = {};  ///< of a word, or of each of a list, which then names one at least;
+  std::vector<std::string> choices = {};  ///< of a word, or of each word of a list, which is not empty;
                                           ///< empty: free text
-  std::string stage = {};  ///< which commands have the flag: "model", "solve" (run has both), "run" (that
-                           ///< alone), "files" (run and solve)
-  bool common = false;     ///< of those that `--help` lists; `--help-all` lists all
-  std::vector<std::string> words = {};  ///< of free text, those that it is most often: offered, not demanded
+  std::string stage = {};  ///< commands that have the flag: "model", "solve" (run has both), "run" (only
+                           ///< run), "files" (run and solve)
+  bool common = false;     ///< listed by `--help`; `--help-all` lists all
+  std::vector<std::string> words = {};  ///< suggested values of free text; others are allowed
   std::string help = {};
 };
 
-/// All options of a run but those of named sections, with their usual values.
+/// All options of a run except those of named sections, with their defaults.
 const std::vector<Option>& usual_options();
 
-/// "material.mu" of "material.mu_Pa"; a key without its unit at the end stays.
+/// Key without its unit: "material.mu" for "material.mu_Pa".
 std::string without_unit(const Option& option);
 
-/// Gives an option the value of a text: "300Pa", "superior", "1,Tumour". Throws UsageError: not a number,
-/// unknown unit, out of range, not a choice. `source`: where it stands.
+/// Sets an option from text: "300Pa", "superior", "1,Tumour". Throws UsageError: not a number, unknown unit,
+/// out of range, not a choice. `source`: file and line, flag or keyword.
 void set_value(const Option& option, const std::string& text, const std::string& source);
-/// The same of a number, which `text` shows.
+/// Sets a number; `text` is its form in messages.
 void set_number(const Option& option, double value, const std::string& text, const std::string& source);
-/// Throws UsageError: what is allowed instead of the text.
+/// Throws UsageError that names the allowed values.
 [[noreturn]] void refuse_value(const Option& option, const std::string& text, const std::string& source,
                                const std::string& why);
 
 /// Option of a key with or without its unit; null: there is none.
 Option* find_option(std::vector<Option>& options, const std::string& key);
-/// Throws UsageError: there is no such key, with a suggestion from those of the options and from `known`.
+/// Throws UsageError: there is no such key. Suggests one of the options or of `known`.
 [[noreturn]] void refuse_key(std::vector<Option>& options, const std::string& key, const std::string& source,
                              std::vector<std::string> known = {});
 
-/// Value as it stands in a file of options.
+/// Value in the syntax of a file of options.
 std::string toml_value(const Option& option);
 
-/// "1cm,2cm,30mm" -> "10,20,30": a place is kept in mm. Parts that are no lengths stay as they are.
+/// Position in mm: "10,20,30" for "1cm,2cm,30mm". Parts that are no lengths are unchanged.
 std::string place_in_mm(const std::string& text);
 
-/// Whether it was a flag of the command line, or a keyword of Python: "--mu", "mu_Pa=".
+/// True if the source is a flag of the command line or a keyword of Python: "--mu", "mu_Pa=".
 bool is_of_caller(const std::string& source);
 
-/// The word among `known` nearest to `word`, if it is near enough to have been meant, as ", did you mean
-/// ...?".
+/// Suggestion ", did you mean ...?" of the closest word among `known`; empty if none is similar.
 std::string did_you_mean(const std::string& word, const std::vector<std::string>& known);
 
 }  // namespace dimple

@@ -16,7 +16,7 @@
 namespace dimple {
 namespace {
 
-// "punch:radius,edge=..."
+// Form as text: "punch:radius,edge=..."
 std::string pattern_of(const WordForm& form) {
   std::vector<std::string> parts;
   if (!form.names.empty()) parts.push_back(form.names);
@@ -59,7 +59,7 @@ double number_of(const OptionWord& word, const WordForm& form, const WordNumber&
   return number.scale * value + 0.0;  // no -0
 }
 
-// A bound that depends on the first number.
+// Checks bounds that depend on the first number.
 void check_beside_first(const OptionWord& word, const WordForm& form, const WordNumber& number,
                         double value) {
   constexpr double rounding = 1e-9;

@@ -23,7 +23,7 @@ std::vector<std::string> names_of_presets() {
   return names;
 }
 
-// A row an option, by hand: one field a line would make it ten pages.
+// One row per option, formatted by hand: one field per line would need ten pages.
 // clang-format off
 
 std::vector<Option> image_options(Config& c) {

@@ -15,7 +15,7 @@
 namespace dimple {
 namespace {
 
-constexpr double least_turned_deg = 1e-6;  // that is no rounding
+constexpr double least_turned_deg = 1e-6;  // less is rounding
 
 [[noreturn]] void refuse_poses(const std::string& file, const std::string& fact, const std::string& why,
                                const std::string& remedy) {
@@ -39,7 +39,7 @@ Eigen::Quaterniond turn_of(const std::string& file, const std::array<const std::
 
 }  // namespace
 
-// Rows of a tool's poses are steps from each to the next, the first where it first touches.
+// Steps between successive poses, from the first contact on.
 PosesTaken steps_of_poses(const std::string& file) {
   constexpr std::size_t most = 500;
   const Table table = read_csv(file);

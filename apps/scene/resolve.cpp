@@ -18,7 +18,7 @@ std::optional<Goal> goal_of(const Config& config) {
   const std::map<std::string, bool> other_than_usual = {
       {"cloud.nodes", config.cloud.nodes != usual.cloud.nodes},
       {"cloud.spacing_mm", config.cloud.spacing_mm != usual.cloud.spacing_mm}};
-  for (const auto& [key, is_other] : other_than_usual)  // a file of all options states the usual ones too
+  for (const auto& [key, is_other] : other_than_usual)  // a file of all options also states the defaults
     if (const auto source = config.source.find(key);
         source != config.source.end() && (is_other || is_of_caller(source->second)))
       throw UsageError(
@@ -44,7 +44,7 @@ std::optional<Goal> goal_of(const Config& config) {
   return goal;
 }
 
-// A tissue has what its section says; all else as the material of the body, or as its own preset has it.
+// Tissue of a label: values of its section, else those of the body's material or of its own preset.
 TissueOfLabel tissue_of(const Config& config, const std::string& label,
                         const std::map<std::string, std::string>& differing) {
   Config own = config;
@@ -74,7 +74,7 @@ void set_material(const Config& config, Scene& scene) {
   scene.material.printed_stress = config.material.stress == "printed";
   scene.material.preset = config.material.preset;
   scene.material.beside_preset = beside_preset(config);
-  material_of(scene);  // throws where the numbers make none
+  material_of(scene);  // throws if the numbers give no material
   for (const auto& [label, differing] : config.tissue)
     scene.tissues.push_back(tissue_of(config, label, differing));
 }

@@ -5,9 +5,9 @@
 
 namespace dimple {
 
-/// The scene that options describe, once complete() has completed them. The only function of a run
-/// that reads them. Throws UsageError: a word is not understood, or parts of the scene contradict each other;
-/// InputError: a file of a tool, a wall or a cut. What of a scene goes together is checked by check_pairs().
+/// Scene of options that complete() has completed. In a run, only this function reads them. Throws
+/// UsageError: a text is not understood, or parts of the scene contradict each other; InputError: a file of a
+/// tool, a wall or a cut. check_pairs() checks which features exclude each other.
 Scene resolve(const Description& description);
 
 }  // namespace dimple

@@ -11,7 +11,7 @@
 namespace dimple {
 namespace {
 
-// Places stay in mm, in which bodies are cut.
+// Positions remain in mm, as bodies are cut in mm.
 const WordTable& cut_words() {
   static const WordTable table = [] {
     const double far_mm = 1e6;
@@ -56,7 +56,7 @@ Blade blade_of(const OptionWord& word) {
   return blade;
 }
 
-// How long or deep it is, whichever is less [mm]; infinite: a whole plane, or labels.
+// Length or depth of a blade, the smaller of them [mm]; infinite for a whole plane or labels.
 double extent_of(const Blade& blade) {
   constexpr double whole = std::numeric_limits<double>::infinity();
   if (blade.kind == Blade::Kind::sheet) return size_of(blade.sheet);

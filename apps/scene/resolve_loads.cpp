@@ -20,7 +20,7 @@ constexpr const char* of_all_the_surface = "surface";
                     .remedy = remedy});
 }
 
-// "0.1mm:400kPa"
+// Membrane of a text: "0.1mm:400kPa"
 FilmText film_of_words(const std::string& text) {
   FilmText film;
   const std::vector<Option> options = options_of(film);

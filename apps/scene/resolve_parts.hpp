@@ -10,45 +10,45 @@
 
 namespace dimple {
 
-// What resolve() is made of: parts of a scene by the words of their options. All throw UsageError where a
-// word is not understood, and InputError of a file.
+// Parts of resolve(): each makes a part of a scene from the text of its options. All throw UsageError if a
+// text is not understood, and InputError for a file.
 
-/// A side, or x,y,z in m/s2.
+/// Gravity of a side of the patient, or of x,y,z in m/s2.
 Vec3 gravity_named(const std::string& text);
-/// "anterior,60%"; nothing: no fluid is lost.
+/// Lost fluid of "anterior,60%"; nothing: none is lost.
 std::optional<Scene::Fluid> fluid_named(const std::string& text);
-/// Share of the body's height as an option gives it, in percent.
+/// Fraction of the body's height, in percent as in an option.
 WordNumber share_of_lost_fluid();
 std::vector<Scene::Pressure> pressures_named(const std::map<std::string, PressureText>& texts);
 std::vector<BodyForce> body_forces_named(const std::map<std::string, BodyForceText>& texts);
-/// `of_all`: --membrane, or none; it is called "surface".
+/// Membranes. `of_all`: --membrane, or none; it is named "surface".
 std::vector<Scene::Film> films_named(const std::map<std::string, FilmText>& texts, const std::string& of_all);
-/// `of_option`: --wall, or none; it is called "wall".
+/// Walls. `of_option`: --wall, or none; it is named "wall".
 std::vector<Scene::Wall> walls_named(std::map<std::string, WallText> texts, const std::string& of_option);
 std::vector<Scene::Support> supports_named(const std::map<std::string, SupportText>& texts);
 std::vector<Scene::FurtherTool> further_tools_named(const std::map<std::string, FurtherToolText>& texts);
-/// In their order.
+/// Steps in their order.
 std::vector<Scene::Step> steps_named(const std::map<std::string, StepText>& texts, double cut_gap_mm);
-/// Blades longer and deeper than their gap, separated by semicolons; see Cut.
+/// Blades longer and deeper than their gap, separated by semicolons; see Cut. Positions in LPS, mm.
 ///
-///     plane:x,y,z,nx,ny,nz              a plane through a place, with its normal: LPS, mm
+///     plane:x,y,z,nx,ny,nz              a plane through a point, with its normal
 ///     plane:x,y,z,nx,ny,nz,radius=20mm  a disc of it
-///     line:x,y,z,x,y,z,depth=15mm       an edge's way from place to place, straight into the surface there
-///     FILE.stl, .obj, .vtp              a sheet that was drawn: LPS, mm; a closed one is taken out whole
-///     label:NAME                        the voxels of a label are taken out
+///     line:x,y,z,x,y,z,depth=15mm       an edge's path between two points, along the inward normal
+///     FILE.stl, .obj, .vtp              a drawn sheet; the inside of a closed one is removed
+///     label:NAME                        the voxels of a label are removed
 Cut cut_named(const std::string& text, const std::string& where, double gap_mm);
-/// Place [m, LPS] of displacement@x,y,z; nothing: the force alone.
+/// Position [m, LPS] of displacement@x,y,z; nothing: only the force is requested.
 std::optional<Vec3> followed_named(const std::string& quantity);
 
-/// Rows of a table of the tool's poses, as steps from each to the next, and what is told of them.
+/// Steps between the rows of a table of the tool's poses, and a summary.
 struct PosesTaken {
   std::map<std::string, StepText> steps;
   std::string words;
 };
 PosesTaken steps_of_poses(const std::string& file);
 
-/// Deepest that the tool is pushed by steps that move something [mm]. Of ways in x, y and z alone, the push
-/// not being known yet: along the first of them.
+/// Largest depth of the tool over steps that move something [mm]. With displacements in x, y and z only, the
+/// approach direction is not available yet; the depth is then along the first displacement.
 template <class Steps>
 double deepest_push(const Steps& steps) {
   double pushed = 0.0, deepest = 0.0, along_first = 0.0, deepest_along_first = 0.0;
@@ -68,7 +68,7 @@ double deepest_push(const Steps& steps) {
   return deepest > 0.0 ? deepest : deepest_along_first;
 }
 
-// Checks of a scene before anything is built, of parts that know of each other. All throw UsageError.
+// Checks between parts of a scene before anything is built. All throw UsageError.
 void check_steps(const Scene& scene);
 void check_names(const Scene& scene);
 void check_bed(const Scene& scene);

@@ -98,7 +98,7 @@ std::string wall_key(const std::string& name, const char* option) {
 
 std::vector<Scene::Wall> walls_named(std::map<std::string, WallText> texts, const std::string& of_option) {
   if (of_option != "none") {
-    WallText& its = texts[wall_of_option];  // its other options may be given by that name
+    WallText& its = texts[wall_of_option];  // its other options may be given under that name
     if (!its.shape.empty())
       refuse_wall(wall_of_option, "is given twice", "shape", "the one of --wall has that name",
                   "give one of them, or the other a name of its own");
@@ -120,8 +120,8 @@ std::vector<Scene::Wall> walls_named(std::map<std::string, WallText> texts, cons
   return walls;
 }
 
-// A body whose base is not held: what carries it, and what keeps it from drifting. Friction does not: before
-// anything is pressed there is none, and no equilibrium was found from there.
+// Checks that a body without a held base is carried and has no rigid-body mode. Friction does not prevent it:
+// it is zero before anything presses, and no equilibrium was found from there.
 void check_bed(const Scene& scene) {
   if (scene.base_is_held) return;
   constexpr const char* option = "--base-hold (boundary.base_hold)";
@@ -130,7 +130,7 @@ void check_bed(const Scene& scene) {
                       .where = option,
                       .why = "it would move as a whole",
                       .remedy = "give a wall below it, as --wall plane:0,0,0,0,0,1, or a support"});
-  // A bonded circle keeps its nodes on their way, but not before the loads have done their work.
+  // A bonded patch prescribes the motion of its nodes, but only after the loads have been applied.
   const bool circle_holds = !scene.tool && scene.contact == Contact::bonded && !has_loads(scene);
   const bool support_holds = std::any_of(scene.supports.begin(), scene.supports.end(),
                                          [](const Scene::Support& support) { return !support.slides; });

@@ -95,7 +95,7 @@ Loading loading_of(const Scene& scene) {
 }
 
 SolverOptions solver_options(const Scene& scene) {
-  constexpr double fewest_samples = 20.0;  // of a load that is shorter than the usual rate takes for them
+  constexpr double fewest_samples = 20.0;  // for a load too short for them at the default rate
   const double least_rate =
       scene.given.sample_rate ? 0.0 : fewest_samples * scene.rate_mm_per_s / scene.depth_mm;
   return {.safety = scene.solver.safety,

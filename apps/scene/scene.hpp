@@ -16,21 +16,20 @@
 
 namespace dimple {
 
-/// Error that is asked for at most, of the force or of the displacement that is followed, and the time in
-/// which nodes for it are looked for.
+/// Largest error requested of the force or of a displacement, and the time for the search for the nodes.
 struct Goal {
   std::string text;                    ///< as it was given
-  double share = 0.0, absolute = 0.0;  ///< of it, or [N], [m]; both 0: as small as the time allows
-  double budget_s = 0.0;               ///< 0: without an end
+  double share = 0.0, absolute = 0.0;  ///< relative, or in N or m; both 0: as small as the time allows
+  double budget_s = 0.0;               ///< 0: unlimited
   double half_width(double of) const { return absolute > 0.0 ? absolute : share * of; }
 };
 
-/// What a body is cut by: a plane or a disc of it, an edge that goes straight in along a line, a sheet that
-/// was drawn, or a label that is taken out. Places in mm, LPS.
+/// Shape of a cut: a plane or a disc, a straight edge that enters along a line, a drawn sheet, or a label
+/// that is removed. Positions in mm, LPS.
 struct Blade {
   enum class Kind { plane, line, sheet, label };
   Kind kind = Kind::plane;
-  Vec3 first = Vec3::Zero();   ///< place of the plane; begin of the line
+  Vec3 first = Vec3::Zero();   ///< point of the plane; start of the line
   Vec3 second = Vec3::Zero();  ///< normal of the plane; end of the line
   double length = 0.0;         ///< radius of the disc, 0 for a whole plane; depth of the line
   TriangleMesh sheet = {};
@@ -44,22 +43,22 @@ struct Cut {
   explicit operator bool() const { return !blades.empty(); }
 };
 
-/// What nodes and integration points are made from, but for the tool, the tissues and the supports.
+/// Choices for nodes and integration points, except tool, tissues and supports.
 struct ModelChoices {
   struct Image {
     std::string file;                ///< empty: the image is in memory
     std::vector<std::string> label;  ///< numbers or names; empty: all foreground
     std::string label_names;         ///< table of names, or empty
     double close_mm = 0.0;           ///< gaps narrower than this are closed
-    double cut_gap_mm = 0.5;         ///< between the banks of a cut
+    double cut_gap_mm = 0.5;         ///< between the faces of a cut
     bool operator==(const Image&) const = default;
   } image;
   Cut cut;  ///< before the load
   std::string scheme{converging.name};
   struct Cloud {
     std::int64_t nodes = 1500;
-    double spacing_mm = 0.0;  ///< instead of a number; 0: from the number
-    double rim = 0.0;         ///< 0: as the scheme has it; likewise of all that follow
+    double spacing_mm = 0.0;  ///< instead of the number of nodes; 0: from that number
+    double rim = 0.0;         ///< here and in all that follow, 0: the scheme's value
     std::int64_t seed = 1;
     double jitter = 0.0;
     bool operator==(const Cloud&) const = default;
@@ -70,7 +69,7 @@ struct ModelChoices {
     bool operator==(const Grid&) const = default;
   } grid;
   double support_radius_factor = 0.0;
-  /// Words that find_boundary() understands: BoundaryOptions.
+  /// Texts that find_boundary() reads: BoundaryOptions.
   struct Place {
     std::string base = "auto";
     double base_depth_mm = 0.0;
@@ -89,25 +88,25 @@ struct TissueOfLabel {
   bool has_own_nu = false;
 };
 
-/// Shape of a tool that touches and its friction, with the words that named them.
+/// Shape and friction of a contacting tool, as given.
 struct ToolWords {
   std::string shape = "circle", friction = "0";
 };
 
-/// Word for the values of the paper, in place of a measured curve.
+/// Word for the values of the paper in place of a measured curve.
 inline constexpr const char* paper_word = "horton2007";
 
-/// What moves in a step where no support or further tool is named.
+/// Name of the moving part of a step where no support or further tool is named.
 inline constexpr const char* tool_word = "tool";
 
-/// Everything that decides a result, resolved from the options and checked: what is here is what is computed.
-/// Lengths whose names end in _mm are those of the options, so that the same options give the same bits.
+/// Everything that decides a result, resolved from the options and checked. Lengths whose names end in _mm
+/// are those of the options, so that the same options give the same bits.
 struct Scene : ModelChoices {
   struct Material : MaterialNumbers {
-    double mu_spread = 0.0;  ///< how well the shear modulus is known: +- this share
+    double mu_spread = 0.0;  ///< relative uncertainty of the shear modulus
     bool printed_stress = false;
     std::string preset = "none";
-    std::string beside_preset = {};  ///< numbers that were given in place of the preset's, in words
+    std::string beside_preset = {};  ///< numbers that replace the preset's, as text
     bool operator==(const Material&) const = default;
   } material;                          ///< of all labels without a tissue of their own
   std::vector<TissueOfLabel> tissues;  ///< in the order of their labels
@@ -115,13 +114,13 @@ struct Scene : ModelChoices {
   bool base_is_held = true;
   double depth_mm = 8.0;
   double rate_mm_per_s = 1.0;
-  Contact contact = Contact::bonded;  ///< of the circle
-  std::optional<ToolShape> tool;      ///< that touches; none: the circle
-  double friction = 0.0;              ///< Coulomb's coefficient; infinite: stick
+  Contact contact = Contact::bonded;  ///< of the contact patch, if there is no `tool`
+  std::optional<ToolShape> tool;      ///< in contact; none: a contact patch of fixed nodes
+  double friction = 0.0;              ///< Coulomb's coefficient; infinite: no slip
   ToolWords tool_words;
 
   Vec3 gravity = Vec3::Zero();  ///< [m/s^2] LPS
-  /// Fluid whose level has fallen: which way is up, and the share of the body's height above the level.
+  /// Lost fluid: direction against gravity, and the fraction of the body's height above the fluid's level.
   struct Fluid {
     Vec3 up = Vec3::Zero();
     double share = 0.0;
@@ -156,7 +155,7 @@ struct Scene : ModelChoices {
     Vec3 place = Vec3::Zero(), normal = Vec3::Zero();  ///< of the plane [m]
     double around = 0.0;                               ///< gap in front of the outer hull [m]
     double friction = 0.0;
-    std::optional<double> gap = {};               ///< at the nearest place [m]; none: as the image has it
+    std::optional<double> gap = {};               ///< at the closest point [m]; none: as in the image
     std::optional<Eigen::Vector4d> opening = {};  ///< ball [mm, LPS]
     std::int64_t places = 4000;
     std::string words = {};  ///< the shape as it was given
@@ -168,7 +167,7 @@ struct Scene : ModelChoices {
     std::string label;                ///< number or name
     std::string on_words;
     bool slides = false;
-    std::vector<double> move_mm = {0, 0, 0};  ///< where it has come when the tool is at its depth
+    std::vector<double> move_mm = {0, 0, 0};  ///< displacement when the tool is at its depth
   };
   std::vector<Support> supports;
   struct FurtherTool {
@@ -176,8 +175,8 @@ struct Scene : ModelChoices {
     ToolShape shape;
     double friction = 0.0;
     Vec3 at_mm = Vec3::Zero();
-    std::optional<Vec3> direction = {};  ///< none: straight into the surface
-    std::vector<double> move_mm = {0};   ///< x,y,z, or one number along its push
+    std::optional<Vec3> direction = {};  ///< none: along the inward normal
+    std::vector<double> move_mm = {0};   ///< x,y,z, or one number along the approach direction
   };
   std::vector<FurtherTool> further_tools;
   struct Step {
@@ -185,8 +184,8 @@ struct Scene : ModelChoices {
     std::string moves = "tool";  ///< or the name of a support or a further tool
     std::vector<double> move_mm = {}, turn_deg = {}, about_mm = {};
     Cut cut = {};
-    double toughness_J_m2 = 0.0;  ///< 0: not known
-    double time_s = 0.0;          ///< 0: as its way takes at the rate
+    double toughness_J_m2 = 0.0;  ///< energy per new area; 0: not known
+    double time_s = 0.0;          ///< 0: displacement over the rate
   };
   std::vector<Step> steps;  ///< in their order
 
@@ -202,9 +201,9 @@ struct Scene : ModelChoices {
     enum class Time { automatic, quasi_static, explicit_ } time = Time::automatic;
   } solver;
 
-  bool band = true;              ///< a discretisation error of the force is wanted
-  std::optional<Goal> goal;      ///< an accuracy that nodes are looked for
-  std::optional<Vec3> followed;  ///< place whose displacement is asked for [m, LPS, at rest]
+  bool band = true;              ///< the error bounds of the force are requested
+  std::optional<Goal> goal;      ///< accuracy for which nodes are sought
+  std::optional<Vec3> followed;  ///< position whose displacement is requested [m, LPS, at rest]
   struct Output {
     std::vector<std::string> write = {"all"};
     std::vector<std::string> warp, warp_labels;  ///< images of the patient
@@ -212,16 +211,16 @@ struct Scene : ModelChoices {
     std::string compare;  ///< a measured curve, paper_word, or empty
   } output;
 
-  /// What somebody has chosen, and what stands as it is usual.
+  /// Choices of the user; false: the default is used.
   struct Given {
     bool nodes = false, stiffness = false, contact = false, diameter = false, rate = false,
          sample_rate = false;
     bool depth_is_of_tool = false;  ///< the depth follows from the tool's radius
   } given;
-  std::string poses_words = {};  ///< of poses that have become steps, for the log
+  std::string poses_words = {};  ///< summary of poses that have become steps, for the log
 };
 
-/// That of a name; null: there is none.
+/// Member with that name; null: there is none.
 template <class Named>
 const Named* named(const std::vector<Named>& all, const std::string& name) {
   for (const Named& one : all)
@@ -229,25 +228,25 @@ const Named* named(const std::vector<Named>& all, const std::string& name) {
   return nullptr;
 }
 
-/// Whether it is the scheme that converges, and not that of the paper.
+/// True for the converging scheme, false for that of the paper.
 bool converges(const ModelChoices& choices);
-/// Whether gravity, lost fluid, a pressure or a body force acts on the body.
+/// True if gravity, lost fluid, a pressure or a body force acts on the body.
 bool has_loads(const Scene& scene);
-/// Whether nothing acts but the tool, nor holds the body but the base.
+/// True if only the tool acts on the body and only the base holds it.
 bool has_tool_alone(const Scene& scene);
-/// Steps in which something moves or holds.
+/// Steps other than cuts: motions and holds.
 std::vector<Scene::Step> moving_steps(const Scene& scene);
-/// Whether the tool turns in any step.
+/// True if the tool rotates in any step.
 bool turns(const Scene& scene);
-/// Cuts of the body before anything has moved: that before the load, and those of the first steps.
+/// Cuts before any motion: that before the load, and those of the first steps.
 std::vector<Cut> cuts_at_rest(const Scene& scene);
 bool has_cuts(const Scene& scene);  ///< at rest
 
-/// A step that cuts the body once something has moved.
+/// Step that cuts the body after a motion.
 struct CutStep {
   std::string name;
   Cut cut;
-  std::size_t after;            ///< so many of the steps that move something
+  std::size_t after;            ///< number of preceding steps that are no cuts
   double toughness_J_m2 = 0.0;  ///< 0: not known
 };
 std::vector<CutStep> cuts_after_moves(const Scene& scene);
@@ -255,23 +254,23 @@ std::vector<CutStep> cuts_after_moves(const Scene& scene);
 const char* name_of(Contact contact);
 const char* name_of(Scene::Numerics::Time time);
 
-/// Scheme of the name, with what was asked for in place of its own choices.
+/// Scheme of the name, with the given values in place of its own.
 Scheme scheme_of(const ModelChoices& choices);
 Material material_of(const Scene& scene);
-/// Material of all labels that have no tissue of their own, then those of the tissues, in their order.
+/// Material of all labels without their own tissue, then those of the tissues, in their order.
 std::vector<Material> materials_of(const Scene& scene);
 Loading loading_of(const Scene& scene);
 SolverOptions solver_options(const Scene& scene);
 
 /// Keys of walls in messages: "wall.skull.shape", "--wall (load.wall)".
 std::string wall_key(const std::string& name, const char* option);
-/// Of a drawn sheet, its longest extent along an axis [mm].
+/// Longest extent of a drawn sheet along an axis [mm].
 double size_of(const TriangleMesh& sheet);
 
-/// Of the tool's radius, a depth that nobody has given at most: deeper down it sinks in towards its equator,
-/// or tissue folds at its edge.
+/// Largest default depth, in radii of the tool: deeper, the tool sinks in nearly to its equator, or tissue
+/// folds at its edge.
 inline constexpr double usual_depth_in_radii = 0.8;
-/// Throws UsageError: a tool that touches is pushed in deeper than it is long.
+/// Throws UsageError: the depth exceeds the length of a contacting tool.
 void require_tool_as_long(const Scene& scene, double depth_mm);
 /// Longest step of the load in equilibrium, in radii of the tool.
 double longest_step_radii(const Scene& scene);

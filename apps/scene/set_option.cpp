@@ -24,7 +24,7 @@ std::vector<std::pair<std::string, StepText>> moving_steps(const Config& config)
 
 namespace {
 
-// A file of all options holds both in one table.
+// Refuses names that a file of all options could not hold, since names and options are in one table there.
 void refuse_names_of_options(const Config& config, const std::string& source) {
   if (config.held.contains("radius_factor"))
     throw UsageError({.fact = "a support is named 'radius_factor'",
@@ -39,7 +39,7 @@ void refuse_names_of_options(const Config& config, const std::string& source) {
                         .remedy = "give it another name, such as tool.left"});
 }
 
-// "tissue.2.mu" -> label "2" and "material.mu_Pa", checked as that option is.
+// Sets an option of a tissue: "tissue.2.mu" -> label "2" and "material.mu_Pa", with the same checks.
 bool set_tissue(Config& config, const std::string& key, const std::string& text, const std::string& source) {
   if (!key.starts_with("tissue.")) return false;
   const auto dot = key.rfind('.');
@@ -77,7 +77,7 @@ void set_option(Config& config, const std::string& key, const std::string& text,
     set_option(config, "material.mu_spread_percent", text.substr(spread + 2), source);
     return set_option(config, key, text.substr(0, spread), source);
   }
-  // A modulus given anew is not known as another in a file was.
+  // The uncertainty in a file does not apply to a modulus that the caller gives.
   if (option->key == "material.mu_Pa" && is_of_caller(source))
     if (const auto before = config.source.find("material.mu_spread_percent");
         before != config.source.end() && !is_of_caller(before->second))
@@ -110,7 +110,7 @@ std::string option_named(const std::string& name, const std::string& source,
     return name;
   }
   std::vector<Option> options = options_of(config);
-  const auto in_words = [](std::string text) {  // "--indent-at" and "indent_at" are one
+  const auto in_words = [](std::string text) {  // "--indent-at" and "indent_at" are the same
     text.erase(0, text.find_first_not_of('-'));
     std::replace(text.begin(), text.end(), '-', '_');
     return text;

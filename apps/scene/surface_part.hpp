@@ -10,24 +10,24 @@
 
 namespace dimple {
 
-/// A part of a body's surface as options name it: all of it, what faces a side of the patient within 45
-/// degrees, or what lies in a ball.
+/// Part of a body's surface: all of it, the part that faces a side of the patient within 45 degrees, or the
+/// part in a ball.
 struct SurfacePart {
   std::optional<Vec3> side;             ///< LPS unit vector
   std::optional<Eigen::Vector4d> ball;  ///< centre and radius [mm, LPS]
-  /// Whether it holds a place with that outward normal, of any length.
+  /// True if the part contains a point with that outward normal, of any length.
   bool has(const Vec3& place_mm, const Vec3& normal) const;
 };
 
-/// Words of a part of the surface: all, a side such as superior (sides.hpp), or x,y,z,radius.
+/// Forms of the option: all, a side such as superior (sides.hpp), or x,y,z,radius.
 std::vector<WordForm> forms_of_surface_part();
 SurfacePart surface_part_of(const OptionWord& word);
 /// Part that the option `where` of `of`, "the pressure 'csf'", names. Throws UsageError.
 SurfacePart surface_part_named(const std::string& on, const std::string& where, const std::string& of);
 
-/// The triangles of a surface that it holds, by their middles.
+/// Triangles of a surface whose centroids are in the part.
 std::vector<Index> triangles_on(const SurfacePart& part, const Surface& surface);
-/// The same without the banks of cuts, on which nothing lies that lay on the whole body.
+/// Triangles on the part except the faces of cuts, which the uncut body did not have.
 std::vector<Index> uncut_triangles_on(const SurfacePart& part, const Surface& surface);
 
 /// Cosine of the largest angle at which a surface faces a direction.

@@ -16,7 +16,7 @@ namespace dimple {
 
 namespace {
 
-// A value as --set would have it.
+// Value as a text that --set accepts.
 std::string text_of_value(const toml::node& value) {
   std::ostringstream shown;
   if (const auto word = value.value_exact<std::string>())
@@ -31,7 +31,7 @@ std::string text_of_value(const toml::node& value) {
   return shown.str();
 }
 
-// The options of a section that has a name of its own.
+// Sets the options of a named section.
 void set_all(Config& config, const std::string& section, const toml::node& node,
              const std::filesystem::path& file, GivenOnce& given) {
   const toml::table* table = node.as_table();
@@ -50,7 +50,7 @@ void set_all(Config& config, const std::string& section, const toml::node& node,
   }
 }
 
-// A table of TOML has no order of its own: the lines have, and the places in them.
+// Reads the steps in the order of their lines and columns, as a table of TOML is not ordered.
 void read_steps(Config& config, const toml::table& table, const std::filesystem::path& file,
                 GivenOnce& given) {
   const toml::node* section = table.get("step");
@@ -66,7 +66,7 @@ void read_steps(Config& config, const toml::table& table, const std::filesystem:
   for (const auto& [name, node] : steps) set_all(config, "step." + name, *node, file, given);
 }
 
-// The file's tables. Throws UsageError: it is no TOML.
+// Tables of the file. Throws UsageError: it is not TOML.
 toml::table tables_of(const std::filesystem::path& file) {
   try {
     return toml::parse(read_file(file, most_bytes_of_text), file.string());
@@ -79,7 +79,7 @@ toml::table tables_of(const std::filesystem::path& file) {
   }
 }
 
-// The items of a list with commas between them.
+// Items of a list, separated by commas.
 std::string list_text(const Option& option, const toml::array& list, const std::string& place) {
   std::vector<std::string> items;
   for (const auto& item : list) {
@@ -95,7 +95,7 @@ std::string list_text(const Option& option, const toml::array& list, const std::
   return fmt::format("{}", fmt::join(items, ","));
 }
 
-// The value of one option of a section without a name of its own.
+// Reads one option of a section without a name.
 void read_option(Config& config, std::vector<Option>& options, const std::string& key,
                  const toml::node& value, const std::filesystem::path& file, GivenOnce& given) {
   const std::string place = fmt::format("{}, line {}", file.string(), value.source().begin.line);

@@ -19,7 +19,7 @@
 namespace dimple {
 namespace {
 
-// A tool with lengths and angles: how it is written, made and described. A new shape is one more row.
+// Kind of tool with lengths and angles: its form, maker and description. A new shape is one more row.
 struct ToolKind {
   WordForm form;
   ToolShape (*make)(const std::vector<double>& lengths);
@@ -39,7 +39,7 @@ std::vector<ToolKind> make_tool_kinds() {
   WordNumber edge = length_number("edge", 1e-3, largest_mm),
              length = length_number("length", 1e-3, largest_mm);
   edge.least_of_first = sharpest_edge, edge.most_of_first = 1.0;
-  length.least_of_first = 2.0;  // both its round ends
+  length.least_of_first = 2.0;  // the two round ends
   const WordNumber angle{"angle", "deg", std::numbers::pi / 180.0, 5.0, 85.0},
       tip = length_number("tip", 1e-3, largest_mm);
   WordNumber shaft = radius;
@@ -78,7 +78,7 @@ const std::vector<ToolKind>& tool_kinds() {
   return kinds;
 }
 
-// Null: a shape that has no lengths.
+// Kind of a shape by name; null: it has no lengths.
 const ToolKind* kind_of(const std::string& name) {
   const std::vector<ToolKind>& kinds = tool_kinds();
   const auto found =
@@ -96,14 +96,14 @@ WordTable make_tool_words() {
   return table;
 }
 
-// A file is read and checked once: that may take a second, and many ask.
+// Mesh of a file, read and checked once: that may take a second, and many callers use it.
 std::shared_ptr<const ToolMesh> drawn_in(const std::filesystem::path& file) {
   static std::mutex one_at_a_time;
   static std::map<std::pair<std::string, std::filesystem::file_time_type>, std::shared_ptr<const ToolMesh>>
       known;
   constexpr std::size_t most_known = 8;
   const std::lock_guard<std::mutex> lock(one_at_a_time);
-  std::error_code missing;  // said by the reader
+  std::error_code missing;  // the reader reports it
   const auto changed = std::filesystem::last_write_time(file, missing);
   const std::pair key{std::filesystem::absolute(file).string(), changed};
   if (known.size() >= most_known && !known.contains(key)) known.clear();

@@ -8,42 +8,41 @@
 
 namespace dimple {
 
-/// Shape of a tool that touches, by its word in an option: sphere:5mm, FILE.stl. Nothing: the circle. Throws
-/// UsageError: neither `circle` nor a shape with lengths that a tool can have; InputError of a file.
+/// Shape of a contacting tool: sphere:5mm, FILE.stl. Nothing: `circle`. Throws UsageError: neither `circle`
+/// nor a valid shape; InputError: a file.
 std::optional<ToolShape> tool_named(const std::string& shape, const std::string& option);
 
-/// Coulomb's coefficient by its word; infinite: `stick`. Throws UsageError: neither a number from 0 to 10 nor
-/// that word.
+/// Coulomb's coefficient; infinite for `stick`. Throws UsageError: neither that nor a number from 0 to 10.
 double friction_named(const std::string& friction, const std::string& option);
-/// "without friction".
+/// Friction as text: "without friction".
 std::string friction_in_words(double friction);
 
-/// "a sphere of 5 mm radius".
+/// Shape as text: "a sphere of 5 mm radius".
 std::string in_words(const ToolShape& shape);
-/// Shapes that have a word in --tool, as a user writes them: "sphere:5mm".
+/// Examples of --tool, as a user writes them: "sphere:5mm".
 std::vector<std::string> tool_examples();
-/// Whether the error estimates were calibrated with tools of its kind.
+/// True if the error estimates were calibrated with tools of this kind.
 bool has_error_estimate(const ToolShape& shape);
 
 /// Length [m] or angle [rad] from which a tool is made, by its name in --tool.
 struct ToolLength {
   std::string name;
   double value;
-  std::string unit;    ///< as it is written: mm or deg
+  std::string unit;    ///< in --tool: mm or deg
   double doubt;        ///< relative uncertainty; 0: certain
-  double least, most;  ///< beside the other lengths
+  double least, most;  ///< for the given other lengths
 
-  /// A value of it in its unit, and as text: "5.00 mm".
+  /// Value in that unit, and as text: "5.00 mm".
   double in_unit(double of_value) const;
   std::string in_words(double of_value) const;
 };
-/// Of a mesh or a wall none.
+/// Lengths and angles of a tool; none for a mesh or a wall.
 std::vector<ToolLength> lengths_of(const ToolShape& shape);
-/// The same tool, made with another of its lengths [m] or angles [rad].
+/// Copy of the tool with one of its lengths [m] or angles [rad] replaced.
 ToolShape with_length(const ToolShape& shape, std::size_t which, double length);
 
-/// Of a punch's radius its edge is rounded by so much at least: the pressure at an edge that is nearly sharp
-/// is nearly unbounded.
+/// Smallest rounding of a punch's edge, in radii of the punch: the pressure at a nearly sharp edge is nearly
+/// unbounded.
 inline constexpr double sharpest_edge = 0.1;
 
 }  // namespace dimple

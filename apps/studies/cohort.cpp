@@ -33,13 +33,13 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
-constexpr std::size_t longest_id = 200;  // file systems end at 255 bytes, and ".log" comes behind it
+constexpr std::size_t longest_id = 200;  // file systems allow 255 bytes, including ".log"
 
 std::string line_of(const Cohort& cohort, std::size_t row) {
   return fmt::format("{}, line {}", cohort.file.string(), cohort.table.row[row].line);
 }
 
-// Why a folder cannot have that name on every system, or nothing.
+// Reason why a folder cannot have that name on every system; empty if it can.
 std::string why_no_id(const std::string& id) {
   if (id.empty()) return "it is empty";
   if (id.size() > longest_id) return fmt::format("it is longer than {} bytes", longest_id);
@@ -49,10 +49,10 @@ std::string why_no_id(const std::string& id) {
     if (static_cast<unsigned char>(c) < 0x20 || c == 0x7F) return "it holds a control character";
   if (const auto at = id.find_first_of("/\\:*?\"<>|"); at != std::string::npos)
     return fmt::format("it holds '{}'", id[at]);
-  for (const char* ending : {".log", ".csv", ".html", ".json"})  // of files that lie beside the folders
+  for (const char* ending : {".log", ".csv", ".html", ".json"})  // of files next to the folders
     if (id.ends_with(ending)) return fmt::format("it ends with '{}' as a file does", ending);
   try {
-    [[maybe_unused]] const std::string text = Json(id).dump();  // which tells what is no UTF-8
+    [[maybe_unused]] const std::string text = Json(id).dump();  // throws if it is not UTF-8
   } catch (const Json::exception&) {
     return "it is not UTF-8: save the table with that encoding";
   }
@@ -68,7 +68,7 @@ void require_ids(const Cohort& cohort) {
                         .where = line_of(cohort, row),
                         .why = "a folder is called by it, and " + why,
                         .remedy = "use letters, digits, - and _"});
-    // Some file systems take A and a for one.
+    // Some file systems do not distinguish A and a.
     std::string small = id;
     std::transform(small.begin(), small.end(), small.begin(),
                    [](unsigned char c) { return c < 0x80 ? std::tolower(c) : c; });
@@ -82,7 +82,7 @@ void require_ids(const Cohort& cohort) {
   }
 }
 
-// A path of a row, which begins where the table is.
+// Path in a row, relative to the table.
 std::string beside(const Cohort& cohort, const std::string& key, const std::string& text) {
   const fs::path path = cohort.file.parent_path() / text;
   const bool is_word = key == "output.compare"      ? text == paper_word
@@ -91,8 +91,7 @@ std::string beside(const Cohort& cohort, const std::string& key, const std::stri
   return is_word ? text : path.string();
 }
 
-// What an earlier run of the same has left finished; nothing: there is none. Throws UsageError: it was
-// another run.
+// Result of an earlier finished run; nothing if there is none. Throws UsageError: the folder has another run.
 std::optional<Outcome> finished_before(const Description& described, const fs::path& folder) {
   std::error_code ignored;
   if (!fs::is_directory(folder, ignored)) return std::nullopt;
@@ -100,7 +99,7 @@ std::optional<Outcome> finished_before(const Description& described, const fs::p
   return record_run(described, folder, Existing::resume);
 }
 
-// Both moduli in one row, also where one of them is the usual value.
+// Refuses both moduli in one row, also if one of them is the default.
 void require_one_modulus(const Cohort& cohort, std::size_t row, const Description& described) {
   const TextTable::Row& fields = cohort.table.row[row];
   const auto says = [&](const char* key) {
@@ -122,8 +121,8 @@ bool is_other_run(const Error& error) {
   return error.report.code == other_run;
 }
 
-// Puts down why a case has failed, unless the folder holds something else; what a run that died has left
-// there is no summary. Never throws: there is a better reason to end already.
+// Records why a case failed, unless the folder holds other files; a crashed run leaves no summary. Never
+// throws: the program ends with that failure anyway.
 void put_down(const Cohort& cohort, std::size_t row, const fs::path& folder, const Error& error,
               bool died = false) noexcept try {
   std::error_code ignored;
@@ -146,7 +145,7 @@ Error crashed(int signal, const fs::path& log) {
            .code = "crashed"}};
 }
 
-// What a process has said before it ended with that code.
+// Error of a process that ended with that code, from its messages.
 Error failure_of(int code, const fs::path& folder, const fs::path& log) {
   const auto exit_code = static_cast<ExitCode>(code);
   if (const auto failure = failure_in(folder, code)) return {exit_code, *failure};
@@ -169,7 +168,7 @@ Error failure_of(int code, const fs::path& folder, const fs::path& log) {
   return {exit_code, report};
 }
 
-// One row, in a process of its own.
+// Runs one row in its own process.
 CaseEnd run_apart(const Cohort& cohort, std::size_t row, const Description& of_all_rows, const fs::path& out,
                   const CohortOptions& options) {
   using How = CaseEnd::How;
@@ -184,7 +183,7 @@ CaseEnd run_apart(const Cohort& cohort, std::size_t row, const Description& of_a
   }
   std::vector<std::string> words = options.program;
   words.push_back(std::to_string(row + 1));
-  constexpr double grace_s = 0.9;  // less than what the whole program has to end
+  constexpr double grace_s = 0.9;  // less than the whole program has to end
   const ProgramRun run = run_program(
       words, fs::current_path(), log.string(), [] { return stop_asked() != StopReason::none; }, grace_s);
   CaseEnd end{.seconds = whole.seconds()};
@@ -253,7 +252,7 @@ std::string image_of(const Cohort& cohort, std::size_t row) {
 Description case_of(const Cohort& cohort, std::size_t row, Description described) {
   const std::string line = line_of(cohort, row);
   const TextTable::Row& fields = cohort.table.row[row];
-  complete_for_all_cases(described);  // what the row says of it counts more
+  complete_for_all_cases(described);  // the row's values take precedence
   for (std::size_t c = 0; c < cohort.key.size(); ++c)
     if (const std::string& key = cohort.key[c]; key != "id" && !fields.field[c].empty())
       set_option(described, key, beside(cohort, key, fields.field[c]), line);

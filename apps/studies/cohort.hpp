@@ -12,7 +12,7 @@
 
 namespace dimple {
 
-/// A table of cases: a row each, the columns `id`, `image` and any option.
+/// Table of cases: one row each, with the columns `id`, `image` and any option.
 struct Cohort {
   std::filesystem::path file;
   TextTable table;
@@ -22,34 +22,33 @@ struct Cohort {
   std::size_t id_column = 0;
 };
 
-/// Reads what holds for all rows. Throws InputError: no such file, no table, no column id or image, an id
-/// that is empty, there twice, or no name for a folder; UsageError: a column that is headed by no option, or
-/// two by one.
+/// Reads the table and checks what concerns all rows. Throws InputError: no such file, no table, no column id
+/// or image, an id that is empty, repeated or no name for a folder; UsageError: a column that names no
+/// option, or two that name the same.
 Cohort read_cohort(const std::filesystem::path& file);
 
-/// The path of a row's image as it is opened; empty if it has none.
+/// Path of a row's image; empty if it has none.
 std::string image_of(const Cohort& cohort, std::size_t row);
 
-/// The options of one row, over those of all rows; an empty field says nothing, and paths begin where the
-/// table is. Checked as far as they can be before the image is read. Throws UsageError, InputError.
+/// Options of one row, which override those of all rows. Empty fields are ignored; paths are relative to the
+/// table. They are checked as far as possible without the image. Throws UsageError, InputError.
 Description case_of(const Cohort& cohort, std::size_t row, Description of_all_rows);
 
-/// What a row says now that the run in the folder was not made with: "material.mu_Pa is 2000.0 now, and
-/// was 1000.0". Empty: nothing, or it cannot be known.
+/// Options that have changed since the run in the folder: "material.mu_Pa is 2000.0 now, and was 1000.0".
+/// Empty: none, or not available.
 std::string changed_since(const Cohort& cohort, std::size_t row, const std::filesystem::path& folder);
 
-/// Runs one row in the folder that is called by its id, as record_run() does there: it goes on with what was
-/// stopped, and returns at once where the same run is finished. A run of other options or another image is
-/// refused, or, with `anew`, replaced. Why it failed is put down in the folder, unless that holds something
-/// else. Throws Error.
+/// Runs one row in the folder named by its id, as record_run() does: resumes a stopped run and returns at
+/// once if the same run is finished. A run of other options or another image is refused, or replaced with
+/// `anew`. A failure is recorded in the folder unless that holds other files. Throws Error.
 Outcome run_case(const Cohort& cohort, std::size_t row, const Description& of_all_rows,
                  const std::filesystem::path& out, bool anew, const RecordObserver& observer);
 
-/// What has become of a row.
+/// State of a row at the end.
 struct CaseEnd {
   enum class How { not_begun, finished, skipped, failed, interrupted };
   How how = How::not_begun;
-  std::string headline = {};     ///< of what is finished, now or before
+  std::string headline = {};     ///< of the finished run, now or before
   Report reason = {};            ///< of a failure
   ExitCode code = ExitCode::ok;  ///< of the row's run
   double seconds = 0.0;
@@ -58,14 +57,13 @@ struct CaseEnd {
 struct CohortOptions {
   std::size_t jobs = 1;
   bool anew = false;
-  std::vector<std::string>
-      program;  ///< with its arguments: runs the row whose number, from 1 on, is put behind them
+  std::vector<std::string> program;  ///< program with its arguments; the row's number, from 1, is appended
 };
 
-/// Runs all rows, each in a process of its own, so that none takes others with it. What cannot run is known
-/// before the first begins, and put down in its folder. A process that fails leaves its words in ID.log
-/// beside the folder. Throws OutputError: `out` cannot be made. When asked to stop (io/stop.hpp) it begins no
-/// further rows and ends the running ones.
+/// Runs all rows, each in its own process so that a crash ends only that row. Invalid rows are found before
+/// the first run and recorded in their folders. The output of a failed process is in ID.log next to the
+/// folder. Throws OutputError: `out` cannot be made. A stop request (io/stop.hpp) starts no further rows and
+/// ends the running ones.
 std::vector<CaseEnd> run_cohort(const Cohort& cohort, const Description& of_all_rows,
                                 const std::filesystem::path& out, const CohortOptions& options,
                                 const std::function<void(const std::string&)>& progress);

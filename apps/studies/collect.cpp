@@ -41,7 +41,7 @@ std::string escaped(const std::string& text) {
   return result;
 }
 
-// A path as a link of a page names it.
+// Path as a link in a page.
 std::string as_link(const std::string& path) {
   std::string result;
   for (const char c : path) {
@@ -54,7 +54,7 @@ std::string as_link(const std::string& path) {
 }
 
 double number_in(const std::string& field) {
-  return field.empty() ? 0.0 : std::stod(field);  // which shortest() has written
+  return field.empty() ? 0.0 : std::stod(field);  // written by shortest()
 }
 
 std::string title_of(const CollectedCase& one) {
@@ -124,7 +124,7 @@ std::string as_tsv(const Table& table) {
   return text;
 }
 
-// What each column of force.csv is, for the file that BIDS wants beside a table.
+// Description of each column of force.csv, for the file that BIDS requires next to a table.
 Json columns_of(const Table& table) {
   static const std::map<std::string, std::pair<const char*, const char*>> known = {
       {"time_s", {"time since contact", "s"}},

@@ -25,13 +25,13 @@ namespace {
 
 constexpr int frames = 4;
 constexpr double few_noises = 3.0;
-constexpr Index most_nodes_to_explain = 6000;  // some two minutes
+constexpr Index most_nodes_to_explain = 6000;  // about two minutes
 
-// A case and its forces, as deep as there are any.
+// Run of a case, with its forces as far as it has them.
 struct Tried {
   Result result;
   std::vector<double> force;  // [N] at each of the depths
-  std::string deeper;         // why not at all of them
+  std::string deeper;         // why not all depths were reached
   double seconds = 0.0;
 };
 
@@ -40,8 +40,8 @@ bool has_limit_point(const History& history) {
                      [](const Finding& f) { return f.report.code == "limit-point"; });
 }
 
-// Force [N] at each of the depths, ascending, between the samples on both sides; as many as the samples
-// reach.
+// Force [N] at each of the ascending depths, interpolated between samples; depths beyond the last sample are
+// left out.
 std::vector<double> forces_at(const std::vector<ForceSample>& samples, const std::vector<double>& depths_mm) {
   std::vector<double> result;
   for (const double mm : depths_mm) {
@@ -60,7 +60,7 @@ std::vector<double> forces_at(const std::vector<ForceSample>& samples, const std
   return result;
 }
 
-// What the run would have taken by itself: it may have had parts of its model from another.
+// Time of a run that builds all of its model [s], also if parts were reused from another run.
 double seconds_by_itself(const Result& result) {
   return result.read_s + result.build_s + result.complete_s + result.solve_s;
 }
@@ -109,7 +109,7 @@ Index nodes_to_explain(const Scene& scene, double facing_share) {
 
 namespace {
 
-// The case that is explained, with so many nodes.
+// Scene that is explained, with that number of nodes.
 Scene config_to_explain(Scene scene, Index nodes) {
   scene.goal.reset();
   scene.followed.reset();
@@ -122,14 +122,14 @@ Scene config_to_explain(Scene scene, Index nodes) {
   return scene;
 }
 
-// What a trial is compared with.
+// Reference with which a trial is compared.
 struct ForceReference {
   const std::vector<double>& depths_mm;
   const Scene& held;
-  const ReadOrgan& organ;  // of the case as it was given, and what was made of it with its places as numbers
-  const Tried& found;      // as the case was given
-  const Tried& as_it_is;   // the same with its places as numbers
-  std::vector<double> mean;  // force [N] of the clouds so far
+  const ReadOrgan& organ;    // of the case as given, and its model with positions as numbers
+  const Tried& found;        // case as given
+  const Tried& as_it_is;     // case with its positions as numbers
+  std::vector<double> mean;  // force [N] over the node sets so far
   int clouds = 1;
 };
 
@@ -140,7 +140,7 @@ void take_into_mean(ForceReference& reference, const std::vector<double>& force)
   ++reference.clouds;
 }
 
-// A force that is proportional to the depth, at each of the depths.
+// Force proportional to the depth, at each of the depths.
 std::vector<double> proportional(const Tried& now, double depth_mm, const std::vector<double>& depths_mm) {
   const double stiffness = now.force.front() / depth_mm;
   std::vector<double> force;
@@ -148,8 +148,8 @@ std::vector<double> proportional(const Tried& now, double depth_mm, const std::v
   return force;
 }
 
-// Another random cloud of the same trial, and the mean of both in the place of the first: at as many depths
-// as both reach.
+// Replaces the forces of a trial by the mean of them and those with another random node set. Returns the
+// number of depths that both have.
 std::size_t average_with_another_cloud(Tried& now, const Case& given, const std::vector<double>& depths_mm,
                                        std::size_t depths) {
   ReadOrgan same = *given.organ;
@@ -165,14 +165,14 @@ std::size_t average_with_another_cloud(Tried& now, const Case& given, const std:
   return depths;
 }
 
-// Its forces beside those of the reference.
+// Compares the forces with those of the reference.
 void compare(Alternative& alternative, const Trial& trial, const Case& given, Tried& now,
              const ForceReference& reference, double noise) {
   const bool same_cloud =
       trial.kind == Alternative::Kind::cloud || same_nodes(now.result.model, reference.as_it_is.result.model);
   const std::vector<double>& compared = same_cloud ? reference.as_it_is.force : reference.mean;
   std::size_t depths = std::min({now.force.size(), compared.size(), reference.found.force.size()});
-  // What is hardly more than clouds differ by is told from two.
+  // Effects close to the scatter between node sets are averaged over two node sets.
   if (!same_cloud && std::abs(now.force[depths - 1] / compared[depths - 1] - 1.0) < few_noises * noise)
     depths = average_with_another_cloud(now, given, reference.depths_mm, depths);
   for (std::size_t k = 0; k < depths; ++k)
@@ -185,14 +185,14 @@ void compare(Alternative& alternative, const Trial& trial, const Case& given, Tr
 
 using Say = std::function<void(const std::string&)>;
 
-// Whether a case has the body of another: its image is read no other way, and its surface laid likewise.
+// True if a case has the same body as a scene: its image and its surface are made in the same manner.
 bool has_same_body(const Case& a, const Scene& b) {
   const BodyChange& change = a.change;
   return !change.image && change.smoothing == 1.0 && change.outward_voxels == 0.0 &&
          a.scene.image.close_mm == b.image.close_mm;
 }
 
-// Runs it and compares; of a trial that fails, why. Nothing, where it has nothing to say.
+// Runs a trial and compares it, or records its failure. Nothing: the change had no effect on the case.
 std::optional<Alternative> try_out(const Trial& trial, ForceReference& reference, double noise,
                                    const Say& say) {
   Alternative alternative{trial.what, trial.instead, trial.all, trial.kind};
@@ -225,8 +225,8 @@ void say_alternative(const Alternative& a, const Explanation& explanation, const
                   a.failed.empty() ? with_sign(100.0 * a.effect) + " %" : a.failed, a.seconds));
 }
 
-// All comparisons with so many nodes; nothing, where these are too few: on a folded body, or because another
-// random cloud has more effect than is to matter. Then `more` is how many to take, if it is asked for.
+// All comparisons with that number of nodes. Nothing if the nodes are too few: for a folded body, or because
+// other random nodes change the force too much. `more`, if not null, is then the number to use.
 std::optional<Explanation> explain_with(Index nodes, Index* more, const Scene& given, const Say& progress) {
   const Stopwatch whole;
   const Scene scene = config_to_explain(given, nodes);
@@ -238,7 +238,7 @@ std::optional<Explanation> explain_with(Index nodes, Index* more, const Scene& g
 
   ReadOrgan organ = read_once({.scene = scene}, {});
   Tried found = run({.scene = scene, .organ = &organ}, depths_mm);
-  found.result.image = organ.read.image;  // which simulate() lets go of
+  found.result.image = organ.read.image;  // simulate() has released it
   if (const Index least = nodes_to_explain(scene, found.result.facing_share); more && nodes < least) {
     *more = least;
     return std::nullopt;
@@ -253,8 +253,8 @@ std::optional<Explanation> explain_with(Index nodes, Index* more, const Scene& g
                   force_title(explanation.force, explanation.depth_mm), explanation.nodes, found.seconds));
 
   try {
-    // Numbers in place of words can move the tool by a last digit, and a cloud with it: changes are measured
-    // from there.
+    // Rounding of positions to numbers can move the tool by a last digit, and with it the nodes, so changes
+    // are measured from this run.
     const Scene held = pinned(scene, found.result, down);
     const Tried as_it_is = run({.scene = held, .organ = &organ}, depths_mm);
     organ.made = made_in(held, as_it_is.result);

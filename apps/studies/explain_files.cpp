@@ -1,4 +1,4 @@
-// An explanation as it is written: a table, a chart and a page.
+// Files of an explanation: a table, a chart and a page.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -45,7 +45,7 @@ std::string verdict(const Explanation& explanation, const Alternative& a) {
 
 namespace {
 
-// What the table has of a comparison.
+// Row of the table for a comparison.
 ChoiceTable::Row row_of(const Explanation& e, const Alternative& a) {
   const bool there = a.failed.empty();
   return {.what = a.what,
@@ -98,7 +98,7 @@ void write_explanation(const std::filesystem::path& folder, const Explanation& e
 }
 
 void write_choices(const std::filesystem::path& folder, const ChoiceTable& table) {
-  // write_csv() takes numbers alone.
+  // write_csv() accepts only numbers.
   std::string csv = table.csv_header + "\n";
   std::string text = table.text + fmt::format(
                                       "| choice | instead | kind | {} | s | "

@@ -31,7 +31,7 @@ struct ShiftTrial {
   Scene scene;
 };
 
-// Of one shift: at the opening, and at the targets and places in depth [3 x M] mm.
+// Displacements of one shift: at the opening, and at the targets and points in depth [3 x M] mm.
 struct Measured {
   double at_opening = 0.0;
   Points elsewhere;
@@ -39,7 +39,7 @@ struct Measured {
   double base_depth = 0.0;
 };
 
-// `places`: of Measured::elsewhere; none yet: they are found on this one.
+// Measures a shift. `places`: of Measured::elsewhere; if empty, they are set from this shift.
 Measured measured(const Scene& scene, const ShiftScene& asked, Points& places) {
   Shifted now;
   unless_stopped([&] { come_to_rest(scene, asked, {}, now); });
@@ -189,7 +189,7 @@ std::string verdict_of(const ShiftExplanation& e, const Alternative& a) {
   return std::abs(a.effect) > threshold_of(e) ? "matters" : "no matter";
 }
 
-// What changes are measured from: the same cloud's shift, or the mean of the clouds so far.
+// Reference of the changes: the shift with the same nodes, or the mean over the node sets so far.
 struct Reference {
   Measured as_it_is;
   double mean = 0.0;

@@ -10,19 +10,19 @@
 
 namespace dimple {
 
-/// What a shift depends on, measured: effects are changes of the largest shift within the opening [mm].
+/// Measured effects of choices on a shift: changes of the largest shift within the opening [mm].
 struct ShiftExplanation {
-  double shift_mm = 0.0, noise_mm = 0.0;       ///< as it is; the largest change by another cloud
+  double shift_mm = 0.0, noise_mm = 0.0;       ///< of the unchanged shift; largest change by another node set
   std::vector<Alternative> alternatives = {};  ///< `effect` in mm
   Index nodes = 0;
   double seconds = 0.0, total_s = 0.0;
-  std::string ended_by = {};  ///< by what it was stopped before its end; empty: it was not
+  std::string ended_by = {};  ///< reason why it was stopped; empty: it was not
 };
 
-/// Repeats the shift with one choice at a time changed: other clouds, the gap, the fluid that is lost, the
-/// shear modulus, the direction of up, the opening's radius, friction at the skull, what is held, and sulci.
-/// A change that gives another cloud is compared with the mean of three clouds. `scene`: of
-/// describe_shift(). Throws what shift() throws of the shift as it is; one that fails is listed with why.
+/// Repeats the shift with one choice at a time changed: other random nodes, gap, lost fluid, shear modulus,
+/// direction of up, radius of the opening, friction at the skull, held part, sulci. A choice that changes the
+/// nodes is compared with the mean over three node sets. `scene`: of describe_shift(). Throws what shift()
+/// throws for the unchanged shift; a choice that fails is listed with its reason.
 ShiftExplanation explain_shift(const Scene& scene, const ShiftOptions& options,
                                const std::function<void(const std::string&)>& progress);
 

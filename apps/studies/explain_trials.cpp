@@ -19,20 +19,20 @@ namespace {
 
 using Kind = Alternative::Kind;
 
-constexpr double far_radii = 5.0;           // of the circle: tissue beyond is cut away
-constexpr double small_depth_radii = 0.01;  // where a strain is small: the force is proportional to the depth
+constexpr double far_radii = 5.0;           // of the tool or patch: tissue beyond is removed
+constexpr double small_depth_radii = 0.01;  // depth of small strain: the force is proportional to the depth
 constexpr double tool_step_mm = 1.0;
 
 std::string vector_text(const Vec3& v) {
   return fmt::format("{:.9g},{:.9g},{:.9g}", v.x(), v.y(), v.z());
 }
 
-// [m]
+// Centre of the tool in the image [m].
 Vec3 centre_in_image(const LoadedModel& found) {
   return found.unloaded ? found.unloaded->imaged_centre : found.model.tool.centre;
 }
 
-// `all`: what the bar of several such changes says, where it is not the same.
+// Adds a trial. `all`: text for the bar of several such changes, if it differs from `instead`.
 template <class Change>
 void add(std::vector<Trial>& trials, const Unchanged& u, const std::string& what, const std::string& all,
          const std::string& instead, Kind kind, Change change) {
@@ -41,7 +41,7 @@ void add(std::vector<Trial>& trials, const Unchanged& u, const std::string& what
   trials.push_back(std::move(trial));
 }
 
-// Which only say how finely the same case is computed.
+// Trials of the discretisation of the same case.
 void add_discretisation(std::vector<Trial>& trials, const Unchanged& u) {
   const Scene& scene = u.scene;
   for (const int more : {1, 2})
@@ -82,7 +82,7 @@ void add_contact(std::vector<Trial>& trials, const Unchanged& u) {
         [&](Case& c) { c.scene.contact = bonded ? Contact::frictionless : Contact::bonded; });
 }
 
-// How far up the body is held.
+// Trials of the height of the base.
 void add_base(std::vector<Trial>& trials, const Unchanged& u) {
   if (!u.scene.base_is_held) return;
   const Boundary& boundary = u.found.report.boundary;
@@ -115,7 +115,7 @@ void add_tool_place(std::vector<Trial>& trials, const Unchanged& unchanged) {
   }
 }
 
-// Where the body ends: its segmentation, and how a surface is laid through it.
+// Trials of the body's boundary: its segmentation, and the surface made from it.
 void add_shape(std::vector<Trial>& trials, const Unchanged& u) {
   for (const double outward : {0.5, -0.5})
     add(trials, u, "segmentation", "half a voxel larger or smaller",
@@ -136,8 +136,8 @@ void add_folds(std::vector<Trial>& trials, const Unchanged& u) {
   const auto change = [&](double close_mm) {
     return [&u, close_mm](Case& c) {
       c.scene.image.close_mm = close_mm;
-      // Whether they touch is decided by the folds that are left; a body that was imaged under its loads has
-      // them pass.
+      // The remaining folds decide whether contact between them is computed; a body imaged under its loads
+      // keeps the choice of the unchanged case.
       if (!u.found.unloaded) c.scene.self_contact = u.scene.self_contact;
     };
   };
@@ -157,10 +157,10 @@ void add_folds(std::vector<Trial>& trials, const Unchanged& u) {
 
 void add_small_strain(std::vector<Trial>& trials, const Unchanged& u) {
   const double depth_mm = u.scene.depth_mm, small_mm = small_depth_radii * u.radius_mm();
-  // The force of a tool that touches is not proportional to its depth at small strain either.
+  // With a contacting tool, the force is not proportional to the depth at small strain either.
   if (u.touch() || !(small_mm < depth_mm) || u.found.time != TimeMode::quasi_static) return;
   add(trials, u, "strain", "", "small instead of large", Kind::simplification, [&](Case& c) {
-    // Supports come as far as they have when the tool is there.
+    // Supports move in proportion to the depth.
     for (Scene::Support& support : c.scene.supports)
       for (double& way : support.move_mm) way *= small_mm / depth_mm;
     c.scene.depth_mm = small_mm;
@@ -178,7 +178,7 @@ void add_far_tissue(std::vector<Trial>& trials, const Unchanged& u) {
         const Boundary& boundary = u.found.report.boundary;
         const Vec3 centre = 1e3 * centre_in_image(u.found), push = u.found.model.tool.push;
         const LabelImage near = without_far_tissue(u.found.image, centre, push, away);
-        // Without its lowest part the body is held as far up as before.
+        // Without its lowest part, the body is held up to the same height as before.
         if (!boundary.flat_base)
           c.scene.boundary.base_depth_mm = std::max(
               boundary.base_depth - reach_of(u.found.image, labels, u.down) + reach_of(near, labels, u.down),
@@ -202,7 +202,7 @@ void add_poisson_ratio(std::vector<Trial>& trials, const Unchanged& u) {
       });
 }
 
-// What is rigid beside the body: not there, and with friction.
+// Trials of the rigid walls: without them, and with friction.
 void add_walls(std::vector<Trial>& trials, const Unchanged& u) {
   if (u.scene.walls.empty()) return;
   add(trials, u, "walls", "", "none", Kind::simplification, [](Case& c) { c.scene.walls.clear(); });

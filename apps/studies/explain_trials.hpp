@@ -8,17 +8,17 @@
 
 namespace dimple {
 
-// The choices that an explanation changes, one at a time.
+// Choices that an explanation changes, one at a time.
 
-/// A case with one choice changed.
+/// Case with one choice changed.
 struct Trial {
   std::string what, instead, all;
   Alternative::Kind kind;
   Case given;
-  bool linear = false;  ///< its force is that of one small depth, and proportional to the depth
+  bool linear = false;  ///< run at one small depth; the force is proportional to the depth
 };
 
-/// What trials are made from: the case, the same with its places as numbers, and what was found with it.
+/// Reference of the trials: the case, the case with its positions as numbers, and its result.
 struct Unchanged {
   const Scene& scene;
   const Scene& held;
@@ -30,13 +30,13 @@ struct Unchanged {
   double radius_mm() const { return 1e3 * (touch() ? touch()->shape.radius : found.model.tool.radius); }
 };
 
-/// The scene as it was found, with its places as numbers: a change of the body does not move the tool.
+/// Scene with the positions that were found, as numbers, so that a change of the body does not move the tool.
 Scene pinned(Scene scene, const LoadedModel& found, const Vec3& down);
 
 /// All trials, in the order in which they are run.
 std::vector<Trial> trials_of(const Unchanged& unchanged);
 
-/// Why a trial has nothing to say: its change has changed nothing. Empty: it has.
+/// Reason to leave a trial out: the change had no effect on the case. Empty: it had one.
 std::string left_out(const Trial& trial, const LoadedModel& now, const LoadedModel& found);
 
 }  // namespace dimple

@@ -21,7 +21,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double nu_that_locks = 0.49;  // of ten-node tetrahedra
+constexpr double nu_that_locks = 0.49;  // locking of ten-node tetrahedra
 
 std::string chosen_format(const std::string& format, const fs::path& file) {
   const std::string suffix = file.extension().string();
@@ -39,16 +39,16 @@ std::string chosen_format(const std::string& format, const fs::path& file) {
                     .remedy = "name it so, or give --format calculix or --format febio"});
 }
 
-// A body filled with elements.
+// Body meshed with finite elements.
 struct ElementMesh {
-  ElementModel model;                  // nodes, elements, base and circle only, in the surface's frame
-  double spacing_mm = 0.0, rim = 1.0;  // edges far from the circle; those at its rim, as a part of them
+  ElementModel model;                  // only nodes, elements, base and patch, in the surface's frame
+  double spacing_mm = 0.0, rim = 1.0;  // edge length far from the patch; relative length at its edge
   double volume_mm3 = 0.0;
 };
 
 ElementMesh tetrahedra(const Scene& scene, const BodySurface& surface, const Boundary& boundary,
                        ModelOptions options) {
-  // The paper's even cloud would need a hundred thousand tetrahedra to follow the rim.
+  // With the even nodes of the paper, a hundred thousand tetrahedra would be needed at the edge of the patch.
   if (scene.cloud.rim <= 0.0) options.cloud.grading.rim = 0.15;
   options.cloud.grading.reach = 3.0;
   options.cloud.grading.load_exponent = 0.0;
@@ -75,7 +75,7 @@ ElementModel element_model(const Scene& scene, const RunObserver& observer) {
   Result unused;
   const RunLog log{observer, unused};
   Scene passing = scene;
-  passing.self_contact = Scene::SelfContact::off;  // the file knows no folds that touch
+  passing.self_contact = Scene::SelfContact::off;  // the file has no contact of folds
   const Organ organ = read_organ({.scene = passing}, model_options(scene), log, unused);
   const BodySurface& surface = organ.body->surface;
   const Boundary boundary = find_boundary(surface, organ.options.boundary);

@@ -5,15 +5,15 @@
 
 namespace dimple {
 
-/// Each file says so in a comment near its beginning.
+/// Comment near the beginning of each exported file.
 inline constexpr const char* written_by = "written by dimple";
 
-/// The scene of `scene` as a finite-element model: the surface, base and circle that `dimple run` finds,
-/// filled with ten-node tetrahedra that are graded towards the circle's rim. Throws what they throw, and
-/// UsageError for what other programs are not given: several tissues, Ogden, viscoelastic.
+/// Finite-element model of a scene: the surface, base and bonded patch that `dimple run` finds, filled with
+/// ten-node tetrahedra that are graded towards the edge of the patch. Throws what these throw, and UsageError
+/// for features that are not exported: several tissues, Ogden, viscoelastic.
 ElementModel element_model(const Scene& scene, const RunObserver& observer);
 
-/// Writes it. `format` may be empty: from the file's name (.inp, .feb). Throws UsageError.
+/// Writes the model. An empty `format` follows from the file's name (.inp, .feb). Throws UsageError.
 Outcome export_model(const Scene& scene, const std::string& format, const std::filesystem::path& file,
                      const RunObserver& observer = {});
 

@@ -30,7 +30,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// All constants of the law, multiplied alike.
+// Multiplies all constants of the law by a factor.
 void multiply(Scene& scene, double factor) {
   scene.material.mu_Pa *= factor;
   for (double& mu : scene.material.ogden_mu_Pa) mu *= factor;
@@ -53,7 +53,7 @@ std::optional<HalfSpaceCheck> half_space_check(const LoadedModel& result, const 
   return HalfSpaceCheck{.mu = 0.5 * (1.0 - nu) * products / squares, .thickness = body.thickness};
 }
 
-constexpr int most_runs_of_a_search = 24;  // and one more for the band
+constexpr int most_runs_of_a_search = 24;  // and one more for the error bounds
 constexpr int most_looks_at_one_run = 200;
 
 std::vector<std::string> warnings_of(const MeasuredCurve& curve, const Scene& own) {
@@ -67,7 +67,7 @@ std::vector<std::string> warnings_of(const MeasuredCurve& curve, const Scene& ow
   return warnings;
 }
 
-// What the searches of one curve share: the case without the numbers that are sought, and its runs so far.
+// Data common to the searches for one curve: the case without the sought numbers, and its runs so far.
 struct Runs {
   const Scene& own;
   const std::string& of;
@@ -83,7 +83,7 @@ void march(Runs& runs, const Scene& scene, bool band) {
   ++runs.count;
 }
 
-// By a run of its own, but for what is looked for in the forces of one.
+// Forces for a modulus of 1 Pa, from a new run unless the numbers are found from the forces of one run.
 std::vector<double> unit_forces(Runs& runs, const MeasuredCurve& curve, const std::vector<double>& numbers) {
   const Scene one = with_numbers(runs.own, runs.of, numbers);
   const bool one_run = takes_one_run(runs.of);
@@ -95,7 +95,7 @@ std::vector<double> unit_forces(Runs& runs, const MeasuredCurve& curve, const st
   return scaled(forces_later(runs.last, curve.depth, 1e-3 * touch_mm), 1.0 / material_of(one).mu);
 }
 
-// From each start, the best first. Where one of them finds no equilibrium, another may.
+// Fits from each start, the best first. A start without equilibrium is skipped if another has one.
 std::vector<CurveFit> fits_of(Runs& runs, const MeasuredCurve& curve) {
   const std::vector<std::vector<FitParameter>> searches = searches_of(runs.of, curve);
   const int most_runs = (takes_one_run(runs.of) ? most_looks_at_one_run : most_runs_of_a_search) /
@@ -118,10 +118,10 @@ std::vector<CurveFit> fits_of(Runs& runs, const MeasuredCurve& curve) {
   return fits;
 }
 
-// Whether inertia plays a part depends on the modulus, which is known only now.
+// Refuses a fit in which inertia matters; that depends on the modulus, which is available only after the fit.
 void require_no_inertia(const Scene& given, const FoundFit& found) {
   const Result& result = found.result;
-  // A tool that touches is slow where nobody has said how fast it is.
+  // A contacting tool is slow unless its rate is given.
   if (given.solver.time != Scene::Numerics::Time::automatic ||
       (result.loading.touch && !found.scene.given.rate) ||
       choose_time(result.model, {materials_of(found.scene), result.tissues.of_point}, result.loading) ==
@@ -132,7 +132,7 @@ void require_no_inertia(const Scene& given, const FoundFit& found) {
                   stress_in_words(found.fit.number[0].value)));
 }
 
-// The case and the run with the numbers of the best fit.
+// Case and run with the numbers of the best fit.
 FoundFit found_with(const Description& options, Runs& runs, const CurveFit& best) {
   std::vector<double> numbers;
   for (std::size_t k = 1; k < best.number.size(); ++k) numbers.push_back(best.number[k].value);
@@ -143,7 +143,7 @@ FoundFit found_with(const Description& options, Runs& runs, const CurveFit& best
   found.result = std::move(runs.last);
   found.runs = runs.count;
   found.warnings = std::move(runs.warnings);
-  // From fat in vivo to cartilage.
+  // Range from fat in vivo to cartilage.
   constexpr double softest_Pa = 10.0, stiffest_Pa = 2e5;
   if (const double mu = best.number[0].value;
       best.number[0].determined && !(mu > softest_Pa && mu < stiffest_Pa))
@@ -158,7 +158,7 @@ double first_touch_of(const FoundFit& found, const std::string& of) {
   return of == mu_and_touch ? 1e-3 * found.fit.number[1].value : 0.0;  // [m]
 }
 
-// By the band of the force, and by where the tool first touches, if that was not looked for itself.
+// Adds the errors by the error bounds of the force and, if it was not sought, by the first contact.
 void add_errors(FoundFit& found, const MeasuredCurve& curve, const std::string& of) {
   const Result& result = found.result;
   add_discretisation(found.fit, curve.depth, share_of_band(result, curve, found.fit));
@@ -177,7 +177,7 @@ void warn_of_residuals(FoundFit& found, const MeasuredCurve& curve, const std::s
                     100.0 * off, of == "mu" ? " (--of mu,touch looks for that)" : ""));
 }
 
-// The sign of alpha is not told where the other one fits as well.
+// Warns that the sign of alpha is not determined if the other one fits as well.
 void weigh_other_sign(FoundFit& found, const CurveFit& other) {
   if (!alike(found.fit, other)) return;
   FittedNumber &mu = found.fit.number[0], &alpha = found.fit.number[1];

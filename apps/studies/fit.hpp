@@ -10,10 +10,10 @@
 
 namespace dimple {
 
-/// Nodes that the modulus alone is fitted with, where no others are asked for.
+/// Default number of nodes for fits that take one run.
 inline constexpr Index nodes_for_one_run = 4000;
 
-/// Of what is looked for: the modulus, and where the tool first touches.
+/// Name of the parameters modulus and first contact.
 inline constexpr const char* mu_and_touch = "mu,touch";
 
 struct FitOptions {
@@ -21,9 +21,9 @@ struct FitOptions {
   std::filesystem::path curve;  ///< see read_measured_curve()
 };
 
-/// Finds a material's numbers from a measured curve: fit.csv, fit.png, fit.svg, fitted.toml, summary.json.
-/// `described` says the image and everything but these numbers and the depth; the rate too, where the curve
-/// has times. Throws UsageError: the force is not proportional to one modulus, or a number that follows from
+/// Fits a material's numbers to a measured curve: fit.csv, fit.png, fit.svg, fitted.toml, summary.json.
+/// `described`: the image and all options except these numbers and the depth, and the rate if the curve has
+/// no times. Throws UsageError: the force is not proportional to one modulus, or a number that follows from
 /// the curve is given; InputError: the curve; what simulate() throws; Stopped.
 Outcome fit(const Description& described, const FitOptions& options, const std::filesystem::path& folder,
             Existing existing, const std::function<void(const std::string&)>& progress);

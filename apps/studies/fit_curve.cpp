@@ -25,7 +25,7 @@ VectorXd vector_of(const std::vector<double>& list) {
   return Eigen::Map<const VectorXd>(list.data(), static_cast<Index>(list.size()));
 }
 
-// The search goes over all real x; a number comes near its limits and never beyond them.
+// Fraction of the range between a number's limits: the search covers all real x and never exceeds them.
 double share_of(double x) {
   return 1.0 / (1.0 + std::exp(-x));
 }
@@ -41,7 +41,7 @@ double x_of(const FitParameter& s, double number) {
 
 struct OutOfRuns {};
 
-// What Eigen's search asks: residuals at x, and how they change with it.
+// Residuals at x and their derivatives, in the form that Eigen's search requires.
 struct Projection {
   using Scalar = double;
   using InputType = VectorXd;
@@ -60,7 +60,7 @@ struct Projection {
   Index inputs() const { return static_cast<Index>(sought.size()); }
   Index values() const { return measured.size(); }
 
-  // A hundredth of the way between the limits, or less near them; differences of forces that are known to
+  // Step of about a hundredth of the range between the limits, or less near them, for forces accurate to
   // 1e-4.
   static constexpr double step = 0.05;
 
@@ -96,7 +96,7 @@ struct Projection {
     return -1;
   }
 
-  // Differences are taken inwards, where the law is milder.
+  // Differences point inwards, where the law is milder.
   static double toward(const VectorXd& x, Index k) { return x[k] > 0.0 ? -1.0 : 1.0; }
   static VectorXd beside(VectorXd x, Index k) {
     x[k] += toward(x, k) * step;
@@ -104,7 +104,7 @@ struct Projection {
   }
 };
 
-// From itself at the beginning to its opposite at the end.
+// Forces scaled by a factor that falls linearly from 1 at the beginning to -1 at the end.
 VectorXd tilted(const std::vector<double>& depth, const VectorXd& forces) {
   return (1.0 - 2.0 * vector_of(depth).array() / depth.back()).matrix().cwiseProduct(forces);
 }
@@ -129,7 +129,7 @@ void require_more_rows(Index rows, Index numbers) {
                     .code = "bad-curve"});
 }
 
-// Far beyond any tissue; the option of the modulus takes no more.
+// Refuses a modulus far beyond any tissue; the option of the modulus has the same upper limit.
 void require_possible(double mu) {
   if (mu > least_modulus && mu < most_modulus) return;
   throw InputError({.fact = fmt::format("the best modulus would be {} Pa", plain(mu, 3)),
@@ -147,20 +147,20 @@ VectorXd start_of(const std::vector<FitParameter>& sought) {
   return x;
 }
 
-// Takes x to the least squares, or as near to them as the runs allow: then false.
+// Moves x to the least squares; false if the runs did not suffice.
 bool minimize(Projection& problem, VectorXd& x) {
-  const auto for_derivatives = static_cast<int>(x.size());  // at the end
+  const auto for_derivatives = static_cast<int>(x.size());  // reserved for the derivatives at the end
   problem.most_runs -= for_derivatives;
   Eigen::LevenbergMarquardt<Projection> search(problem);
-  search.parameters.factor = 1.0;  // at most that far in x with the first step
+  search.parameters.factor = 1.0;  // largest first step in x
   search.parameters.xtol = search.parameters.ftol = 1e-3;
-  search.parameters.maxfev = 1000;  // runs are counted, and remembered
+  search.parameters.maxfev = 1000;  // not the limit: runs are counted instead, and their results kept
   const auto status = search.minimize(x);
   problem.most_runs += for_derivatives;
   return status != Eigen::LevenbergMarquardtSpace::UserAsked;
 }
 
-// Of the forces, by the numbers themselves: mu, then those that are sought.
+// Derivatives of the forces by the numbers themselves: mu, then those that are sought.
 MatrixXd derivatives(Projection& problem, const VectorXd& x, double mu, const VectorXd& unit) {
   MatrixXd J(problem.values(), 1 + x.size());
   J.col(0) = unit;
@@ -178,11 +178,11 @@ MatrixXd derivatives(Projection& problem, const VectorXd& x, double mu, const Ve
 
 struct PseudoInverse {
   MatrixXd inverse;
-  bool blind = false;  // to one of the numbers at least
+  bool blind = false;  // at least one of the numbers has no effect
 };
 
 PseudoInverse pseudo_inverse(const MatrixXd& J) {
-  // Columns of length 1, or numbers in pascals and seconds would be compared.
+  // Columns are scaled to length 1, as the numbers have different units.
   VectorXd length = J.colwise().norm();
   for (double& l : length) l = l > 0.0 ? l : 1.0;
   const Eigen::JacobiSVD<MatrixXd> svd(J * length.cwiseInverse().asDiagonal(),
@@ -190,11 +190,11 @@ PseudoInverse pseudo_inverse(const MatrixXd& J) {
   const VectorXd singular = svd.singularValues();
   return {.inverse = length.cwiseInverse().asDiagonal() * svd.matrixV() *
                      singular.cwiseMax(1e-300).cwiseInverse().asDiagonal() * svd.matrixU().transpose(),
-          // Derivatives by differences of forces that are good to 1e-4: what is below is none.
+          // Forces are accurate to 1e-4, so smaller derivatives by differences are zero.
           .blind = singular[J.cols() - 1] < 1e-4 * singular[0]};
 }
 
-// [N^2] Of one row; residuals with a memory count as fewer rows.
+// Variance of one row [N^2]; correlated residuals count as fewer rows.
 double noise_variance(double sum2, double memory, double rows, double numbers) {
   const double variance = sum2 / (rows - numbers);
   return memory > 2.0 / std::sqrt(rows) ? variance * ((1.0 + memory) / (1.0 - memory)) : variance;
@@ -218,7 +218,7 @@ CurveFit fit_curve(const std::vector<double>& depth, const std::vector<double>& 
       .measured = measured, .sought = sought, .unit_forces = unit_forces, .most_runs = most_runs};
   CurveFit result;
   VectorXd x = start_of(sought);
-  problem.unit(x);  // at the start there must be an equilibrium
+  problem.unit(x);  // throws if there is no equilibrium at the start
   if (p > 1) result.converged = minimize(problem, x);
   const VectorXd unit = problem.unit(x);
   const double mu = problem.modulus(unit);

@@ -29,7 +29,7 @@ std::string with_unit(double value, const std::string& unit) {
   return plain(value, 4) + (unit.empty() ? "" : " " + unit);
 }
 
-// "mu 231 Pa, 221 to 241 (noise +-1.2 %, discretisation +-3.1 %)"
+// Number as text: "mu 231 Pa, 221 to 241 (noise +-1.2 %, discretisation +-3.1 %)"
 std::string in_words(const FittedNumber& f, const std::string& unknown) {
   if (!f.determined)
     return fmt::format("{} is not determined by this curve (best {})", f.name, with_unit(f.value, f.unit));
@@ -41,7 +41,7 @@ std::string in_words(const FittedNumber& f, const std::string& unknown) {
                      plus_minus(f.discretisation, f));
 }
 
-// "mu 217 to 248 Pa with the first touch 0.10 mm off"; nothing where it was looked for itself.
+// "mu 217 to 248 Pa with the first touch 0.10 mm off"; empty if first contact was sought itself.
 std::string first_touch_in_words(const FittedNumber& f, double off) {
   if (std::isnan(f.earlier)) return {};
   const auto [low, high] = std::minmax(f.earlier, f.later);
@@ -59,7 +59,7 @@ std::string in_words(const HalfSpaceCheck& check, double mu) {
       stress_in_words(check.mu), 100.0 * (check.mu / mu - 1.0), check.thickness);
 }
 
-// Of each number, then of what an error in the first touch would make of each.
+// Sentences on each number, then on the effect of an error in the first contact on each.
 std::vector<std::string> in_words(const FoundFit& found, double off_touch) {
   std::vector<std::string> words;
   for (const FittedNumber& f : found.fit.number) words.push_back(in_words(f, found.result.band.unknown));
@@ -68,7 +68,7 @@ std::vector<std::string> in_words(const FoundFit& found, double off_touch) {
   return words;
 }
 
-// Measured less the model's [N].
+// Measured forces minus those of the model [N].
 std::vector<double> residuals(const MeasuredCurve& curve, const CurveFit& fit) {
   std::vector<double> residual = curve.force;
   for (std::size_t k = 0; k < residual.size(); ++k) residual[k] -= fit.force[k];
@@ -100,7 +100,7 @@ std::vector<Chart> charts_of(const MeasuredCurve& curve, const FoundFit& found,
            .series = {{.x = depth_mm, .y = scaled(residuals(curve, fit), unit), .line = false}}}};
 }
 
-// As a file of options, in which the numbers say where they come from.
+// Fitted numbers as a file of options, with their sources as comments.
 std::string fitted_toml(const MeasuredCurve& curve, const FoundFit& found,
                         const std::vector<std::string>& words) {
   const Scene::Material& m = found.scene.material;
@@ -148,12 +148,12 @@ const char* left_out_of_band(const FoundFit& found) {
   return found.result.loading.touch ? not_in_the_band_of_a_tool : not_in_the_band;
 }
 
-// The modulus, its errors, and what stands beside it.
+// Writes the modulus and its errors to the summary.
 void put_numbers(Json& summary, const FitOptions& options, const MeasuredCurve& curve,
                  const FoundFit& found) {
   const FittedNumber& mu = found.fit.number[0];
   const std::string& unknown = found.result.band.unknown;
-  // No number under that name that the curve does not tell.
+  // A modulus that is not determined is null.
   const auto told = [&](double x) { return mu.determined && std::isfinite(x) ? Json(x) : Json(); };
   summary["mu_Pa"] = told(mu.value);
   summary["mu_low_Pa"] = told(mu.value - mu.half());

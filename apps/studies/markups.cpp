@@ -24,7 +24,7 @@ namespace fs = std::filesystem;
                     .remedy = "save the points in 3D Slicer as .mrk.json or .fcsv, or give x,y,z in LPS mm"});
 }
 
-// Half a turn about the long axis lies between RAS and LPS. Old files have 0 and 1.
+// Position in LPS: x and y of RAS change their sign. Old files write 0 for RAS and 1 for LPS.
 Vec3 in_lps(const fs::path& file, const std::string& space, const Vec3& x) {
   if (space == "LPS" || space == "1") return x;
   if (space == "RAS" || space == "0") return {-x.x(), -x.y(), x.z()};
@@ -40,9 +40,9 @@ double coordinate_in(const fs::path& file, const std::string& field) {
   return value;
 }
 
-// Rows of id,x,y,z,...; before them "# CoordinateSystem = RAS".
+// Points in rows of id,x,y,z,... after "# CoordinateSystem = RAS".
 std::vector<Vec3> read_fcsv(const fs::path& file, const std::string& content) {
-  std::string space = "RAS";  // of files that are too old to say it
+  std::string space = "RAS";  // default for old files
   std::vector<Vec3> places;
   std::istringstream lines(content);
   for (std::string line; std::getline(lines, line);) {

@@ -7,11 +7,11 @@
 
 namespace dimple {
 
-/// Whether a name is that of a markups file of 3D Slicer: .fcsv, .mrk.json or .json.
+/// True if a name is that of a markups file of 3D Slicer: .fcsv, .mrk.json or .json.
 bool is_markups_file(const std::filesystem::path& file);
 
-/// Its places in LPS mm, in whichever space the file has them. Throws InputError: it cannot be read, holds no
-/// place, or does not say its space.
+/// Points of the file in LPS mm, converted from the space of the file. Throws InputError: it cannot be read,
+/// has no point, or does not state its space.
 std::vector<Vec3> read_markups(const std::filesystem::path& file);
 
 }  // namespace dimple

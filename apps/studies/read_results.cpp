@@ -22,12 +22,12 @@ namespace fs = std::filesystem;
   throw InputError({.fact = fact, .where = where, .why = why, .remedy = remedy});
 }
 
-// No object where the file is no JSON.
+// Summary of a folder; not an object if the file is not JSON.
 Json summary_of(const fs::path& folder) {
   return Json::parse(read_small_file(folder / "summary.json"), nullptr, false);
 }
 
-// That part of a summary as a field of a table.
+// Part of a summary as a field of a table.
 std::string field(const Json& json, std::initializer_list<const char*> names) {
   const Json* at = part_of(json, names);
   if (!at) return {};
@@ -99,7 +99,7 @@ void read_curve(const fs::path& folder, FinishedRun& run) {
            "its last force is not that of summary.json", "run the scene anew with --force");
 }
 
-// What a longer cut has released beside a shorter one or none.
+// Reads the cut area and stored energy, from which the energy released by a cut follows.
 void read_energy(const fs::path& folder, FinishedRun& run) {
   if (const Json* area = part_of(run.summary, {"model", "cut", "area_mm2"}); area && area->is_number())
     run.cut_area = 1e-6 * area->get<double>();
@@ -126,8 +126,8 @@ std::string labels_in(const Json& summary) {
   return text;
 }
 
-// The value of a column at a depth, between two rows or between rest and the first; nothing: it does not
-// reach so deep.
+// Value of a column at a depth, interpolated between rows or between rest and the first row; empty if the
+// rows end before.
 std::string between_rows(const std::vector<double>& depth, const std::vector<double>& value, double at) {
   for (std::size_t k = 0; k < depth.size(); ++k) {
     const double rounding = 1e-9 * at;  // depths were converted from metres
@@ -169,7 +169,7 @@ void read_summary(const fs::path& folder, const std::vector<double>& depths_mm, 
                field(summary, {"band", "high_N"})};
   for (std::size_t k = 0; const char* key : {"force_N", "indentation_mm", "step"})
     one.largest[k++] = field(summary, {"largest_force", key});
-  // One that found no equilibrium: what is at rest is no force of it.
+  // The force at rest is no result of a run that found no equilibrium.
   if (one.status == "failed" && one.indentation_mm == "0") one.indentation_mm = one.force[0] = "";
   one.total_s = field(summary, {"total_wall_s"});
   one.nodes = field(summary, {"counts", "nodes"});
@@ -223,7 +223,7 @@ const Json* part_of(const Json& summary, std::initializer_list<const char*> name
 
 std::optional<Report> failure_in(const fs::path& folder, int exit_code) try {
   const Json summary = summary_of(folder);
-  // One of another code is older: not every failure may write there.
+  // A different code is from an older run, as not every failure can write there.
   if (field(summary, {"exit_code"}) != std::to_string(exit_code) || !part_of(summary, {"failure"}))
     return std::nullopt;
   return failure_of(summary);
@@ -231,7 +231,6 @@ std::optional<Report> failure_in(const fs::path& folder, int exit_code) try {
   return std::nullopt;
 }
 
-// The folder may be of others: a device or a pipe may never end.
 std::string read_small_file(const fs::path& file) {
   require_regular_file(file);
   if (fs::file_size(file) > most_bytes_of_text)

@@ -41,7 +41,8 @@ Json json_of(const Vec3& v) {
   return Json::array({v.x(), v.y(), v.z()});
 }
 
-// [3xM] mm, at rest and how they moved, with the component along gravity and the band, where it is known.
+// Table of positions and displacements [3xM] mm, with the component along gravity and, if available, the
+// error bounds.
 Table table_of(const Points& place_mm, const Points& shift_mm, const Vec3& up, const ShiftBand& band) {
   Table table{.header = {"x_mm", "y_mm", "z_mm", "shift_x_mm", "shift_y_mm", "shift_z_mm", "shift_mm",
                          "along_gravity_mm"},
@@ -74,7 +75,7 @@ Json json_of(const Points& place_mm, const Points& shift_mm, const Vec3& up, boo
   return list;
 }
 
-// An opening narrower than the surface's triangles may hold none of their corners.
+// Warns of an opening between the vertices of the surface's triangles.
 void warn_of_narrow_opening(const RunLog& log, const Shifted& now, const Eigen::Vector4d& opening) {
   const Vec3 at = now.result.model.surface.vertex_mm.col(now.largest_in(opening)), middle = opening.head<3>();
   if (const double away = (at - middle).norm(); away > opening[3])
@@ -146,7 +147,7 @@ Json shift_json(const ShiftOptions& options, const ShiftScene& asked, const Scen
           {"left_out", shift_leaves_out}};
 }
 
-// The shift at the targets, and along a line into the brain.
+// Writes the displacements at the targets and along a line into the brain.
 void write_tables(const fs::path& folder, const Shifted& now, const ShiftScene& asked,
                   const ShiftBand& band) {
   write_csv(folder / "targets.csv", table_of(points_of(asked.targets), now.targets_mm, asked.up, band));
@@ -166,11 +167,11 @@ void warp_images(const RunLog& log, const ImageTask& task, const fs::path& folde
   told = images.summary();
 }
 
-// What repeats the run with the options that are in no file.
+// Command line that repeats the run, with the options that are in no file.
 std::string command_of(const ShiftOptions& options, const fs::path& folder) {
   std::vector<std::string> words = {"shift"};
   const auto add = [&](const char* flag, const std::string& value) {
-    if (!value.empty()) words.push_back(fmt::format("{}={}", flag, value));  // which may begin with a minus
+    if (!value.empty()) words.push_back(fmt::format("{}={}", flag, value));  // a value may begin with a minus
   };
   add("--brain", options.brain);
   add("--skull", options.skull);
@@ -189,8 +190,8 @@ std::string title_of(const Scene& scene, const Json& shift) {
                      length("middle_along_gravity_mm"), length("largest_at_opening_mm"));
 }
 
-// "shift at the middle of the opening 8.51 mm (6.0 to 11.0 mm), 8.40 mm of it along gravity; largest at the
-// opening 10.00 mm".
+// Headline of a shift: "shift at the middle of the opening 8.51 mm (6.0 to 11.0 mm), 8.40 mm of it along
+// gravity; largest at the opening 10.00 mm".
 std::string headline_of(const Json& shift, const ShiftBand& band) {
   const auto length = [&](const char* key) { return length_in_words(shift[key].get<double>()); };
   const double middle = shift["middle_mm"];

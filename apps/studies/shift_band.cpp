@@ -13,9 +13,9 @@
 namespace dimple {
 namespace {
 
-// Chosen on whole heads, and proved on others: tests/bench/README.md. What half as many nodes change says
-// little there, and clouds of 4000 nodes err by up to a fifth, most often to too large a shift; more nodes by
-// less.
+// Values chosen on whole heads and checked on others: tests/bench/README.md. The change with half as many
+// nodes estimates the error poorly there. With 4000 nodes the error is up to a fifth, mostly too large a
+// shift; with more nodes it is less.
 constexpr double least_share = 0.25;
 constexpr Index fewest_nodes = 4000;
 
@@ -23,7 +23,7 @@ double largest_at_opening(const ShiftScene& asked, const Shifted& shifted) {
   return shifted.surface_mm.col(shifted.largest_in(asked.opening)).norm();
 }
 
-// What it was measured with, but for the brain, the opening, the gap and the fluid.
+// Reason why the calibration does not apply; brain, opening, gap and fluid may differ from it.
 std::string why_unknown(const Scene& scene) {
   const Scene usual;
   if (!scene.band) return "accuracy.band is off";

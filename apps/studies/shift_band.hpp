@@ -6,25 +6,25 @@
 
 namespace dimple {
 
-/// In 16 craniotomies: PMC4834281.
+/// Range of shifts measured in 16 craniotomies: PMC4834281.
 inline constexpr double least_measured_mm = 2.5, most_measured_mm = 21.0;
 
-/// What a shift may be off by because its nodes are finite: half the width of the band around each
-/// displacement at the opening, of the targets and in depth.
+/// Discretisation error of a shift: half-width of the error bounds of each displacement at the opening, at
+/// the targets and in depth.
 struct ShiftBand {
   double half_mm = 0.0;
-  double change_mm = 0.0;  ///< with half as many nodes, the largest of them
+  double change_mm = 0.0;  ///< largest change with half as many nodes
   Index coarser_nodes = 0;
-  bool stopped = false;  ///< while it was compared
-  std::string unknown;   ///< why it is not known; empty: it is
+  bool stopped = false;  ///< during the comparison
+  std::string unknown;   ///< why it is unavailable; empty: it is available
   bool known() const { return unknown.empty(); }
 };
 
-/// From the same shift with half as many nodes, which takes about half as long again. `scene`: of what
-/// describe_shift() returns. Unknown, too, where it is stopped.
+/// Estimates the error from the same shift with half as many nodes, which adds about half the time. `scene`:
+/// of describe_shift(). Unavailable if stopped.
 ShiftBand band_of_shift(const Scene& scene, const ShiftScene& asked, const Shifted& shifted);
 
-/// A sentence's end: "at most 2.3 mm: ..." or "unknown: ...".
+/// End of a sentence: "at most 2.3 mm: ..." or "unknown: ...".
 std::string in_words(const ShiftBand& band);
 
 }  // namespace dimple

@@ -24,7 +24,7 @@ namespace fs = std::filesystem;
 
 constexpr double most_pixels = 480.0;  // along the longer side of a plane
 
-// The values of an image on a plane, row by row.
+// Values of an image on a plane, row by row.
 struct Sampled {
   Index columns = 0, rows = 0;
   std::vector<double> value;
@@ -51,7 +51,7 @@ Sampled sampled(const VolumeImage& image, const Slice& slice, double pixel_mm, S
   return on;
 }
 
-// From black at the first to white at the last percent of what is not background.
+// Grey values from black at `low` to white at `high`.
 std::vector<std::uint8_t> greys(const std::vector<double>& value, double low, double high) {
   std::vector<std::uint8_t> grey;
   grey.reserve(3 * value.size());
@@ -62,7 +62,7 @@ std::vector<std::uint8_t> greys(const std::vector<double>& value, double low, do
   return grey;
 }
 
-// Pale, as the page has them; what is no part of the brain is grey.
+// Pale colours as on the page; all but the brain is grey.
 std::vector<std::uint8_t> tints(const std::vector<double>& value, const std::vector<LabelMeasure>& taken) {
   constexpr std::array<std::array<std::uint8_t, 3>, 8> of_taken = {{{0xDC, 0xE6, 0xF1},
                                                                     {0xF3, 0xE2, 0xD3},
@@ -87,7 +87,7 @@ std::vector<std::uint8_t> tints(const std::vector<double>& value, const std::vec
   return colour;
 }
 
-// The image that is shown, and the same after the shift.
+// Image that is shown, before and after the shift.
 struct Shown {
   fs::path before, after;
   Sampling how = Sampling::nearest;
@@ -110,7 +110,7 @@ BeforeAfter::Pieces flat(const std::vector<std::array<Vec3, 2>>& pieces) {
   return result;
 }
 
-// A target is marked on the plane nearest to it, within this.
+// Largest distance of a target that is marked on its closest plane.
 constexpr double near_plane_mm = 10.0;
 
 void mark_targets(const Shifted& now, const std::vector<Vec3>& targets, const Slice& slice,
@@ -126,7 +126,8 @@ void mark_targets(const Shifted& now, const std::vector<Vec3>& targets, const Sl
   }
 }
 
-// Grey values of all planes between the same two numbers.
+// Common range of grey values of all planes: up to the 99th percentile, and from 0 or from a negative first
+// percentile.
 std::array<double, 2> window_of(const std::vector<Sampled>& planes) {
   std::vector<double> all;
   for (const Sampled& plane : planes)
@@ -140,7 +141,7 @@ std::array<double, 2> window_of(const std::vector<Sampled>& planes) {
   return {std::min(at(0.01), 0.0), at(0.99)};
 }
 
-// Planes cross so deep below the opening: a plane at the opening itself may pass above the brain.
+// Depth at which the planes cross below the opening; a plane at the opening may pass above the brain.
 constexpr double planes_below_mm = 20.0;
 
 std::vector<Slice> slices_of(const Shifted& now, const ShiftScene& asked) {
@@ -152,7 +153,7 @@ std::vector<Slice> slices_of(const Shifted& now, const ShiftScene& asked) {
   return slices_through(through, now.result.model, now.result.image);
 }
 
-// A ring around the opening, as a tube: what the page shows in place of a tool [mm].
+// Ring around the opening, as a tube [mm], which the page shows in place of a tool.
 SurfaceFile ring(const Vec3& centre, const Vec3& normal, double radius) {
   constexpr Index around = 48, about = 8;
   const double thick = 0.04 * radius;
@@ -229,7 +230,7 @@ std::string before_and_after(const Shifted& now, const ShiftScene& asked, const 
 nlohmann::ordered_json page_of_shift(Shifted& now, const ShiftScene& asked, const Scene& scene,
                                      const std::string& options, const std::string& command,
                                      const std::string& picture) {
-  // Seen from above, the opening in front.
+  // View from above, with the opening in front.
   Model& model = now.result.model;
   const ToolPlace was = model.tool;
   model.tool = {1e-3 * asked.opening.head<3>(), -asked.up, 1e-3 * asked.opening[3]};

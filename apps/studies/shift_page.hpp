@@ -9,16 +9,16 @@
 
 namespace dimple {
 
-// What of a shift is for people: a picture of it, and what report.html shows beside the summary.
+// Presentation of a shift: a picture, and what report.html shows next to the summary.
 
-/// Three planes through a place below the opening, before and after: of the first image that is warped, or of
-/// the labels, as `written` into the folder. The bytes of a PNG. `told`: says of which, in a sentence. Throws
-/// InputError.
+/// PNG of three planes through a point below the opening, before and after: of the first warped image, or of
+/// the labels, as `written` into the folder. `told`: a sentence that names the image. Throws InputError.
 std::string before_and_after(const Shifted& now, const ShiftScene& asked, const Scene& scene,
                              const ImageTask& written, const std::filesystem::path& folder,
                              const std::string& title, std::string& told);
 
-/// `options`: config.resolved.toml; `command`: what repeats it; `picture`: of before_and_after().
+/// Data of report.html. `options`: config.resolved.toml; `command`: repeats the run; `picture`: of
+/// before_and_after().
 nlohmann::ordered_json page_of_shift(Shifted& now, const ShiftScene& asked, const Scene& scene,
                                      const std::string& options, const std::string& command,
                                      const std::string& picture);

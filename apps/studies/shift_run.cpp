@@ -27,14 +27,14 @@
 namespace dimple {
 namespace {
 
-constexpr double usual_gap_mm = 2.0;    // where a skull is derived and nobody says one
-constexpr double held_share = 0.15;     // of the brain's smallest extent, and at most that
+constexpr double usual_gap_mm = 2.0;    // of a derived skull, by default
+constexpr double held_share = 0.15;     // of the brain's smallest extent, as an upper limit
 constexpr double held_depth_mm = 20.0;  // of the brain's lowest part
-constexpr double unheld_mm = 5.0;       // around the place of no tool, where no node is held
-constexpr double fold_reach_mm = 5.0;   // half of the widest gap that is watched with --self-contact
+constexpr double unheld_mm = 5.0;       // radius without held nodes, around the position of no tool
+constexpr double fold_reach_mm = 5.0;   // half of the largest gap with contact under --self-contact
 constexpr double profile_step_mm = 5.0;
-constexpr double brain_mu_Pa = 1000.0;   // where nobody says one
-constexpr double closed_sulci_mm = 4.0;  // likewise; sulci narrower than this hold together
+constexpr double brain_mu_Pa = 1000.0;   // default
+constexpr double closed_sulci_mm = 4.0;  // default; narrower sulci hold together
 constexpr const char* by_shift = "dimple shift";
 
 Eigen::Vector4d opening_of(const ShiftOptions& options) {
@@ -66,7 +66,7 @@ std::vector<Vec3> targets_of(const ShiftOptions& options) {
   return targets;
 }
 
-// "20.0 mm left, 10.0 mm posterior of the brain's middle": RAS in place of LPS is seen there.
+// Offset as text, "20.0 mm left, 10.0 mm posterior of the brain's middle", which shows RAS given as LPS.
 std::string from_middle(const BodySurface& surface, const Vec3& place) {
   constexpr double nothing_mm = 0.05;
   const Vec3 away = place - surface.to_world() * surface.centroid();
@@ -86,7 +86,7 @@ void say_places(const RunLog& log, const BodySurface& surface, const ShiftScene&
     log.say(fmt::format("target   {}: {}", dimple::in_words(target), from_middle(surface, target)));
 }
 
-// What is asked for lies on or in the brain, before anything expensive is done.
+// Checks that the opening and the targets are on or in the brain, before the expensive steps.
 void require_on_brain(const Organ& organ, const Eigen::Vector4d& opening, const std::vector<Vec3>& targets) {
   const BodySurface& surface = organ.body->surface;
   const auto closest = [&](const Vec3& place) {
@@ -110,7 +110,7 @@ void require_on_brain(const Organ& organ, const Eigen::Vector4d& opening, const 
            .remedy = "give a place of the brain at rest, in LPS mm"});
 }
 
-// No tool presses and no node is held: what touches the skull decides the shift, and that may be anywhere.
+// Without a tool, nodes are spread evenly: contact with the skull decides the shift and may be anywhere.
 void spread_evenly(Organ& organ) {
   BoundaryOptions& boundary = organ.options.boundary;
   const BodySurface& surface = organ.body->surface;
@@ -122,7 +122,7 @@ void spread_evenly(Organ& organ) {
   organ.options.cloud.grading.rim = 1.0;
 }
 
-// From the brain's surface at the opening towards its middle, as far as its middle.
+// Points from the brain's surface at the opening to its centre.
 Points line_into(const BodySurface& surface, const Vec3& opening) {
   const Eigen::Isometry3d to_body = surface.to_world().inverse();
   const Vec3 from = surface.closest(to_body * opening).place, to = surface.centroid();
@@ -224,7 +224,7 @@ void come_to_rest(const Scene& scene, const ShiftScene& asked, const ShiftHooks&
   now.solve_s = solving.seconds();
 }
 
-// What nobody has said.
+// Sentences on the assumed options.
 std::vector<std::string> assumptions_of(const Description& described, const ShiftOptions& options) {
   const auto assumed = [&](const char* key) { return source_of(described, key) == by_shift; };
   std::vector<std::string> all;
@@ -281,7 +281,7 @@ Description describe_shift(Description brain, const ShiftOptions& options) {
       value_of(brain, "material.preset") == OptionValue("none"))
     set_default("material.mu_Pa");
   const bool has_goal = was_given(brain, "accuracy.goal") || was_given(brain, "accuracy.budget_s");
-  if (default_nodes(brain) && !has_goal)  // the table refuses that goal in its own words
+  if (default_nodes(brain) && !has_goal)  // a goal is refused by the table of pairs, with its own message
     set_default("cloud.nodes");
   if (!was_given(brain, "image.close_mm")) set_default("image.close_mm");
   put_numbers(brain, "load.depth_mm", {fold_reach_mm}, by_shift);

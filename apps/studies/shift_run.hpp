@@ -12,54 +12,54 @@
 
 namespace dimple {
 
-/// What the options of a shift say, in LPS mm.
+/// Opening, direction and targets of a shift, in LPS mm.
 struct ShiftScene {
   Eigen::Vector4d opening;  ///< x, y, z, radius
   Vec3 up;                  ///< unit vector against gravity
   std::vector<Vec3> targets;
 };
-/// Throws UsageError: one of them is not understood.
+/// Reads the options. Throws UsageError: one of them is not understood.
 ShiftScene scene_of(const ShiftOptions& options);
 
 inline constexpr const char* skull_name = "skull";
-/// Of a derived skull, in mm.
+/// Gap of a derived skull [mm].
 double gap_of_skull(const ShiftOptions& options);
 
-/// The brain at rest after it. Not to be moved: its parts refer to each other.
+/// Brain in equilibrium after the shift. It must not be moved in memory: its parts refer to each other.
 struct Shifted {
   Result result;
   std::unique_ptr<ForceSystem> tissue;
   std::unique_ptr<System> system;
   Nodal f;
   ForceSystem::Sweep sweep;
-  Points surface_mm;           ///< [3xV] the shift of the surface's vertices
-  Points line;                 ///< [3xL] LPS mm, from the brain's surface at the opening towards its middle
-  Points line_mm, targets_mm;  ///< the shift there and at the targets that were asked for
+  Points surface_mm;           ///< [3xV] displacement of the surface's vertices
+  Points line;                 ///< [3xL] LPS mm, from the brain's surface at the opening to its centre
+  Points line_mm, targets_mm;  ///< displacement there and at the requested targets
   double solve_s = 0.0;
 
   const Nodal& u() const { return system->step_start().u; }
-  /// The vertex within a ball that moves most; where none lies in it, the one nearest to its middle.
+  /// Vertex with the largest displacement in a ball; if it contains none, the vertex closest to its centre.
   Index largest_in(const Eigen::Vector4d& ball) const;
-  /// The shift at the middle of the opening, where the line into the brain begins [mm].
+  /// Displacement at the centre of the opening, where the line into the brain begins [mm].
   Vec3 at_middle(const Eigen::Vector4d& opening) const;
-  /// [3 x places] mm.
+  /// Displacement at points [3 x places] mm.
   Points at(const Points& places_mm) const;
 };
 
-/// [3 x places]
+/// Points of a list [3 x places].
 Points points_of(const std::vector<Vec3>& list);
 
-/// What else a run of one choice changed has.
+/// Observers and changes of a run with one choice changed.
 struct ShiftHooks {
   RunObserver observer = {};
   std::function<void(const Discretisation&)> placed = {};
   BodyChange change = {};
 };
-/// `scene`: of what describe_shift() returns. Throws as simulate() does; UsageError: the opening or a target
-/// is not where the brain is.
+/// Computes the equilibrium. `scene`: of describe_shift(). Throws as simulate() does; UsageError: the opening
+/// or a target is outside the brain.
 void come_to_rest(const Scene& scene, const ShiftScene& asked, const ShiftHooks& hooks, Shifted& result);
 
-/// What nobody has said, a sentence each.
+/// Assumptions for options that were not given, a sentence each.
 std::vector<std::string> assumptions_of(const Description& described, const ShiftOptions& options);
 
 }  // namespace dimple

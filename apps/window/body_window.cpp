@@ -45,10 +45,10 @@
 namespace dimple {
 namespace {
 
-constexpr double chart_from = 0.66;  // of the window's width
+constexpr double chart_from = 0.66;  // as a fraction of the window's width
 
 using Rgb = std::array<double, 3>;
-// As in overview.png and view.py.
+// Colours of overview.png and view.py.
 constexpr std::array<Rgb, 7> pale_to_dark = {{{0.925, 0.922, 0.902},
                                               {0.976, 0.875, 0.639},
                                               {0.976, 0.718, 0.408},
@@ -72,7 +72,7 @@ void put(const Triangles& triangles, vtkPolyData& mesh) {
   mesh.SetPolys(cells);
 }
 
-// A mesh, and how it is drawn.
+// Mesh and its actor.
 struct Shape {
   Shape() {
     mesh->SetPoints(points);
@@ -101,7 +101,7 @@ struct Shape {
   vtkNew<vtkActor> actor;
 };
 
-// The left button belongs to the tool where somebody takes it, the right one turns the body.
+// Mouse style: the left button moves the tool if it is accepted, the right one rotates the body.
 class ToolStyle : public vtkInteractorStyleTrackballCamera {
  public:
   static ToolStyle* New();
@@ -133,7 +133,7 @@ class ToolStyle : public vtkInteractorStyleTrackballCamera {
   }
   void OnRightButtonDown() override { Superclass::OnLeftButtonDown(); }
   void OnRightButtonUp() override { Superclass::OnLeftButtonUp(); }
-  // VTK's own keys would change how the body is drawn.
+  // VTK's own keys would change the display of the body.
   void OnChar() override {}
   void OnKeyPress() override {
     const char* name = Interactor->GetKeySym();
@@ -153,10 +153,10 @@ vtkStandardNewMacro(ToolStyle)
   (*static_cast<std::function<void()>*>(what))();
 }
 
-// Headed above it: the colours of displacements.
+// Legend of the displacement's colours, with its title above.
 void lay_out(vtkScalarBarActor& legend, vtkColorTransferFunction& heat) {
   legend.SetLookupTable(&heat);
-  legend.SetTitle("displacement [mm]\n ");  // a line free: the library sets the numbers too close
+  legend.SetTitle("displacement [mm]\n ");  // empty line: VTK sets the numbers too close
   legend.SetOrientationToHorizontal();
   legend.SetNumberOfLabels(3);
   legend.SetLabelFormat("%.2g");
@@ -174,7 +174,7 @@ void lay_out(vtkScalarBarActor& legend, vtkColorTransferFunction& heat) {
   }
 }
 
-// Columns time, force, low, high, and a line for each of the three: the force over the edges of its band.
+// Adds columns time, force, low, high, and a line each for the last three: the force above its error bounds.
 void plot_force(vtkChartXY& chart, vtkTable& table) {
   for (const char* name : {"time", "force", "low", "high"}) {
     vtkNew<vtkDoubleArray> column;
@@ -227,7 +227,7 @@ struct BodyWindow::Parts {
     camera.Zoom(1.25);
   }
 
-  // Of displacements from none to this.
+  // Sets the colours for displacements from 0 to `top`.
   void colours_to(double top) {
     heat->RemoveAllPoints();
     for (std::size_t k = 0; k < pale_to_dark.size(); ++k)
@@ -235,7 +235,7 @@ struct BodyWindow::Parts {
                         pale_to_dark[k][0], pale_to_dark[k][1], pale_to_dark[k][2]);
   }
 
-  // The push in pixels of the screen for one mm, and how long that is.
+  // Approach direction on the screen, in pixels per mm.
   std::array<double, 2> push_on_screen() {
     const auto seen = [&](const Vec3& p) {
       view->SetWorldPoint(p.x(), p.y(), p.z(), 1.0);
@@ -254,12 +254,12 @@ struct BodyWindow::Parts {
     chart_view->SetBackground(1.0, 1.0, 1.0);
     window->SetSize(1280, 760);
     window->SetWindowName("Dimple");
-    window->SetMultiSamples(0);  // software rendering would take as many times longer
+    window->SetMultiSamples(0);  // software rendering would take a multiple of the time
     window->AddRenderer(view);
     window->AddRenderer(chart_view);
   }
 
-  // The body coloured by displacement, the tool in metal; the mouse finds the body alone.
+  // Adds the body, coloured by displacement, and the tool in metal; the mouse picks only the body.
   void add_shapes() {
     heat->SetColorSpaceToLab();
     colours_to(1.0);
@@ -299,7 +299,7 @@ struct BodyWindow::Parts {
     style->AutoAdjustCameraClippingRangeOn();
   }
 
-  // What the mouse points to.
+  // Point of the body under the mouse.
   std::optional<Vec3> body_at(int x, int y) {
     vtkNew<vtkCellPicker> picker;
     picker->SetTolerance(0.0005);
@@ -307,13 +307,13 @@ struct BodyWindow::Parts {
     return Vec3(picker->GetPickPosition());
   }
 
-  // How far [mm] along the push the mouse has been dragged to there.
+  // Distance [mm] of a drag along the approach direction.
   double dragged_to(int x, int y) {
     const auto push = push_on_screen();
     const double mm = std::hypot(push[0], push[1]);  // pixels
     const double dx = x - from_x, dy = y - from_y;
     const double in_one = 0.5 * view->GetSize()[1] / view->GetActiveCamera()->GetParallelScale();
-    // Seen from straight above, a push has no way on the screen: then down is in.
+    // Seen from straight above, the approach direction has no length on the screen: a drag down presses.
     return mm > 0.3 * in_one ? (dx * push[0] + dy * push[1]) / (mm * mm) : -dy / in_one;
   }
 };
@@ -371,7 +371,7 @@ void BodyWindow::show(const std::vector<ShownForce>& curve) {
   double largest = 0.0;
   for (const ShownForce& now : curve) largest = std::max(largest, std::abs(now.force_N));
   const Written unit = force_written(largest);
-  // Ticks are counted from the least value: what is rounding at rest would spoil them all.
+  // Ticks start at the least value, so rounding errors at rest are set to zero.
   const auto shown = [&](double N) { return std::abs(N) < 1e-3 * largest ? 0.0 : unit.per_unit * N; };
   p.chart->GetAxis(vtkAxis::LEFT)->SetTitle(std::string("force [") + unit.unit + "]");
   p.table->SetNumberOfRows(count);

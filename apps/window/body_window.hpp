@@ -10,30 +10,29 @@
 
 namespace dimple {
 
-/// What a window shows, at rest. Positions in LPS mm.
+/// Body and tool of a window, at rest. Positions in LPS mm.
 struct ShownBody {
   Points surface_mm;
   Triangles triangles;
   Points tool_mm;
   Triangles tool_triangles;
-  Vec3 up, front, centre_mm;  ///< against the push, toward the viewer, of the circle
+  Vec3 up, front, centre_mm;  ///< against the approach direction, toward the viewer, of the contact
 };
 
 struct ShownFrame {
   Points surface_mm;
   Eigen::VectorXd displacement_mm;  ///< [vertices of the surface]
-  Vec3 tool_mm = Vec3::Zero();      ///< the tool's way from rest
+  Vec3 tool_mm = Vec3::Zero();      ///< displacement of the tool from rest
   std::string words;
 };
 
-/// A point of the curve beside the body: force over time, and what its error leaves possible.
+/// Point of the force curve over time, with its error bounds.
 struct ShownForce {
   double time_s = 0.0, force_N = 0.0, low_N = 0.0, high_N = 0.0;
 };
 
-/// A window with a body under its tool and the force beside it. The body turns by the right mouse button or,
-/// where the left one has no other meaning, by that; the wheel draws it nearer. Throws UsageError: there is
-/// no display.
+/// Window with a body under its tool and the force next to it. The right mouse button rotates the body, and
+/// so does the left one if it has no other use; the wheel zooms. Throws UsageError: there is no display.
 class BodyWindow {
  public:
   BodyWindow();
@@ -41,27 +40,27 @@ class BodyWindow {
   BodyWindow(const BodyWindow&) = delete;
   BodyWindow& operator=(const BodyWindow&) = delete;
 
-  /// Another body, or the same under a tool elsewhere; `look`: the camera goes to where it sees all of it.
+  /// Shows another body or tool position; `look`: the camera moves to show all of it.
   void show(const ShownBody& body, double most_mm, bool look);
   void show(const ShownFrame& frame);
   void show(const std::vector<ShownForce>& curve);
   void draw();
   void save_picture(const std::filesystem::path& png);
 
-  /// The left button went down on the body, there [LPS mm]: true, and the mouse belongs to the tool until it
-  /// goes up.
+  /// Left button pressed on the body, at [LPS mm]. True: the mouse moves the tool until the button is
+  /// released.
   std::function<bool(const Vec3& place_mm)> pressed = {};
-  /// It has been moved since, by this much along the push on the screen [mm]; then it went up, if that was on
-  /// the body there [LPS mm].
+  /// Mouse motion since then along the approach direction [mm]; `let_go`: button released on the body, at
+  /// [LPS mm].
   std::function<void(double along_mm)> dragged = {};
   std::function<void(const Vec3& place_mm)> let_go = {};
   std::function<void()> released = {};
-  /// A key by its X name ("space", "t"); true: something has changed, and is drawn.
+  /// Key by its X name ("space", "t"); true: the picture has changed and is redrawn.
   std::function<bool(const std::string& key)> key = {};
-  /// Some hundred times a second; false ends the window.
+  /// Called about a hundred times a second; false closes the window.
   std::function<bool()> tick = {};
 
-  /// Until the window is closed, by q or its frame, or `tick` ends it.
+  /// Runs until the window is closed, by q or its frame, or by `tick`.
   void run();
 
  private:

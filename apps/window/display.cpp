@@ -19,12 +19,12 @@ namespace {
                  "; results open in report.html, and `dimple poke --script` moves a tool without a window"});
 }
 
-// What a server without OpenGL answers ends the program, unless somebody takes it.
+// Error handler that ignores the answer of a server without OpenGL, which would end the program.
 int taken(::Display*, XErrorEvent*) {
   return 0;
 }
 
-// VTK asks for OpenGL 3.2, and calls abort() where it is not.
+// True if OpenGL 3.2 is available, which VTK requires: it calls abort() otherwise.
 bool has_opengl(::Display* display) {
   int ignored = 0, count = 0;
   if (glXQueryExtension(display, &ignored, &ignored) == 0) return false;
@@ -48,8 +48,8 @@ bool has_opengl(::Display* display) {
 }  // namespace
 
 void require_display() {
-  // Kept open: a server such as Xvfb starts anew when its last client leaves, and refuses the next one for a
-  // moment.
+  // The connection stays open: a server such as Xvfb restarts when its last client leaves and then refuses
+  // the next one for a moment.
   static ::Display* display = nullptr;
   if (!display) display = XOpenDisplay(nullptr);
   if (!display)

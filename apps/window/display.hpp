@@ -2,7 +2,7 @@
 
 namespace dimple {
 
-/// Throws UsageError where no window can be opened: VTK would end the program.
+/// Throws UsageError if no window can be opened, before VTK would end the program.
 void require_display();
 
 }  // namespace dimple

@@ -1,4 +1,4 @@
-# dimple_verify: its list, one case with its table, and a case that it does not know.
+# Program dimple_verify: its list, one case with its table, and an unknown case. Run as
 #   cmake -D PROGRAM=dimple_verify -D FOLDER=folder -P verify_program.cmake
 file(REMOVE_RECURSE ${FOLDER})
 execute_process(COMMAND ${PROGRAM} --list OUTPUT_VARIABLE list COMMAND_ERROR_IS_FATAL ANY)

@@ -2,15 +2,15 @@
 
     import pydimple
     result = pydimple.run("brain.nrrd", label="left_hemisphere", mu_Pa=210, depth_mm=8)
-    print(result)                             # the force and its band
+    print(result)                             # the force and its error bounds
     result.depth_m, result.force_N            # numpy arrays
 
-`run` goes from an image to the force curve and its band, as the command `dimple run` does, to the same bits;
-`build_model` and `solve` are its two halves, `Organ` reads an image once for models at several places, and `Session`
-moves a tool by hand. An image is a file or an array with
-its affine. Options are keywords: the words of the command line's flags with their unit, ``--mu 300Pa`` is
-``mu_Pa=300``. What is given is in the unit of its keyword; what comes back has its unit in its name, mostly SI, and is
-LPS. Failures are raised as `Error`, in five parts. What the program tells goes to ``logging.getLogger("pydimple")``.
+`run` computes the force curve and its error bounds from an image, with the same bits as the command `dimple run`.
+`build_model` and `solve` are its two halves. `Organ` reads an image once for models at several positions, and `Session`
+moves a tool by hand. An image is a file, or an array with its affine. Options are keywords: the names of the command
+line's flags with their unit, ``mu_Pa=300`` for ``--mu 300Pa``. Arguments are in the unit of their keyword. Results are
+in LPS and mostly SI, with the unit in their name. Failures are raised as `Error`, in five parts. Messages of the
+program go to ``logging.getLogger("pydimple")``.
 """
 
 import dataclasses
@@ -54,7 +54,7 @@ def __dir__():
 
 
 _OPTIONS = {option["keyword"]: option for option in _core.options()}
-# The depth is that at which supports have come all of their way.
+# The depth is that at which supports have reached their full displacement.
 _OF_SESSION = ("load.contact", "load.gravity", "load.depth_mm", "solver.precision", "solver.tolerance")
 
 
@@ -66,10 +66,10 @@ def _shapes_the_surface(option):
     return option["key"].startswith("image.") or option["key"] == "boundary.indenter_diameter_mm"
 
 
-# Arguments of run that other functions may lack, and that are no options of the table.
+# Arguments of run that are not in the option table; other functions may lack them.
 _OF_RUN = ("tissue", "pressures", "supports", "steps", "membranes", "walls", "tools")
 
-# Which options each function takes.
+# Options that each function accepts.
 _TAKES = {
     "build_model": lambda option: option["stage"] == "model",
     "usable_places": lambda option: option["stage"] == "model",
@@ -83,7 +83,7 @@ _TAKES = {
 
 
 def _text(where, keyword, value):
-    """A value as the option table reads it, to the same bits."""
+    """Value as text for the option table, without loss."""
     if isinstance(value, str):
         return value
     if isinstance(value, os.PathLike):
@@ -140,7 +140,7 @@ def _settings(where, config, named, options):
 
 
 def _named(tissue, pressures, supports, steps=None, membranes=None, walls=None, tools=None):
-    """Sections of options that have names of their own."""
+    """Sections of options with names given by the caller."""
     return {
         "tissue": tissue, "load.pressure": pressures, "support": supports, "step": steps, "membrane": membranes, "wall": walls,
         "tool": tools,
@@ -148,7 +148,7 @@ def _named(tissue, pressures, supports, steps=None, membranes=None, walls=None, 
 
 
 def _array(where, image):
-    """A numpy array that the library can read where it is."""
+    """Numpy array that the library can read without a copy."""
     if np.ma.isMaskedArray(image) and np.ma.is_masked(image):
         raise UsageError(
             "the image is an array with masked voxels",
@@ -199,7 +199,7 @@ def _to_lps(where, affine, space):
 
 
 def _with_image(where, image, affine, space, config, named, options):
-    """Settings and, where the image is an array, the image."""
+    """Settings and, if it is an array, the image."""
     is_file = isinstance(image, (str, bytes, os.PathLike))
     if is_file and not os.fspath(image):
         raise UsageError("the image is named ''", where, "there is nothing to work on", "give a file or an array", "usage")
@@ -224,17 +224,17 @@ def _with_image(where, image, affine, space, config, named, options):
 
 
 def build_model(image, *, affine=None, space=None, config=None, tissue=None, supports=None, **options):
-    """Nodes, integration points, base and circle of a body, from an image: what `solve` and `Session` take."""
+    """Model of an image for `solve` and `Session`: nodes, integration points, base and bonded patch."""
     settings, array = _with_image("build_model", image, affine, space, config, {"tissue": tissue, "support": supports}, options)
     return _core.build(settings, array)
 
 
 def usable_places(image, *, affine=None, space=None, config=None, **options):
-    """Where the tool's circle may stand on an organ, as `dimple places` lists it, before any model is built.
+    """Possible contact points of the tool on an organ, as `dimple places` lists them. No model is needed.
 
-    Each place says where the tool comes from (``from``, a side of the patient), the circle's centre (``centre_mm``, LPS),
-    the way it moves (``push``), the side that the organ rests on then (``base``), the tissue beneath it along the push
-    (``thickness_mm``), the tilt of the surface (``tilt_degrees``), the distance to the nearest fold or edge
+    Each has the side of the patient from which the tool comes (``from``), the centre of the contact (``centre_mm``, LPS),
+    the approach direction (``push``), the side on which the organ then rests (``base``), the thickness of the tissue along
+    that direction (``thickness_mm``), the tilt of the surface (``tilt_degrees``), the distance to the nearest fold or edge
     (``room_mm``), and a ``verdict``: good, doubtful (a run warns of it) or refused, with the ``reason``.
     """
     settings, array = _with_image("usable_places", image, affine, space, config, {}, options)
@@ -248,11 +248,11 @@ def _places(text):
 
 
 def solve(model, *, config=None, tissue=None, pressures=None, supports=None, steps=None, membranes=None, walls=None, tools=None, **options):
-    """The force curve of a model with its band.
+    """Force curve of a model with its error bounds.
 
-    With an accuracy (``accuracy="2%"``, or a time for it, ``budget_s=60``) clouds of more and more nodes are made of the organ
-    that the model is of, until the error is as small as that: the result, to the same bits, is that of `run` with the same
-    accuracy, and `Result.model` is the cloud that was fine enough. The number of nodes of the model given does not count then.
+    With an accuracy (``accuracy="2%"``, or a time for it, ``budget_s=60``), the model's organ is discretised with more and
+    more nodes until the error is small enough, whatever the model's number of nodes. The result has the same bits as that
+    of `run` with the same accuracy, and `Result.model` is the last discretisation.
     """
     return _core.solve(model, _settings("solve", config, _named(tissue, pressures, supports, steps, membranes, walls, tools), options))
 
@@ -261,7 +261,7 @@ def run(
     image, *, affine=None, space=None, out=None, overwrite=False, config=None, tissue=None, pressures=None, supports=None, steps=None,
     membranes=None, walls=None, tools=None, **options
 ):
-    """From an image to the force curve with its band, as `dimple run` does: with the same options the same bits."""
+    """Force curve of an image with its error bounds, as from `dimple run`: the same options give the same bits."""
     settings, array = _with_image("run", image, affine, space, config, _named(tissue, pressures, supports, steps, membranes, walls, tools), options)
     if out is None:
         for keyword, value in options.items():
@@ -286,9 +286,9 @@ def run(
 
 
 def limit_threads(count=None):
-    """Lets all computations take at most so many threads from now on; None: as many as there are processors.
+    """Limits the number of threads of all further computations; None: one per processor.
 
-    Results do not depend on it. For programs that start several computations beside each other.
+    Results do not depend on it. It is meant for programs that run several computations at once.
     """
     if count is not None and (not isinstance(count, numbers.Integral) or not 1 <= count <= 1024):
         raise UsageError(
@@ -298,32 +298,32 @@ def limit_threads(count=None):
 
 
 class Organ(_core.Organ):
-    """An organ that is read once, for models at several places.
+    """Organ that is read once, for models at several positions.
 
-    Reading the image and drawing the surface are done here; `build_model` places nodes at one place after the other. Its
-    models are those of `pydimple.build_model` with the same options, to the same bits.
+    The image is read and the surface made here; `build_model` discretises the organ for one position after the other. Its
+    models have the same bits as those of `pydimple.build_model` with the same options.
     """
 
     def __init__(self, image, *, affine=None, space=None, config=None, tissue=None, supports=None, **options):
         super().__init__(*_with_image("Organ", image, affine, space, config, {"tissue": tissue, "support": supports}, options))
 
     def build_model(self, **options):
-        """Nodes, integration points, base and circle, with these options beside those of the organ."""
+        """Model with these options in addition to those of the organ."""
         return _core.build_of_organ(self, _settings("Organ.build_model", None, {}, options))
 
     def usable_places(self, **options):
-        """Where the circle may stand, as `pydimple.usable_places` tells it."""
+        """Possible contact points, as from `pydimple.usable_places`."""
         return _places(_core.places_of_organ(self, _settings("Organ.usable_places", None, {}, options)))
 
 
 @dataclasses.dataclass(frozen=True, repr=False, eq=False)
 class Band:
-    """How far the force may be from that of an ever finer cloud: the error of the discretisation, and no other.
+    """Error bounds of the force for the discretisation, compared with ever more nodes, and for no other error.
 
     Attributes
     ----------
     low_N, high_N : (S,) float64 array
-        Its edges, newtons, at each sample of the force curve.
+        Lower and upper bound, newtons, at each sample of the force curve.
     """
 
     low_N: np.ndarray
@@ -336,31 +336,31 @@ class Band:
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class Frame:
-    """Where a tool that is followed stands, and what it feels there. Of `Session.follow`.
+    """Position and force of a tool that `Session.follow` moves.
 
     Attributes
     ----------
     asked_mm, depth_mm : float
-        Where the tool was to be, and where it is: its way along the push from where it first touched, millimetres.
+        Requested and actual depth of the tool along the approach direction from first contact, millimetres.
     force_N, error_N : float
-        On the tool along its push, positive where the tissue resists; and how far that may be from the force of equilibrium
-        at the depth that was asked for: infinite where nothing is known of it.
+        Force on the tool along the approach direction, positive if the tissue resists; its largest error compared with the
+        equilibrium at the requested depth: infinite if unknown.
     error_at_depth_N : float
-        The same at ``depth_mm``, where the tool is.
+        Largest error compared with the equilibrium at ``depth_mm``.
     force_on_tool_N, moment_on_tool_Nm : tuple of three floats
-        All of the force on the tool, LPS, and its moment about the middle of the circle.
+        Total force on the tool, LPS, and its moment about the centre of the bonded patch.
     force_direction, moment_arm_m : tuple of three floats
-        These two over ``force_N``; without a force, as at the least depth that is known; zeros: none is known.
+        These two over ``force_N``; without a force, those at the least known depth; zeros if there is none.
     stiffness_N_per_m : float
-        By how much the force grows with the depth.
+        Derivative of the force by the depth.
     residual : float
-        What is left unbalanced, relative, as the option ``tolerance``.
+        Relative residual, as in the option ``tolerance``.
     evaluations : int
-        Of the force, that the frame took.
+        Force evaluations of the frame.
     status : {"there", "lags", "stopped", "elsewhere", "beyond"}
-        The tool is where it was asked to be; is on its way, and the next frames go on; stays, as no equilibrium is found any
-        deeper; is beside the pose that was asked for (of sockets and scripts alone); was asked to be deeper than the body
-        reaches. ``lags`` ends within 100 frames, or 300 evaluations, in which the tool comes no nearer.
+        The tool is at the requested depth; is still moving, and the next frames continue; stays, as no deeper equilibrium is
+        found; is not at the requested pose (only sockets and scripts); was requested to be deeper than the body. ``lags``
+        ends within 100 frames, or 300 evaluations, in which the tool comes no closer.
     """
 
     asked_mm: float
@@ -384,32 +384,32 @@ class Frame:
 
 
 class Session(_core.Session):
-    """A body under a tool that someone moves, step by step.
+    """Body under a tool that is moved step by step.
 
-    All is in memory; the model is its own. Several threads may ask it: one at a time is answered.
+    Everything is in memory, with a copy of the model. Several threads may call it; calls are handled one at a time.
     """
 
     def __init__(self, model, *, config=None, tissue=None, pressures=None, supports=None, **options):
         super().__init__(model, _settings("Session", config, _named(tissue, pressures, supports), options))
 
     def follow(self, *, depth_mm, seconds=0.04, evaluations=0, dt_s=None):
-        """Moves the tool towards a depth and follows the body for as long as a frame may take.
+        """Moves the tool towards a depth and computes the body for at most the time of a frame.
 
-        Where that does not suffice the tool lags, and the next call goes on from there. No state is shown that is far from
-        equilibrium: in its place the last good one stays. Lifted (0 and less) the body is at rest;
-        tissue that relaxes draws a circle at 0 in until it is lifted (below 0), which it forgets all by.
+        If that does not suffice, the tool lags and the next call continues. A state far from equilibrium is not shown; the
+        last good one is kept. With a lifted tool (0 or less) the body is at rest. Relaxing tissue pulls on a bonded patch
+        that is held at 0; lifting the tool (below 0) resets its relaxation.
 
         Parameters
         ----------
         depth_mm : float
-            The tool's way along its push from where it first touched, millimetres.
+            Depth of the tool along the approach direction from first contact, millimetres.
         seconds : float
-            That the frame may take.
+            Time limit of the frame.
         evaluations : int
-            Of the force, at most; then no clock is read, and the same calls give the same bits on any machine. 0: `seconds`
-            count.
+            Largest number of force evaluations in place of `seconds`, so that the same calls give the same bits on any
+            machine. 0: `seconds` is used.
         dt_s : float, optional
-            Since the last frame, seconds: viscoelastic tissue relaxes for so long. Without it `seconds`.
+            Time since the last frame, seconds, in which viscoelastic tissue relaxes; by default `seconds`.
 
         Returns
         -------
@@ -418,26 +418,26 @@ class Session(_core.Session):
         Raises
         ------
         SolveError
-            The model's scheme cannot be followed (``scheme="horton2007"``).
+            The model's scheme is not supported (``scheme="horton2007"``).
         """
         return Frame(*_core.follow(self, depth_mm, seconds, evaluations, seconds if dt_s is None else dt_s))
 
 
-# Documentation and signatures of what takes options are made from the option table, which tells the command line too.
+# Documentation and signatures with options are made from the option table, as is the command line.
 _IMAGE = """\
 image : str, path or (I, J, K) array
-    A file (.nrrd, .seg.nrrd, .nii, .nii.gz, .mha), or labels: whole numbers of any type, 0 is background. Arrays in C
-    or Fortran order are read where they are; others, and those of foreign byte order, are copied once.
+    File (.nrrd, .seg.nrrd, .nii, .nii.gz, .mha), or labels: integers of any type, 0 is background. Arrays in C or
+    Fortran order are read in place; others, and those of foreign byte order, are copied once.
 affine : (4, 4) array
-    With an array: voxel (i, j, k) -> millimetres.
+    With an array: map from voxel (i, j, k) to millimetres.
 space : {"RAS", "LPS"}
-    With an array: of its affine. nibabel's are RAS; those of ITK, SimpleITK and DICOM are LPS.
+    With an array: space of its affine. That of nibabel is RAS, that of ITK, SimpleITK and DICOM is LPS.
 """
 _OUT = """\
 out : str or path, optional
     Folder for all files that `dimple run` writes; without it nothing is written.
 overwrite : bool
-    Whether results that an earlier run left there are replaced.
+    True: results of an earlier run in the folder are replaced.
 """
 _CONFIG = """\
 config : str or path, optional
@@ -445,14 +445,14 @@ config : str or path, optional
 """
 _COMMON = _CONFIG + """\
 tissue : dict, optional
-    Labels with a material of their own, by number or name: ``{2: {"mu_Pa": 900}}``. `build_model` needs to know them
-    too: integration cells are split where tissues meet.
+    Labels with their own material, by number or name: ``{2: {"mu_Pa": 900}}``. `build_model` needs them too, as it splits
+    integration cells at the boundary of tissues.
 """
 _SUPPORTS = """\
 supports : dict, optional
-    Parts of the body that are held beside the base or moved beside the tool, by names of your own:
-    ``{"retractor": {"on": "left", "move_mm": (3, 0, 0)}}``. `build_model` needs to know those that are the tissue of a label.
-    Under a `Session` they have come all of their way where the tool is at ``depth_mm``.
+    Parts of the body that are held in addition to the base or moved in addition to the tool, by names of your own:
+    ``{"retractor": {"on": "left", "move_mm": (3, 0, 0)}}``. `build_model` needs those that are the tissue of a label.
+    In a `Session` they reach their full displacement when the tool is at ``depth_mm``.
 """
 _PRESSURES = """\
 pressures : dict, optional
@@ -461,8 +461,8 @@ pressures : dict, optional
 _LOADED = _COMMON + _PRESSURES + _SUPPORTS
 _STEPS = """\
 steps : dict, optional
-    What moves, one after the other, by names of your own and in their order: ``{"press": {"move_mm": 4}, "pull":
-    {"moves": "retractor", "move_mm": (3, 0, 0)}}``. One number moves the tool along its push; three are x, y, z in LPS.
+    Steps of the load in their order, by names of your own: ``{"press": {"move_mm": 4}, "pull": {"moves": "retractor",
+    "move_mm": (3, 0, 0)}}``. One number moves the tool along its approach direction; three are x, y, z in LPS.
 """
 
 
@@ -487,22 +487,22 @@ def _describe(function, where, before, returns, common=_COMMON):
     )
 
 
-_MODEL = "model : Model\n    Of `build_model`, or `Result.model`.\n"
+_MODEL = "model : Model\n    From `build_model`, or `Result.model`.\n"
 _describe(build_model, "build_model", _IMAGE, "Model", _COMMON + _SUPPORTS)
 _describe(solve, "solve", _MODEL, "Result", _LOADED + _STEPS)
 _describe(
     usable_places,
     "usable_places",
     _IMAGE,
-    "dict\n    ``sides``: the highest place of each side; ``others``: more of the tool's own side; ``looked_at`` and\n"
-    "    ``against``: places looked at there, and reasons against how many of them; ``warnings`` of the image.",
+    "dict\n    ``sides``: the highest point of each side; ``others``: further points on the tool's side; ``looked_at`` and\n"
+    "    ``against``: number of points examined there, and of those refused, by reason; ``warnings`` of the image.",
     _CONFIG,
 )
 _describe(run, "run", _IMAGE + _OUT, "Result", _LOADED + _STEPS)
 _describe(Session, "Session", _MODEL, "", _LOADED)
 _describe(Organ, "Organ", _IMAGE, "", _COMMON + _SUPPORTS)
 _describe(Organ.build_model, "Organ.build_model", "", "Model", "")
-_describe(Organ.usable_places, "Organ.usable_places", "", "dict\n    As of `pydimple.usable_places`.", "")
+_describe(Organ.usable_places, "Organ.usable_places", "", "dict\n    As from `pydimple.usable_places`.", "")
 
 for _public in (Model, Result):
     _public.__module__ = __name__

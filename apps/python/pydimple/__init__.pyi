@@ -1,4 +1,4 @@
-# In a wheel `**options` are the keywords that the option table has for each function; setup.py puts them in.
+# In a wheel, setup.py replaces `**options` by the keywords that the option table has for each function.
 import dataclasses
 import os
 from collections.abc import Mapping, Sequence

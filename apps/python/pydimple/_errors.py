@@ -1,7 +1,7 @@
-"""Errors in five parts, and what the program says to its command line in the words of a Python caller.
+"""Errors in five parts, and messages of the program with the keywords of Python.
 
-The library's messages name flags (`--nodes`) and keys of a file of options (`cloud.nodes`). All of them pass through
-`in_keywords` on their way to Python, which makes keywords of these, by the table of options and those of the words below.
+The library's messages name flags (`--nodes`) and keys of a file of options (`cloud.nodes`). `in_keywords` replaces both
+by keywords, with the option table and the tables below.
 """
 
 import re
@@ -10,7 +10,7 @@ from . import _core
 
 
 class _FiveParts:
-    """What a message owes its reader."""
+    """Parts of a message."""
 
     def __init__(self, fact, where="", why="", remedy="", code=""):
         super().__init__(fact, where, why, remedy, code)
@@ -25,14 +25,14 @@ class _FiveParts:
 
 
 class Error(_FiveParts, Exception):
-    """A failure in five parts; each kind is a class of its own.
+    """Failure in five parts, with a subclass for each kind.
 
     Attributes
     ----------
     fact, where, why, remedy : str
-        What is wrong, with numbers; keyword, stage, file or place; how it came about; what to do.
+        Fact, with numbers; keyword, stage, file or line; reason; remedy.
     code : str
-        A word for programs, such as ``no-equilibrium``; apps/guide/files.md lists those of the guards.
+        Identifier for programs, such as ``no-equilibrium``; apps/guide/files.md lists those of the guards.
     """
 
 
@@ -57,7 +57,7 @@ class OutputError(Error):
 
 
 class Stopped(_FiveParts, KeyboardInterrupt):
-    """A computation was ended by Ctrl-C. It is no `Error`, so that ``except pydimple.Error`` does not hold it back."""
+    """Ctrl-C ended a computation. It is not an `Error`, so ``except pydimple.Error`` does not catch it."""
 
 
 for _kind in (Error, UsageError, InputError, ModelError, SolveError, OutputError, Stopped):
@@ -65,22 +65,22 @@ for _kind in (Error, UsageError, InputError, ModelError, SolveError, OutputError
 
 
 def error_of(kind, fact, where, why, remedy, code):
-    """Of a library's error. A message about a file of options keeps that file's keys."""
+    """Exception of a library error. A message about a file of options keeps the keys of that file."""
     of_file = bool(re.search(r"(, line \d+|\.toml)$", where))
     return globals()[kind](*(in_keywords(part, not of_file) for part in (fact, where, why, remedy)), code)
 
 
 _OPTIONS = _core.options()
 OF_FLAG = {option["flag"]: option for option in _OPTIONS if option["flag"]}
-# Flags that are no options of the table.
+# Flags that are not in the option table.
 OTHER_FLAGS = {
     "--output": "out=",
     "-o": "out=",
     "--force": "overwrite=True",
     "--config": "config=",
-    "--resume": "`dimple run --resume`",  # which goes on with a folder that was begun here, too
+    "--resume": "`dimple run --resume`",  # also resumes a folder begun here
 }
-# Commands that are functions here.
+# Commands with a function here.
 FUNCTIONS = {"dimple places": "pydimple.usable_places", "dimple options": "help(pydimple.run)"}
 
 _OF_KEY = {option[name]: option for option in _OPTIONS for name in ("key", "key_without_unit")}
@@ -89,11 +89,11 @@ _KEYS = rf"\((?:(?:{_SECTIONS})\.\w+(?:, )?)+\)"
 _FLAG = re.compile(rf"(?<![\w-])(--[a-z][a-z-]*|-o\b)(?: (?={_KEYS})| (?!{_KEYS}|--)([^\s;:()]*[^\s;:().,]))?(?: ?{_KEYS})?")
 _KEY = re.compile(rf"(?<![\w/.])((?:{_SECTIONS})\.\w+)(?: ?= ?([^\s;:()]*[^\s;:().,]))?")
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?")
-_SIDES_TOO = ("top", "bottom", "left", "right", "front", "back")  # that --base and --indent-at know
+_SIDES_TOO = ("top", "bottom", "left", "right", "front", "back")  # of --base and --indent-at
 
 
 def _is_value(option, text):
-    """Whether what follows a flag is its value, and not the next word of the sentence."""
+    """True if the text after a flag is its value, and not the next word of the sentence."""
     if _NUMBER.match(text) or text == "IMAGE":
         return True
     known = option["words"] + (list(_SIDES_TOO) if "superior" in option["words"] else [])
@@ -108,7 +108,7 @@ def _one(option, text):
 
 
 def _given(option, text):
-    """`keyword=value` as it is written in Python."""
+    """`keyword=value` in the syntax of Python."""
     parts = text.split(",")
     if len(parts) == 1:
         value = _one(option, text)
@@ -121,7 +121,7 @@ def _given(option, text):
     return f"{option['keyword']}={value}"
 
 
-# Sections of options whose members have names of one's own.
+# Sections of options with names given by the caller.
 KEYWORD_OF_SECTION = {
     "tissue": "tissue", "load.pressure": "pressures", "support": "supports", "step": "steps", "membrane": "membranes", "wall": "walls",
     "tool": "tools",
@@ -129,7 +129,7 @@ KEYWORD_OF_SECTION = {
 
 
 def _of_set(text):
-    """`section.name` or `section.name=value` behind --set."""
+    """`section.name` or `section.name=value` after --set."""
     key, _, value = text.partition("=")
     if key.startswith("tissue."):
         label, name = key[len("tissue.") :].rsplit(".", 1)
@@ -170,7 +170,7 @@ def _of_key(found):
 
 
 def in_keywords(text, keys_too=True):
-    """A sentence of the program, whose flags (and keys) become keywords. What stands in backquotes is a command's."""
+    """Message with keywords in place of flags (and keys). Text in backquotes is a command."""
     said = []
     for part in re.split(r"(`[^`]*`)", text):
         if part.startswith("`"):

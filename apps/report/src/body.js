@@ -1,4 +1,4 @@
-// The body's surface to turn, and its frames to play, by vtk.js.
+// Surface of the body, which can be rotated, and its frames, with vtk.js.
 import '@kitware/vtk.js/Rendering/OpenGL/Profiles/Geometry.js';
 import vtkActor from '@kitware/vtk.js/Rendering/Core/Actor.js';
 import vtkColorTransferFunction from '@kitware/vtk.js/Rendering/Core/ColorTransferFunction.js';
@@ -31,13 +31,13 @@ const unit = (a) => {
   return [a[0] / length, a[1] / length, a[2] / length];
 };
 
-/** Places and triangles of a mesh. */
+/** Vertices and triangles of a mesh. */
 function unpackMesh(mesh) {
   const places = Float32Array.from(unpacked(mesh.places, Uint16Array), (n, k) => mesh.low_mm[k % 3] + n * mesh.step_mm);
   return { places, triangles: unpacked(mesh.triangles, Uint16Array) };
 }
 
-/** Places at rest, triangles, and each frame's displacement. */
+/** Vertices at rest, triangles, and the displacement of each frame. */
 function unpack() {
   const { body } = data;
   const { places: rest, triangles } = unpackMesh(body);
@@ -65,7 +65,7 @@ function normalsOf(places, triangles, normals) {
   }
 }
 
-/** Those that a coarser surface has turned over would show their back, which is black: they are turned again. */
+/** Triangles with those turned back that the reduction of the surface turned over: their back would appear black. */
 function turnedOutwards(places, triangles) {
   const normals = new Float32Array(places.length);
   normalsOf(places, triangles, normals);
@@ -87,7 +87,7 @@ function cells(triangles) {
   return list;
 }
 
-/** A direction across the push. */
+/** Direction normal to the approach direction. */
 function across(push) {
   const least = push.map(Math.abs).indexOf(Math.min(...push.map(Math.abs)));
   return unit(cross(push, [0, 1, 2].map((k) => (k === least ? 1 : 0))));
@@ -95,7 +95,7 @@ function across(push) {
 
 const rgb = (hex) => [1, 3, 5].map((from) => parseInt(hex.slice(from, from + 2), 16) / 255);
 
-/** Each triangle with corners of its own: edges are sharp. */
+/** Mesh in which each triangle has its own corners, so that edges are sharp. */
 function flat({ places, triangles }) {
   const own = Float32Array.from({ length: 3 * triangles.length }, (_, k) => places[3 * triangles[Math.floor(k / 3)] + (k % 3)]);
   const normals = new Float32Array(own.length);
@@ -113,7 +113,7 @@ function polyData(places, normals, triangles) {
   return { made, array };
 }
 
-/** From above and somewhat to the side on which the circle lies, as overview.png looks at it. */
+/** View of overview.png: from above, and somewhat from the side of the contact. */
 function lookFrom(rest) {
   const up = data.tool.push.map((x) => -x);
   const middle = [0, 1, 2].map((k) => {
@@ -131,7 +131,7 @@ function lookFrom(rest) {
   return { up, middle, toward: plus([0, 1, 2].map((k) => Math.sin(elevation) * up[k]), turned, Math.cos(elevation)) };
 }
 
-/** Which way left, posterior and superior (or their opposites) point, as the camera turns. */
+/** Arrows to left, posterior and superior (or their opposites) that turn with the camera. */
 function compass(camera) {
   const picture = svg('svg', { viewBox: '-38 -38 76 76', class: 'compass', 'aria-hidden': 'true' });
   const turn = () => {
@@ -156,7 +156,7 @@ function compass(camera) {
   return picture;
 }
 
-/** Fills `place`; returns what shows a frame. */
+/** Draws the body in `place`; returns the function that shows a frame. */
 export function body(place) {
   const { rest, triangles, frames } = unpack();
   const places = Float32Array.from(rest);
@@ -179,7 +179,7 @@ export function body(place) {
   const toolActor = vtkActor.newInstance();
   toolActor.setMapper(toolMapper);
   toolActor.setOrigin(...data.tool.centre_mm);
-  // An actor's colour stands for three, and only its setter sets them all.
+  // The setter of an actor's colour sets all three of its colours.
   toolActor.getProperty().setColor(...rgb(metal));
   toolActor.getProperty().set({ ambient: 0.25, diffuse: 0.8, specular: 0.15, specularPower: 24 });
 
@@ -203,7 +203,7 @@ export function body(place) {
     camera.setParallelScale(camera.getParallelScale() * 0.78);
   };
 
-  // The wheel moves the page; with Ctrl it zooms.
+  // The wheel scrolls the page; with Ctrl it zooms.
   place.addEventListener('wheel', (event) => event.ctrlKey || event.stopImmediatePropagation(), { capture: true });
   const interactor = vtkRenderWindowInteractor.newInstance();
   interactor.setView(view);

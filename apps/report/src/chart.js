@@ -1,4 +1,4 @@
-// The force curve. A line, a band and some dots are drawn by hand; a chart library would outweigh all else here.
+// Force curve. It is drawn without a chart library, which would be larger than the rest of the page.
 import { scaleLinear } from 'd3-scale';
 import { data, element, svg } from './numbers.js';
 
@@ -6,7 +6,7 @@ const width = 680;
 const height = 400;
 const plot = { left: 64, right: 18, top: 34, bottom: 50 };
 
-// Axes with their ticks, and how places of the plot become pixels.
+// Axes with ticks, and the conversion of the plot's coordinates to pixels.
 function axesOf(chart, xRange, yRange, xLabel, yLabel) {
   const x = scaleLinear(xRange, [plot.left, width - plot.right]);
   const y = scaleLinear(yRange, [height - plot.bottom, plot.top]);
@@ -33,7 +33,7 @@ function axesOf(chart, xRange, yRange, xLabel, yLabel) {
 
 const empty = (label) => svg('svg', { viewBox: `0 0 ${width} ${height}`, class: 'chart', role: 'img', 'aria-label': label });
 
-/** One line through points. */
+/** Line through points. */
 export function curveChart({ x, y, xLabel, yLabel }) {
   const chart = empty(`${yLabel} against ${xLabel}`);
   const { px, py } = axesOf(chart, [0, Math.max(...x, 1e-9) * 1.04], [0, Math.max(...y, 1e-9) * 1.1], xLabel, yLabel);
@@ -43,7 +43,7 @@ export function curveChart({ x, y, xLabel, yLabel }) {
 
 export function forceChart() {
   const { force_N: force, half_N: half, lateral_N: lateral } = data.curve;
-  const depth = data.curve.time_s ?? data.curve.depth_mm; // of a scene of steps, whose tool goes back or aside
+  const depth = data.curve.time_s ?? data.curve.depth_mm; // of a scene of steps, whose tool moves back or sideways
   const along = data.curve.time_s ? 'time in s' : 'indentation in mm';
   const beside = data.beside;
   const largest = Math.max(...force.map((f, k) => f + (half[k] ?? 0)), ...(beside ? beside.force_N : []), ...(lateral ?? []), 1e-12);
@@ -80,7 +80,7 @@ export function forceChart() {
   return chart;
 }
 
-/** What the marks of the chart are. */
+/** Legend of the chart. */
 export function chartLegend() {
   const entry = (mark, text) => element('li', {}, element('span', { class: `mark ${mark}` }), text);
   const list = element('ul', { class: 'legend' }, entry('curve', data.curve.lateral_N ? 'along the push' : 'this run'));

@@ -1,9 +1,9 @@
-// What acts on the body beside the tool, what holds it beside the base, and the steps of a scene.
+// Loads other than the tool, supports other than the base, and the steps of a scene.
 import { at, element, number, place3, quantity, there, written } from './numbers.js';
 
 const isNothing = (key) => at(key).every((x) => x === 0);
 
-/** A line for each thing of that kind: its name, and what `words` says of it. */
+/** Line for each entry of `where`: its name, and the text of `words`. */
 const lines = (where, words) => Object.keys(at(where) ?? {}).map((name) => element('div', {}, element('strong', {}, name), ': ', ...words(`${where}.${name}`).flat()));
 
 const membrane = (its) => [
@@ -25,7 +25,7 @@ function preload() {
   return where;
 }
 
-/** Rows of the table of what was taken. */
+/** Rows of the table of assumptions. */
 export function loadRows() {
   const films = lines('membranes', membrane), held = lines('supports', support), beside = lines('walls', wall);
   return [
@@ -39,7 +39,7 @@ export function loadRows() {
   ];
 }
 
-/** What moves in a step, and by how much. */
+/** Moving part of a step, and its displacement. */
 function way(step) {
   if (there(`${step}.cut`)) return ['cut'];
   const turns = there(`${step}.turn_deg`) ? [' turned by ', place3(`${step}.turn_deg`, 1), '°'] : [];

@@ -1,4 +1,4 @@
-// What the page says, from the top: verdict, warnings, force, body, slices, and how it came about.
+// Sections of the page, from the top: verdict, warnings, force, body, slices, and the choices of the run.
 import { chartLegend, forceChart } from './chart.js';
 import { body, canDraw } from './body.js';
 import { at, baseName, data, element, facts, heat, number, place3, quantity, section, there, word, written } from './numbers.js';
@@ -285,7 +285,7 @@ function copied(text, css = '') {
     try {
       await navigator.clipboard.writeText(text);
       button.textContent = 'Copied';
-    } catch { // a page from the disk may not be allowed to
+    } catch { // a page from the disk may lack the permission
       getSelection().selectAllChildren(shown);
       button.textContent = document.execCommand('copy') ? 'Copied' : 'Selected';
     }
@@ -328,7 +328,7 @@ const craniotomy = [headOfShift, warnings, shift, bodySection, sliceSection, sli
 for (const part of [...(isShift ? craniotomy : indentation), depends, assumed, times, again, cite]) {
   try {
     part();
-  } catch (problem) { // what one part lacks is no reason to lose the others
+  } catch (problem) { // a failure of one section does not affect the others
     document.querySelector('main').append(element('p', { class: 'note bad', 'data-problem': part.name }, `A part of this page could not be drawn: ${problem.message}`));
   }
 }

@@ -1,12 +1,12 @@
-// Numbers of the page: each is read from the summary, and says from where.
+// Numbers of the page: each is read from the summary and marked with its key.
 
 const read = (id) => JSON.parse(document.getElementById(id).textContent);
 
 export const summary = read('dimple-summary');
 export const data = read('dimple-data');
-const words = read('dimple-words'); // how the program writes numbers of the summary: number, unit, units in one of its
+const words = read('dimple-words'); // numbers of the summary as the program writes them: number, unit, factor from the summary's unit
 
-/** What stands at "counts.circle_centre_mm.0"; undefined: nothing does. */
+/** Value of a key such as "counts.circle_centre_mm.0"; undefined if there is none. */
 export function at(key) {
   return key.split('.').reduce((value, part) => (value === undefined || value === null ? undefined : value[part]), summary);
 }
@@ -22,7 +22,7 @@ export const section = (id) => document.getElementById(id);
 export const there = (key) => at(key) !== undefined && at(key) !== null;
 export const baseName = (path) => path.split('/').pop();
 
-/** A table of facts; rows without a value are left out. */
+/** Table of facts; rows without a value are left out. */
 export function facts(rows, css = 'facts') {
   const table = element('table', { class: css });
   for (const [name, ...value] of rows.filter(Boolean)) table.append(element('tr', {}, element('th', { scope: 'row' }, name), element('td', {}, ...value.flat().filter((part) => part !== false))));
@@ -33,31 +33,31 @@ export function place3(key, decimals = 1) {
   return element('span', {}, '(', ...[0, 1, 2].flatMap((k) => [k > 0 ? ', ' : '', number(`${key}.${k}`, { decimals, place: true })]), ')');
 }
 
-/** A word of the summary. */
+/** Word of the summary. */
 export function word(key) {
   return element('span', { 'data-key': key }, String(at(key)));
 }
 
 const marked = (key, scale, text) => element('span', { class: 'number', 'data-key': key, 'data-scale': String(scale) }, text.replace('-', '−'));
 
-/** A number of the summary times `scale`. */
+/** Number of the summary times `scale`. */
 export function number(key, { scale = 1, decimals, digits = 3, place = false } = {}) {
   const value = at(key);
   if (typeof value !== 'number') return element('span', {}, '–');
   const shown = value * scale;
   const places = decimals ?? decimalsFor(shown, digits);
-  // Nothing small is shown as nothing, unless it is a place.
+  // A small number is not shown as 0, except in a position.
   const lost = !place && shown !== 0 && Math.abs(shown) < 10 ** -places;
   return marked(key, scale, lost ? `< ${(10 ** -places).toFixed(places)}` : shown.toFixed(places).replace(/^-(0(\.0*)?)$/, '$1'));
 }
 
-/** Digits after the point that leave so many figures, three at most. */
+/** Decimals that give `digits` significant digits; `digits` at most. */
 function decimalsFor(value, digits) {
   if (!(Math.abs(value) > 0)) return 0;
   return Math.min(Math.max(digits - 1 - Math.floor(Math.log10(Math.abs(value))), 0), digits);
 }
 
-/** A force, volume, length, modulus or share as the program writes it everywhere, with its unit. */
+/** Force, volume, length, modulus or fraction with its unit, as the program writes it everywhere. */
 export function written(key, withUnit = true) {
   if (!words[key]) return element('span', {}, '–');
   const [text, unit, scale] = words[key];
@@ -75,12 +75,12 @@ export function svg(name, attributes = {}, ...children) {
   return made;
 }
 
-/** Whole numbers from base64, little endian. */
+/** Integers from base64, little endian. */
 export function unpacked(text, Type) {
   const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
   return new Type(bytes.buffer);
 }
 
-/** Pale to dark through yellow, red and purple: also reads in grey. As overview.png has it. */
+/** Colours of overview.png, from pale to dark through yellow, red and purple, also readable in grey. */
 export const metal = '#4F9DA6'; // the tool, as in overview.png
 export const heat = ['#ECEBE6', '#F9DFA3', '#F9B768', '#EE7F52', '#CB4A5C', '#8C2B6B', '#47175A'];

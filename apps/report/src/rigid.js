@@ -1,7 +1,7 @@
-// What is rigid beside the tool that is measured, as tables.
+// Tables of walls and further tools.
 import { at, element, quantity, written } from './numbers.js';
 
-// Of what is rigid: the force on each, and how deep the body reaches into it. `where` in the summary.
+// Table of rigid bodies: force on each, contact area and penetration. `where`: key in the summary.
 function rigid(what, where, places, area) {
   const made = element('table', { class: 'list' }, element('tr', {}, ...[what, 'force on it', 'area that touches', 'reached into by'].map((name) => element('th', { scope: 'col', class: name === what ? 'text' : '' }, name))));
   for (const name of Object.keys(at(where))) {

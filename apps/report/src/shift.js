@@ -1,4 +1,4 @@
-// The page of a brain shift: what the head, the curve and the planes of an indentation are there.
+// Page of a brain shift: its head, profile and planes, in place of those of an indentation.
 import { curveChart } from './chart.js';
 import { at, baseName, data, element, facts, number, place3, section, there, word, written } from './numbers.js';
 import { walls } from './rigid.js';

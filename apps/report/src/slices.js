@@ -1,14 +1,14 @@
-// Three planes through the middle of the tool's way: labels, nodes, base, outlines, tool.
+// Three planes through the middle of the tool's path: labels, nodes, base, outlines, tool.
 import { at, data, element, svg } from './numbers.js';
 
-// Pale, so that nodes stand out; of a label that was not taken grey.
+// Pale colours, so that nodes are visible; grey for labels that are not part of the body.
 const tints = ['#DCE6F1', '#F3E2D3', '#DDEBDD', '#EADFEF', '#F6EDCB', '#D6ECEC', '#F2DCE0', '#E4E4D4'];
 const others = '#EDEDED';
 
 export const taken = (at('labels') ?? []).map((label) => label.value);
 export const tintOf = (label) => (taken.includes(label) ? tints[taken.indexOf(label) % tints.length] : others);
 
-/** The labels as a picture, from "label, how many times" row by row. */
+/** Picture of the labels, from run lengths "label, count" row by row. */
 function labelPicture({ columns, rows, labels }) {
   const canvas = element('canvas', { width: columns, height: rows });
   const context = canvas.getContext('2d');
