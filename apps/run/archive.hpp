@@ -16,8 +16,8 @@
 
 namespace dimple {
 
-/// Structs as JSON with binary arrays, and back to the same bits. Of each struct one list of members, in its
-/// order, serves both directions:
+/// Archive of structs as JSON with binary arrays, restored to the same bits. Each struct has one list of
+/// members, in its order, for both directions:
 ///
 ///     template <class Archive, Like<Retry> T>
 ///     void members(Archive& io, T& retry) {
@@ -25,8 +25,7 @@ namespace dimple {
 ///       io(code, depth, what);
 ///     }
 ///
-/// Taken apart by a structured binding, a struct with one more member does not compile until that is kept
-/// too.
+/// A structured binding of a struct with one more member does not compile until the list has that member too.
 template <class T, class Of>
 concept Like = std::same_as<std::remove_const_t<T>, Of>;
 
@@ -45,14 +44,14 @@ constexpr bool is_map = false;
 template <class K, class V>
 constexpr bool is_map<std::map<K, V>> = true;
 template <class T>
-constexpr bool is_few = false;  // numbers, of which there are always as many
+constexpr bool is_few = false;  // numbers of a fixed count
 template <class T, std::size_t n>
 constexpr bool is_few<std::array<T, n>> = std::is_arithmetic_v<T>;
 template <class T>
 constexpr bool is_plain = std::is_arithmetic_v<T> || std::is_same_v<T, std::string> || is_few<T> ||
                           std::is_same_v<T, std::map<std::string, std::string>>;
 template <class T>
-constexpr bool is_bytes = false;  // its items are kept as they lie in memory
+constexpr bool is_bytes = false;  // items are stored as in memory
 template <class T>
 constexpr bool is_bytes<std::vector<T>> = std::is_trivially_copyable_v<T>;
 template <class T>
@@ -162,13 +161,13 @@ struct Reader {
 
 }  // namespace archive
 
-/// `format` says what is kept, and in which version.
+/// Archive of a value. `format`: name and version of what is kept.
 template <class T>
 std::vector<std::uint8_t> to_bytes(const std::string& format, const T& value) {
   return archive::Json::to_cbor({{"format", format}, {"state", archive::Writer::one(value)}});
 }
 
-/// Throws std::exception: the bytes are of another format, or damaged.
+/// Restores a value. Throws std::exception: the bytes are of another format, or damaged.
 template <class T, class Bytes>
 void from_bytes(const std::string& format, const Bytes& bytes, T& value) {
   const archive::Json json = archive::Json::from_cbor(bytes);

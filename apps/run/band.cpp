@@ -10,7 +10,7 @@
 namespace dimple {
 namespace {
 
-// y at x, by a line between neighbours; before the first and after the last as there. x_of: rising.
+// Linear interpolation of y at x, constant outside the range. `x_of`: rising.
 double between(const std::vector<double>& x_of, const std::vector<double>& y_of, double x) {
   const auto after = static_cast<std::size_t>(std::lower_bound(x_of.begin(), x_of.end(), x) - x_of.begin());
   if (after == 0) return y_of.front();
@@ -19,7 +19,7 @@ double between(const std::vector<double>& x_of, const std::vector<double>& y_of,
   return (1.0 - part) * y_of[after - 1] + part * y_of[after];
 }
 
-// Depths, and forces over them, which change slowly; without the beginning, where there is neither.
+// Depths of a curve above 0, and force / depth, which changes slowly.
 struct Stiffness {
   std::vector<double> depth, force_by_depth;
 };
@@ -33,7 +33,7 @@ Stiffness stiffness_of(const std::vector<ForceSample>& curve) {
   return result;
 }
 
-// By how much forces of clouds of so many nodes may differ by chance.
+// Scatter of the force between random node sets of this size, as a part of the force.
 double chance(double thousands) {
   return 0.01 * std::pow(thousands, -0.6);
 }
@@ -44,7 +44,7 @@ double in_thousands(Index nodes) {
 
 }  // namespace
 
-// dimple_calibrate prints them.
+// Values that dimple_calibrate prints.
 const double band_multiplier = 2.894, displacement_multiplier = 1.382;
 
 double band_measure(double change, Index nodes, const BandLoad& load) {
@@ -65,8 +65,8 @@ double displacement_half_width(double change, double depth, Index nodes) {
   return displacement_multiplier * displacement_measure(change, depth, nodes);
 }
 
-// The fifth from either end of the scenes that dimple_calibrate --bodies lists, but for the thin ones, whose
-// error bounds do not hold: at least five scenes are as far out.
+// Fifth smallest and largest values of the scenes that dimple_calibrate --bodies lists: five scenes or more
+// are as extreme. Thin scenes are left out, since their bounds do not hold.
 const Covered covered_thickness{2.66, 258.0}, covered_size{5.09, 262.0}, covered_nu{0.45, 0.499};
 const double covered_voxel = 2.32, covered_stiffness_ratio = 4.0;
 const std::size_t covered_tissues = 2;
@@ -86,7 +86,7 @@ BodyUnderCircle body_under_circle(const BodySurface& body, const Boundary& bound
 
 namespace {
 
-// Why there is no error estimate for a body with such a length [radii of the circle], or nothing.
+// Reason why there are no bounds for a body with such a length [radii of the patch], or nothing.
 std::string why_outside(const char* what, double value, const Covered& covered) {
   constexpr const char* reason = "not calibrated for {} {} {:g} radii of the circle (here {:.3g})";
   if (!(value >= covered.least)) return fmt::format(reason, what, "below", covered.least, value);
@@ -132,7 +132,7 @@ FloorOfBand floor_of_displacement() {
 }
 
 Index expected_nodes(double wanted_share, double facing_share, const FloorOfBand& floor) {
-  constexpr double change = 1.1;  // of the floor; chosen on the calibration's scenes
+  constexpr double change = 1.1;  // expected half-width / floor, from the calibration's scenes
   Index nodes = fewest_nodes_with_band(facing_share);
   while (wanted_share > 0.0 && change * floor(nodes) > wanted_share && 2 * nodes <= most_nodes_for_accuracy)
     nodes *= 2;
@@ -164,7 +164,7 @@ std::vector<double> half_widths(const std::vector<ForceSample>& force, Index nod
   const Stiffness fine = stiffness_of(force), other = stiffness_of(coarse);
   if (fine.depth.empty() || other.depth.empty() || other.depth.back() < fine.depth.back() * (1.0 - 1e-9))
     return {};
-  std::vector<double> change;  // where the coarser cloud has a force: the largest until there
+  std::vector<double> change;  // largest so far, at the depths of the coarser curve
   for (std::size_t k = 0; k < other.depth.size(); ++k) {
     const double here =
         std::abs(between(fine.depth, fine.force_by_depth, other.depth[k]) / other.force_by_depth[k] - 1.0);

@@ -28,7 +28,7 @@
 namespace dimple {
 namespace {
 
-// A finer cloud needs the memory and all processors for itself.
+// Most nodes for a march in parallel with the coarser one: more need the memory and all processors.
 constexpr Index most_nodes_beside = 20000;
 
 }  // namespace
@@ -40,12 +40,12 @@ struct CoarserMarch::Parts {
   Result coarse;
   std::exception_ptr failed = {};
   std::atomic<bool> given_up = false;
-  // One worker takes it up, and who waits for it helps. Before other work: that has the caller's own thread.
+  // One worker runs it, and a waiting caller joins. It has priority: other work has the caller's own thread.
   bool beside = false;
   tbb::task_arena arena{2, 1, tbb::task_arena::priority::high};
   tbb::task_group work;
 
-  // At few depths.
+  // Marches the coarser nodes to the full depth, with few frames.
   void run() {
     const RunObserver unheard;
     const RunLog log{unheard, coarse};
@@ -63,7 +63,7 @@ struct CoarserMarch::Parts {
           coarse.loading.folds =
               folds_of(scene, coarse.facing_share, coarse.model, deepest(scene, coarse.model.tool));
         SolverOptions options = solver_options(scene);
-        options.frames = 1;  // nobody looks at them
+        options.frames = 1;  // none is used
         march(scene, options,
               {.sample = [&](const ForceSample&, const History&) { return !given_up.load(); }}, nullptr, log,
               coarse);
@@ -87,7 +87,7 @@ CoarserMarch::CoarserMarch(const Scene& scene, const Result& result) : parts_(st
   p.coarse.time = result.time;
   p.coarse.followed = result.followed;
   p.coarse.loading = result.loading;
-  p.coarse.loading.settled = nullptr;  // that is of the finer cloud
+  p.coarse.loading.settled = nullptr;  // it belongs to the finer discretisation
   p.beside = tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism) > 1 &&
              result.model.node_count() <= most_nodes_beside;
   if (p.beside) p.arena.execute([&] { p.work.run([&p] { p.run(); }); });
@@ -141,7 +141,7 @@ std::string why_no_band(const Scene& scene, const std::vector<Material>& tissues
 
 }  // namespace
 
-// Whether tissues of labels leave any label to the default one is known of the model alone.
+// The default tissue is left out here: only the model shows whether any label still has it.
 std::string why_no_band(const Scene& scene) {
   std::vector<Material> tissues = materials_of(scene);
   if (tissues.size() > 1) tissues.erase(tissues.begin());
@@ -152,7 +152,7 @@ std::string why_no_band(const Scene& scene, const Organ& organ, const Boundary& 
                         const LoadedModel& result) {
   if (result.time != TimeMode::quasi_static) return not_for_dynamics;
   if (const std::string none = why_no_band(scene, in_use(result.tissues)); !none.empty()) return none;
-  constexpr double straight = 0.9998;  // a degree
+  constexpr double straight = 0.9998;  // cosine of about one degree
   if (scene.boundary.direction != Scene().boundary.direction && boundary.push.dot(boundary.down) < straight)
     return "not calibrated for an oblique direction";
   if (result.loading.folds && (!(result.facing_share > most_facing) || result.cut.area_mm2 > 0.0))

@@ -8,31 +8,29 @@
 
 namespace dimple {
 
-/// Why the band of such a run cannot be told, or nothing: it was measured for what is the default.
+/// Reason why such a run has no error bounds, or nothing: they are calibrated for the defaults.
 std::string why_no_band(const Scene& scene);
-/// Likewise, once it is known how time is followed and what the body looks like. `boundary`: in the surface's
-/// frame.
+/// Reason from the scene, the body and how time is followed. `boundary`: in the surface's frame.
 std::string why_no_band(const Scene& scene, const Organ& organ, const Boundary& boundary,
                         const LoadedModel& result);
-/// Likewise, of a march that has come to its end. `scene`: with the choices that its model was made with.
+/// Reason after the run, from its model as well. `scene`: with the choices that its model was made with.
 std::string why_no_band_after(const Scene& scene, const LoadedModel& result);
 
-/// That other clouds need the labels of an origin's image, and that these are not there; or nothing.
+/// Reason why no other nodes can be made: they need labels of an image that was not kept; or nothing.
 std::string why_no_labels(const Scene& scene, const Origin& origin);
 
-/// The march of a coarser cloud of the same organ, by which a band is found. Where a processor can be spared
-/// it runs beside the march of the finer cloud, on one; otherwise when it is asked for. The same bits either
-/// way.
+/// March of a coarser discretisation of the same organ, for the error bounds. It runs on one processor in
+/// parallel with the finer march if one is free, otherwise on request. Both give the same bits.
 class CoarserMarch {
  public:
   /// `result`: complete, before its march; not looked at later.
   CoarserMarch(const Scene& scene, const Result& result);
-  ~CoarserMarch();  ///< an answer that nobody has asked for is given up
+  ~CoarserMarch();  ///< cancels a march whose result was not requested
   CoarserMarch(const CoarserMarch&) = delete;
   CoarserMarch& operator=(const CoarserMarch&) = delete;
 
   Index nodes() const;
-  /// Waits for it. Throws what it met.
+  /// Waits for the march. Throws its error.
   const Result& operator()();
 
  private:
@@ -40,15 +38,15 @@ class CoarserMarch {
   std::unique_ptr<Parts> parts_;
 };
 
-/// The band of a march that has come to its end, from the march of a coarser cloud of the same organ.
+/// Error bounds of a finished march, from the march of a coarser discretisation of the same organ.
 struct BandOfRun {
   Band band;
-  double half_of_displacement = 0.0;  ///< [m] where one is followed
+  double half_of_displacement = 0.0;  ///< [m] if a place is followed
   bool stopped = false;
 };
 BandOfRun band_of_run(const Scene& scene, const Result& result, CoarserMarch& coarser);
 
-/// Half the band's width of the place that is followed, where a coarser cloud brings it to `coarse` [m].
+/// Half-width of the bounds of the followed place; `coarse`: its displacement with the coarser nodes [m].
 double half_of_displacement(const Result& result, const Vec3& coarse);
 
 }  // namespace dimple

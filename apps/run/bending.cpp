@@ -9,21 +9,21 @@
 namespace dimple {
 namespace {
 
-constexpr double much = 0.5;  // of the push
-constexpr Index few = 4;      // nodes, the nearest, whose mean stands for a place of the surface
+constexpr double much = 0.5;  // of the tool's depth
+constexpr Index few = 4;      // nearest nodes, whose mean represents a place of the surface
 
-// How far the line from the tool's centre along the push goes through tissue before it first leaves it [m];
-// 0: it meets nothing. Moeller and Trumbore 1997.
+// Length of tissue along the press direction, from the tool's centre to the first exit [m]; 0: there is none.
+// Moeller and Trumbore 1997.
 double thickness_beneath(const Discretisation& places) {
   const Vec3 origin = places.tool.centre * 1e3, push = places.tool.push;  // mm, as the surface
-  const double ahead = 0.1e3 * places.tool.radius;  // the surface beneath the tool itself
+  const double ahead = 0.1e3 * places.tool.radius;  // shallower exits belong to the surface under the tool
   double nearest = 0.0;
   for (const auto& corner : places.surface.triangles.colwise()) {
     const Vec3 a = places.surface.vertex_mm.col(corner[0]), ab = places.surface.vertex_mm.col(corner[1]) - a,
                ac = places.surface.vertex_mm.col(corner[2]) - a;
     const Vec3 p = push.cross(ac);
     const double determinant = ab.dot(p);
-    if (!(determinant < 0.0)) continue;  // it enters here, or runs along
+    if (!(determinant < 0.0)) continue;  // entry, or parallel
     const Vec3 from = origin - a, q = from.cross(ab);
     const double u = from.dot(p) / determinant, v = push.dot(q) / determinant, t = ac.dot(q) / determinant;
     if (u < 0.0 || v < 0.0 || u + v > 1.0 || t < ahead) continue;

@@ -7,14 +7,14 @@
 
 namespace dimple {
 
-/// How much of the push bends or shifts the part under the tool, and does not indent it: how far the surface
-/// on its other side, where the push through the tool's centre first leaves the body, moves along the push.
+/// Bending or shift of the part under the tool instead of indentation. It is measured on the other side: the
+/// motion of the surface where the press direction first leaves the body.
 class BendingOfPart {
  public:
   explicit BendingOfPart(const Model& model);
   void see(const Frame& frame);
-  /// A warning, if it is half of the push or more; empty: it is less, or nothing was seen. Loads that act
-  /// before the tool moves have moved that surface too, which does not count.
+  /// A warning if this is half of the tool's depth or more; empty: less, or not observed. The preload
+  /// displacement does not count.
   std::string warning() const;
 
  private:
@@ -23,7 +23,7 @@ class BendingOfPart {
   double thickness_ = 0.0;            // [m]
   double diameter_ = 0.0;             // [m]
   double depth_ = 0.0, moved_ = 0.0;  // [m]
-  double settled_ = 0.0;              // of moved_, before the tool has moved [m]
+  double settled_ = 0.0;              // moved_ under the loads alone [m]
 };
 
 }  // namespace dimple

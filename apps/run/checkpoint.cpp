@@ -14,7 +14,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr const char* format = "dimple checkpoint 20";
-constexpr std::size_t digest_length = 64;  // SHA-256 in hexadecimal, behind the rest
+constexpr std::size_t digest_length = 64;  // SHA-256 in hexadecimal, at the end
 
 }  // namespace
 

@@ -10,14 +10,14 @@
 
 namespace dimple {
 
-/// What decides every bit of a run.
+/// Identity of a run: all that decides its bits.
 struct RunIdentity {
   std::string version;                         ///< of the program
   std::map<std::string, std::string> options;  ///< as option_values()
   std::string input_sha256;                    ///< of the image, or of the model's files
 };
 
-/// A run that was stopped half-way, as it lies on the disk.
+/// State of a run that was stopped, as written to the disk.
 struct Checkpoint {
   RunIdentity run;
   std::string model_sha256;
@@ -26,17 +26,17 @@ struct Checkpoint {
   MarchState state;
 };
 
-/// In CBOR (RFC 8949) with its SHA-256 in hexadecimal behind it, through write_file(). Throws OutputError.
+/// Writes CBOR (RFC 8949) with its SHA-256 in hexadecimal at the end, by write_file(). Throws OutputError.
 void write_checkpoint(const std::filesystem::path& file, const Checkpoint& checkpoint);
-/// Throws InputError: no file, or not one that write_checkpoint() has made, bit for bit.
+/// Throws InputError: there is no file, or write_checkpoint() has not made it bit for bit.
 Checkpoint read_checkpoint(const std::filesystem::path& file);
 
-/// Code of what require_same_run() throws.
+/// Code of the error of require_same_run().
 inline constexpr const char* other_run = "other-run";
-/// Throws UsageError, naming what differs, unless a run of identity `now` would give what `before` has begun.
+/// Throws UsageError, with the difference, unless a run of identity `now` would continue `before`.
 void require_same_run(const RunIdentity& before, const RunIdentity& now);
 
-/// SHA-256 of what a model is made of, before supports are found: nodes, points, sets, tool.
+/// SHA-256 of the model before supports are found: nodes, points, sets, tool.
 std::string sha256_of_model(const Discretisation& places, const Scheme& scheme);
 
 }  // namespace dimple

@@ -15,10 +15,10 @@ namespace {
 
 constexpr Index most_samples = 600;
 constexpr double opposite_within = 1.5;  // gaps
-constexpr double small = 0.01;           // of the banks' area
-constexpr double shallow = 0.05;         // gaps: the displacements themselves are known no better
+constexpr double small = 0.01;           // of the area of the faces
+constexpr double shallow = 0.05;         // gaps: the error of the displacements
 
-// The place opposite, on the other bank [mm].
+// Point opposite, on the other face of the cut [mm].
 std::optional<Vec3> across_gap(const BodySurface& surface, const Vec3& x, const Vec3& normal, double gap) {
   const double lift = 0.01 * gap;
   for (const double t : surface.crossings(x + lift * normal, normal))

@@ -16,7 +16,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// What the options take too.
+// Largest depth, the same as in the options [mm].
 constexpr double deepest_m = 1.0;
 
 [[noreturn]] void refuse_run(const fs::path& file, const std::string& fact, const std::string& why,
@@ -50,7 +50,7 @@ std::vector<double> in_si(const Table& table, const fs::path& file, const std::s
   return values;
 }
 
-// Means of groups of rows that follow each other; the last row alone.
+// Averages groups of successive rows; the last row stays.
 void average(MeasuredCurve& curve) {
   const std::size_t rows = curve.depth.size();
   if (rows <= most_rows_of_curve) return;
@@ -164,7 +164,7 @@ double ramp_rate(const MeasuredCurve& curve) {
       refused(fmt::format("the time does not rise: {:g} s after {:g} s", curve.time[k], curve.time[k - 1]),
               "each row is one moment of a loading");
   if (curve.time.size() < 2) refused("there is one row with a depth", "a speed takes two");
-  // The clock may have been started before contact: depth = rate (t - t0), by least squares.
+  // The clock may start before contact: depth = rate (t - t0), by least squares.
   const auto n = static_cast<double>(curve.time.size());
   double t_mean = 0.0, d_mean = 0.0, tt = 0.0, td = 0.0;
   for (std::size_t k = 0; k < curve.time.size(); ++k)
@@ -187,7 +187,7 @@ double ramp_rate(const MeasuredCurve& curve) {
 }
 
 MeasuredCurve paper_curve() {
-  // Horton, Wittek, Miller 2007, section 5: one swine brain, a circle of 10 mm, at 1 mm/s.
+  // Horton, Wittek, Miller 2007, section 5: one swine brain, a patch of 10 mm, at 1 mm/s.
   return {.name = paper_word,
           .depth = {8e-3, 8e-3, 8e-3},
           .force = {0.181, 0.125, 0.131},

@@ -17,12 +17,12 @@
 namespace dimple {
 namespace {
 
-// Of the load's duration: frames and rows of the curve that stand at one time would be taken for one.
+// Time after a cut, as a fraction of the load's duration: frames and rows of equal time would be merged.
 constexpr double moment = 1e-6;
 
 constexpr double hardly = 0.02;  // of a blade's area
 
-// Of open sheets [mm^2].
+// Area of open sheets [mm^2].
 double area_of(const std::vector<TriangleMesh>& sheets) {
   double area = 0.0;
   for (const TriangleMesh& sheet : sheets) {
@@ -35,7 +35,7 @@ double area_of(const std::vector<TriangleMesh>& sheets) {
   return area;
 }
 
-// The blade where it lies in the body at rest [mm, LPS].
+// Sheets of the blade, mapped to the body at rest [mm, LPS].
 std::vector<TriangleMesh> sheets_at_rest(const Cut& cut, double step, const Model& model, const Nodal& u) {
   const bool at_rest = u.isZero(0.0);
   const Points places = u.topRows<3>();
@@ -52,7 +52,7 @@ std::vector<TriangleMesh> sheets_at_rest(const Cut& cut, double step, const Mode
   return sheets;
 }
 
-// The patches' pressures x volumes, of points that lie next to each other.
+// Pressures x volumes of the patches of `to`, from the nearest points of `from`.
 Eigen::VectorXd carried_pressures(const Model& from, const Eigen::VectorXd& lambda, const Model& to) {
   Eigen::VectorXd pressure = Eigen::VectorXd::Zero(from.point_count());
   const PressurePatches &before = from.patches, &after = to.patches;
@@ -70,7 +70,7 @@ Eigen::VectorXd carried_pressures(const Model& from, const Eigen::VectorXd& lamb
   return result;
 }
 
-// Of a tool that touches without friction: forces at samples as large as the pressures next to them.
+// Contact forces carried over without friction: each sample has the pressure of the nearest sample before.
 Eigen::VectorXd carried_contact(const Touch& from, const Eigen::VectorXd& force, const Touch& to) {
   const Neighbours samples(from.surface.place);
   Eigen::VectorXd result(to.surface.count());
@@ -81,7 +81,7 @@ Eigen::VectorXd carried_contact(const Touch& from, const Eigen::VectorXd& force,
   return result;
 }
 
-// Tools and walls stay where they were, whatever the cut has made of the surface that they first touched.
+// Tools and walls keep their poses, whatever the cut has made of the surface of their first contact.
 void keep_poses(const Loading& before, Loading& now) {
   if (now.touch) {
     auto touch = std::make_shared<Touch>(*now.touch);
@@ -93,7 +93,7 @@ void keep_poses(const Loading& before, Loading& now) {
       if (its.name == wall.name) wall.pose = its.pose;
 }
 
-// What there is of it before it is cut.
+// State of the body before it is cut, to restore it if the cut fails.
 struct Body {
   Model model;
   Loading loading;
@@ -116,7 +116,7 @@ ScenePart CutScene::part(std::size_t k) const {
   return part;
 }
 
-// The cut body, as if it had been so from the start; of its warnings those are told that are new.
+// Makes the cut body as if it had been cut from the start; reports the new warnings only.
 void CutScene::make_again(const RunLog& log, Result& result) {
   const RunObserver silent;
   const RunLog quiet{silent, result};
@@ -161,7 +161,7 @@ void CutScene::cut(std::size_t k, const ScenePart& part, const RunLog& log, Resu
               result.chosen,           result.provenance,         result.findings};
   try {
     make_again(log, result);
-  } catch (...) {  // what was there is still to be told of
+  } catch (...) {  // the state before is restored, to be reported
     result.model = std::move(before.model);
     result.loading = std::move(before.loading);
     static_cast<ImageFacts&>(result) = before.facts;

@@ -9,22 +9,21 @@
 
 namespace dimple {
 
-/// A scene whose steps cut the body where it then is: [step.NAME] with a cut. The blade is carried back to
-/// where the tissue that it passes through was at rest (carried_back()); the whole body at rest is cut there,
-/// by all blades so far, and gets nodes of its own; the displacements that the nodes before had are those
-/// from which equilibrium is found, at the held pose of all tools.
+/// Scene with steps that cut the deformed body: [step.NAME] with a cut. The blade is mapped to the tissue at
+/// rest (carried_back()). The body at rest is cut there, by all blades so far, and gets new nodes.
+/// Equilibrium is found from the displacements of the previous nodes, at the held pose of all tools.
 class CutScene {
  public:
-  /// `organ`: before it was cut. `given` must outlive this.
+  /// `organ`: before any cut. `given` must outlive this.
   CutScene(const Case& given, Organ organ);
 
   std::size_t count() const { return steps_.size(); }
-  /// The body between cut k - 1 and cut k; 0: before any.
+  /// Part of the load between cut k - 1 and cut k; 0: before any.
   ScenePart part(std::size_t k) const;
-  /// Makes the cut k, 0 the first, where `part` has left the body: `result` has then its model and its load,
-  /// and `next` where it is about. Throws ModelError, UsageError, InputError: it cannot be made.
+  /// Makes cut k, from 0, at the end of `part`: `result` gets the new model and load, and `next` its start.
+  /// Throws ModelError, UsageError, InputError: it cannot be made.
   void cut(std::size_t k, const ScenePart& part, const RunLog& log, Result& result, ScenePart& next);
-  /// What came of the last, for the summary; told in a line.
+  /// Records the result of the last cut for the summary, and reports it in a line.
   void tell(const ScenePart& part, const RunLog& log, Result& result);
 
  private:

@@ -11,13 +11,13 @@
 namespace dimple {
 namespace {
 
-// Of a whole plane: CGAL hears no Ctrl-C, and a lung's took 12 s with 214 of them.
+// Largest number of rings of a whole plane: Ctrl-C does not stop CGAL, and a lung took 12 s with 214 rings.
 constexpr double most_rings = 60.0;
 
 }  // namespace
 
 std::vector<std::string> warnings_of_small_sheets(const Scene& scene, const BodySurface& body) {
-  constexpr double small = 1.0 / 16.0;  // of the body: one as large as the body, drawn in cm, has a tenth
+  constexpr double small = 1.0 / 16.0;  // of the body; one of the body's size, drawn in cm, has a tenth
   const double whole = (body.upper() - body.lower()).maxCoeff();
   std::vector<Cut> all = cuts_at_rest(scene);
   for (CutStep& step : cuts_after_moves(scene)) all.push_back(std::move(step.cut));
@@ -62,7 +62,7 @@ TriangleMesh line_blade(const Vec3& x, const Vec3& y, double depth, const BodySu
                       .remedy = "give places on one side of the body, or a plane or sheet instead",
                       .code = "cut"});
   into.normalize();
-  // From outside: the surface may bulge beyond the straight way.
+  // The edge starts outside: the surface may bulge beyond the straight line.
   double above = 0.0;
   for (int k = 0; k <= places; ++k) {
     const Vec3 at = place(k);
@@ -88,7 +88,7 @@ TriangleMesh sheet_of(const Blade& blade, const std::string& where, const BodySu
     sheet.vertex = (to_body * sheet.vertex.colwise().homogeneous()).eval();
     return sheet;
   }
-  // Of a whole plane, enough to reach beyond the body.
+  // A whole plane is a disc whose radius exceeds the body.
   const double all =
       (body.upper() - body.lower()).norm() + (place - 0.5 * (body.upper() + body.lower())).norm();
   const bool is_whole = !(blade.length > 0.0);

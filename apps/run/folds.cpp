@@ -11,7 +11,7 @@
 namespace dimple {
 namespace {
 
-// Of the tool's way: both banks may come towards each other.
+// Widest gap that is watched, in depths of the tool: both walls of a sulcus may approach each other.
 constexpr double widest = 2.0;
 
 }  // namespace

@@ -8,13 +8,13 @@
 
 namespace dimple {
 
-/// Whether folds that close touch, instead of passing through each other (load.self_contact), in a body of
-/// which that share of the surface faces itself: "auto" has them touch in folded bodies (most_facing), unless
-/// the scheme or the time that is asked for, or such a tissue, has no contact looked for.
+/// True if closing folds are in contact instead of passing through each other (load.self_contact).
+/// `facing_share`: fraction of the surface that faces itself. "auto" means contact in folded bodies
+/// (most_facing), unless the requested scheme or time, or a tissue, does not support it.
 bool folds_touch(const Scene& scene, double facing_share);
 
-/// Where the model's surface faces itself across gaps that the tool's way may close; null: nowhere, or they
-/// do not touch.
+/// Places where the surface faces itself across gaps that the tool may close; null if there are none, or if
+/// folds have no contact.
 std::shared_ptr<const FoldBanks> folds_of(const Scene& scene, double facing_share, const Model& model,
                                           double deepest);
 

@@ -21,7 +21,7 @@ std::string of_image(double force_N, const Json& image_error) {
 std::string headline_of(const std::string& title, double force_N, const std::string& unknown,
                         const Json& image_error, double spread) {
   std::string image = of_image(force_N, image_error);
-  if (!unknown.empty() && !image.empty()) image.front() = ';';  // the reason may have commas of its own
+  if (!unknown.empty() && !image.empty()) image.front() = ';';  // the reason may contain commas
   return title + (unknown.empty() ? "" : ", no error estimate: " + unknown) + image +
          (spread > 0.0
               ? from_to(force_N, spread * std::abs(force_N), fmt::format("mu +- {} %", plain(100.0 * spread)))

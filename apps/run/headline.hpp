@@ -5,14 +5,14 @@
 
 namespace dimple {
 
-// The line with which a run ends, from its numbers or from those of its summary.json.
+// Last line of a run, from its numbers or from those of its summary.json.
 
-/// ", +- 1.2 (image resolution)": what the image's resolution adds to the title of a force. Empty for a model
-/// without an image. `image_error`: as image_error_json() has it.
+/// ", +- 1.2 (image resolution)": error by the image's resolution, for the title of a force. Empty for a
+/// model without an image. `image_error`: from image_error_json().
 std::string of_image(double force_N, const nlohmann::ordered_json& image_error);
 
-/// The title of a force, with the reason why it has no error bounds, and with what the image and the material
-/// add to it. `spread`: of the force by its material, as a share of it.
+/// Title of a force, with the reason why it has no error bounds, and with the errors by the image and the
+/// material. `spread`: of the force by its material, as a part of it.
 std::string headline_of(const std::string& title, double force_N, const std::string& unknown,
                         const nlohmann::ordered_json& image_error, double spread);
 

@@ -32,8 +32,8 @@ double thickness_exponent(double x) {
 
 namespace {
 
-// d ln F / d ln depth at a sample, from the one before or the one after it. A contacting tool's is between
-// that of a flat punch and that of a cone, and above where the body stiffens.
+// d ln F / d ln depth at a sample, from the one before or after it. For a contacting tool it is between that
+// of a flat punch and that of a cone, or above if the body stiffens.
 double exponent_at(const std::vector<ForceSample>& force, std::size_t k) {
   constexpr double of_sphere = 1.5, least = 1.0, most = 3.0;
   const auto usable = [&](std::size_t n) {
@@ -77,8 +77,8 @@ ImageError image_error(const std::vector<ForceSample>& force, const UnderTool& u
 
 namespace {
 
-// Places of the surface that a tool overlaps, with their areas across the push [m, m^2]: middles of the small
-// triangles that each triangle is cut into.
+// Overlap of a tool with the surface: centres of small triangles that divide each triangle, and their areas
+// normal to the press direction [m, m^2].
 struct Overlap {
   std::vector<Vec3> place;
   std::vector<double> area;
@@ -116,7 +116,7 @@ Overlap overlap_of(const Touch& touch, const Surface& surface, const Vec3& push,
   return found;
 }
 
-// Root mean square distance along the push from the quadric that fits best; its unknowns are of order one.
+// Root mean square distance, along the press direction, from the best-fitting quadric in scaled coordinates.
 double roughness_of(const Overlap& overlap, const Vec3& tip, const Vec3& push, double radius) {
   using Quadric = Eigen::Matrix<double, 6, 1>;
   const Vec3 right = push.unitOrthogonal(), ahead = push.cross(right);
@@ -141,7 +141,7 @@ double roughness_of(const Overlap& overlap, const Vec3& tip, const Vec3& push, d
   return std::sqrt(sum);
 }
 
-// Radius at which a tool's lower surface is so far above its tip [m].
+// Radius at which a tool's lower surface is at this height above its tip [m].
 double radius_at(const ToolShape& shape, double height) {
   double low = 0.0, high = shape.radius;
   for (int k = 0; k < 60; ++k) {
@@ -175,7 +175,7 @@ std::string why_no_image_error(const Scene& scene, const LoadedModel& result) {
   return {};
 }
 
-// Thickness along the push, and whether the base is where the push leaves the body.
+// Finds the thickness along the press direction, and whether the base is at its end.
 void look_through(const BodySurface& body, const Boundary& boundary, UnderTool& under) {
   const double mm = boundary.radius * body_under_circle(body, boundary, 0.0).thickness;
   const BodySurface::Closest leaves = body.closest(boundary.centre + mm * boundary.push);

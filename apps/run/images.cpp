@@ -25,9 +25,9 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr Index voxels_at_once = 2'000'000;
-constexpr double most_outside = 0.5, much_outside = 0.1;  // of the body at rest: refused, and warned of
+constexpr double most_outside = 0.5, much_outside = 0.1;  // of the body at rest: refused; warned of
 
-// To a micrometre, and to four digits: the digits behind are not known, and take most of a packed file.
+// Rounds to a micrometre, and to four digits: further digits have no meaning and fill most of a packed file.
 float rounded_mm(float x) {
   return std::nearbyint(x * 1024.0f) / 1024.0f;
 }
@@ -44,15 +44,15 @@ std::string stem_of(const fs::path& file) {
   return stem;
 }
 
-// A segmentation of 3D Slicer stays one.
+// A segmentation of 3D Slicer keeps its suffix.
 std::string suffix_of_labels(const fs::path& file) {
   return file.filename().string().ends_with(".seg.nrrd") ? ".seg.nrrd" : volume_suffix(file);
 }
 
-// The voxel whose label a voxel gets that shows the place X, where it is another than the nearest one's; else
-// -1. At the body's border its smooth surface decides, and not the voxels' staircase: that moves by whole
-// voxels alone, and would lose what bulges out by less than half of one. Where it lies between X and the
-// nearest voxel's middle, that one's label is not X's. What has not moved keeps its label.
+// Voxel whose label a voxel at place X gets, if it is not the nearest one; else -1. At the body's border the
+// smooth surface decides. The staircase of voxels moves by whole voxels only, and would lose bulges below
+// half a voxel. If the surface is between X and the nearest voxel's centre, that label is not used. A voxel
+// that has not moved keeps its label.
 Index at_border(const VoxelGrid& grid, const std::vector<char>& body, const DeformationMap& map,
                 const Vec3& X, Index own) {
   const Eigen::Matrix<Index, 3, 1> nearest = (X.array() + 0.5).floor().cast<Index>();
@@ -87,7 +87,7 @@ Vec3 last_voxel(const VoxelGrid& grid) {
           static_cast<double>(grid.size[2] - 1)};
 }
 
-// Of eight corners the largest distance [mm].
+// Largest distance between the corresponding corners of two grids [mm].
 double distance_between(const VoxelGrid& one, const VoxelGrid& other) {
   double largest = 0.0;
   for (int corner = 0; corner < 8; ++corner) {
@@ -97,7 +97,7 @@ double distance_between(const VoxelGrid& one, const VoxelGrid& other) {
   return largest;
 }
 
-// Of the body's surface at rest.
+// Fraction of the vertices of the surface at rest that are outside of the grid.
 double share_outside(const VoxelGrid& grid, const Surface& surface) {
   const Points place = grid.to_world.inverse() * surface.vertex_mm;
   const Vec3 last = last_voxel(grid);
@@ -125,7 +125,7 @@ ImageTask images_asked_for(const Scene& scene) {
   if (!scene.image.file.empty() && !(output.warp.empty() && output.warp_labels.empty())) {
     try {
       labels = VolumeImage(scene.image.file).grid();
-    } catch (const InputError&) {  // of several layers, such as a segmentation may have
+    } catch (const InputError&) {  // a file of several layers, as segmentations may be
     }
   }
   std::set<std::string> names;
@@ -209,10 +209,10 @@ fs::path ImageWriter::file_of(const std::string& name, const std::string& suffix
   return folder_ / (task_.each_frame ? fmt::format("{}_{:04}{}", name, frame_, suffix) : name + suffix);
 }
 
-// All that lies on one grid.
+// Images of one grid.
 struct ImageWriter::Group {
   VoxelGrid grid;
-  const VolumeImage* labels = nullptr;  // the label image, if it is this one's grid
+  const VolumeImage* labels = nullptr;  // if it has this grid
   std::vector<const ImageTask::Warped*> warped = {};
 };
 
@@ -250,7 +250,7 @@ VolumeWriter ImageWriter::begun(const fs::path& file, const VoxelGrid& grid, con
   return VolumeWriter(file, grid, kind);
 }
 
-// Where the tissue was: how it has moved, and its stress, in the voxels that it fills at rest.
+// Displacement and stress of the tissue, in the voxels that it fills at rest.
 void ImageWriter::write_fields(const VoxelGrid& grid, const DeformationMap& map) {
   const auto slice = static_cast<std::size_t>(grid.slice());
   const std::string suffix = volume_suffix(task_.label_image);
@@ -287,7 +287,7 @@ void ImageWriter::write_fields(const VoxelGrid& grid, const DeformationMap& map)
   for (VolumeWriter& writer : out) writer.finish();
 }
 
-// What is written of where the tissue came to lie: an image, or, of none, the transform itself.
+// One file on the deformed grid: a warped image, or the transform itself if `image` is null.
 struct ImageWriter::Target {
   const VolumeImage* image;
   Sampling how;
@@ -342,7 +342,7 @@ void ImageWriter::take_out_what_was_cut(VolumeImage& labels) const {
   });
 }
 
-// Of each voxel of a label image, whether it is of the body.
+// Mask of the body, for each voxel of a label image.
 std::vector<char> ImageWriter::body_of(const VolumeImage& labels, const VoxelGrid& grid) const {
   std::vector<char> body(static_cast<std::size_t>(grid.voxels()));
   tbb::parallel_for(Index{0}, grid.size[1] * grid.size[2], [&](Index row) {
@@ -354,7 +354,7 @@ std::vector<char> ImageWriter::body_of(const VolumeImage& labels, const VoxelGri
 }
 
 std::int64_t ImageWriter::voxels_of_body(const VolumeImage& image, const std::byte* number, Index n) const {
-  // Of long stretches of the same label one is looked at.
+  // In a run of equal labels the first alone is looked up.
   const std::size_t width = image.bytes_per_voxel();
   std::int64_t sum = 0;
   bool in_body = false;
@@ -368,7 +368,7 @@ std::int64_t ImageWriter::voxels_of_body(const VolumeImage& image, const std::by
 
 namespace {
 
-// Slices of a grid, and where what their voxels show was at rest [3 x voxels, in voxels].
+// Slices of a grid, and the places at rest of what their voxels show [3 x voxels, in voxels].
 struct Slices {
   const VoxelGrid& grid;
   Index first, last;
@@ -376,7 +376,7 @@ struct Slices {
   Index rows() const { return (last - first) * grid.size[1]; }
 };
 
-// [3 x voxels, mm LPS] from each voxel to its place at rest.
+// Vectors from each voxel to its place at rest [3 x voxels, mm LPS].
 std::vector<float> ways_to_rest(const Slices& of) {
   std::vector<float> vectors(of.places.size());
   const Eigen::Matrix3f axes = of.grid.to_world.linear().cast<float>();

@@ -16,50 +16,49 @@
 
 namespace dimple {
 
-// Images that a run writes on the grids of its input images: the folder `images` of its results.
+// Images of a run on the grids of its input images: the folder `images` of its results.
 
-/// What was asked for.
+/// Images that are requested.
 struct ImageTask {
-  std::filesystem::path
-      label_image;  ///< on whose grid displacement, labels and stress are; empty: none of them
+  std::filesystem::path label_image;  ///< whose grid displacement, labels and stress use; empty: none of them
   struct Warped {
     std::filesystem::path file;
     Sampling how;
     std::string name;  ///< "warped_mri"
     VoxelGrid grid;
     double from_labels_mm =
-        0.0;  ///< where it has as many voxels as the label image: how far it is from there
+        0.0;  ///< distance from the label image's grid, if the number of voxels is the same
   };
   std::vector<Warped> warped;
-  bool each_frame = false;  ///< else the last alone
+  bool each_frame = false;  ///< false: the last frame only
 
   bool any() const { return !label_image.empty() || !warped.empty(); }
 };
 
-/// Reads every image to its end, so that nothing is computed for one that cannot be read. Throws
-/// UsageError, InputError.
+/// Reads every image to its end, so that nothing is computed for an unreadable one. Throws UsageError,
+/// InputError.
 ImageTask images_asked_for(const Scene& scene);
-/// Throws InputError: more than half of the body lies outside of an image to be warped; or the model has no
-/// surface, and so no inside.
+/// Throws InputError: more than half of the body is outside of an image to be warped, or the model has no
+/// surface that bounds it.
 void require_overlap(const ImageTask& task, const Discretisation& body);
 
-/// Writes them, of one frame after the other.
+/// Writer of these images, frame by frame.
 class ImageWriter {
  public:
-  /// `model` must outlive this, and its discretisation must not change. `labels`: those that are the body;
-  /// none: all. What was cut out is background in the deformed labels.
+  /// `model` must outlive this, and its discretisation must not change. `labels`: those of the body; none:
+  /// all. Removed tissue is background in the deformed labels.
   ImageWriter(ImageTask task, std::filesystem::path folder, const Model& model, std::vector<int> labels,
               ImageFacts::Cut cut);
   ~ImageWriter();
 
   bool each_frame() const { return task_.each_frame; }
-  /// To be written later, or never.
+  /// Keeps a frame, which may be written later.
   void keep(const Frame& frame);
-  /// Of the frame kept last. Throws OutputError, InputError, Stopped.
+  /// Writes the images of the frame kept last. Throws OutputError, InputError, Stopped.
   void write();
-  /// What was written last, in a line; empty: nothing yet.
+  /// Files written last, in a line; empty: none yet.
   const std::string& told() const { return told_; }
-  /// What of it is not as one might expect, in a sentence; empty: nothing.
+  /// Warning of what is unexpected in them, in a sentence; empty: nothing.
   std::string warning() const;
   nlohmann::ordered_json summary() const;
   double seconds() const { return seconds_; }

@@ -13,8 +13,8 @@
 namespace dimple {
 namespace {
 
-constexpr double aside = 0.25;      // radii from the axis within which the force is known roughly
-constexpr double same_axis = 0.02;  // and on it
+constexpr double aside = 0.25;      // radii from the axis within which the force is an estimate
+constexpr double same_axis = 0.02;  // radii within which the tip is on the axis
 
 }  // namespace
 
@@ -31,7 +31,7 @@ LiveTool make_live_tool(const LiveOrgan& organ, Index nodes) {
 void put_down(LiveTool& tool, const Vec3& tip, bool beside) {
   const Stopwatch making;
   finish_cuts(tool);
-  // What tissue remembers of a tool would stay with the coarse cloud.
+  // Viscoelastic tissue would leave its history of the tool with the coarse nodes.
   beside = beside && tool.nodes > first_nodes && !relaxes(tool.organ->materials);
   give_up_finer(tool);
   const Site site = site_at(*tool.organ, tip);
@@ -72,7 +72,7 @@ OnAxis on_axis(const ToolPlace& tool, const Vec3& tip) {
 
 namespace {
 
-// Whether the tool, with its tip there, is in the body at rest: of one that touches its side may be, too.
+// True if the tool with its tip there, or the side of a contacting tool, is in the body at rest.
 bool reaches_in(const LiveOrgan& organ, const Vec3& push, const Vec3& tip) {
   const BodySurface& surface = organ.organ->body->surface;
   const Eigen::Isometry3d to_body = surface.to_world().inverse();
@@ -124,7 +124,7 @@ const char* name_of(LiveFrame::Tool tool) {
 
 namespace {
 
-// Beside a cut that is in the making a frame takes little of its time, and waits for it with the rest.
+// While a cut is made, a frame uses a part of its time and waits for the cut with the rest.
 LiveFrame follow_and_cut(LiveTool& tool, double depth, const FrameLimit& limit, double dt) {
   constexpr double share = 0.1;
   const bool waits = limit.evaluations == 0 && in_the_making(tool) == Making::cutting;
@@ -136,11 +136,11 @@ LiveFrame follow_and_cut(LiveTool& tool, double depth, const FrameLimit& limit, 
       tool.cutting.wait_for(std::chrono::duration<double>(left())) != std::future_status::ready)
     return frame;
   take_cut(tool);
-  constexpr double worth_it = 2e-3;  // s: an evaluation or two
+  constexpr double worth_it = 2e-3;  // s: about two evaluations
   return left() > worth_it ? tool.session->follow(depth, {.seconds = left()}) : frame;
 }
 
-// A tool that rests beside its axis, and not where it came down: what has no past comes down there.
+// True if the tool rests off its axis and its first contact; without history it is put down there.
 bool is_to_come_down(const LiveTool& tool, const Vec3& tip) {
   const ToolPlace at = tool.session->tool();
   if (!tool.organ->shape && tool.session->depth() > 0.0) return false;
@@ -161,7 +161,7 @@ LiveFrame move_depth(LiveTool& tool, double depth, const FrameLimit& limit, doub
 
 namespace {
 
-// The tool is lifted, and this is its frame.
+// Lifts the tool, and sets its frame.
 LiveFrame leave(LiveTool& tool, const LiveFrame& frame) {
   tool.session->lift();
   return tool.frame = frame;

@@ -17,51 +17,48 @@
 
 namespace dimple {
 
-/// An organ that a tool touches here and there: read once, its surface and its base kept. Where the tool
-/// comes down a cloud of its own is made around that place.
+/// Organ of a live tool, read once: its surface and its base are kept. Nodes are made for each new contact.
 struct LiveOrgan {
   Scene scene;
   Result result;                    ///< image, labels, segment, warnings
   std::optional<Organ> organ = {};  ///< surface and options
   std::vector<Material> materials = {};
-  std::optional<Boundary> base = {};    ///< as the options have it; the circle is another at each touch
-  std::optional<ToolShape> shape = {};  ///< of a tool that touches; none: the circle
+  std::optional<Boundary> base = {};    ///< as the options have it; the patch differs for each contact
+  std::optional<ToolShape> shape = {};  ///< of a contacting tool; none: the bonded patch
 };
-/// Throws what simulate() throws of the image and the options; UsageError where they are not those of an
-/// equilibrium.
+/// Throws the errors of simulate() on the image and the options; UsageError if they are not for equilibrium.
 LiveOrgan read_live_organ(const Scene& scene, const RunObserver& observer = {});
 
-/// Where the tool stands on the place that options.boundary.indent_at names, or on `tip` [3] LPS m.
+/// Site of the tool at the place that options.boundary.indent_at names, or at `tip` [3] LPS m.
 Site site_at(const LiveOrgan& live, const std::optional<Vec3>& tip = {});
 /// Blades at rest [m, LPS] that have cut an organ, in their order.
 using Sheets = std::vector<std::shared_ptr<const Sheet>>;
-/// A cloud of `nodes` there, cut. `left_out`, if given: how many of the cuts it is too coarse for, and is
-/// without.
+/// Session on `nodes` nodes at this site, with cuts. `left_out`, if given: number of cuts that these nodes
+/// are too coarse for and omit.
 Session touch(const LiveOrgan& live, Index nodes, const Site& site, const Sheets& sheets = {},
               Index* left_out = nullptr);
 
-/// A touch that has been tried to one radius of the circle: its equilibria are known, and how far a coarser
-/// cloud's forces are from them.
+/// Session whose equilibria were computed to one radius, with forces of coarser nodes to compare.
 struct TriedTouch {
   Session session;
-  std::vector<ForceSample> fine = {}, coarse = {};  ///< none: no band of the force is known
-  std::size_t cuts = 0;                             ///< that have been tried in it
-  Index left_out = 0;                               ///< of these
+  std::vector<ForceSample> fine = {}, coarse = {};  ///< none: there are no error bounds
+  std::size_t cuts = 0;                             ///< made in this session
+  Index left_out = 0;                               ///< number of cuts omitted
 };
 TriedTouch try_touch(const LiveOrgan& live, Index nodes, const Site& site, const Sheets& sheets = {});
 
-/// A scalpel's way on the body as it then is: from place to place [m, LPS] on its surface, straight in.
+/// Path of a scalpel on the deformed body: from place to place [m, LPS] on its surface, straight in.
 struct Stroke {
   Vec3 from = Vec3::Zero(), to = Vec3::Zero();
-  double depth = 0.0;  ///< of the blade [m], from the straight way between the two
+  double depth = 0.0;  ///< of the blade [m], from the straight line between the two
 };
-/// A session on a body after a stroke, lifted, and what it goes on with (Session::go_on_from()).
+/// Session on a body after a stroke, lifted, and its data for Session::go_on_from().
 struct CutSession {
   Session session;
   std::shared_ptr<const Sheet> sheet;  ///< at rest
   SheetCut cut;                        ///< its model has gone to the session
 };
-/// What it is made with beside the body. `rest`: the surface, of triangles of `step_mm`; for cuts alone.
+/// Parts of a session other than the body. `rest`: the surface, of triangles of `step_mm`; for cuts alone.
 struct SessionGiven {
   const Scene& scene;
   const std::vector<Material>& materials;
@@ -69,66 +66,66 @@ struct SessionGiven {
   const BodySurface* rest = nullptr;
   double step_mm = 0.0;
 };
-/// `before`: the body's model, its nodes displaced by u [3xN] m. Throws ModelError ("cut"): the blade misses
-/// the body, or parts a piece off that nothing holds; there is no one way into the body along it, or none
-/// back to where it was at rest (stroke_at_rest()).
+/// Cuts the model `before`, its nodes displaced by u [3xN] m. Throws ModelError ("cut"): the blade misses the
+/// body or separates an unsupported piece. The error is the same without a single direction into the body or
+/// without a map to rest (stroke_at_rest()).
 CutSession cut_session(const SessionGiven& given, const Model& before, const Points& u, const Stroke& stroke);
-/// A session on a model, under the options' loads and supports, with the tool that they name.
+/// Session on a model, under the loads and supports of the options, with their tool.
 Session session_on(const SessionGiven& given, Model model);
 
-/// Nodes of the cloud that serves until a finer one is there, and that this one's forces are compared with.
+/// Number of nodes until a finer discretisation is ready, and the least for a comparison with that.
 inline constexpr Index first_nodes = 400;
 
-/// What came of a stroke.
+/// Result of a stroke.
 struct CutRecord {
   Stroke stroke;
   std::chrono::steady_clock::time_point asked = std::chrono::steady_clock::now();
   double area = 0.0;     ///< of the blade in the tissue, at rest [m^2]
-  Index nodes = 0;       ///< that the banks got
-  double seconds = 0.0;  ///< from the stroke until frames followed the cut body [s]
-  std::string why = {};  ///< it has not cut
+  Index nodes = 0;       ///< number of nodes that the faces of the cut added
+  double seconds = 0.0;  ///< from the stroke until frames used the cut body [s]
+  std::string why = {};  ///< no cut was made
 };
 
-/// A tool that is moved freely: the tip's pose in, the frame out. It follows one axis, from where it came
-/// down. A pose beside that axis is served as TipAsked says; off the organ the force is zero. Where it comes
-/// down anew a cloud of first_nodes is made, in some two tenths of a second, and beside the frames that
-/// follow one of `nodes`, which takes its place.
+/// Freely moved tool: pose of the tip in, frame out. It follows one axis through its first contact; TipAsked
+/// states the response off that axis, and off the organ the force is zero. At a new contact first_nodes nodes
+/// are made within about 0.2 s. A discretisation of `nodes` nodes is made in the background and replaces
+/// them.
 struct LiveTool {
   const LiveOrgan* organ = nullptr;
   Index nodes = 1000;
-  bool waits = false;  ///< a new place is followed with all `nodes` at once, whatever that takes
+  bool waits = false;  ///< a new contact uses all `nodes` at once, whatever time that takes
   std::optional<Session> session = {};
-  Vec3 tip = Vec3::Zero();        ///< LPS m, that the last frame was asked for
-  Vec3 came_down = Vec3::Zero();  ///< LPS m, the tip for which it came down
+  Vec3 tip = Vec3::Zero();        ///< LPS m, requested for the last frame
+  Vec3 came_down = Vec3::Zero();  ///< LPS m, where contact began
   LiveFrame frame = {};
-  std::vector<ForceSample> fine = {}, coarse = {};     ///< of this touch, see TriedTouch
-  std::optional<Vec3> no_place = {};                   ///< where it could not come down last [m]
-  Index touches = 0;                                   ///< places that it has come down at
-  Index clouds = 0;                                    ///< that have been in use
-  double made_s = 0.0;                                 ///< until the last touch could be followed [s]
+  std::vector<ForceSample> fine = {}, coarse = {};     ///< of this contact, see TriedTouch
+  std::optional<Vec3> no_place = {};                   ///< last place where no nodes could be made [m]
+  Index touches = 0;                                   ///< number of contacts
+  Index clouds = 0;                                    ///< number of discretisations used
+  double made_s = 0.0;                                 ///< until the last contact could be followed [s]
   std::future<TriedTouch> finer = {};                  ///< in the making
-  std::vector<std::future<TriedTouch>> given_up = {};  ///< of places that it has left again
+  std::vector<std::future<TriedTouch>> given_up = {};  ///< for contacts left since
   Site finer_site = {};
-  Index left_out = 0;                  ///< of `sheets`, that this cloud is too coarse for
-  Index most_left_out = 0;             ///< of all clouds so far
+  Index left_out = 0;                  ///< of `sheets`, omitted by these nodes
+  Index most_left_out = 0;             ///< with any nodes so far
   Sheets sheets = {};                  ///< of all strokes that have cut
-  std::deque<CutRecord> strokes = {};  ///< of which the first is in the making
+  std::deque<CutRecord> strokes = {};  ///< the first is in the making
   std::future<CutSession> cutting = {};
-  std::vector<CutRecord> cuts = {};                ///< of each stroke, whether it has cut or not
-  std::shared_ptr<const BodySurface> opened = {};  ///< the body's surface with the banks of cuts; null: none
-  std::size_t opened_cuts = 0;                     ///< that were tried in it
+  std::vector<CutRecord> cuts = {};                ///< of all strokes, cut or not
+  std::shared_ptr<const BodySurface> opened = {};  ///< surface with the faces of cuts; null: none
+  std::size_t opened_cuts = 0;                     ///< number of cuts in it
   std::future<std::shared_ptr<const BodySurface>> opening = {};
 };
-/// Begins at the place that the options name, in touch.
+/// Tool at the place of the options, in contact.
 LiveTool make_live_tool(const LiveOrgan& organ, Index nodes);
-/// It comes down somewhere else, at `tip` [3] LPS m, under no load. `beside`: a coarse cloud serves until the
-/// other is made; else it is waited for, and nothing depends on a clock.
+/// Moves the tool to another contact at `tip` [3] LPS m, without load. `beside`: coarse nodes are used until
+/// the finer ones are ready; otherwise it waits for these, and no result depends on a clock.
 void put_down(LiveTool& tool, const Vec3& tip, bool beside);
-/// The body is cut where it now is. `beside`: beside the frames that follow, and one of them goes on with the
-/// cut body, about a tenth of a second later; else at once, and nothing depends on a clock. What is wrong
-/// with it is in its record, the last of tool.cuts. No band is known of the force on a cut cloud.
+/// Cuts the body in its present state. `beside`: in the background; a frame about 0.1 s later uses the cut
+/// body. Otherwise at once, and no result depends on a clock. The last record of tool.cuts has its error, if
+/// any. There are no error bounds on a cut body.
 void cut(LiveTool& tool, const Stroke& stroke, bool beside);
-/// What was made beside the frames is taken up; move_tip() and move_depth() do so too.
+/// Uses what was made in the background since; move_tip() and move_depth() do so too.
 void take_cuts(LiveTool& tool);
 
 /// Strokes over time: `time_s`, `from_x_mm` ..., `to_x_mm` ... and `depth_mm`, LPS.
@@ -138,49 +135,47 @@ struct TimedStroke {
 };
 /// Throws InputError: no such columns, times that fall, no depth or length, not in mm.
 std::vector<TimedStroke> read_strokes(const std::filesystem::path& file);
-/// The way has ended: what waits is made, and strokes from `next` on are recorded as not made.
+/// Ends a path: makes the waiting strokes, and records those from `next` on as not made.
 void end_cuts(LiveTool& tool, const std::vector<TimedStroke>& strokes, std::size_t next);
 /// "line:x,y,z,x,y,z,depth=12mm", as --cut has it.
 std::string in_words(const Stroke& stroke);
-/// What came of it, in a line.
+/// Result of the stroke, in a line.
 std::string in_words(const CutRecord& record);
-/// Half the band of the last frame's force [N]: how far it may be from that of an ever finer cloud. Nothing
-/// where no band is known (see Band).
+/// Half-width of the last frame's error bounds by the discretisation [N]. Nothing if there are none (`Band`).
 std::optional<double> half_band(const LiveTool& tool);
-/// How far a tip [3] LPS m is along the push from the middle of the circle, and off its axis [m].
+/// Position of a tip [3] LPS m relative to a tool's axis: along it from its centre, and off it [m].
 struct OnAxis {
   double depth, aside;
 };
 OnAxis on_axis(const ToolPlace& tool, const Vec3& tip);
-/// What a tool does that is asked to a tip.
+/// Response of the tool to a requested tip.
 struct TipAsked {
   enum class Way {
-    axis,    ///< it follows its axis, on which the tip lies to 0.02 radii
-    beside,  ///< likewise; the tip is within a quarter radius, and the force known to force_apart()
-    /// It follows its axis, and nothing is known of the force at the tip: a bonded circle is not moved
-    /// across.
+    axis,    ///< it follows its axis; the tip is within 0.02 radii of it
+    beside,  ///< likewise; the tip is within a quarter radius, and force_apart() bounds the error
+    /// It follows its axis, and the force at the tip is unknown: a bonded patch does not move sideways.
     elsewhere,
-    anew,  ///< it comes down there: it was in the air, or touches without friction, which has no past
-    air    ///< nothing touches it there
+    anew,  ///< contact starts there: it was in the air, or has contact without friction and so no history
+    air    ///< there is no contact
   };
   Way way;
   OnAxis at;
 };
-/// `depth` [m]: of the tool now. Asked by any thread.
+/// `depth` [m]: present depth of the tool. Thread-safe.
 TipAsked tip_asked(const LiveOrgan& organ, const ToolPlace& tool, double depth, const Vec3& tip);
-/// A frame on the axis tells so of a tip that lies `aside` [m] of it: LiveFrame::error, and `elsewhere`.
+/// Sets the error, and `elsewhere`, of a frame on the axis for a tip `aside` [m] of it.
 void tell_aside(LiveFrame& frame, const TipAsked& asked, double radius);
-/// Of a place where no cloud of nodes fits: no force is shown, and nothing is known of it.
+/// Frame for a place where no nodes can be made: no force, and an infinite error.
 LiveFrame unknown_frame();
 /// "there", "lags", "stopped", "elsewhere", "beyond".
 const char* name_of(LiveFrame::Tool tool);
-/// The tip goes to a place [3] LPS m, or as far as the body can be followed within the limit. Where it would
-/// come down and no cloud of nodes fits, it stays in the air: unknown_frame().
+/// Moves the tip to a place [3] LPS m, or as far as the body follows within the limit. If no nodes can be
+/// made at a new contact, the tool stays in the air: unknown_frame().
 LiveFrame move_tip(LiveTool& tool, const Vec3& tip, const FrameLimit& limit, double dt = 0.0);
-/// The same along the push, from where the tool stands.
+/// Moves the tool along its press direction, from its present place.
 LiveFrame move_depth(LiveTool& tool, double depth, const FrameLimit& limit, double dt = 0.0);
 
-/// A tool's way over time: `time_s`, and `depth_mm` along the push or `x_mm, y_mm, z_mm` of its tip.
+/// Path of a tool: `time_s`, and `depth_mm` in press direction or `x_mm, y_mm, z_mm` of its tip.
 struct ToolPath {
   std::vector<double> time;   ///< [n] s, rising
   std::vector<double> depth;  ///< [n] m, or none
@@ -190,46 +185,45 @@ struct ToolPath {
 ToolPath read_tool_path(const std::filesystem::path& file);
 
 struct PathFrame {
-  double time = 0.0, seconds = 0.0;  ///< on the path [s]; and how long the frame took [s]
+  double time = 0.0, seconds = 0.0;  ///< on the path [s]; duration of the frame [s]
   LiveFrame frame = {};
-  Vec3 tip = Vec3::Zero();     ///< asked for [3] LPS m
-  Vec3 stands = Vec3::Zero();  ///< where it is [3] LPS m
-  Index nodes = 0;             ///< of the cloud that the force is of
+  Vec3 tip = Vec3::Zero();     ///< requested [3] LPS m
+  Vec3 stands = Vec3::Zero();  ///< actual tip [3] LPS m
+  Index nodes = 0;             ///< of the discretisation in use
   std::optional<double> half_band = {};
 };
-/// Of the tool's last frame.
+/// Path frame of the tool's last frame.
 PathFrame path_frame_of(const LiveTool& tool, double time, double seconds);
-/// The frame of a path at one time on it; where the path begins before or ends after that, at its end. `dt`
-/// [s]: since the last one.
+/// Frame at one time of a path; outside of the path's time, at its end. `dt` [s]: since the last frame.
 PathFrame path_frame(LiveTool& tool, const ToolPath& path, double time, const FrameLimit& limit, double dt);
 struct PathOptions {
   double rate = 25.0;  ///< frames in a second of the path
   FrameLimit limit = {};
   std::vector<TimedStroke> strokes = {};
 };
-/// Follows the path frame by frame, each within the limit, as fast as it goes. Stopped (io/stop.hpp) it
-/// returns what there is.
+/// Follows the path frame by frame without delay, each within the limit. If stopped (io/stop.hpp), it returns
+/// the frames so far.
 std::vector<PathFrame> follow_path(LiveTool& tool, const ToolPath& path, const PathOptions& options,
                                    const std::function<void(const PathFrame&)>& each = {});
-/// forces.csv: time_s, asked_mm, depth_mm, force_N, error_N, error_at_depth_N, half_band_N, band_known,
-/// stiffness_N_per_m, residual, evaluations, tool, the vector of the force on the tool and its moment,
-/// asked_x_mm ..., tip_x_mm ... (LPS), nodes and penetration_mm; and what differs from one time to the next,
+/// Writes forces.csv: time_s, asked_mm, depth_mm, force_N, error_N, error_at_depth_N, half_band_N,
+/// band_known, stiffness_N_per_m, residual, evaluations, tool, the vector of the force on the tool and its
+/// moment, asked_x_mm ..., tip_x_mm ... (LPS), nodes and penetration_mm. Data that vary between runs are in
 /// times.csv: time_s, frame_ms.
 void write_path_frames(const std::filesystem::path& folder, const std::vector<PathFrame>& frames);
-/// cuts.csv: the places of each stroke, area_mm2, nodes, and 1 in `cut` if it has cut; and what differs from
-/// one time to the next, cut_times.csv: made_ms.
+/// Writes cuts.csv: places of each stroke, area_mm2, nodes, and `cut`, 1 if it has cut. Data that vary
+/// between runs are in cut_times.csv: made_ms.
 void write_cuts(const std::filesystem::path& folder, const std::vector<CutRecord>& cuts);
 
-/// As many nodes as can be followed at `rate` frames a second on this machine, tried with the cloud of 1000
-/// at a way of 10 mm/s. In hundreds, 500 to 4000.
+/// Largest number of nodes that this machine follows at `rate` frames a second, from a trial with 1000 nodes
+/// at 10 mm/s. In hundreds, 500 to 4000.
 Index nodes_for_rate(const LiveOrgan& organ, double rate);
 
-/// What a window says of a frame: force, error, depth and status, or where in the air the tool is. `by_hand`:
-/// it is moved by the mouse.
+/// Text of a window for a frame: force, error, depth and status, or the place of the tool in the air.
+/// `by_hand`: it is moved by the mouse.
 std::string words_of(const PathFrame& now, bool by_hand);
 
-/// "2,600 nodes, 31 fps, force +-3 %": the rate that 99 % of the frames kept, and the error with the band of
-/// the discretisation, that 95 % of the frames state at most.
+/// "2,600 nodes, 31 fps, force +-3 %": the rate that 99 % of the frames kept. The error, with that of the
+/// discretisation, is the largest that 95 % of the frames state.
 std::string in_words(Index nodes, const std::vector<PathFrame>& frames);
 
 }  // namespace dimple

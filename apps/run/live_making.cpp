@@ -18,7 +18,7 @@ bool is_ready(const std::future<T>& one) {
   return one.valid() && one.wait_for(std::chrono::seconds(0)) == std::future_status::ready;
 }
 
-// On a processor of its own, as the frames need the other; on more if it is wanted at once.
+// Runs work on one processor, so that frames have the other; on more if it is needed at once.
 template <class Work>
 auto beside_frames(Work work, int processors = 1) {
   return std::async(std::launch::async, [work = std::move(work), processors] {
@@ -27,7 +27,7 @@ auto beside_frames(Work work, int processors = 1) {
   });
 }
 
-// The surface with the banks of the next cut, for who draws it.
+// Makes the surface with the faces of the next cut, for drawing.
 void open_next(LiveTool& tool) {
   if (tool.opening.valid() || tool.opened_cuts == tool.sheets.size()) return;
   const Vec3 keep = 1e3 * tool.session->tool().centre;
@@ -41,7 +41,7 @@ void open_next(LiveTool& tool) {
       });
 }
 
-// A surface that cannot be drawn changes no force.
+// A surface that cannot be drawn has no influence on the force.
 void take_opening(LiveTool& tool) {
   ++tool.opened_cuts;
   try {
@@ -78,7 +78,7 @@ void make_finer(LiveTool& tool, const Site& site) {
 void give_up_finer(LiveTool& tool) {
   if (tool.finer.valid()) tool.given_up.push_back(std::move(tool.finer));
   std::erase_if(tool.given_up, [](const auto& one) { return is_ready(one); });
-  constexpr std::size_t most_given_up = 2;  // each takes a processor until it is done
+  constexpr std::size_t most_given_up = 2;  // each uses a processor until it ends
   if (tool.given_up.size() > most_given_up) tool.given_up.front().wait();
 }
 
@@ -86,13 +86,13 @@ void take_finer(LiveTool& tool, const FrameLimit& limit, double dt) {
   if (in_the_making(tool) != Making::refining || !is_ready(tool.finer)) return;
   try {
     TriedTouch tried = tool.finer.get();
-    if (tried.cuts < tool.sheets.size()) {  // some were made meanwhile
+    if (tried.cuts < tool.sheets.size()) {  // cuts were made meanwhile
       make_finer(tool, tool.finer_site);
       return;
     }
     if (tool.frame.depth > 0.0) tried.session.follow(tool.frame.depth, limit, dt);
     use(tool, std::move(tried));
-  } catch (const ModelError&) {  // then the coarse one goes on
+  } catch (const ModelError&) {  // the coarse nodes stay in use
   } catch (const SolveError&) {
   }
 }
@@ -124,7 +124,7 @@ void take_cut(LiveTool& tool) {
 
 void next_cut(LiveTool& tool) {
   if (tool.strokes.empty() || in_the_making(tool) == Making::cutting) return;
-  // The model stays where it is until the cut is taken up.
+  // The model keeps its place in memory until the cut is used.
   tool.cutting = beside_frames(
       [organ = tool.organ, model = &tool.session->model(), u = tool.session->nodal_parameters(),
        stroke = tool.strokes.front().stroke] { return cut_session(given_of(*organ), *model, u, stroke); },

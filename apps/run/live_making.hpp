@@ -4,7 +4,7 @@
 
 namespace dimple {
 
-/// What is made beside the frames of a live tool. One function per transition:
+/// Work in the background of the frames of a live tool. One function per transition:
 ///
 ///     nothing -> refining           make_finer()
 ///     refining -> nothing           take_finer(), or give_up_finer(): the tool leaves the place
@@ -13,30 +13,30 @@ namespace dimple {
 ///     cutting -> nothing, refining  take_cut()
 enum class Making {
   nothing,
-  refining,  ///< a finer cloud of nodes for the place where the tool came down
-  cutting    ///< the body after a stroke; a finer cloud that is made as well waits for it
+  refining,  ///< finer nodes for the present contact
+  cutting    ///< the body after a stroke; finer nodes made at the same time wait for it
 };
 Making in_the_making(const LiveTool& tool);
 
-/// The tool is on this cloud from here on.
+/// Moves the tool to this discretisation.
 void use(LiveTool& tool, TriedTouch tried);
 
 void make_finer(LiveTool& tool, const Site& site);
-/// Waits for an earlier one where too many that were given up are still being made.
+/// Waits for an earlier one if too many cancelled ones are still in the making.
 void give_up_finer(LiveTool& tool);
-/// The finer cloud takes the coarse one's place, where the tool is, as soon as it is ready. One that cannot
-/// be followed is dropped.
+/// Replaces the coarse nodes by the finer ones, at the tool's pose, once they are ready. They are dropped if
+/// they cannot be followed.
 void take_finer(LiveTool& tool, const FrameLimit& limit, double dt);
 
-/// Begins with the first of the strokes that wait, if none is in the making.
+/// Begins the first of the waiting strokes, if none is in the making.
 void next_cut(LiveTool& tool);
-/// Waits for the stroke that is in the making; the tool goes on with the cut body, and the record says what
-/// came of it.
+/// Waits for the stroke in the making; the tool then continues on the cut body, and the record has the
+/// result.
 void take_cut(LiveTool& tool);
-/// All strokes that wait, one after the other.
+/// Makes all waiting strokes, one after the other.
 void finish_cuts(LiveTool& tool);
 
-/// What sessions on an organ are made with beside the body.
+/// Parts of the sessions on an organ other than the body.
 SessionGiven given_of(const LiveOrgan& live);
 
 }  // namespace dimple

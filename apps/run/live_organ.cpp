@@ -46,7 +46,7 @@ SessionGiven given_of(const LiveOrgan& live) {
 
 namespace {
 
-// The nodes that a piece of the body is held by.
+// Nodes by which a piece of the body is held.
 std::vector<Index> held_nodes(const SessionGiven& given, const Model& model) {
   std::vector<Index> held = model.base;
   if (!given.scene.tool && given.scene.contact == Contact::bonded)
@@ -56,7 +56,7 @@ std::vector<Index> held_nodes(const SessionGiven& given, const Model& model) {
   return held;
 }
 
-// A bonded circle's nodes would hold both banks.
+// A bonded patch would hold both faces of a cut.
 void refuse_under_circle(const SessionGiven& given, const Model& model, const Sheet& sheet) {
   if (given.scene.tool || given.scene.contact != Contact::bonded) return;
   for (const Index a : model.circle)
@@ -108,7 +108,7 @@ Session touch(const LiveOrgan& live, Index nodes, const Site& site, const Sheets
 
 namespace {
 
-// Forces at equilibria down to one radius, of a tool that touches to 0.8, as far as there are any.
+// Forces at equilibria to one radius, for a contacting tool to 0.8, as far as they exist.
 std::vector<ForceSample> forces_to_radius(Session& session) {
   const double deepest = (session.touch() ? deepest_with_tool_band : 1.0) * session.tool().radius;
   std::vector<ForceSample> curve = {{}};
@@ -128,7 +128,7 @@ TriedTouch try_touch(const LiveOrgan& live, Index nodes, const Site& site, const
   TriedTouch tried{.session = touch(live, nodes, site, sheets, &left_out), .cuts = sheets.size()};
   tried.left_out = left_out;
   std::vector<ForceSample> fine = forces_to_radius(tried.session);
-  // The band was measured for nothing else, and of a tool that touches with other clouds.
+  // The bounds are calibrated for no other scene; for contacting tools with other node sets.
   if (!has_tool_alone(live.scene) || tried.session.touch() || !sheets.empty()) return tried;
   if (nodes < fewest_nodes_with_band(live.result.facing_share) || fine.size() < 2) return tried;
   Session coarse = touch(live, std::max(first_nodes, nodes / 4), site);
@@ -141,7 +141,7 @@ TriedTouch try_touch(const LiveOrgan& live, Index nodes, const Site& site, const
 
 CutSession cut_session(const SessionGiven& given, const Model& before, const Points& u,
                        const Stroke& stroke) {
-  constexpr double fields = 6.0;  // along a stroke: as far as a short one may be bent
+  constexpr double fields = 6.0;  // along a stroke, so that a short one may bend too
   const double step = std::max({given.step_mm, 1e3 * (stroke.to - stroke.from).norm() / fields, 1e-3});
   const TriangleMesh blade =
       stroke_at_rest(1e3 * stroke.from, 1e3 * stroke.to, 1e3 * stroke.depth, step, before, u, *given.rest);

@@ -1,4 +1,4 @@
-// A live tool's way over time, what it records, and what is said of it.
+// Path of a live tool over time, its records and its messages.
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
@@ -230,7 +230,7 @@ std::string in_words(const CutRecord& record) {
 
 Index nodes_for_rate(const LiveOrgan& organ, double rate) {
   constexpr Index tried = 1000;
-  constexpr double wanted = 10.0;  // evaluations of a frame
+  constexpr double wanted = 10.0;  // force evaluations in a frame
   LiveTool tool{.organ = &organ, .nodes = tried};
   tool.session.emplace(touch(organ, tried, site_at(organ)));
   const double way = 0.01 / rate, deepest = 0.5 * tool.session->tool().radius;
@@ -275,7 +275,7 @@ std::string words_of(const PathFrame& now, bool by_hand) {
 
 namespace {
 
-// ", the force of another pose than asked for in 12 of 40 frames: 5 on the way, 7 beside".
+// Number of frames with the force of another pose than the requested one, by reason: "5 lags, 7 elsewhere".
 std::string others_in_words(const std::vector<PathFrame>& frames) {
   std::array<std::size_t, 5> count{};
   for (const PathFrame& now : frames) ++count[static_cast<std::size_t>(now.frame.tool)];

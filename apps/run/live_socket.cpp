@@ -33,9 +33,9 @@ namespace fs = std::filesystem;
 using Clock = std::chrono::steady_clock;
 
 constexpr std::size_t longest_line = 256;
-constexpr int looks_ms = 50;         // between two looks at whether the work is to end
-constexpr double patience_s = 1.0;   // with a program that takes no answers
-constexpr int kept_bytes = 1 << 15;  // of answers that nobody has taken; more only for the last words
+constexpr int looks_ms = 50;         // between two checks for the end of the work
+constexpr double patience_s = 1.0;   // for a program that does not read answers
+constexpr int kept_bytes = 1 << 15;  // of answers that are not read; more only for the last message
 
 double seconds_since(Clock::time_point begin) {
   return std::chrono::duration<double>(Clock::now() - begin).count();
@@ -67,7 +67,7 @@ struct Descriptor {
   }
 };
 
-// A socket that is left by a program that was killed is taken away; anything else is not.
+// A socket left by a killed program is removed; any other file is not.
 void listen_at(const fs::path& path, Descriptor& socket) {
   sockaddr_un address{};
   address.sun_family = AF_UNIX;
@@ -91,7 +91,7 @@ void listen_at(const fs::path& path, Descriptor& socket) {
     }
     unlink(name.c_str());
   }
-  // The owner's alone: from the moment that it is there, and whatever the umask is.
+  // The socket is the owner's alone from its creation, whatever the umask is.
   constexpr mode_t owners = S_IRUSR | S_IWUSR;
   socket.number = ::socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
   if (socket.number < 0 || fchmod(socket.number, owners) != 0 ||
@@ -100,7 +100,7 @@ void listen_at(const fs::path& path, Descriptor& socket) {
     fail(path, "the socket cannot be made");
 }
 
-// One or three numbers; how many there are, 0 for neither.
+// Parses one or three numbers; returns their count, 0 for neither.
 int numbers_in(std::string_view line, double (&number)[3]) {
   int count = 0;
   const char *at = line.data(), *end = at + line.size();
@@ -117,7 +117,7 @@ int numbers_in(std::string_view line, double (&number)[3]) {
 }
 
 std::string number(double value) {
-  return fmt::format("{:.9g}", value + 0.0);  // no -0
+  return fmt::format("{:.9g}", value + 0.0);  // avoids -0
 }
 
 void send_words(int client, const std::string& words) {
@@ -147,24 +147,24 @@ struct ForceServer::Parts {
   const Clock::time_point begin = Clock::now();
   std::atomic<bool> end = false;
 
-  // What both threads know.
+  // State shared by both threads, under the mutex.
   mutable std::mutex mutex;
-  Vec3 tip;            // asked for last
-  bool along = true;   // by its depth alone
-  double depth = 0.0;  // then this
+  Vec3 tip;            // last request
+  bool along = true;   // the last request is a depth
+  double depth = 0.0;  // that depth
   BetweenFrames between;
-  LiveFrame frame;  // the last
-  ToolPlace tool;   // of the last touch
+  LiveFrame frame;  // the last one
+  ToolPlace tool;   // at the last contact
   Index touches = 0;
-  std::size_t cuts = 0;          // likewise
-  std::optional<Vec3> no_place;  // where it could not come down
+  std::size_t cuts = 0;          // at the last contact
+  std::optional<Vec3> no_place;  // where no nodes could be made
   Served served;
 
-  // Of the thread that answers.
-  std::string received, answers;  // of the program that moves the tool
-  bool too_long = false;          // the line that is being received, which was answered so
-  bool within_line = false;       // the last that it took ended amid an answer
-  Clock::time_point taken;        // when it last took something
+  // State of the answering thread.
+  std::string received, answers;  // with the program that moves the tool
+  bool too_long = false;          // the present line is too long, and was answered
+  bool within_line = false;       // the last bytes that it read ended within an answer
+  Clock::time_point taken;        // last time that it read bytes
   std::thread thread;
 
   double now() const { return seconds_since(begin); }
@@ -178,7 +178,7 @@ struct ForceServer::Parts {
   Descriptor turn_away() const;
 };
 
-// Where the tip is asked to be by its place, see TipAsked.
+// Answer if the tip is given by its place, see TipAsked.
 LiveAnswer ForceServer::Parts::at_tip() {
   using Way = TipAsked::Way;
   constexpr double unknown = std::numeric_limits<double>::infinity();
@@ -187,7 +187,7 @@ LiveAnswer ForceServer::Parts::at_tip() {
   if (asked.way == Way::air) return said;
   if (asked.way == Way::anew || no_place_at(tip)) {
     said.error = unknown;
-    said.tool = no_place_at(tip) ? LiveFrame::Tool::elsewhere : LiveFrame::Tool::lags;  // it is coming down
+    said.tool = no_place_at(tip) ? LiveFrame::Tool::elsewhere : LiveFrame::Tool::lags;  // in approach
     return said;
   }
   said = answer(between, asked.at.depth, now());
@@ -230,7 +230,7 @@ std::string ForceServer::Parts::refused_line() {
   return fmt::format("error: a line is longer than {} characters\n", longest_line);
 }
 
-// False: it has gone.
+// Returns false if the client is gone.
 bool ForceServer::Parts::read_from(int client) {
   const Clock::time_point arrived = Clock::now();
   char buffer[4096];
@@ -246,7 +246,7 @@ bool ForceServer::Parts::read_from(int client) {
       answers += line.size() > longest_line ? refused_line() : answer_to(line);
   }
   received.erase(0, from);
-  if (received.size() > longest_line || too_long) {  // one answer, and its rest is passed over
+  if (received.size() > longest_line || too_long) {  // one answer; the rest of the line is skipped
     received.clear();
     if (!std::exchange(too_long, true)) answers += refused_line();
   }
@@ -256,7 +256,7 @@ bool ForceServer::Parts::read_from(int client) {
   return true;
 }
 
-// False: it has gone, or takes nothing. What does not fit waits, and until then nothing more is read.
+// Returns false if the client is gone or reads nothing. Unsent bytes wait, and block further reading.
 bool ForceServer::Parts::write_to(int client) {
   while (!answers.empty()) {
     const ssize_t sent = send(client, answers.data(), answers.size(), MSG_NOSIGNAL | MSG_DONTWAIT);
@@ -274,7 +274,7 @@ bool ForceServer::Parts::write_to(int client) {
   return false;
 }
 
-// Nothing more is said to it; but it may say something before it reads, and is then not to be cut off.
+// Refuses a client. It may send before it reads, and its connection stays open for the message.
 Descriptor ForceServer::Parts::turn_away() const {
   Descriptor other(accept4(listening.number, nullptr, nullptr, SOCK_CLOEXEC));
   if (other.number < 0) return other;
@@ -295,7 +295,7 @@ void ForceServer::Parts::serve() {
     pollfd wait[] = {{.fd = listening.number, .events = POLLIN, .revents = 0},
                      {.fd = client.number, .events = asks, .revents = 0}};
     const int ready = poll(wait, 2, looks_ms);
-    // Who has gone makes room for who has come since.
+    // The client is served first: if it has left, a waiting one can be accepted.
     if (ready > 0 && (wait[1].revents & (POLLIN | POLLHUP | POLLERR)) != 0 && answers.empty() &&
         !read_from(client.number))
       leave();
@@ -356,7 +356,7 @@ Served serve_forces(LiveTool& tool, const fs::path& path, double rate, double se
   const Clock::time_point begin = Clock::now();
   const auto period = std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(1.0 / rate));
   Clock::time_point next = begin;
-  // One processor is left to the answers.
+  // One processor is reserved for the answers.
   tbb::task_arena others(std::max(1, tbb::this_task_arena::max_concurrency() - 1));
   while (stop_asked() == StopReason::none && seconds_since(begin) < seconds) {
     const PathFrame now =

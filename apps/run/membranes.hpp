@@ -5,12 +5,12 @@
 
 namespace dimple {
 
-/// Before anything is built: throws UsageError where a membrane is not understood, has neither stiffness nor
-/// tension; and where it names no part of the surface. ModelError: there is none.
+/// Throws UsageError before anything is built: a membrane is not understood, has neither stiffness nor
+/// tension, or names no part of the surface. ModelError: there is no surface.
 void check_membranes(const Scene& scene);
 void check_membranes(const Scene& scene, const Surface& surface);
 
-/// All membranes by name; that of --membrane is called "surface". Parts as of loads_of(). Throws as
+/// All membranes by name; that of --membrane is called "surface". Their parts are as in loads_of(). Throws as
 /// check_membranes().
 std::vector<Membrane> membranes_on(const Scene& scene, const Model& model, const Surface& chosen_on);
 

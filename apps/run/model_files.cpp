@@ -52,7 +52,7 @@ Field node_set_field(const Discretisation& model) {
 PointFile read_points(const fs::path& file) {
   if (file.extension() == ".vtu") {
     PointFile points = read_vtu(file);
-    // Earlier versions wrote names without units. Taken for another array, the numbers would be guessed anew.
+    // Earlier versions wrote names without units, and without the array its numbers would be estimated.
     for (const auto& [before, now] :
          {std::pair{"spacing", "spacing_mm"}, {"volume", "volume_mm3"}, {"spread", "spread_mm2"}})
       if (points.find(before) && !points.find(now))
@@ -87,8 +87,8 @@ PointFile read_points(const fs::path& file) {
   return points;
 }
 
-// Numbers of a list must be such as a body can have; a damaged file, or one of another unit, is refused here
-// rather than by what cannot be computed with it.
+// Numbers of a list must be possible for a body: a damaged file, or another unit, is refused here and not by
+// a later computation.
 void require_places(const fs::path& file, const Points& position_mm) {
   constexpr double farthest_mm = 1e6;
   for (Index n = 0; n < position_mm.cols(); ++n)
@@ -116,8 +116,7 @@ void require_whole(const fs::path& file, const Field& field, double most) {
              fmt::format("it is a whole number from 0 to {}", most), "mend the column, or leave it out");
 }
 
-// Distance to the sixth nearest neighbours' mean: what the even clouds of make_node_cloud() call their
-// spacing.
+// Mean distance to the six nearest neighbours, the spacing of even nodes in make_node_cloud().
 Eigen::VectorXd estimate_spacing(const Points& X) {
   const Neighbours tree(X);
   Eigen::VectorXd spacing(X.cols());
@@ -127,14 +126,14 @@ Eigen::VectorXd estimate_spacing(const Points& X) {
     for (const int b : near) sum += (X.col(b) - X.col(a)).norm();
     spacing[a] = sum / static_cast<double>(std::max<std::size_t>(near.size() - 1, 1));
   }
-  // Surface nodes see only half a neighbourhood; the median is the cloud's.
+  // Nodes on the surface have half a neighbourhood; the median represents all nodes.
   std::vector<double> sorted(spacing.begin(), spacing.end());
   std::nth_element(sorted.begin(), sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2),
                    sorted.end());
   return Eigen::VectorXd::Constant(X.cols(), metres(1e3 * sorted[sorted.size() / 2]));
 }
 
-// A regular grid's cell: the shortest distance between two of its points, which whole cells have.
+// Volume of a regular grid's cell, from the median distance to the nearest point.
 double estimate_cell_volume(const Points& points_mm) {
   const Neighbours tree(points_mm);
   std::vector<double> nearest;
@@ -145,8 +144,8 @@ double estimate_cell_volume(const Points& points_mm) {
   return std::pow(nearest[nearest.size() / 2], 3);
 }
 
-// Lists of locations without node sets: the base is the flat end of the cloud that the tool moves towards,
-// the circle what the tool meets first.
+// Node sets of lists of locations without them. The base is the flat end towards which the tool moves, the
+// bonded patch is what the tool meets first.
 void choose_sets_by_place(ModelFiles& files) {
   Discretisation& model = files.places;
   const Vec3 push = model.tool.push;
@@ -225,7 +224,7 @@ void take_spacing(const fs::path& file, const PointFile& nodes, ModelFiles& file
                   millimetres(model.spacing[0])));
 }
 
-// Of a list that somebody has written.
+// A list of locations may have been written by hand.
 void require_each_node_once(const fs::path& file, const Points& X) {
   if (file.extension() != ".csv" || X.cols() < 2) return;
   const Neighbours tree(X);
@@ -340,7 +339,7 @@ std::string scheme_named_in(const fs::path& file, const toml::table& table, cons
   return name;
 }
 
-// With its supports as the file has them.
+// Scheme of a model, with the supports of its file.
 Scheme scheme_in(const fs::path& file, const toml::table& table, const std::string& name) {
   ModelChoices choices;
   if (const auto node = table["support"]["radius_factor"]; node) {

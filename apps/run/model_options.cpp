@@ -24,7 +24,7 @@ ModelOptions model_options(const Scene& scene) {
   if (const std::optional<ToolShape>& tool = scene.tool) {
     options.boundary.indenter_diameter_mm = 2e3 * tool->radius;
     options.boundary.contact_radius_mm = 1e3 * contact_radius(*tool, 1e-3 * scene.depth_mm);
-    // What a step goes along the push, which is not known yet, needs no other nodes.
+    // The displacement in press direction, not known yet, needs no other nodes and is left out.
     for (const Vec3& come : way_of_tool(scene, Vec3::Zero()))
       options.boundary.way_of_tool.push_back(1e3 * come);
     if (turns(scene))
@@ -36,7 +36,7 @@ ModelOptions model_options(const Scene& scene) {
       };
     GradingOptions& grading = options.cloud.grading;
     grading.whole_circle = !(tool->edge > 0.0);
-    // A bonded rim tears finer nodes apart; a round tool's first touch is small beside its last.
+    // A bonded edge distorts finer nodes; the first contact of a round tool is small compared to its last.
     if (grading.whole_circle) {
       grading.least = std::min(grading.least, 0.08);
       options.boundary.height_of_tool = [shape = *tool](double r) {

@@ -8,7 +8,7 @@ namespace dimple {
 /// Choices of the nodes and points of a scene's model.
 ModelOptions model_options(const Scene& scene);
 
-/// Smallest error that can be told of what is asked for: see FloorOfBand.
+/// Smallest error that the bounds of this scene can show: see FloorOfBand.
 FloorOfBand band_floor(const Scene& scene);
 
 }  // namespace dimple

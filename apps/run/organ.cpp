@@ -30,7 +30,7 @@
 namespace dimple {
 namespace {
 
-// ", did you mean 'left lung' or 'right lung'?" of "lung", else what is spelled like it.
+// ", did you mean 'left lung' or 'right lung'?" for "lung", otherwise a name of similar spelling.
 std::string names_like(const std::string& word, const std::vector<std::string>& known) {
   std::vector<std::string> with;
   for (const std::string& name : known)
@@ -88,13 +88,13 @@ std::vector<int> chosen_labels(const LabelImage& image, const std::vector<LabelM
   return result;
 }
 
-// Part of an image that is to be the body.
+// Labels of an image that form the body.
 struct Taken {
   std::vector<int> chosen;  // by --label and not by --cut; none: all
   std::vector<LabelMeasure> labels, cut_out;
 };
 
-// label:NAME of a cut, which stands `where`.
+// Removes the labels label:NAME of a cut. `where`: its option.
 void cut_out(const std::vector<std::string>& labels, const std::string& where, const Scene& scene,
              const LabelImage& image, Taken& taken) {
   const std::vector<int> gone =
@@ -148,7 +148,7 @@ Taken take_labels(const RunLog& log, const Scene& scene, const LabelImage& image
 void say_labels(const RunLog& log, const Scene& scene, const std::vector<int>& chosen,
                 const std::vector<LabelMeasure>& taken, const std::map<std::string, int>& names) {
   log.say(fmt::format("labels   {}: {}", chosen.empty() ? "all" : "chosen", in_words(taken)));
-  std::vector<LabelMeasure> alike;  // of the one material that scene.material is
+  std::vector<LabelMeasure> alike;  // with the material scene.material
   for (const LabelMeasure& label : taken)
     if (std::none_of(scene.tissues.begin(), scene.tissues.end(), [&](const TissueOfLabel& tissue) {
           return number_of_label(tissue.label, names) == label.value;
@@ -162,7 +162,7 @@ void say_labels(const RunLog& log, const Scene& scene, const std::vector<int>& c
                     alike.size(), in_words(alike), alike.front().value, alike.back().value));
 }
 
-// The image as its gaps are closed, where that is asked for; what was done goes into `sentence`.
+// The image with its gaps closed, if requested; `sentence` describes it.
 std::optional<ClosedImage> closed(const Scene& scene, const LabelImage& image, const std::vector<int>& labels,
                                   const RunLog& log, std::string& sentence) {
   const double width = scene.image.close_mm;
@@ -180,7 +180,7 @@ std::optional<ClosedImage> closed(const Scene& scene, const LabelImage& image, c
   return result;
 }
 
-// Narrow gaps that the model keeps open decide much of the force.
+// Narrow gaps that the model keeps open have a large influence on the force.
 void warn_of_narrow_gaps(const Scene& scene, double share, const RunLog& log) {
   if (share <= most_facing || scene.image.close_mm >= narrow_gap_mm) return;
   log.warn(fmt::format(
@@ -361,7 +361,7 @@ LabelAt labels_of(const Scene& scene, const Organ& organ, const LabelImage& imag
 
 namespace {
 
-// A bonded circle holds one piece of surface: a gap through it would be held open or shut by the tool.
+// A bonded patch holds one piece of surface: the tool would hold a gap through it open or shut.
 void refuse_circle_over_cut(const BodySurface& before, const BodySurface& body, const Boundary& at,
                             double gap) {
   const double step = std::max(0.5 * gap, at.radius / 200.0);
@@ -405,7 +405,7 @@ std::string sentence_of(const Scene& scene, const ImageFacts::Cut& cut) {
   if (cut.area_mm2 > 0.0)
     sentence +=
         fmt::format(": {:.4g} cm2, its banks {:.4g} mm apart", cut.area_mm2 / 1e2, scene.image.cut_gap_mm);
-  if (cut.removed_mm3 > 2.0 * cut.area_mm2 * scene.image.cut_gap_mm)  // not the gaps alone: a closed region
+  if (cut.removed_mm3 > 2.0 * cut.area_mm2 * scene.image.cut_gap_mm)  // more than the gaps: a closed region
     sentence += fmt::format("; {} removed", volume_in_words(cut.removed_mm3));
   if (!cut.labels.empty()) sentence += fmt::format("; taken out: {}", in_words(cut.labels));
   return sentence;
@@ -417,7 +417,7 @@ void warn_of_parted(const RunLog& log, const std::vector<CutPiece>& parted) {
                          volume_in_words(piece.volume_mm3), in_words(piece.centre)));
 }
 
-// Base and tool have their places on the body as it was before, `uncut` where that is another.
+// Base and tool keep their places on the body before the cut, `uncut`.
 void cut_organ(const Scene& scene, const std::vector<TriangleMesh>& blades, const SegmentedBody& uncut,
                Organ& organ, LoadedModel& result) {
   const BodySurface &before = uncut.surface, &body = organ.body->surface;
@@ -450,7 +450,7 @@ void cut_organ(const Scene& scene, const std::vector<TriangleMesh>& blades, cons
   result.stages.done("cut");
 }
 
-// The body without further labels, in the frame that it has with them.
+// The body without the removed labels, in the frame of the whole body.
 SegmentedBody without_labels(const Scene& scene, const LabelImage& image, const SegmentedBody& whole,
                              const Organ& organ) {
   SegmentedBody rest = body_of(image, organ.labels, organ.options.boundary, {});

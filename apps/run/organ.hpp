@@ -11,12 +11,12 @@
 
 namespace dimple {
 
-// What simulate() is made of, up to the places of nodes and points.
+// Parts of simulate() up to the places of nodes and points.
 
-/// As far as it is known yet.
+/// Work of the run, from what is known so far.
 Work work_of(const Scene& scene, const LoadedModel& result);
 
-/// What is told to the observer; warnings are kept too.
+/// Lines and warnings for the observer; warnings are kept in the result too.
 struct RunLog {
   const RunObserver& observer;
   Result& result;
@@ -35,83 +35,83 @@ struct RunLog {
   }
 };
 
-/// For people: the image's file, or that it was given without one.
+/// Name for messages: the image's file, or a note that there was none.
 std::string name_of_image(const ModelChoices& choices);
-/// Of the file; of an image without one, of its labels and where they lie.
+/// Checksum of the file; of an image without one, of its labels and their grid.
 std::string sha256_of_image(const ModelChoices& choices, const LabelImage& image);
 
 void say_default_stiffness(const RunLog& log, const Scene& scene);
 
-/// The tissues of scene.tissues by their labels. Throws InputError: one has no point, and is not among those
-/// that a step has taken out.
+/// Tissues of scene.tissues by their labels. Throws InputError: a label has no point, and no step has removed
+/// it.
 TissueOptions tissues_of(const Scene& scene, const std::map<std::string, int>& label_names,
                          const Discretisation& places, const std::vector<LabelMeasure>& taken_out = {});
 
-/// The body as the image and the options give it, before any node is placed.
+/// Body from the image and the options, before any node is placed.
 struct Organ {
   ModelOptions options;
-  std::vector<int> labels;                         ///< taken; none: all
-  std::optional<ClosedImage> closed = {};          ///< instead of the image
-  std::string closing = {};                        ///< what was closed, in a sentence
-  std::shared_ptr<const SegmentedBody> body = {};  ///< that of all models made of the organ
-  std::shared_ptr<const Site> site = {};           ///< likewise, once it is known under its options
+  std::vector<int> labels;                         ///< of the body; none: all
+  std::optional<ClosedImage> closed = {};          ///< replaces the image
+  std::string closing = {};                        ///< description of the closed gaps
+  std::shared_ptr<const SegmentedBody> body = {};  ///< common to all models of the organ
+  std::shared_ptr<const Site> site = {};           ///< likewise, once found under these options
   std::map<std::string, int> label_names = {};
 };
 
-/// An organ with all that was found on the way to it: several models are made of it (Case::organ).
+/// Organ with the results of reading it, of which several models are made (Case::organ).
 struct ReadOrgan {
   Organ organ;
   Result read;  ///< image, labels, segment, warnings
-  /// Of one model that was made of it: a case that asks for the same site, or for the same places, takes
+  /// Site and places of one model made of it: a case that requests the same site, or the same places, uses
   /// them.
   struct Made {
     Scene scene;
     std::shared_ptr<const Site> site;
-    Index nodes = 0;  ///< asked for
+    Index nodes = 0;  ///< requested
     Discretised at;
-    double site_s = 0.0, places_s = 0.0;  ///< what they took
+    double site_s = 0.0, places_s = 0.0;  ///< their durations
   };
   std::shared_ptr<const Made> made = {};
 };
 ReadOrgan read_once(const Case& given, const RunObserver& observer);
-/// What was made in the run of a case on that organ; null where it was cut, or its loads were taken off it.
+/// Site and places from the run of a case on that organ; null if it was cut or its loads were removed.
 std::shared_ptr<const ReadOrgan::Made> made_in(const Scene& scene, const LoadedModel& found);
 
-/// What a model in memory was made from, and what else its clouds are made from.
+/// Origin of a model in memory, from which its further discretisations are made.
 struct Origin {
   ModelChoices choices;
   Organ organ;
-  LabelImage image;  ///< of the labels, where tissues differ
+  LabelImage image;  ///< of the labels, if tissues differ
   ImageFacts facts;
   std::vector<std::string> image_warnings;
-  Boundary boundary;  ///< in the surface's own frame
+  Boundary boundary;  ///< in the surface's frame
 };
 
-/// Reads the image, takes its labels, closes its gaps, draws the surface.
+/// Reads the image, chooses its labels, closes gaps and makes the surface.
 Organ read_organ(const Case& given, const ModelOptions& options, const RunLog& log, Result& result);
 
-/// The label of a place, where labels are of several tissues or one is a support; where they are all of one
-/// their borders mean nothing. Good for as long as the image is.
+/// Label of a place, if labels differ in tissue or one is a support; otherwise their borders have no meaning.
+/// Valid as long as the image exists.
 LabelAt labels_of(const Scene& scene, const Organ& organ, const LabelImage& image);
 
-/// Where the organ rests and the tool stands, under its options.
+/// Finds the base of the organ and the place of the tool, under the organ's options.
 void find_site(const Scene& scene, const RunLog& log, Organ& organ, LoadedModel& result);
 
-/// What steps of a scene have cut, all of them so far.
+/// All cuts that the steps of a scene have made so far.
 struct StepCuts {
-  std::vector<TriangleMesh> sheets;  ///< as they lie in the body at rest [mm, LPS]
-  std::vector<std::string> labels;   ///< that the last of them takes out
-  bool has_taken_labels = false;     ///< any of them
-  std::string where;                 ///< the option of the last
+  std::vector<TriangleMesh> sheets;  ///< in the body at rest [mm, LPS]
+  std::vector<std::string> labels;   ///< that the last cut removes
+  bool has_taken_labels = false;     ///< in any of them
+  std::string where;                 ///< of the last cut
 };
-/// `whole`: the organ before any cut but of labels, its site unknown. Base and tool stay where they are on
-/// it. The result's labels and cut become those of the organ that is left. Throws ModelError ("cut"),
+/// Cuts the organ. `whole`: before any cut except of labels, without its site. Base and tool keep their
+/// places. The result's labels and cut become those of the remaining organ. Throws ModelError ("cut"),
 /// InputError: there is no such label.
 Organ cut_by_steps(const Scene& scene, const Organ& whole, const LabelImage& image, const StepCuts& cuts,
                    const RunLog& log, LoadedModel& result);
 
-/// Nodes, points, base and circle of an organ whose site is known; `options` differ from the organ's in the
-/// number of nodes, if at all. Adds them to the provenance of the image. `made`: the same, if it is known.
+/// Nodes, points, base and bonded patch of an organ with a site; adds them to the image's provenance.
+/// `options` differ from the organ's in the number of nodes at most. `made`: the same, if available.
 Discretisation place_nodes(const Scene& scene, const Organ& organ, const ModelOptions& options,
                            const LabelImage& image, const RunLog& log, LoadedModel& result,
                            const Discretised* made = nullptr);

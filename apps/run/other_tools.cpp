@@ -32,7 +32,7 @@ bool stands(const Scene::FurtherTool& tool) {
   return std::all_of(tool.move_mm.begin(), tool.move_mm.end(), [](double d) { return d == 0.0; });
 }
 
-// The place of the surface next to what was asked for, and the mean of its normals around there [m].
+// Contact point on the surface nearest to the request [m], and the mean normal around it.
 ToolPlace stand_of(const Scene::FurtherTool& tool, const BodySurface& surface) {
   const std::string& name = tool.name;
   const double radius = tool.shape.radius;
@@ -70,7 +70,7 @@ ToolPlace stand_of(const Scene::FurtherTool& tool, const BodySurface& surface) {
   return {1e-3 * near.place, push, radius};
 }
 
-// [m] after `gone` of its steps, or for a load without any.
+// Displacements after each of its steps, or for a load without any [m].
 std::vector<Vec3> ways_of(const Scene& scene, const Scene::FurtherTool& tool, const Vec3& push) {
   std::vector<Vec3> way;
   Vec3 come = Vec3::Zero();
@@ -117,7 +117,7 @@ OtherTools other_tools_of(const Scene& scene, const Model& model, const std::vec
                     fmt::format("is to be pushed in by {}, and is {} long", length_in_words(1e3 * depth),
                                 length_in_words(1e3 * touch.shape.length)),
                     "what holds it at its upper end is not modelled", "move it less, or give a longer tool"));
-    // A tool that stands is pressed by what comes towards it.
+    // A tool at rest is pressed by the tissue that comes towards it.
     touch.surface =
         contact_surface(model, at, reach_of_contact(touch.shape, std::max(depth, touch.shape.radius)), way);
     touch.pose = first_touch(touch.shape, at, touch.surface);

@@ -14,9 +14,9 @@
 namespace dimple {
 namespace {
 
-// No more digits than a place has that somebody gives again.
+// Rounds to the digits that a user enters for a place.
 double to_step(double x, double step) {
-  const double per_mm = std::round(1.0 / step);  // divided by a whole number, 98.74 stays 98.74
+  const double per_mm = std::round(1.0 / step);  // division by a whole number keeps 98.74
   return std::round(x * per_mm) / per_mm + 0.0;
 }
 
@@ -27,7 +27,7 @@ Json three(const Vec3& v, double step) {
 Json described(const UsablePlace& place) {
   Json json = {{"from", place.from}, {"verdict", word_of(place.verdict)}};
   if (!place.reason.empty()) json["reason"] = place.reason;
-  if (!(place.room_mm > 0.0)) return json;  // the circle fits nowhere on this side
+  if (!(place.room_mm > 0.0)) return json;  // the patch fits nowhere on this side
   json["centre_mm"] = three(place.centre, 1e-3);
   json["push"] = three(place.push, 1e-6);
   json["base"] = place.base;

@@ -23,21 +23,21 @@ namespace {
 namespace fs = std::filesystem;
 using Line = RunObserver::Line;
 
-// What an earlier run of the same image or model, by the same options, has left finished. Throws UsageError:
-// it was another run.
+// Outcome of an earlier run that has finished with the same image or model and the same options. Throws
+// UsageError: it was another run.
 Outcome finished_already(const fs::path& folder, const Scene& scene, const std::string& input_key,
                          const RunIdentity& identity, const RecordObserver& observer) {
   Outcome outcome;
   outcome.summary_json = read_file(folder / "summary.json", most_bytes_of_text);
   auto before = option_values_in(folder / "config.resolved.toml");
   const Json summary = Json::parse(outcome.summary_json, nullptr, false);
-  // As many as its folds asked for, not somebody.
+  // Number of nodes that folds or the tool required, and not the user.
   const Index for_band = summary.value("model", Json::object()).value("nodes_for_band", Index{0});
   if (!scene.given.nodes && std::to_string(for_band) == before["cloud.nodes"])
     before["cloud.nodes"] = identity.options.at("cloud.nodes");
   require_same_run({summary.value("version", ""), before, summary.value(input_key, "")}, identity);
   std::error_code ignored;
-  fs::remove(folder / checkpoint_file, ignored);  // if it was killed between the last file and this
+  fs::remove(folder / checkpoint_file, ignored);  // left if the run was killed after its last file
   remove_temporaries_in(folder);
   const Json band = summary.value("band", Json::object());
   const double force = summary.value("force_N", 0.0);
@@ -57,7 +57,7 @@ Outcome finished_already(const fs::path& folder, const Scene& scene, const std::
   return outcome;
 }
 
-// What is to be resumed in the folder, if anything. Throws UsageError: it was another run.
+// Checkpoint to resume in the folder, if any. Throws UsageError: it was another run.
 std::optional<Checkpoint> resumed_in(const ResultFolder& folder, const RunIdentity& identity) {
   if (!folder.resumable()) return std::nullopt;
   Checkpoint checkpoint = read_checkpoint(folder.path() / checkpoint_file);
@@ -65,7 +65,7 @@ std::optional<Checkpoint> resumed_in(const ResultFolder& folder, const RunIdenti
   return checkpoint;
 }
 
-// What is wrong with the curve is said before anything is computed.
+// Reads the measured curve before anything is computed, so that its errors are reported first.
 std::optional<MeasuredCurve> compared_curve(const Scene& scene) {
   const std::string& name = scene.output.compare;
   if (name.empty()) return std::nullopt;
@@ -129,8 +129,7 @@ void add_explained(Outcome& outcome, const fs::path& folder, double seconds, con
   Json summary = Json::parse(outcome.summary_json);
   outcome.times.emplace_back("comparing", seconds);
   Json& parts = summary["parts_wall_s"];
-  const double before_s =
-      parts.is_object() ? parts.value("comparing", 0.0) : 0.0;  // of a run finished already
+  const double before_s = parts.is_object() ? parts.value("comparing", 0.0) : 0.0;  // from a finished run
   parts["comparing"] = seconds;
   summary["total_wall_s"] = summary["total_wall_s"].get<double>() + seconds - before_s;
   if (outcome.interrupted) end_otherwise(summary, Stopped(stop_asked()));
@@ -181,7 +180,7 @@ Outcome record_solve(const Description& options, const fs::path& model, const fs
   };
   how.subject = model.filename().string();
   how.command = {"solve", model.string()};
-  given.band = true;  // which then says why there is none
+  given.band = true;  // it then reports why there is none
   return record(given, std::move(how), observer);
 }
 

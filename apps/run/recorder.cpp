@@ -37,7 +37,7 @@ ExitCode code_of(const std::exception_ptr& failure) {
   }
 }
 
-// Between the march and the disk: frames as they come, and now and then where the march stands.
+// Writer between the march and the disk: frames as they come, and checkpoints at intervals.
 class Recorder {
  public:
   Recorder(const Case& given, Recording& how, const RecordObserver& observer)
@@ -59,13 +59,13 @@ class Recorder {
   }
 
   bool has_begun() const { return writer_.has_value(); }
-  /// Until all frames are on the disk. Throws what the last one met.
+  /// Waits until all frames are on the disk. Throws the error of the last one.
   void finish_frames() {
     const Stopwatch writing;
     if (writer_) writer_->end_frames();
     finishing_s_ = writing.seconds();
   }
-  /// Of the last frame, once it is known. Throws what the stage meets.
+  /// Writes images of the last frame, once it is known. Throws the errors of the writer.
   void write_images() {
     if (!images_ || images_->each_frame() || result.history.interrupted) return;
     const Stopwatch writing;
@@ -73,7 +73,7 @@ class Recorder {
     images_->write();
     images_s_ = writing.seconds();
   }
-  /// After the march, however it ended.
+  /// Concludes the run after the march, however it ended.
   Outcome conclude(const std::exception_ptr& failure, const Report& reason);
 
   Result result;
@@ -91,13 +91,13 @@ class Recorder {
            .remedy = "start anew with --force, or resume where the run was begun"});
   }
 
-  // Of the present body, from the next frame on.
+  // Starts writers for the present body, from the next frame on.
   void write_of(Result& now, const LabelImage& image) {
     LabelAt label_at;
     std::vector<int> labels;
     for (const LabelMeasure& label : now.labels) labels.push_back(label.value);
     if (!labels.empty()) label_at = label_finder(image, Eigen::Isometry3d::Identity(), labels);
-    // A refinement that was stopped has little time to write what it has.
+    // A stopped refinement has little time to write its results.
     writer_.emplace(how_.folder, now.model, now.history.interrupted ? tables_alone : wanted_of(given_.scene),
                     label_at, now.loading.further, now.loading.duration(), now.loading.touch);
     show_beside(now.loading);
@@ -109,7 +109,7 @@ class Recorder {
       images_.emplace(how_.images, how_.folder, now.model, std::move(labels), now.cut);
   }
 
-  // A step has cut the body: frames go on, of another model.
+  // Continues with frames of another model, after a step has cut the body.
   void go_on(Result& now) {
     const Stopwatch writing;
     const std::vector<double> times = writer_->frame_time_s();
@@ -169,11 +169,11 @@ class Recorder {
                                1e3 * retry.depth, retry.code, retry.what));
   }
 
-  // Where the run stands is kept now and then, within a hundredth of its time.
+  // Keeps a checkpoint now and then, within a hundredth of the run's time.
   void keep(const std::function<MarchState()>& state) {
     if (since_kept_.seconds() < std::max(0.2, 100.0 * keeping_s_)) return;
     const Stopwatch waiting;
-    writer_->finish_frames();  // only what is on the disk can be gone on from
+    writer_->finish_frames();  // a run resumes from files on the disk only
     writing_s_ += waiting.seconds();
     const Stopwatch writing;
     kept_.state = state();
@@ -186,14 +186,14 @@ class Recorder {
     writing_s_ += keeping_s_;
   }
 
-  // What there is to say at the end.
+  // Values to report at the end.
   struct End {
-    double reached_mm = 0.0, force = 0.0, half = 0.0;  // [mm], [N]; half of the band's width
-    double largest = 0.0;                              // [N] at any time, with its sign
+    double reached_mm = 0.0, force = 0.0, half = 0.0;  // [mm], [N]; half-width of the bounds
+    double largest = 0.0;                              // [N] of all times, with its sign
     double solve_s = 0.0;
     std::string title, status = "finished";
     ExitCode code = ExitCode::ok;
-    std::optional<Report> reason = {};  // nothing: it has come to its depth
+    std::optional<Report> reason = {};  // none: it has reached its depth
   };
   End end_of(const std::exception_ptr& failure, const Report& reason, double solve_s) const;
   std::string write_options() const;
@@ -225,14 +225,14 @@ class Recorder {
   std::vector<std::string> facts_;  // for the picture
   std::optional<ImageWriter> images_;
   Stopwatch marching_, since_kept_;
-  int sheets_ = 0;  // of cuts, written
-  // What the march waits for: frames are packed and written beside it.
+  int sheets_ = 0;  // number of cut sheets written
+  // Times that the march waits for [s]; packing and writing of frames run in parallel.
   double before_march_s_ = 0.0, writing_s_ = 0.0, keeping_s_ = 0.0, finishing_s_ = 0.0, images_s_ = 0.0;
 };
 
 Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reason) {
   const History& history = result.history;
-  // Stopped before there was anything to keep.
+  // The run was stopped before it had results.
   if (history.interrupted &&
       (history.force.empty() || (result.levels.empty() && writer_->frame_time_s().empty())))
     throw Stopped(stop_asked());
@@ -245,7 +245,7 @@ Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reas
   Outcome outcome = outcome_of(end);
   const std::string options = write_options();
   std::optional<Comparison> comparison;
-  Json page;  // but for the summary
+  Json page;  // without the summary
   if (!history.force.empty()) {
     tell_end(end);
     if (how_.beside) comparison = compare_with_measured();
@@ -260,7 +260,7 @@ Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reas
   if (result.followed) outcome.further = displacement_title(summary["displacement"]);
   outcome.summary_json = as_text(summary);
   if (!page.is_null()) write_report(how_.folder / "report.html", summary, page);
-  // The last file: a folder with it is complete. Then there is nothing to go on with.
+  // The last file marks the folder as complete. The checkpoint is then removed.
   write_file(how_.folder / "summary.json", outcome.summary_json);
   if (end.code == ExitCode::ok) {
     std::error_code ignored;
@@ -298,7 +298,7 @@ Recorder::End Recorder::end_of(const std::exception_ptr& failure, const Report& 
   return end;
 }
 
-// The options of the run, and what was chosen for them. A run of that file takes these nodes again.
+// Writes the options of the run and the choices for them. A run of that file uses the same nodes.
 std::string Recorder::write_options() const {
   Description taken = how_.options;
   if (result.nodes_for_band > 0)
@@ -308,7 +308,7 @@ std::string Recorder::write_options() const {
   return options;
 }
 
-// What report.html shows beside the summary; null: it is not asked for.
+// Data of report.html in addition to the summary; null: the page is not requested.
 Json Recorder::page_of(const std::optional<Comparison>& comparison, const std::string& options) const {
   if (!wanted_of(given_.scene).report) return {};
   Json page = writer_->report(result.history, result.band, result.image_error, comparison, slices_, options,
@@ -349,7 +349,7 @@ std::string Recorder::ended_by(const Report& stopped, const End& end) const {
       stopped.code);
 }
 
-// How the march went, for the picture and for who wants more than the result.
+// Reports the course of the march, for the picture and in detail.
 void Recorder::tell_end(const End& end) {
   const History& history = result.history;
   const Band& band = result.band;
@@ -415,7 +415,7 @@ Comparison Recorder::compare_with_measured() {
   return comparison;
 }
 
-// Tools as solids, like the one that is measured.
+// Shows further tools as solids, like the measured one.
 void Recorder::show_beside(const Loading& loading) {
   std::vector<ResultWriter::Rigid> rigid;
   for (const Touch& other : loading.walls) {
@@ -432,7 +432,7 @@ void Recorder::show_beside(const Loading& loading) {
   writer_->show_beside(std::move(rigid));
 }
 
-// Where they stand, for picture and page, and what they bear.
+// Adds the walls to the picture and the page, and reports their forces.
 void Recorder::show_walls() {
   writer_->show_walls(gap_to_walls(given_.scene, result.loading));
   for (std::size_t k = 0; k < result.history.walls.size(); ++k) {
@@ -443,7 +443,7 @@ void Recorder::show_walls() {
   }
 }
 
-// Who is asked to end has not always the time for a picture.
+// A stopped run may have no time for a picture.
 void Recorder::draw_overview(const End& end, const std::optional<Comparison>& comparison) {
   if (result.history.interrupted) return;
   const std::string ended = end.status == "finished" ? "" : " (" + end.status + ")";
@@ -471,7 +471,7 @@ std::vector<std::pair<std::string, double>> Recorder::times_here(double solve_s,
   return times;
 }
 
-// With those of the runs that this one goes on from.
+// Durations with those of the runs that this one resumes.
 RunTimes Recorder::times_in_all(std::vector<std::pair<std::string, double>> here, double solve_s,
                                 double write_s) const {
   for (auto& [name, s] : here)
@@ -490,7 +490,7 @@ RunTimes Recorder::times_in_all(std::vector<std::pair<std::string, double>> here
 Outcome record(Case given, Recording how, const RecordObserver& observer) {
   if (how.resumed) given.from = &how.resumed->state;
   Recorder recorder(given, how, observer);
-  // What there is until then is written before a failure of the march is passed on.
+  // The results so far are written before a failure of the march is passed on.
   std::exception_ptr failure;
   Report reason;
   try {

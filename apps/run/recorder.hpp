@@ -15,26 +15,26 @@
 
 namespace dimple {
 
-/// What differs between a run from an image and one from a model's files.
+/// Differences between a run from an image and one from a model's files.
 struct Recording {
   std::filesystem::path folder;
-  Description options;  ///< of which the folder gets a file
+  Description options;  ///< written to a file of the folder
   RunIdentity identity;
   std::optional<Checkpoint> resumed = {};
-  /// Nothing is written before the model and the load are accepted.
+  /// Writes the model, once model and load are accepted; nothing is written before.
   std::function<void(const Result&)> write_model = {};
-  std::function<Json(const Result&)> summary = {};                    ///< what it begins with
+  std::function<Json(const Result&)> summary = {};                    ///< beginning of the summary
   std::function<std::vector<std::string>(const Result&)> facts = {};  ///< for the picture
   std::string subject = {};
-  std::vector<std::string> command = {};     ///< what repeats it; none: its image is in memory alone
-  std::optional<MeasuredCurve> beside = {};  ///< what the force is compared with
+  std::vector<std::string> command = {};     ///< repeats the run; none: its image is in memory only
+  std::optional<MeasuredCurve> beside = {};  ///< for comparison with the force
   ImageTask images = {};
   double read_s = 0.0;  ///< before simulate()
   Stopwatch whole = {};
 };
 
-/// simulate() with what comes of it written to the folder as it comes. Throws Error; Stopped if there is
-/// nothing to keep.
+/// simulate() with its results written to the folder at once. Throws Error; Stopped if there is nothing to
+/// keep.
 Outcome record(Case given, Recording how, const RecordObserver& observer);
 
 }  // namespace dimple

@@ -22,7 +22,7 @@ std::unique_ptr<Level> march_level(Index nodes, const Case& given, const Origin&
   auto level = std::make_unique<Level>();
   level->asked = nodes;
   Result& result = level->result = read;
-  result.stages = {};  // whose clock begins here
+  result.stages = {};  // restarts its clock
   result.stages.add(read.stages);
   const RunObserver keeping{.line =
                                 [&](Line kind, const std::string& text) {
@@ -51,7 +51,7 @@ std::unique_ptr<Level> march_level(Index nodes, const Case& given, const Origin&
   return level;
 }
 
-// Its band, by the level before.
+// Sets the error bounds of a level from the level before.
 void compare(Result& now, const Level* before, bool several_tissues) {
   if (!before) {
     now.band.unknown = "the run ended with its first set of nodes";
@@ -79,7 +79,7 @@ bool may_be_too_coarse(const Error& error) {
   return (error.code == ExitCode::model || error.code == ExitCode::solve) && error.report.code != "memory";
 }
 
-// Why the cloud after this one is not tried, or nothing.
+// Reason why the next level is not tried, or nothing.
 std::optional<RefinementEnd> end_before(Index next, Index nodes, const Level& level, const Goal& goal,
                                         const Stopwatch& whole) {
   const double expected = level.seconds * static_cast<double>(next) / static_cast<double>(nodes);
@@ -89,8 +89,8 @@ std::optional<RefinementEnd> end_before(Index next, Index nodes, const Level& le
   return std::nullopt;
 }
 
-// The band of the only cloud that came to a force, where no finer one does: by one of half its nodes, which
-// may reach the goal.
+// Bounds the only level with a force, after finer ones failed, by one of half its nodes. It may reach the
+// goal.
 void compare_with_coarser(const Case& given, const Goal& goal, const Origin& from, const LoadedModel& read,
                           const Stopwatch& whole, const RefinementObserver& observer, int number,
                           Refinement& found) {
@@ -150,10 +150,10 @@ Refinement refine(const Case& given, const Goal& goal, const Origin& from, const
                   const Stopwatch& whole, const RefinementObserver& observer) {
   const Stopwatch refining;
   Refinement found;
-  // A cloud may be too coarse for its body; what two in a row meet has another reason.
+  // Nodes may be too few for a body; two failures in a row have another reason.
   constexpr int most_failures = 2;
   int failures = 0, number = 0;
-  // How much of a displacement its floor is, nobody knows before.
+  // The floor of a displacement's bounds, as a part of it, is not known in advance.
   const Index hoped =
       expected_nodes(read.followed ? 0.0 : goal.share, read.facing_share, band_floor(given.scene));
   Index nodes = nodes_of_first_level(hoped);
@@ -169,7 +169,7 @@ Refinement refine(const Case& given, const Goal& goal, const Origin& from, const
       break;
     } catch (const Error& error) {
       const RefinementEnd end{.why = RefinementEnd::Why::failed, .nodes = nodes, .fact = error.report.fact};
-      // Where a coarser cloud came to a force, a finer one than this is taken to fail likewise.
+      // Finer nodes than those that failed are assumed to fail too if coarser ones have reached a force.
       const Index next = found.finest ? nodes / 2 : 2 * nodes;
       const double expected = marching.seconds() * static_cast<double>(next) / static_cast<double>(nodes);
       const bool in_time = goal.budget_s == 0.0 || whole.seconds() + expected < goal.budget_s;
@@ -225,7 +225,7 @@ void replay(Level level, const RunObserver& observer, Result& result) {
         observer.march.frame({frame.number, frame.t, frame.depth, frame.u, frame.f, frame.forces});
     if (observer.march.sample) observer.march.sample(result.history.force.back(), result.history);
   } catch (const Stopped&) {
-    // The force is known, and takes a moment to write.
+    // The force is available, and takes a moment to write.
     result.history.interrupted = true;
     if (observer.begin) observer.begin(result);
   }

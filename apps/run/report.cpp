@@ -21,7 +21,7 @@
 
 namespace dimple {
 
-/// apps/report/template.html, as the build has put it into the program.
+/// Text of apps/report/template.html, embedded by the build.
 extern const std::string_view report_template;
 
 namespace {
@@ -34,22 +34,22 @@ constexpr std::string_view data_place = "<!--dimple:data-->", chart_place = "<!-
 // ------------------------------------------------------------------------------------------------------
 // slices
 
-// Which axes of the image lie to the right and down, and whether down is against the second.
+// Plane of a slice: the image axes to the right and down, and whether down is opposite to the second.
 struct Plane {
   const char* name;
   int right, down;
   bool flipped;
   std::array<const char*, 4> letters;
 };
-// As radiologists look at them: from the feet, from the front, from the left.
+// Radiological views: from the feet, from the front, from the left.
 constexpr std::array<Plane, 3> planes = {{{"sagittal", 1, 2, true, {"A", "P", "S", "I"}},
                                           {"coronal", 0, 2, true, {"R", "L", "S", "I"}},
                                           {"axial", 0, 1, false, {"R", "L", "A", "P"}}}};
 
-// Picture elements along the longer side, at most.
+// Most pixels along the longer side.
 constexpr Index most_pixels = 480;
 
-// From places counted along three axes in mm, between two corners, to places on a plane.
+// Map from places in mm along the image's axes, between two corners, to places on a plane.
 Eigen::Affine3d onto(const Plane& plane, const Vec3& low, const Vec3& high, double through) {
   const int out = 3 - plane.right - plane.down;
   Eigen::Affine3d place = Eigen::Affine3d::Identity();
@@ -70,7 +70,7 @@ Slice empty_slice(const Plane& plane, const Vec3& low, const Vec3& high) {
   return slice;
 }
 
-// Labels by the nearest voxel, of a box of voxels.
+// Fills a slice with the labels of the nearest voxels in a box.
 void fill(Slice& slice, const Plane& plane, const LabelImage& image, const VoxelBox& box, Index through) {
   const int out = 3 - plane.right - plane.down;
   const auto extent = [&](int axis) {
@@ -90,7 +90,7 @@ void fill(Slice& slice, const Plane& plane, const LabelImage& image, const Voxel
       at[down] = plane.flipped ? box.high[down] - steps : box.low[down] + steps;
       slice.label.push_back(image.at(at[0], at[1], at[2]));
     }
-  // What the last row and column stand for may reach beyond the box.
+  // The cells of the last row and column may extend beyond the box.
   const Vec3 spacing = image.spacing();
   slice.width_mm = static_cast<double>(slice.columns * stride) * spacing[plane.right];
   slice.height_mm = static_cast<double>(slice.rows * stride) * spacing[plane.down];
@@ -99,7 +99,7 @@ void fill(Slice& slice, const Plane& plane, const LabelImage& image, const Voxel
 // -----------------------------------------------------------------------------------------------------
 // numbers
 
-// Whole numbers of 1 or 2 bytes as they lie in memory.
+// Bytes of whole numbers of 1 or 2 bytes, as in memory.
 template <class Number>
 std::string packed(const std::vector<Number>& numbers) {
   std::string bytes(numbers.size() * sizeof(Number), '\0');
@@ -111,13 +111,13 @@ double rounded(double x, double per_unit) {
   return std::round(x * per_unit) / per_unit + 0.0;
 }
 
-// Places on a slice in hundredths of a millimetre.
+// Place on a slice in hundredths of a millimetre.
 Json hundredths(const Vec3& place) {
   return {static_cast<std::int64_t>(std::lround(100.0 * place.x())),
           static_cast<std::int64_t>(std::lround(100.0 * place.y()))};
 }
 
-// Pieces of lines as four numbers each, in hundredths of a millimetre.
+// Line segments as four numbers each, in hundredths of a millimetre.
 template <class Place>
 Json hundredths_of(const std::vector<std::array<Place, 2>>& pieces) {
   Json numbers = Json::array();
@@ -130,8 +130,8 @@ Json hundredths_of(const std::vector<std::array<Place, 2>>& pieces) {
 // -------------------------------------------------------------------------------------------------------
 // parts
 
-// How far the tool has come at a time, along its push and in space, with what the loads have carried it, and
-// turned: between two samples evenly [mm].
+// Motion of the tool at a time [mm]: along its press direction, in space with the displacement by the loads,
+// and its turn. Linear between samples.
 struct Come {
   double depth = 0.0;
   Vec3 way = Vec3::Zero();
@@ -155,13 +155,13 @@ Come come_at(const History& history, const Vec3& push, double time_s) {
           a.turned.slerp(share, b.turned)};
 }
 
-// How wide the tool is: of one that touches, half of its own width, and else the circle's radius [m].
+// Radius of the tool: of a contacting tool half of its width, else that of the bonded patch [m].
 double tool_radius(const ReportInput& input) {
   return input.touch ? input.touch->shape.radius : input.model.tool.radius;
 }
 
-// Where the tool lies at the end, as its places that are farthest each way on the slice; what is more than
-// three radii above its tip is drawn no higher than that.
+// Outline of the tool at the end: its extreme points in each direction of the slice. It is drawn no higher
+// than three radii above its tip.
 Json silhouette(const Slice& slice, const ReportInput& input) {
   constexpr int ways = 48;
   const Vec3 push = input.model.tool.push;
@@ -194,7 +194,7 @@ Json slice_json(const Slice& slice, const ReportInput& input, double slab_mm) {
                  {"height_mm", rounded(slice.height_mm, 1e3)},
                  {"columns", slice.columns},
                  {"rows", slice.rows}};
-  Json runs = Json::array();  // label, how many times, label, ...
+  Json runs = Json::array();  // label, count, label, ...
   for (std::size_t first = 0, last = 0; first < slice.label.size(); first = last) {
     while (last < slice.label.size() && slice.label[last] == slice.label[first]) ++last;
     runs.push_back(slice.label[first]);
@@ -231,7 +231,7 @@ Json slice_json(const Slice& slice, const ReportInput& input, double slab_mm) {
   return result;
 }
 
-// Places and triangles in whole numbers of two bytes.
+// Places and triangles as whole numbers of two bytes.
 Json mesh_json(const Points& places, const Triangles& triangles) {
   const Vec3 low = places.rowwise().minCoeff();
   const double step = std::max((places.colwise() - low).maxCoeff() / 65535.0, 1e-9);
@@ -247,7 +247,7 @@ Json mesh_json(const Points& places, const Triangles& triangles) {
           {"triangles", packed(corner)}};
 }
 
-// The surface at rest, and each frame's displacement in whole numbers of one byte.
+// Surface at rest, and each frame's displacement as whole numbers of one byte.
 Json body_json(const ReportInput& input) {
   Json frames = Json::array();
   for (const BodyFrames::Frame& frame : input.frames.frame) {
@@ -262,7 +262,7 @@ Json body_json(const ReportInput& input) {
                       {"tool_mm", {tool.way.x(), tool.way.y(), tool.way.z()}},
                       {"step_mm", largest / 127.0},
                       {"displacement", packed(moved)}});
-    const Eigen::Quaterniond& turned = tool.turned;  // about the tip, x,y,z,w
+    const Eigen::Quaterniond& turned = tool.turned;  // about the tip; x,y,z,w
     if (turned.vec() != Vec3::Zero())
       frames.back()["tool_turned"] = {turned.x(), turned.y(), turned.z(), turned.w()};
   }
@@ -281,7 +281,7 @@ Json tool_json(const ReportInput& input) {
   return result;
 }
 
-// Of a long march every so many samples, and the last.
+// Force curve; of a long march every so many samples, and the last.
 Json curve_json(const ReportInput& input) {
   const History& history = input.history;
   const Band& band = input.band;
@@ -323,9 +323,9 @@ Json beside_json(const std::optional<Comparison>& comparison) {
       {"name", measured.name}, {"depth_mm", depth}, {"force_N", measured.force}, {"rows", measured.row_name}};
 }
 
-// How the page writes what the summary holds, by the same functions as the terminal and the picture: for each
-// place in it a number, its unit, and units in one of the summary's. Forces stand beside each other in one
-// unit, that of `size`; 0: each in its own.
+// Words of the page for the summary, by the functions of terminal and picture. Each place in it gets a
+// number, its unit, and the units per unit of the summary. Forces together have the unit of `size`; 0: each
+// its own.
 void write_words(Json& words, const Json& part, const std::string& place, double size) {
   for (const auto& [name, value] : part.items()) {
     const std::string here = place.empty() ? name : place + '.' + name;
@@ -353,7 +353,7 @@ Json words_of(const Json& summary) {
   return words;
 }
 
-// Nothing in a page's data can end the element that it lies in.
+// JSON text that cannot end the script element of the page.
 std::string within_script(const Json& json) {
   std::string text = json.dump(-1, ' ', false, Json::error_handler_t::replace), safe;
   safe.reserve(text.size());
@@ -382,7 +382,7 @@ void replace_script(std::string& page, const char* id, const Json& json) {
   page.replace(from, to - from, script(id, json));
 }
 
-// The body's axes in the order and direction that is nearest to the patient's: left, posterior, superior.
+// The body's axes in the order and sense nearest to the patient's: left, posterior, superior.
 Mat3 nearest_to_patient(const Mat3& axes) {
   std::array<int, 3> order = {0, 1, 2};
   Mat3 best = axes;
@@ -454,7 +454,7 @@ std::vector<Slice> slices_through(const Vec3& centre, const Model& model, const 
     box.high[axis] = std::min<Index>(box.high[axis] + margin, image.size[axis] - 1);
     through[axis] = std::clamp<Index>(std::lround(at[a]), 0, image.size[axis] - 1);
   }
-  // Along the image's axes in mm, counted from the corner of the box.
+  // Along the image's axes in mm, from the corner of the box.
   const Eigen::Affine3d along = Eigen::Scaling(spacing) * image.to_world.inverse();
   Vec3 low, high;
   for (Index a = 0; a < 3; ++a) {
@@ -490,7 +490,7 @@ Json report_data(const ReportInput& input) {
   data["options"] = input.options;
   data["curve"] = curve_json(input);
   data["beside"] = beside_json(input.comparison);
-  // Nodes in a slab: where they are dense a few layers of them.
+  // Nodes of a slab: in dense parts a few layers.
   const double far_mm = model.spacing.size() > 0 ? 1e3 * model.spacing.maxCoeff() : 0.0;
   const double slab_mm = std::clamp(0.5 * far_mm, 0.2e3 * model.tool.radius, 1e3 * model.tool.radius);
   data["slab_mm"] = slab_mm;

@@ -18,17 +18,17 @@ namespace {
 
 namespace fs = std::filesystem;
 
-bool is_folder_itself(const fs::path& folder) {  // and no link to one
+bool is_folder_itself(const fs::path& folder) {  // not a link to one
   std::error_code ignored;
   return fs::symlink_status(folder, ignored).type() == fs::file_type::directory;
 }
 
-bool is_there(const fs::path& file) {  // also a link that leads nowhere
+bool is_there(const fs::path& file) {  // or a broken link
   std::error_code ignored;
   return fs::exists(fs::symlink_status(file, ignored));
 }
 
-// The run at work in this process has begun to write there.
+// Folder to which the present run of this process has begun to write.
 std::mutex begun_mutex;
 fs::path begun;
 
@@ -40,12 +40,12 @@ Json summary_in(const fs::path& folder) try {
   return {};
 }
 
-// A summary says itself who has written it: the one of a run that failed at once is in no list.
+// A summary identifies its own writer: that of a run that failed at once is in no list.
 bool is_of_a_run(const Json& summary) {
   return summary.is_object() && summary.contains("status") && summary.contains("version");
 }
 
-// A list that somebody else has written leads neither out of the folder nor through a link.
+// A list made by others must not lead out of the folder or through a link.
 bool lies_within(const fs::path& folder, const fs::path& name) {
   if (name.empty() || name.is_absolute() || name != name.lexically_normal()) return false;
   fs::path at = folder;
@@ -54,7 +54,7 @@ bool lies_within(const fs::path& folder, const fs::path& name) {
   return name.has_filename() && name.filename() != "..";
 }
 
-// The model that is solved, where that lies in the folder of the results; of a run's own also its image.
+// True for files of the solved model in the folder of the results; of a run's own model also its image.
 bool is_of_model(const fs::path& file, const fs::path& model) {
   constexpr std::array names = {"model.toml", "nodes.vtu", "points.vtu", "surface.vtp", "label.vti"};
   if (model.empty() || std::find(names.begin(), names.end(), file.filename()) == names.end()) return false;
@@ -63,7 +63,7 @@ bool is_of_model(const fs::path& file, const fs::path& model) {
          (file.filename() == "label.vti" && fs::equivalent(file.parent_path() / "model", model, ignored));
 }
 
-// What runs have written there, by their list, first that which says that the rest is there.
+// Files that runs have written there, by their list; first summary and checkpoint, which refer to the rest.
 std::vector<fs::path> written_before(const fs::path& folder, const fs::path& model) {
   std::set<std::string> names = listed_files(folder).value_or(std::set<std::string>{});
   if (is_of_a_run(summary_in(folder))) names.insert("summary.json");
@@ -85,7 +85,7 @@ std::vector<fs::path> with_folders_in(const fs::path& folder) {
   return list;
 }
 
-// Half a file that a killed run was writing.
+// True if a killed run has left partial files.
 bool holds_temporaries(const fs::path& folder) {
   std::error_code ignored;
   const std::vector<fs::path> folders = with_folders_in(folder);
@@ -95,7 +95,7 @@ bool holds_temporaries(const fs::path& folder) {
   });
 }
 
-// But for its list and for half a file that a killed run was writing.
+// True if there is no other file except for its list and partial files of a killed run.
 bool holds_only(const fs::path& folder, const char* file) {
   std::error_code ignored;
   return std::all_of(fs::directory_iterator(folder, ignored), fs::directory_iterator(),
@@ -105,13 +105,13 @@ bool holds_only(const fs::path& folder, const char* file) {
                      });
 }
 
-// The summary of a run that has no results.
+// True for the summary of a run without results.
 bool is_a_word(const Json& summary) {
   if (!summary.is_object() || summary.contains("force_N") || !summary.contains("status")) return false;
   return summary["status"] == "failed" || summary["status"] == "interrupted";
 }
 
-// Nothing of these would be missed: a model is made again in a moment.
+// True if the files can be made again in a moment, as a model can.
 bool nothing_to_lose(const fs::path& folder, const std::vector<fs::path>& files) {
   constexpr std::array made_again = {"summary.json", "config.resolved.toml", "label.vti"};
   const auto is_made_again = [&](const fs::path& file) {
@@ -141,7 +141,7 @@ void write_summary(const fs::path& folder, const Json& summary) {
   write_file(folder / "summary.json", as_text(summary));
 }
 
-// The run had finished, and what came after it has not.
+// Amends the summary of a finished run if the work after it has failed.
 void amend_word(const fs::path& folder, const Error& error) {
   Json summary = summary_in(folder);
   if (!summary.is_object() || summary.value("status", "") != "finished") return;
@@ -181,12 +181,12 @@ void leave_word(const fs::path& folder, const std::string& command, const std::s
     }
   }
   write_word(folder, command, image, error, warnings);
-} catch (...) {  // there is a better reason to end already
+} catch (...) {  // the original error is more important
 }
 
 namespace {
 
-// A folder of ours has a list, or holds the word of a run alone, or the model that is solved.
+// Accepts a folder with a list, with only the summary of a failed run, or with the solved model.
 void require_ours(const fs::path& folder, const fs::path& model) {
   std::error_code ignored;
   if (fs::is_directory(folder, ignored) && !holds_only(folder, "") && !listed_files(folder) &&
@@ -199,7 +199,7 @@ void require_ours(const fs::path& folder, const fs::path& model) {
                        .remedy = "give an empty or a new folder with -o"});
 }
 
-// A run writes through no link, and deletes behind none.
+// A run neither writes through links nor deletes behind them.
 void refuse_links(const fs::path& folder) {
   std::error_code ignored;
   for (const auto& entry : fs::directory_iterator(folder, ignored))
@@ -256,7 +256,7 @@ bool ResultFolder::resumable() const {
 
 void ResultFolder::prepare() {
   make_folder(path_);
-  if (!lock_) {  // another run may have come and gone meanwhile
+  if (!lock_) {  // another run may have come and gone since
     lock_.emplace(path_);
     require_nothing_to_lose();
   }
@@ -266,10 +266,10 @@ void ResultFolder::prepare() {
   }
   for (const fs::path& folder : with_folders_in(path_)) remove_temporaries_in(folder);
   if (!resumable()) {
-    std::error_code error;  // what cannot be removed will be replaced
+    std::error_code error;  // files that cannot be removed are replaced
     for (const fs::path& file : written_before(path_, model_)) {
       fs::remove(file, error);
-      if (file.parent_path() != path_) fs::remove(file.parent_path(), error);  // unless it holds more
+      if (file.parent_path() != path_) fs::remove(file.parent_path(), error);  // kept if it holds more
     }
   }
   list_.emplace(path_);

@@ -11,48 +11,47 @@
 
 namespace dimple {
 
-/// Where a run keeps what it needs to go on; not there when it has finished.
+/// State of an unfinished run, from which it resumes; removed when it has finished.
 inline constexpr const char* checkpoint_file = "checkpoint.cbor";
 
-/// A folder that holds no more than the word of a run that failed, or of one that was stopped before it had
-/// results: there is nothing to lose. False where there is no such folder.
+/// True for a folder that holds only the summary of a run without results: nothing can be lost. False if
+/// there is no such folder.
 bool holds_only_a_word(const std::filesystem::path& folder);
 
-/// Says in a summary.json why nothing else is in the folder of a run: makes the folder if it is not there,
-/// and leaves those alone that hold anything else, but for what the present run has begun to write: if that
-/// has finished, its summary and page say now that what came after has not. For Ctrl-C, which nobody needs to
-/// be told of, it makes no folder. Never throws.
+/// Writes to a summary.json why a run left nothing else in its folder. It makes the folder if needed, but not
+/// after Ctrl-C. A folder with other files is left alone. If they are those of the present run and it has
+/// finished, its summary and page report that the work after it has not. Never throws.
 void leave_word(const std::filesystem::path& folder, const std::string& command, const std::string& image,
                 const Error& error, const std::vector<std::string>& warnings) noexcept;
 
-/// Of a summary that a run has written, that it ended otherwise after all: status, exit code and why.
+/// Sets in the summary of a run that it ended otherwise after all: status, exit code and why.
 void end_otherwise(nlohmann::ordered_json& summary, const Error& error);
 
-/// Says in a summary.json that the run of this folder has failed, and why. Throws OutputError.
+/// Writes to a summary.json that the run of this folder has failed, and why. Throws OutputError.
 void write_word(const std::filesystem::path& folder, const std::string& command, const std::string& image,
                 const Error& error, const std::vector<std::string>& warnings);
 
-/// What to do where results are already.
+/// Action if there are results already.
 enum class Existing {
-  refuse,   ///< say so
-  replace,  ///< remove them and start anew
-  resume    ///< go on with the run that has made them
+  refuse,   ///< report an error
+  replace,  ///< remove them and start again
+  resume    ///< continue the run that has made them
 };
 
-/// The folder of a run from its first file to its last; other runs are kept out meanwhile. Files that its
-/// list does not name are never removed or replaced.
+/// Folder of a run from its first file to its last; other runs are kept out. Files that its list does not
+/// name are never removed or replaced.
 class ResultFolder {
  public:
-  /// Changes nothing yet. `model`: the folder of the model that is solved, whose files are no results. Throws
-  /// OutputError: the folder cannot be made or written to, it holds files of others and no list, or results
-  /// although `existing` is refuse, or another run is at work there.
+  /// Changes nothing yet. `model`: folder of the solved model, whose files are no results. Throws
+  /// OutputError: the folder cannot be made or written to, or another run uses it. It may also hold files of
+  /// others without a list, or results with Existing::refuse.
   ResultFolder(std::filesystem::path folder, Existing existing, std::filesystem::path model = {});
 
   bool finished() const;   ///< an earlier run has ended there
-  bool resumable() const;  ///< or has left a checkpoint, and is to be resumed
+  bool resumable() const;  ///< it has left a checkpoint, and is to be resumed
 
-  /// Makes the folder; removes what an earlier run left unfinished there, and, unless that is to be resumed,
-  /// all that it has made by its own list. Begins such a list. Throws OutputError.
+  /// Makes the folder and begins its list. Removes unfinished files of an earlier run; unless that is to be
+  /// resumed, also all files of its list. Throws OutputError.
   void prepare();
   const std::filesystem::path& path() const { return path_; }
 

@@ -33,12 +33,12 @@ SurfaceFile ResultWriter::tools_at(double time_s, const Vec3& way_mm, const Vec3
   return all;
 }
 
-// [mm] The pose of a tool that touches is that on the body under its loads already.
+// Tip of the tool [mm]. The pose of a contacting tool already includes the displacement by the loads.
 Vec3 ResultWriter::axis_at(const Vec3& carried, const Vec3& aside) const {
   return 1e3 * ((touch_ ? touch_->pose.tip : Vec3(model_.tool.centre + carried)) + aside);
 }
 
-// What a picture shows of the body and the tool.
+// Body and tool of a picture.
 Overview ResultWriter::body_of(double depth, const Vec3& carried, const Vec3& aside,
                                const Vec3& turned) const {
   Overview picture;
@@ -66,7 +66,7 @@ Overview ResultWriter::body_of(double depth, const Vec3& carried, const Vec3& as
   return picture;
 }
 
-// The picture moves them all as the tool that is measured.
+// Places all tools of the picture by the motion of the measured one.
 void ResultWriter::place_tools(Overview& picture, const ForceSample& at) const {
   const Vec3 aside(at.aside.data());
   picture.aside_mm = 1e3 * aside;
@@ -77,7 +77,7 @@ void ResultWriter::place_tools(Overview& picture, const ForceSample& at) const {
   picture.tool_triangles = std::move(tools.triangles);
 }
 
-// The body in the frame with the largest force: at the end of a scene the tool may have left it.
+// Shows the frame with the largest force: at the end of a scene the tool may have left the body.
 void ResultWriter::show_largest(Overview& picture) const {
   if (largest_u_mm_.size() == 0) return;
   picture.displacement_mm = largest_u_mm_;

@@ -22,7 +22,7 @@ void ResultWriter::tables(const History& history, const Band& band, const ImageE
     std::vector<double> least, most;
     for (std::size_t k = 0; k < history.force.size(); ++k) {
       const double force = history.force[k].force, low = force - half(k);
-      least.push_back(touch_ && force >= 0.0 ? std::max(low, 0.0) : low);  // what touches does not pull
+      least.push_back(touch_ && force >= 0.0 ? std::max(low, 0.0) : low);  // contact has no tension
       most.push_back(history.force[k].force + half(k));
     }
     force.header.insert(force.header.end(), {low, high});
@@ -42,7 +42,7 @@ void ResultWriter::tables(const History& history, const Band& band, const ImageE
     std::vector<double>& column = force.column.emplace_back();
     for (const ForceSample& s : history.force) column.push_back(s.on_tool[c]);
   }
-  // Columns that are zero but in a scene of steps.
+  // Columns that are zero except in a scene of steps.
   const auto add_if_any = [&](const auto& names, double unit, std::array<double, 3> ForceSample::*its) {
     if (std::all_of(history.force.begin(), history.force.end(),
                     [&](const ForceSample& s) { return s.*its == std::array<double, 3>{}; }))
@@ -69,7 +69,7 @@ void ResultWriter::tables(const History& history, const Band& band, const ImageE
   write_csv(folder_ / "energy.csv", energy);
 }
 
-// A wall's moment is about no place that anybody knows.
+// A wall has no reference point for a moment.
 void ResultWriter::add_wrenches_beside(const History& history, Table& force) const {
   const std::size_t walls = beside_it_.size();
   for (std::size_t k = 0; k < walls; ++k)

@@ -24,7 +24,7 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
-// 1 base, 2 circle, 4 the first support, 8 the second, ...
+// Sets as bits: 1 base, 2 bonded patch, 4 the first support, 8 the second, ...
 Eigen::MatrixXd node_sets(const Model& model, const std::vector<HeldSet>& supports) {
   Eigen::MatrixXd set = Eigen::MatrixXd::Zero(1, model.node_count());
   for (const Index a : model.base) set(0, a) += 1.0;
@@ -55,7 +55,7 @@ Wanted wanted_of(const Scene& scene) {
           .fine = fine};
 }
 
-// What is written of a frame, beside what stays the same.
+// Data of a frame to be written, except for what stays the same.
 struct ResultWriter::Packing {
   double time_s, depth, force;  // [s], [m], [N]
   Vec3 carried, aside, turned;  // [m], [m], [rad]
@@ -66,7 +66,7 @@ struct ResultWriter::Packing {
 
 namespace {
 
-// What touches the body and is rigid: the tool that is measured, if it does, and the rest in their order.
+// Rigid objects in contact with the body: the measured tool, if it is one, and the rest in their order.
 std::vector<const TouchingTool*> rigid_in(const Frame& frame) {
   std::vector<const TouchingTool*> all;
   if (frame.tool) all.push_back(frame.tool);
@@ -74,7 +74,7 @@ std::vector<const TouchingTool*> rigid_in(const Frame& frame) {
   return all;
 }
 
-// Where they may touch, and how they do.
+// Their contact points, with pressure and state.
 PointFile contact_of(const Frame& frame, const Points& u_mm) {
   const std::vector<const TouchingTool*> rigid = rigid_in(frame);
   Index count = 0;
@@ -110,7 +110,7 @@ PointFile contact_of(const Frame& frame, const Points& u_mm) {
   return file;
 }
 
-// A frame's numbers at 200,000 points take 20 MB, and twice that while they are packed.
+// Numbers of a frame at 200,000 points take 20 MB, and twice that while they are packed.
 constexpr Index most_points_beside = 200'000;
 
 bool may_write_beside(const Model& model) {
@@ -177,7 +177,7 @@ ResultWriter::Skin ResultWriter::skin_of(const std::vector<Index>& vertex, const
   return skin;
 }
 
-// One surface serves files, report and picture.
+// Sets the surface that files, report and picture use.
 void ResultWriter::take_skins() {
   const ReducedSurface reduced = reduced_surface(model_.surface, model_.tool, most_triangles_shown);
   skin_ = skin_of(reduced.vertex, reduced.triangles);
@@ -208,7 +208,7 @@ void ResultWriter::resume(const std::vector<double>& frame_time_s) {
       const PointFile nodes = read_vtu(folder_ / "nodes" / fmt::format("nodes_{:04d}.vtu", k));
       if (const Field* u = nodes.find("nodal_parameter_mm"))
         keep(shown_, {k, frame_time_s[k], skin_.to(u->values).cast<float>()});
-    } catch (const InputError&) {  // then the page does without
+    } catch (const InputError&) {  // then the page has no such frame
     }
 }
 
@@ -221,7 +221,7 @@ void ResultWriter::go_on_after_cut(const std::vector<double>& frame_time_s) {
 }
 
 PointStress stress_at_points(const Frame& frame) {
-  ForceState forces = frame.forces;  // whose last sweep may have been elsewhere
+  ForceState forces = frame.forces;  // copied, since its last sweep may have been elsewhere
   forces.stress_sweep(frame.u);
   const auto F = forces.deformation_gradients(), P = forces.stresses();
   const double around = forces.pressure_around();
@@ -316,8 +316,8 @@ void ResultWriter::write(Packing frame) {
   if (wanted_.surface) write_view(frame);
   if (!shown_.body.empty())
     keep(shown_, {frame_time_s_.size(), frame.time_s, skin_.to(frame.u).cast<float>()});
-  // In this thread, beside the band, which leaves a processor idle now and then; not beside another picture,
-  // for VTK sets text in one thread at a time.
+  // Drawn in this thread, while the error bounds leave a processor idle at times. Two pictures never run in
+  // parallel: VTK renders text in one thread only.
   if (wanted_.report && beside_ && is_last(frame.time_s))
     body_png_ = body_png(body_of(frame.depth, frame.carried, frame.aside, frame.turned));
   const double time_s = frame.time_s;
@@ -326,7 +326,7 @@ void ResultWriter::write(Packing frame) {
     write_points(std::move(frame));
   else if (wanted_.points)
     points_left_ = std::make_unique<Packing>(std::move(frame));
-  // Listed when all are there: who stops the run between two files finds as many frames in each list.
+  // Listed when all are written: a run stopped between two files has as many frames in each list.
   if (wanted_.nodes) node_series_.add(time_s);
   if (points_now) point_series_.add(time_s);
   if (wanted_.surface)
@@ -340,13 +340,13 @@ std::vector<TimeSeries*> ResultWriter::view_series() {
 }
 
 void ResultWriter::end_frames() {
-  std::exception_ptr stopped;  // amid a frame: then the one before it is the last
+  std::exception_ptr stopped;  // within a frame: the one before is the last
   try {
     finish_frames();
   } catch (const Stopped&) {
     stopped = std::current_exception();
   }
-  // Who was stopped has a second for all that is left to be written.
+  // A stopped run has a second for all that remains to be written.
   const bool is_stopped = stop_asked() != StopReason::none;
   if (points_left_ && !(is_stopped && model_.point_count() > most_points_beside)) {
     const double time_s = points_left_->time_s;
@@ -360,7 +360,7 @@ void ResultWriter::write_points(Packing frame, bool of_stopped) {
   points_left_.reset();
   PointFile file{
       .position_mm = points_mm_, .fields = {}, .small = !wanted_.fine, .even_if_stopped = of_stopped};
-  // One by one: a list of them would be copied.
+  // Added one by one: an initialiser list would copy them.
   file.fields.push_back({.name = "displacement_mm",
                          .unit = "mm",
                          .values = to_points_(frame.u),
@@ -375,7 +375,7 @@ void ResultWriter::write_points(Packing frame, bool of_stopped) {
   write_vtu(point_series_.next_frame(), file, frame.time_s);
 }
 
-// What view.py shows: the skin, the body cut open, and the tool.
+// Files for view.py: the skin, the body cut open, and the tool.
 void ResultWriter::write_view(const Packing& frame) {
   const bool small = !wanted_.fine;
   const Skin& skin = whole_ ? *whole_ : skin_;

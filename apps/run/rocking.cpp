@@ -13,15 +13,15 @@
 namespace dimple {
 namespace {
 
-// A heart on a bed rocks by 22 to 28 % of the push, and by 6 % where the bed is half as high again. Blocks,
-// a brain and a half ellipsoid on a flat face have 3 to 16 %, and nearly as much that is not rigid.
-constexpr double rocks_much = 0.1;     // of the push
+// A heart on a bed rocks by 22 to 28 % of the tool's depth, and by 6 % on a 1.5 times higher bed. Blocks, a
+// brain and a half ellipsoid on a flat face have 3 to 16 %, and nearly as much motion that is not rigid.
+constexpr double rocks_much = 0.1;     // of the tool's depth
 constexpr double mostly_rigid = 0.5;   // the rest is less than this part of the rigid motion
 constexpr double far_from_tool = 3.0;  // radii of the contact
-constexpr double far_from_base = 0.5;  // of the largest distance from it
+constexpr double far_from_base = 0.5;  // of the largest distance from the base
 constexpr Index most_looked_at = 2000, most_of_base = 200, fewest_far = 12;  // nodes
 
-// At most so many of them, evenly by their number.
+// At most this many indices, evenly spaced.
 std::vector<Index> some_of(Index count, Index most) {
   const Index stride = std::max<Index>(1, (count + most - 1) / most);
   std::vector<Index> chosen;
@@ -29,7 +29,7 @@ std::vector<Index> some_of(Index count, Index most) {
   return chosen;
 }
 
-// From the nearest of some nodes of the base.
+// Distance from the nearest of some nodes of the base.
 double from_base(const Model& model, const std::vector<Index>& base, const Vec3& x) {
   double nearest = std::numeric_limits<double>::infinity();
   for (const Index k : base)
@@ -41,7 +41,7 @@ double root_mean_square(const Points& v) {
   return std::sqrt(v.squaredNorm() / static_cast<double>(v.cols()));
 }
 
-// The small rotation and translation that is nearest to the displacements u of places x.
+// Small rotation and translation nearest to the displacements u of places x.
 Points rigid_part(const Points& x, const Points& u) {
   const Vec3 middle = x.rowwise().mean(), translation = u.rowwise().mean();
   Mat3 inertia = Mat3::Zero();

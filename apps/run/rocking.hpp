@@ -7,22 +7,22 @@
 
 namespace dimple {
 
-/// How far tissue that is far from the tool and from the base moves as a body, in rotation and translation. A
-/// local dent leaves it nearly at rest; an organ that rocks or yields on its base takes it along.
+/// Rigid-body motion of the tissue far from tool and base, in rotation and translation. A local indentation
+/// leaves it nearly at rest; an organ that rocks or yields on its base moves it.
 class RockingOfBody {
  public:
   explicit RockingOfBody(const Model& model);
   void see(const Frame& frame);
-  /// A warning, if at the deepest push it is a tenth of that or more, and most of what moves there; empty: it
-  /// is less. What loads moved before the tool does not count.
+  /// A warning, if at the largest depth this motion is a tenth of it or more, and most of the motion there.
+  /// Empty: it is less. Motion by loads before the tool's does not count.
   std::string warning() const;
 
  private:
   std::vector<Index> far_;  // nodes; none: too few are far from tool and base
   Points x_, settled_;      // [3 x far] at rest, and displacements before the tool has moved [m]
-  double depth_ = 0.0;      // the deepest [m]
-  double rigid_ = 0.0;      // root mean square of the rigid motion there [m]
-  double rest_ = 0.0;       // and of what is left [m]
+  double depth_ = 0.0;      // the largest [m]
+  double rigid_ = 0.0;      // root mean square of the rigid motion then [m]
+  double rest_ = 0.0;       // and of the remaining motion [m]
 };
 
 }  // namespace dimple

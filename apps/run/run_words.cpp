@@ -23,7 +23,7 @@ std::string crossings_in_words(double crossings) {
                            three_digits(crossings));
 }
 
-// "mu 210 Pa, nu 0.49; label 2: mu 3000 Pa, nu 0.49".
+// "neo-Hookean, mu 210 Pa, nu 0.49; label 2: neo-Hookean, mu 3000 Pa, nu 0.49".
 std::string moduli_in_words(const Scene& scene, const Tissues& tissues) {
   std::vector<std::string> words;
   auto own = scene.tissues.begin();
@@ -35,7 +35,7 @@ std::string moduli_in_words(const Scene& scene, const Tissues& tissues) {
   return fmt::format("{}", fmt::join(words, "; "));
 }
 
-// What loads the body and its surface before the tool does, and how far it has settled.
+// Loads on the body and its surface before the tool moves, and the preload displacement.
 std::string loads_and_films_in_words(const Result& result) {
   const Loads& loads = result.loading.loads;
   std::vector<std::string> words;
@@ -180,7 +180,7 @@ void ask_for_units(const RunLog& log, const Scene& scene, const LoadedModel& res
       ask("a shear modulus of " + stress_in_words(tissue.mu), stress_in_words(softest_Pa),
           "the material (--mu, --young)", "Pa");
   for (const Membrane& film : result.loading.loads.membrane) {
-    if (!(film.shear_modulus > 0.0)) continue;  // tension alone
+    if (!(film.shear_modulus > 0.0)) continue;  // tension only
     const std::string option = fmt::format("the membrane '{}'", film.name);
     if (1e3 * film.thickness < thinnest_film_mm)
       ask(fmt::format("a film of {}", length_in_words(1e3 * film.thickness)),

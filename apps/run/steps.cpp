@@ -16,10 +16,10 @@
 namespace dimple {
 namespace {
 
-// A turning tool is looked at so often; along its axis that is looked at to where it is a radius above its
-// first touch, but for so many times that length where it lies flat.
+// Angle between checked poses of a turning tool. Its axis is checked up to a radius above its first contact,
+// but at most this many times that height where it is nearly flat.
 constexpr double looked_at_deg = 5.0, most_of_axis = 4.0;
-constexpr double furthest = 20.0;  // of the body's size, that a step goes
+constexpr double furthest = 20.0;  // largest step, of the body's size
 
 bool is_of_tool(const Scene::Step& step) {
   return step.moves == tool_word;
@@ -85,8 +85,8 @@ std::vector<Vec3> way_of_tool(const Scene& scene, const Vec3& push) {
 
 namespace {
 
-// Where a tool that turns is looked at: at the end of each step, and by and by where it turns. `turned`: it
-// has done so, then or before.
+// Calls `look` for the poses of a turning tool: at the end of each step, and at small angles within a turn.
+// The last argument: it has turned, then or before.
 template <class Look>
 void look_along(const Scene& scene, const ToolPlace& tool, const Look& look) {
   RigidWay before;
@@ -104,7 +104,7 @@ void look_along(const Scene& scene, const ToolPlace& tool, const Look& look) {
   }
 }
 
-// Of its axis, from the tip to where that is as high as its first touch, or `above` that [m].
+// Length of the tool's axis from the tip to the height of its first contact, or `above` that [m].
 double axis_below(const Vec3& come, const Mat3& turned, const Vec3& push, double above) {
   const double high = std::max(0.0, come.dot(push) + above), upright = push.dot(turned * push);
   return high / std::max(upright, 1.0 / most_of_axis);

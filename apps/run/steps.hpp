@@ -8,41 +8,40 @@
 
 namespace dimple {
 
-/// x,y,z in LPS, or one number along the push.
+/// Displacement from x,y,z in LPS, or from one number along the press direction.
 Vec3 way_of(const std::vector<double>& move, const Vec3& push);
 
-/// The steps for the solver, of a tool that is pushed along its push from its centre, and of others along
-/// theirs.
+/// Steps for the solver. The tool moves along its press direction from its centre, others along theirs.
 std::vector<Step> steps_of(const Scene& scene, const ToolPlace& tool,
                            const std::map<std::string, Vec3>& push_of_others = {});
 
-/// Throws UsageError: a step goes further than twenty times the size of the body, whose nodes are given [m].
+/// Throws UsageError: a step is longer than twenty times the size of the body, whose nodes are given [m].
 void require_near(const std::vector<Step>& steps, const Points& body);
 
-/// How far the tool, which does not turn, has come after each step [m].
+/// Displacement of a tool that does not turn, after each step [m].
 std::vector<Vec3> way_of_tool(const Scene& scene, const Vec3& push);
 
-/// The same of a tool that touches and may turn, first at its centre: where it turns its tip by and by, and
-/// after each of these places one as far up its axis as it may touch.
+/// Displacements of a contacting tool that may turn, first at its centre: those of its tip along each turn.
+/// After a turn each is followed by the highest point of its axis that may be in contact.
 std::vector<Vec3> swept(const Scene& scene, const ToolPlace& tool);
 
-/// The deepest that the tool comes [m], along its push; and what of the tool is then below where it first
-/// touched, along its own axis.
+/// Largest depth of the tool along its press direction [m]. The second is the largest length of the tool
+/// below its first contact, along its own axis [m].
 double deepest(const Scene& scene, const ToolPlace& tool);
 double most_of_tool_below(const Scene& scene, const ToolPlace& tool);
 
-/// "press: the tool moves (0, 0, -4) mm".
+/// "press: the tool moves by (0, 0, -4) mm".
 std::string in_words(const Step& step);
 
-/// The sample with the largest force along the push, in size, and the step that it is in. `force` has one at
-/// least.
+/// Sample with the largest force along the press direction, in size, and its step. `force` has at least one
+/// sample.
 struct LargestForce {
   ForceSample sample = {};
   std::string step;
 };
 LargestForce largest_force(const Loading& loading, const std::vector<ForceSample>& force);
 
-/// The force on the tool across its push [N].
+/// Lateral force on the tool, normal to its press direction [N].
 double lateral_force(const ForceSample& sample, const Vec3& push);
 
 }  // namespace dimple

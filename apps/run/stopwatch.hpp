@@ -4,7 +4,7 @@
 
 namespace dimple {
 
-/// Wall time since it was made, and what had passed `before` [s].
+/// Wall time since construction, plus `before` [s].
 class Stopwatch {
  public:
   Stopwatch() = default;

@@ -91,7 +91,7 @@ Json counts_json(const Model& model) {
           {"circle_diameter_mm", 2e3 * model.tool.radius}};
 }
 
-// A tool that touches holds no circle of nodes.
+// A contacting tool has no bonded patch.
 void add_touch(Json& summary, const Touch& touch, const History& history) {
   for (const char* key : {"circle_nodes", "circle_centre_mm", "circle_diameter_mm"})
     summary["counts"].erase(key);
@@ -169,7 +169,7 @@ Json wall_json(const Touch& wall, const TouchingTool::Touched& now) {
   return its;
 }
 
-// What is rigid beside the tool that is measured, at the end.
+// Adds the contact of the other rigid tools and of the walls at the end.
 void add_rigid(Json& summary, const Result& result) {
   const std::vector<TouchingTool::Touched>& at_end = result.history.walls;
   for (std::size_t k = 0; k < result.loading.walls.size(); ++k) {
@@ -180,7 +180,7 @@ void add_rigid(Json& summary, const Result& result) {
   }
 }
 
-// `label` is empty for that of all labels without one of their own.
+// `label` is empty for the material of all other labels.
 Json material_json(const Material& m, const std::string& label, Index points, bool is_default) {
   const LawWords law = words_of(m);
   Json terms = Json::array(), relaxing = Json::array();
@@ -224,7 +224,7 @@ Json consistency_json(const ConsistencyReport& consistency) {
       {"before", consistency.before}, {"after", consistency.after}, {"iterations", consistency.iterations}};
 }
 
-// Of the last force.
+// Error bounds of the last force.
 Json band_json(const Band& band, const History& history, bool touches) {
   if (!band.known()) return {{"unknown", band.unknown}};
   const double force = history.force.back().force, half = band.half.back();
@@ -248,7 +248,7 @@ Json image_error_json(const ImageError& error) {
 
 namespace {
 
-// At the last depth, likewise.
+// Displacement at the last depth, with its error bounds.
 Json displacement_json(const Followed& followed, const Band& band) {
   Json result = {{"place_mm", three(followed.place * 1e3)},
                  {"displacement_mm", three(followed.u * 1e3)},
@@ -306,7 +306,7 @@ double evaluations_of(const History& history) {
   return static_cast<double>(history.evaluations + history.extra_evaluations);
 }
 
-// [m] when on_support was taken.
+// Displacement of a support when on_support was recorded [m].
 Vec3 way_of_support(const Result& result, const HeldSet& support) {
   const Loading& loading = result.loading;
   if (loading.steps.empty()) return result.on_support_at * support.share * support.direction;
@@ -338,7 +338,7 @@ Json cut_step_json(const CutMade& made) {
 
 }  // namespace
 
-// What each step that was done left, as far as the run came.
+// State after each step that was done, as far as the run came.
 Json steps_json(const Result& result) {
   Json list = Json::array();
   double ended = 0.0;  // [s]
@@ -380,7 +380,7 @@ Json steps_json(const Result& result) {
 
 double largest_energy_error(const History& history) {
   if (history.energy.empty()) return 0.0;
-  const EnergySample& rest = history.energy.front();  // what loads did before the tool came is not its work
+  const EnergySample& rest = history.energy.front();  // work of the loads before the tool moves
   double error = 0.0, scale = 0.0;
   for (const EnergySample& e : history.energy) {
     error = std::max(error, std::abs(e.error() - rest.error()));
@@ -476,7 +476,7 @@ void add_steps(Json& summary, const Result& result) {
   summary["smallest_time_step_s"] = history.dt_smallest;
   summary["steps"] = result.time == TimeMode::quasi_static ? 0 : history.evaluations;
   summary["residual"] = history.residual;
-  summary["most_inverted_points"] = history.inverted;  // at any depth; guards tell of the worst one
+  summary["most_inverted_points"] = history.inverted;  // at any depth; guards report the worst one
   summary["force_evaluations"] = history.evaluations + history.extra_evaluations;
   summary["J_min"] = history.J_min;
   summary["energy_error"] = largest_energy_error(history);

@@ -31,15 +31,15 @@ Report report_on(const std::string& name, const char* key, const std::string& fa
 struct Chosen {
   std::vector<Index> node;
   Vec3 normal = Vec3::Zero();
-  double nearest_mm = std::numeric_limits<double>::infinity();  // node of the surface to a ball's middle
+  double nearest_mm = std::numeric_limits<double>::infinity();  // surface node to a ball's centre
 };
 
-// A bank of a cut belongs to no side of the body; a ball may take hold of it.
+// A face of a cut belongs to no side of the body; a ball may include it.
 bool is_inside_cut(const SurfacePart& part, const Surface& faces, Index t) {
   return part.side && faces.is_cut_face(t);
 }
 
-// Over the area: nodes are few, and some of them lie on rounded edges.
+// Mean over the area: nodes are few, and some are on rounded edges.
 Vec3 mean_normal(const SurfacePart& part, const BodySurface& surface, const Surface& faces) {
   Vec3 sum = Vec3::Zero();
   double area = 0.0;
@@ -144,7 +144,7 @@ HeldSet set_of(const Scene::Support& held, const Chosen& chosen, double depth_mm
 
 std::string sentence(const HeldSet& set, double depth_mm, Index of_base, Index of_others) {
   const auto three = [](const Vec3& v) {
-    const Vec3 shown = v.array() + 0.0;  // no -0
+    const Vec3 shown = v.array() + 0.0;  // avoids -0
     return fmt::format("({:.4g}, {:.4g}, {:.4g})", shown.x(), shown.y(), shown.z());
   };
   const Vec3 moves = set.share * depth_mm * set.direction;
@@ -189,7 +189,7 @@ Supports supports_of(const Scene& scene, const Discretisation& places,
   std::optional<BodySurface> surface;
   if (!all_labels) surface.emplace(places.surface.vertex_mm, places.surface.triangles);
   std::vector<Chosen> chosen;
-  std::vector<int> owner(static_cast<std::size_t>(places.node_count()), -1);  // the last that takes a node
+  std::vector<int> owner(static_cast<std::size_t>(places.node_count()), -1);  // last support of a node
   for (const Scene::Support& held : scene.supports) {
     chosen.push_back(held.part ? nodes_on_surface(*held.part, places, *surface)
                                : nodes_with_label(number_of_label(held.label, label_names), places));

@@ -10,7 +10,7 @@ namespace dimple {
 namespace {
 
 struct Changes {
-  std::vector<double> depth, most;  // the largest change until there
+  std::vector<double> depth, most;  // largest change so far
   double at(double d) const {
     const auto after =
         static_cast<std::size_t>(std::lower_bound(depth.begin(), depth.end(), d) - depth.begin());
@@ -36,7 +36,7 @@ std::vector<double> tool_half_widths(const std::vector<ForceSample>& force, cons
                                      const Penetration& penetration) {
   if (force.empty() || coarse.empty() || coarse.back().depth < force.back().depth * (1.0 - 1e-9)) return {};
   const double shallowest = shallowest_with_tool_band * shape.radius * (1.0 - 1e-9);
-  Changes changes;  // where next to nothing touches two clouds differ by a factor
+  Changes changes;  // none at less: with little contact node sets differ by a factor
   for (const ForceSample& sample : coarse)
     if (sample.force > 0.0 && sample.depth >= shallowest && sample.depth <= force.back().depth * (1.0 + 1e-9))
       changes.depth.push_back(sample.depth);

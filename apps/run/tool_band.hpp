@@ -8,41 +8,50 @@
 
 namespace dimple {
 
-/// Half the width of the band of a tool that touches, as a part of the force:
+// Error bounds under a contacting tool: the error of the discretisation, from the forces of two node sets.
+//
+// 1. The change is the largest relative difference of the forces so far, from the first calibrated depth on.
+// 2. tool_band_measure() adds a floor for chance and a term for the node spacing over the contact radius.
+// 3. The half-width is tool_band_multiplier times this times the force, and at least the penetration error.
+// 4. At smaller depths the bounds extend from zero to the straight line to the first calibrated depth.
+//
+// Calibration: spheres and a punch against finite elements (tests/verification/tool_band_test.cpp), then
+// images (tool_band_coverage.py there). Evidence: README.md, "Error bounds", and results/tool_band_*.csv
+// there.
+
+/// Half-width of the error bounds of a contacting tool, as a part of the force:
 ///
 ///     multiplier (0.3 change + 1 % (nodes / 1000)^-0.6 + 0.4 (spacing / radius of contact)^2).
 ///
-/// `change`: as of the circle's band (band_half_width()). The last term is what two clouds have in common:
-/// contact that is enforced in the mean around each node reaches too far, and where few nodes touch the force
-/// is too high by that much. `spacing` at the contact and `contact` radius in the same unit.
+/// `change`: as in band_half_width(). The last term is an error common to both node sets. Contact is enforced
+/// in the mean around each node and extends too far, which raises the force if few nodes are in contact.
+/// `spacing` at the contact and `contact` radius: in the same unit.
 double tool_band_half_width(double change, Index nodes, double spacing, double contact);
-/// On the calibration's spheres and punch (tool_band_test) 0.9 would have held at all depths; 1.5 was frozen
-/// before images were looked at, whose surfaces are neither level nor smooth, and there one band of the first
-/// four did not hold (results/tool_band_coverage.csv: it took 1.77 times its width). It was widened by that.
+/// Multiplier: on the calibration's spheres and punch (tool_band_test) 0.9 holds at all depths. 1.5 was
+/// frozen before images were tried, whose surfaces are uneven. One of the first four bounds then failed, 1.77
+/// times too narrow (results/tool_band_coverage.csv), and the multiplier was raised by this factor.
 extern const double tool_band_multiplier;
 /// The sum in brackets.
 double tool_band_measure(double change, Index nodes, double spacing, double contact);
 
-/// How deep the body's surface came into the tool at most [m], and how deep the tool was then; 0: nothing
-/// that counts.
+/// Largest penetration of the body's surface into the tool [m], and the tool's depth then; 0: negligible.
 struct Penetration {
   double largest = 0.0, at = 0.0;
 };
 
-/// Half the band's width [N] at each depth of a force curve of the model, against that of a coarser cloud; no
-/// less than penetration may put the force off by (Guards::off_by_penetration), which is less the deeper the
-/// tool has gone on since. Shallower than it was measured, where a handful of nodes touch, the force is known
-/// to lie between none and the straight line to the first depth that was: contact grows with the depth. Empty
-/// if the coarser curve ends before, or the force does before that depth.
+/// Half-widths [N] at each depth of a force curve, from a coarser one. They are at least the error by
+/// penetration (Guards::off_by_penetration), which falls as the tool advances. Below the first calibrated
+/// depth few nodes are in contact. There the force is between zero and the straight line to that depth, since
+/// contact grows with depth. Empty if the coarser curve ends before, or the force before that depth.
 std::vector<double> tool_half_widths(const std::vector<ForceSample>& force, const Model& model,
                                      const std::vector<ForceSample>& coarse, const ToolShape& shape,
                                      const Penetration& penetration = {});
 
-/// Clouds for which the band was measured, with half of which they were compared.
+/// Fewest nodes for which the bounds are calibrated, compared with half as many.
 inline constexpr Index fewest_nodes_with_tool_band = 1500;
-/// Bodies for which it was measured [radii of the contact].
+/// Least thickness for which they are calibrated [radii of the contact].
 inline constexpr double thinnest_with_tool_band = 3.5;
-/// From so many of a tool's radii the band was measured, and down to so many.
+/// Range of depths for which they are calibrated [radii of the tool].
 inline constexpr double shallowest_with_tool_band = 0.08;
 inline constexpr double deepest_with_tool_band = 0.8;
 

@@ -4,8 +4,7 @@
 
 namespace dimple {
 
-/// Does `work`. What breaks while everything is being stopped is a consequence of that: Stopped is thrown in
-/// its place.
+/// Does `work`. An error during a stop is a consequence of the stop, and is replaced by Stopped.
 template <class Work>
 auto unless_stopped(const Work& work) {
   try {

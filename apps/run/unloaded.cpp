@@ -21,21 +21,21 @@ namespace dimple {
 namespace {
 
 constexpr int most_rounds = 30;
-// Of the body's size, and in any case [m]. Much closer it does not come: places that move past a node's
-// support change the discretisation by steps, of 0.05 mm where its weight moves a block of 800 nodes by 2.5
-// mm.
+// Requested distance to the image, of the body's size and at most [m]. The rounds come little closer: places
+// that move past a node's support change the discretisation by steps. The steps are 0.05 mm where its weight
+// moves a block of 800 nodes by 2.5 mm.
 constexpr double close_enough = 1e-3, closest = 1e-4;
-// Where a round brings less than this, the next goes back by half as much: a node that is displaced beside
-// its neighbours comes to lie beside its place by up to twice that.
+// A round that does not halve the distance halves the correction of the next, to a quarter at least. A node
+// moved relative to its neighbours may change its place by up to twice as much.
 constexpr double comes_closer = 0.5, least_share = 0.25;
 constexpr const char* by_imaged = "load.imaged";
-constexpr const char* taken_off = "taken_off";  // of a model's provenance
+constexpr const char* taken_off = "taken_off";  // in a model's provenance
 
 bool was_loaded(const Scene& scene) {
   return scene.imaged_loaded;
 }
 
-// Whether a load, a film or a support is on a side or in a ball.
+// True if a load, a film or a support is on a side or in a ball.
 bool names_parts(const Scene& scene) {
   const auto is_part = [](const SurfacePart& part) { return part.side || part.ball; };
   return std::any_of(scene.pressures.begin(), scene.pressures.end(),
@@ -50,7 +50,7 @@ bool names_parts(const Scene& scene) {
   throw UsageError({.fact = fact, .where = by_imaged, .why = why, .remedy = remedy});
 }
 
-// Where everything that the image has comes to lie, beside where it has it.
+// Distance of everything from its place in the image [m].
 struct Beside {
   Points node, point, vertex;
   double largest() const {
@@ -89,12 +89,12 @@ Equilibrium under_loads(const Scene& scene, const std::vector<HeldSet>& further,
   return found;
 }
 
-// The cells of the image, as they are without the loads.
+// Sets volumes and moments of the points to their load-free values.
 void unload_cells(const Discretisation& imaged, const std::vector<Mat3>& F, Discretisation& places) {
   for (Index q = 0; q < imaged.point_count(); ++q) {
     const Mat3& loaded = F[static_cast<std::size_t>(q)];
     const double J = loaded.determinant();
-    if (!(J > 0.0)) continue;  // turned inside out: as the image has it
+    if (!(J > 0.0)) continue;  // inverted: as imaged
     places.volume[q] = imaged.volume[q] / J;
     if (imaged.second_moments.cols() == 0) continue;
     const Mat3 back = loaded.inverse();
@@ -166,7 +166,7 @@ void take_loads_off(const Scene& scene, const std::vector<HeldSet>& further,
     const Scheme scheme = model.scheme;
     result.model = make_model(std::move(places), scheme, std::move(tissue), density);
   }
-  // The circle goes back with its nodes, from where the loads bring it to its place in the image.
+  // The bonded patch moves back with its nodes; the loads bring it to its place in the image.
   Vec3 back = Vec3::Zero();
   for (const Index a : imaged.circle) back += result.model.X.col(a) - imaged.X.col(a);
   if (!imaged.circle.empty()) result.model.tool.centre += back / static_cast<double>(imaged.circle.size());

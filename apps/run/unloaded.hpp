@@ -6,19 +6,18 @@
 
 namespace dimple {
 
-/// Before anything is built: throws UsageError where no load acts on a body that was imaged under its loads
-/// (load.imaged), or where they were taken off before. `model`: one that was made before; from it they may
-/// have been taken off already.
+/// Checks before anything is built. Throws UsageError: no load acts on a body that was imaged under its loads
+/// (load.imaged), or they were removed before. `model`: one that was made before, perhaps without its loads.
 void check_imaged(const Scene& scene, const ModelFiles* model);
 
-/// Of a body that was imaged under its loads: makes result.model that of the shape without them, from which
-/// they bring it back to the image's. Nodes, points with their cells, and the surface go back by as much as
-/// they come to lie beside where the image has them, and the model is completed anew, until they do not:
+/// Load-free configuration of a body that was imaged under its loads: result.model becomes the one that the
+/// loads bring back to the image. Nodes, points with their cells, and the surface are corrected by their
+/// distance to the image. The model is completed again until the distance is small:
 ///
 ///     X <- X - (X + u(X) - x),   x the place in the image, u the equilibrium under the loads from X.
 ///
-/// Throws UsageError: folds of the body touch. Throws SolveError: it does not come closer, or the body does
-/// not carry its loads.
+/// Throws UsageError: folds of the body are in contact. Throws SolveError: the rounds do not converge, or the
+/// body cannot carry its loads.
 ///
 /// Source:   Sellier, Comput. Methods Appl. Mech. Eng. 200 (2011) 1843 (the inverse problem by fixed points).
 void take_loads_off(const Scene& scene, const std::vector<HeldSet>& further,

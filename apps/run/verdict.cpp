@@ -35,8 +35,8 @@ struct Answer {
   }
 };
 
-// Of the guards that fired; a march that went back and found another way has been looked after by one too.
-// That a few points at a sharp rim are inverted the force hardly feels, and every fine cloud has some.
+// Codes of the guards that fired; a retried march has a guard too. A few inverted points at a sharp edge
+// hardly change the force, and every fine discretisation has some.
 std::set<std::string> fired(const Solution& result, const std::set<std::string>& about) {
   std::set<std::string> codes;
   for (const Finding& finding : result.findings)
@@ -57,13 +57,13 @@ Answer of_image(const Result& result) {
   Answer answer{.value = labelled > 0.0 ? 100.0 * result.segment.voxel_volume_mm3 / labelled : 0.0,
                 .unit = "%",
                 .of = "of the labelled volume is in the body"};
-  if (!(labelled > 0.0)) {  // the run began with a model's files
+  if (!(labelled > 0.0)) {  // a run from a model's files
     answer.value = static_cast<double>(result.model.node_count());
     answer.unit = "nodes";
     answer.of = "of a model that was made before: no image was read";
     return answer;
   }
-  // The body need not be what was labelled.
+  // The body may be smaller than the labels.
   const auto part = [](double mm3, const char* what) {
     return mm3 > 0.0 ? fmt::format(", {} {}", volume_in_words(mm3), what) : std::string();
   };
@@ -110,7 +110,7 @@ Answer of_equilibrium(const Result& result, const std::string& status) {
   Answer answer{.value = 100.0 * history.residual,
                 .unit = "%",
                 .of = "of the reactions is unbalanced, at the worst depth"};
-  if (status == "failed" && history.force.size() < 2) {  // what is at rest before the load is none of its
+  if (status == "failed" && history.force.size() < 2) {  // the only sample precedes the load
     answer.value = std::numeric_limits<double>::quiet_NaN();
     answer.of = "of the reactions is unbalanced: no equilibrium was found";
   } else if (result.time != TimeMode::quasi_static && !history.force.empty()) {

@@ -12,8 +12,8 @@
 namespace dimple {
 namespace {
 
-// How far the circle's nodes lie along the push from its plane, at other places of it: from the nearest of
-// them.
+// Distance of the bonded patch from its plane along the press direction, interpolated between its nearest
+// nodes.
 class Foot {
  public:
   explicit Foot(const Discretisation& model)
@@ -50,7 +50,7 @@ SurfaceFile tool_body(const Discretisation& model) {
   const Vec3 right = tool.push.cross(Vec3::Unit(least)).normalized(), ahead = tool.push.cross(right);
   const Foot foot(model);
 
-  // The foot's middle, its rings from within, the upper ring, and its middle.
+  // Vertices: centre of the foot, its rings from within, the upper ring, and its centre.
   SurfaceFile body;
   body.position_mm.resize(3, 2 + (rings + 1) * around);
   const auto put = [&](Index n, const Vec3& across, double along) {
@@ -87,7 +87,7 @@ SurfaceFile tool_body(const Discretisation& model) {
 
 namespace {
 
-// Of a tool that was drawn, in as many triangles as a picture needs.
+// Surface of a tool from a mesh, in as many triangles as a picture needs.
 SurfaceFile drawn_body(const ToolMesh& mesh, const ToolPose& pose) {
   constexpr Index enough = 8000;
   const Surface surface{.vertex_mm = 1e3 * mesh.vertex, .triangles = mesh.triangles};
@@ -102,12 +102,12 @@ SurfaceFile drawn_body(const ToolMesh& mesh, const ToolPose& pose) {
 }  // namespace
 
 SurfaceFile tool_body(const Touch& touch) {
-  constexpr Index around = 96, round = 24;  // corners of a ring; rings of a quarter of a circle
+  constexpr Index around = 96, round = 24;  // corners of a ring; rings of a quarter
   const ToolShape& shape = touch.shape;
   if (shape.mesh) return drawn_body(*shape.mesh, touch.pose);
   const std::vector<std::pair<double, double>> ring = shape.outline(round);
   const Vec3 up = -touch.pose.points_at, right = up.unitOrthogonal(), ahead = up.cross(right);
-  const Index rings = static_cast<Index>(ring.size()) - 1;  // beside the middle of the upper end
+  const Index rings = static_cast<Index>(ring.size()) - 1;  // without the centre of the upper end
   SurfaceFile body;
   body.position_mm.resize(3, 2 + rings * around);
   body.position_mm.col(0) = 1e3 * touch.pose.tip;

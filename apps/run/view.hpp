@@ -6,14 +6,13 @@
 
 namespace dimple {
 
-/// The tool as a closed cylinder at rest, three radii long. Its foot has the shape of the skin under it,
-/// since the circle's nodes move as they lie. Positions in LPS mm.
+/// Tool as a closed cylinder at rest, three radii long. Its foot has the shape of the skin under it, since
+/// the bonded nodes move as one. Positions in LPS mm.
 SurfaceFile tool_body(const Discretisation& model);
-/// A tool that touches, where it first touches; a punch is drawn three radii long.
+/// Contacting tool at first contact; a punch is drawn three radii long.
 SurfaceFile tool_body(const Touch& touch);
 
-/// A script for ParaView that shows the results in its own folder: the text of view.py, the same for every
-/// run.
+/// ParaView script that shows the results of its own folder: the text of view.py, the same for every run.
 extern const char* const view_script;
 inline constexpr const char* view_file = "view.py";
 

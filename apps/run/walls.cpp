@@ -27,14 +27,14 @@
 namespace dimple {
 namespace {
 
-constexpr double hull_closes_mm = 12.0;  // gaps in the body narrower than this: its fissures
-constexpr double faces_wall = -0.3;      // outward normal of the body . that of the wall, at most
-// How far from the body a wall is looked for: of the body's size, and at least and at most [m].
+constexpr double hull_closes_mm = 12.0;  // narrower gaps in the body are its fissures
+constexpr double faces_wall = -0.3;      // largest outward normal of the body . that of the wall
+// Distance from the body within which walls act: of the body's size, and its limits [m].
 constexpr double reach_of_size = 0.15, least_reach = 10e-3, most_reach = 30e-3;
-constexpr double overlap_voxels = 1.0;    // that neighbouring labels may have
-constexpr double overlap_spacings = 0.2;  // the same where there is no image
+constexpr double overlap_voxels = 1.0;    // allowed overlap of neighbouring labels
+constexpr double overlap_spacings = 0.2;  // the same without an image
 
-// The distance field of a wall around the model's box, with what was done.
+// Distance field of a wall around the model's box.
 DistanceGrid field_of(const BodySurface& wall, bool hollow, const Model& model, double finest_mm,
                       double reach) {
   const Vec3 low = 1e3 * (model.X.rowwise().minCoeff().array() - 1.2 * reach).matrix(),
@@ -45,7 +45,7 @@ DistanceGrid field_of(const BodySurface& wall, bool hollow, const Model& model, 
 struct WallShape {
   ToolShape shape;
   ToolPose pose;
-  double gap = 0.0;  // that its words say, in front of what is drawn [m]
+  double gap = 0.0;  // stated gap in front of the drawn wall [m]
   std::string words;
 };
 
@@ -121,7 +121,7 @@ void check_walls(const Scene& scene, const LabelImage& image, const std::vector<
 
 namespace {
 
-// What of the surface can come to it, by the place next to it on the wall.
+// Part of the surface that can come to the wall, by the place next to it on the wall.
 ContactSurface facing_surface(const Model& model, const Touch& wall, double reach,
                               const std::optional<Eigen::Vector4d>& opening, Index most_places) {
   bool opens = false;
@@ -157,7 +157,7 @@ Eigen::VectorXd distances(const Touch& wall, const Points& places) {
   return result;
 }
 
-// Sets the wall back: as a whole to a stated gap, and where it lies in the body to where that is.
+// Offsets the wall: as a whole to a stated gap, and out of the body where they overlap.
 std::string set_back(const std::string& name, const WallShape& shape, std::optional<double> gap,
                      double allowed, Touch& wall) {
   const ContactSurface& surface = wall.surface;
@@ -194,7 +194,7 @@ std::string set_back(const std::string& name, const WallShape& shape, std::optio
 
 namespace {
 
-// Beyond its grid a wall's distance is no distance any more.
+// Beyond its grid a wall's distance is invalid.
 bool is_within(const DistanceGrid& grid, const Vec3& x) {
   const Vec3 at = (x - grid.origin) / grid.step;
   for (Index d = 0; d < 3; ++d)
@@ -218,7 +218,7 @@ std::vector<Standing> standing_walls(const Scene& scene, const Loading& loading)
   return walls;
 }
 
-// The nearest of some walls and how far it is [mm]; not a number where that is open.
+// Nearest wall and its distance [mm]; NaN at its opening.
 struct Nearest {
   double gap = std::numeric_limits<double>::infinity();
   const Standing* wall = nullptr;
@@ -250,7 +250,7 @@ GapAt gap_to_walls(const Scene& scene, const Loading& loading) {
 
 namespace {
 
-// Where a tool comes to, from its first touch on [m]; turns aside.
+// Displacements of a tool from its first contact on [m]; turns are left out.
 std::vector<Vec3> places_come_to(const Loading& loading, std::string_view name, const Vec3& motion) {
   std::vector<Vec3> places = {Vec3::Zero()};
   if (loading.steps.empty()) places.emplace_back(loading.depth * motion);
@@ -259,7 +259,7 @@ std::vector<Vec3> places_come_to(const Loading& loading, std::string_view name, 
   return places;
 }
 
-// Of the circle, whose shaft is only drawn, the axis and eight lines around it, to two radii above it [mm].
+// Drawn shaft over the bonded patch: the axis and eight lines around it, to two radii above it [mm].
 Points shaft_of(const ToolPlace& circle) {
   Points shaft(3, 9 * 8);
   const Vec3 side = circle.push.unitOrthogonal(), across = circle.push.cross(side);

@@ -11,30 +11,28 @@
 
 namespace dimple {
 
-/// Once the image is read: throws InputError where a wall is a label that is not there, or is of the body.
+/// Throws InputError, once the image is read: a wall is a label that is not there or belongs to the body.
 void check_walls(const Scene& scene, const LabelImage& image, const std::vector<int>& of_body,
                  const std::map<std::string, int>& names);
 
-/// The walls beside a model, and what was found of each, in a sentence.
+/// Walls next to a model, and a sentence on each.
 struct Walls {
   std::vector<Touch> touch;
   std::vector<std::string> words;
 };
-/// `image`: of the labels, and `organ`: as it was read from it; null: the model was made before. Throws
-/// UsageError: a wall is made of an image, and there is none; ModelError: a wall lies in the body by more
-/// than a voxel, with the place, or nothing of the body can reach it.
+/// `image`: with the labels; `organ`: read from it; null: the model was made before. Throws UsageError: a
+/// wall needs an image, and there is none; ModelError: a wall overlaps the body by more than a voxel, with
+/// the place, or no part of the body can reach it.
 Walls walls_beside(const Scene& scene, const Model& model, const LabelImage* image, const Organ* organ);
 
-/// How far a place is from the nearest of the walls [mm]; not a number where that is open. Empty: there are
-/// none.
+/// Distance of a place from the nearest wall [mm]; NaN at an opening. Empty: there are no walls.
 GapAt gap_to_walls(const Scene& scene, const Loading& loading);
 
-/// Of a tool that lies in a wall, as it begins or where it straight goes, by more than a tenth of its radius:
-/// a warning. Empty: none does.
+/// Warning that a tool overlaps a wall by more than a tenth of its radius, at its start or on its straight
+/// path. Empty: none does.
 std::string tool_in_wall(const Scene& scene, const Model& model, const Loading& loading);
 
-/// "skull: pushed with 1.20 N net over 350 mm2; the surface reaches 0.0123 mm into it at most", or "not
-/// touched".
+/// Force, contact area and largest penetration of a wall at the end, in a sentence.
 std::string in_words(const std::string& name, const TouchingTool::Touched& wall);
 
 }  // namespace dimple

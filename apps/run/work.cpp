@@ -23,7 +23,7 @@ const char* name_of(Part part) {
 }
 
 double expected_s(Part part, const Work& work) {
-  // A millionth of a second for each voxel, node, point.
+  // Unit of the durations: a millionth of a second for each voxel, node or point.
   constexpr double us = 1e-6;
   const auto evaluations_s = [](double depths, double points) {
     constexpr double a_depth = 14.0;

@@ -10,17 +10,17 @@ inline constexpr std::array all_parts = {Part::reading, Part::surface, Part::clo
                                          Part::solving, Part::band,    Part::writing};
 const char* name_of(Part part);
 
-/// Counts that say how long the parts of a run take.
+/// Counts from which the durations of a run's parts are estimated.
 struct Work {
   double voxels = 0.0;
   double nodes = 1500.0, points = 10500.0;
   double depths = 16.0;  ///< equilibria
   bool picture = true, band = true;
-  bool refinement = false;  ///< further clouds may follow, nobody knows how many
+  bool refinement = false;  ///< further levels may follow; their number is unknown
 };
 
-/// [s] That part on the machine of tests/bench/results/whole_runs.csv, to a factor of two: what another one
-/// makes of it shows after its first parts.
+/// Expected duration of a part [s] on the machine of tests/bench/results/whole_runs.csv, within a factor of
+/// two. The first parts of a run show the factor of another machine.
 double expected_s(Part part, const Work& work);
 
 }  // namespace dimple
