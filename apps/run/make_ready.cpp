@@ -28,7 +28,7 @@ namespace {
 
 using Line = RunObserver::Line;
 
-// How far the body reaches along the push, from the middle of the tool's place [m].
+// Extent of the body along the press direction, from the centre of the tool [m].
 double reach_beneath(const Discretisation& places) {
   return (places.X.transpose() * places.tool.push).maxCoeff() - places.tool.centre.dot(places.tool.push);
 }
@@ -47,8 +47,8 @@ void require_room_beneath(const Scene& scene, const Discretisation& places) {
          .remedy = "give a smaller --depth, or another place with --indent-at"});
 }
 
-// Where the contact's radius is less than four node spacings the force was up to 4 % too high, and where it
-// is less than two up to 12 % (spheres beside finite elements).
+// Reports depths at which the contact is small. Its force was up to 4 % too high with a radius below four
+// node spacings, and up to 12 % below two (spheres compared with finite elements).
 void tell_of_first_touch(const RunLog& log, const Scene& scene, const Model& model, const Touch& touch) {
   constexpr double enough = 4.0;
   const double radius = enough * model.spacing.minCoeff(), depth = 1e-3 * scene.depth_mm;
@@ -73,7 +73,7 @@ void tell_of_first_touch(const RunLog& log, const Scene& scene, const Model& mod
                   length_in_words(1e3 * until), enough));
 }
 
-// Steps go from equilibrium to equilibrium, whatever they last.
+// Warns of steps so short that inertia would matter: steps go from equilibrium to equilibrium.
 void tell_of_fast_steps(const RunLog& log, const LoadedModel& result) {
   const double crossing = shear_crossing_time(result.tissues, result.model);
   for (const Step& step : result.loading.steps)
@@ -84,13 +84,13 @@ void tell_of_fast_steps(const RunLog& log, const LoadedModel& result) {
           step.name, step.lasts, crossing));
 }
 
-// Whatever decides that the march has inertia.
+// Refuses features that need equilibrium, in a march with inertia.
 void check_without_equilibrium(const Scene& scene) {
   for (const Feature feature : {Feature::membrane, Feature::free_base, Feature::wall})
     check_pair(scene, feature, Feature::inertia);
 }
 
-// As scene.solver.time asks: "auto" looks at how long the load lasts.
+// Time mode of scene.solver.time; "auto" depends on the duration of the load.
 TimeMode time_of(const Scene& scene, const RunLog& log, const LoadedModel& result) {
   using Time = Scene::Numerics::Time;
   const Time asked = scene.solver.time;
@@ -129,7 +129,7 @@ TimeMode time_of(const Scene& scene, const RunLog& log, const LoadedModel& resul
   return mode;
 }
 
-// What only a march with inertia knows.
+// Warns of damping that a quasi-static march does not use.
 void tell_of_damping(const Scene& scene, const RunLog& log, TimeMode mode) {
   if (mode == TimeMode::quasi_static && scene.solver.damping_per_s > 0.0)
     log.warn(
@@ -148,7 +148,7 @@ void stand_walls(const Case& given, const RunLog& log, LoadedModel& result) {
   result.stages.done("walls");
 }
 
-// To where it first touches.
+// Moves the tool to its first contact.
 void bring_tool(const Scene& scene, const RunLog& log, LoadedModel& result) {
   const Model& model = result.model;
   const bool moved = result.loading.loads.move_the_body();
@@ -169,8 +169,8 @@ void bring_tool(const Scene& scene, const RunLog& log, LoadedModel& result) {
   tell_of_first_touch(log, scene, model, touch);
 }
 
-// The shape functions smooth the step from one tissue to another. A soft layer on one a thousand times as
-// stiff: 16 % too much force with 1500 nodes, 9 % with 6000.
+// Warns of a large contrast in stiffness, which shape functions smooth. With a soft layer on a tissue a
+// thousand times as stiff, the force was 16 % too high with 1500 nodes and 9 % with 6000.
 void warn_of_stiff_tissue(const RunLog& log, const Tissues& tissues) {
   constexpr double like_bone = 50.0;
   const std::vector<Material> used = in_use(tissues);

@@ -34,7 +34,7 @@ std::unique_ptr<ForceSystem> force_system(const Scene& scene, LoadedModel& resul
   return system;
 }
 
-// Where it was lifted, or slid beyond what it had touched.
+// Reports a tool that was lifted, or slid off the body.
 void tell_of_lost_contact(const RunLog& log, const Result& result) {
   constexpr double nothing = 1e-6;  // of the largest force: the search for equilibrium has a tolerance
   const std::vector<ForceSample>& force = result.history.force;
@@ -54,7 +54,8 @@ void tell_of_lost_contact(const RunLog& log, const Result& result) {
                     length_in_words(1e3 * last->depth), last->t));
 }
 
-// The force is said along the push; what of it is across is said where it is more than a little.
+// Reports a lateral force above a fifth of the whole; the force curve holds the part along the press
+// direction.
 void tell_of_lateral_force(const RunLog& log, const Result& result) {
   constexpr double little = 0.2;
   if (result.history.force.empty()) return;
@@ -67,7 +68,7 @@ void tell_of_lateral_force(const RunLog& log, const Result& result) {
                       written.number(on_tool[2]), written.unit));
 }
 
-// Of all that is rigid beside the tool: further tools and walls.
+// Reports forces on further tools and walls.
 void tell_of_rigid(const RunLog& log, const Result& result) {
   for (std::size_t k = 0; k < result.history.walls.size(); ++k) {
     const Touch& rigid = result.loading.walls[k];
@@ -77,7 +78,7 @@ void tell_of_rigid(const RunLog& log, const Result& result) {
   }
 }
 
-// What no step of the march sees alone: of a tool that touches, unless it is known why.
+// Adds a finding for a jump of the force between two equilibria, unless another finding explains it.
 void find_jump(Result& result) {
   constexpr double much = 0.2;  // of the largest force
   History& history = result.history;
@@ -113,7 +114,7 @@ void keep_findings(const RunLog& log, Solution& result) {
   result.findings.insert(result.findings.end(), result.history.guards.begin(), result.history.guards.end());
 }
 
-// What moves the place that is followed, in this model.
+// Interpolation to the tracked point, in this model.
 std::optional<Interpolation> to_followed(const Result& result) {
   if (!result.followed) return std::nullopt;
   return inner_interpolation(result.model, result.followed->place);
@@ -122,13 +123,13 @@ std::optional<Interpolation> to_followed(const Result& result) {
 Vec3 displacement_at(const Interpolation& place, const ForceSystem::Nodal& u) {
   return place(u.topRows<3>()).col(0);
 }
-// What the supports feel where the tool is at that depth [m].
+// Records reactions of the supports at a depth of the tool [m].
 void feel_supports(const ForceSystem::Nodal& f, double depth, Result& result) {
   result.on_support.clear();
   for (const HeldSet& support : result.loading.further) result.on_support.push_back(force_on(support, f));
   result.on_support_at = depth;
 }
-// What is seen of one body while it is marched.
+// Observes the march of one body: tracked point, supports, bending, rocking, cut faces.
 class Watched {
  public:
   Watched(const Scene& scene, const Observer& observer, const MarchState* from, Result& result)
@@ -146,7 +147,7 @@ class Watched {
   Watched(const Watched&) = delete;
   Watched& operator=(const Watched&) = delete;
   const Observer& hears() const { return hears_; }
-  // Between the places where folds touch the banks of a cut are looked at too.
+  // Includes penetration of cut faces between the contact points of folds.
   void tell(const RunLog& log) {
     FoldContact::Audit& folds = result_.history.folds;
     const bool touch = result_.loading.folds != nullptr;
@@ -158,7 +159,7 @@ class Watched {
   }
 
  private:
-  // Far from the image's shape the image says little of the body.
+  // Reports the displacement by the loads alone, and warns if the body has lost the shape of the image.
   void tell_of_settling(const RunLog& log) const {
     const double way = 1e3 * result_.history.settled;
     log.say(fmt::format("settled  by {} at most, under the loads alone", length_in_words(way)));
@@ -194,7 +195,7 @@ class Watched {
   ClosingCut closing_;
 };
 
-// The scene on one body after another.
+// Marches the scene on each body in turn: a step that cuts makes the next.
 std::unique_ptr<ForceSystem> march_cut(const Scene& scene, const SolverOptions& options,
                                        const Observer& observer, const MarchState* from, const RunLog& log,
                                        Result& result, CutScene& cuts, const RunObserver& watching) {

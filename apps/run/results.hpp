@@ -27,8 +27,8 @@
 
 namespace dimple {
 
-/// Which files are asked for, beside those that every run writes: force.csv, energy.csv,
-/// config.resolved.toml, summary.json.
+/// Requested files, in addition to those of every run: force.csv, energy.csv, config.resolved.toml,
+/// summary.json.
 struct Wanted {
   bool nodes = true, points = true, surface = true, picture = true, model = true, label = true, report = true;
   bool images = false;  ///< not among "all": they take longer than the rest of a run, and more room
@@ -39,9 +39,9 @@ struct Wanted {
 Wanted wanted_of(const Scene& scene);
 inline constexpr Wanted tables_alone = {false, false, false, false, false, false, false, false, false};
 
-/// Of force.csv, in a scene of steps: how far the tool has come across its push, LPS.
+/// Columns of force.csv in a scene of steps: lateral displacement of the tool, LPS.
 inline constexpr std::array aside_columns = {"aside_x_mm", "aside_y_mm", "aside_z_mm"};
-/// Where it turns: by which rotation vector it has, from where it began, LPS.
+/// Columns of force.csv for a rotating tool: its rotation vector from the start, LPS.
 inline constexpr std::array turned_columns = {"turned_x_deg", "turned_y_deg", "turned_z_deg"};
 /// Force of the tissue on the tool, and its moment about the middle of the bonded patch or the tip of a tool
 /// in contact, which move with the tool: LPS.
@@ -58,62 +58,62 @@ struct PointStress {
 };
 PointStress stress_at_points(const Frame& frame);
 
-/// Writes a run's results while it goes: frames as they come, tables and the summary at the end.
+/// Writer of a run's results: frames during the march, tables and the summary at its end.
 ///
-/// A frame is packed and written by a thread of its own while the march goes on, one frame at a time and in
-/// order; with one thread allowed, or where two frames in memory would be many, at once. The bytes are the
-/// same.
+/// A thread of its own packs and writes each frame, one at a time and in order, while the march continues.
+/// With one thread allowed, or little memory, the frame is written at once. The bytes are the same.
 class ResultWriter {
  public:
-  /// `model` must outlive this, and its discretisation must not change. `label_at`: the image's label at a
-  /// place in LPS mm; empty: there is no image. Of `supports` nodes.pvd says which nodes they hold. `end_s`:
+  /// `model` must outlive this, and its discretisation must not change. `label_at`: label of the image at a
+  /// point [mm, LPS]; empty: there is no image. `supports`: nodes.pvd shows the nodes they hold. `end_s`: end
   /// of the load.
   ResultWriter(std::filesystem::path folder, const Model& model, const Wanted& wanted = {},
                const LabelAt& label_at = {}, const std::vector<HeldSet>& supports = {},
                double end_s = std::numeric_limits<double>::infinity(),
                std::shared_ptr<const Touch> touch = nullptr);
 
-  /// What is rigid beside the tool that is measured, in the order of Loading::walls: its forces stand in
-  /// force.csv and contact.pvd, and further tools are drawn.
+  /// A wall or further tool, in the order of Loading::walls: its forces are in force.csv and contact.pvd, and
+  /// tools are drawn.
   struct Rigid {
     std::string name;
     bool is_tool = false;
-    SurfaceFile body = {};                         ///< of a tool: where it first touches [mm]
-    std::function<Vec3(double time_s)> come = {};  ///< likewise [m] from there
+    SurfaceFile body = {};                         ///< of a tool, at first contact [mm]
+    std::function<Vec3(double time_s)> come = {};  ///< of a tool: displacement since then [m]
   };
   void show_beside(std::vector<Rigid> rigid) { beside_it_ = std::move(rigid); }
 
   ~ResultWriter();
 
-  /// `carried`: History::carried, by which the tool is drawn elsewhere [m]. Throws what the frame before this
-  /// one met, as if it had met that itself.
+  /// `carried`: History::carried, the displacement of the tool by the loads [m]. Throws the error of the
+  /// frame before.
   void frame(const Frame& frame, const Vec3& carried = Vec3::Zero());
-  /// Until the last frame is on the disk; throws what it met.
+  /// Waits until the last frame is on the disk; throws its error.
   void finish_frames();
-  /// When there is no further frame, whether or not the load has come to its end: what is written of the last
-  /// one alone.
+  /// Writes the files of the last frame, whether or not the load has ended.
   void end_frames();
-  /// Goes on after the frames that an earlier run has written at these times [s].
+  /// Continues after the frames that an earlier run has written at these times [s].
   void resume(const std::vector<double>& frame_time_s);
-  /// The same after those of another body, which has been cut since.
+  /// Continues after the frames of another body, which has been cut since.
   void go_on_after_cut(const std::vector<double>& frame_time_s);
-  /// Of the frames on the disk.
+  /// Times of the frames on the disk [s].
   const std::vector<double>& frame_time_s() const { return frame_time_s_; }
   /// `spread`: of the force by its material, as a share of it; 0: not known.
   void tables(const History& history, const Band& band, const ImageError& image, double spread) const;
-  /// Of overview() and report(): forces are shown over time, as of a scene of steps.
+  /// Lets overview() and report() show forces over time, for a scene of steps.
   void show_over_time() { over_time_ = true; }
-  /// Of overview() and report(): what is rigid beside the body.
+  /// Lets overview() and report() show the walls.
   void show_walls(GapAt walls) { walls_ = std::move(walls); }
   /// overview.png: the model at rest, the last frame, the force curve, and what it is compared with.
   void overview(const History& history, const Band& band, const ImageError& image,
                 const std::optional<Comparison>& comparison, const std::string& title,
                 const std::vector<std::string>& lines, const std::vector<std::string>& warnings) const;
-  /// What report.html shows beside the summary; `drawn`: with a picture of the body, for who cannot turn it.
+  /// Data of report.html in addition to the summary; `drawn`: with a picture of the body, for readers without
+  /// WebGL.
   nlohmann::ordered_json report(const History& history, const Band& band, const ImageError& image,
                                 const std::optional<Comparison>& comparison, const std::vector<Slice>& slices,
                                 const std::string& options, bool drawn) const;
-  /// Of the surface in files and pictures: its triangles, and how far the body's own is from it at most.
+  /// Surface in files and pictures: its triangles, and the largest distance of the body's own surface from
+  /// it.
   nlohmann::ordered_json shown_surface() const;
 
  private:

@@ -63,7 +63,7 @@ void find_band(const Case& given, CoarserMarch& coarser, const RunLog& log, Resu
   if (found.stopped) result.history.interrupted = true;
 }
 
-// What half a voxel changes, and a warning where that is much.
+// Estimates the error by half a voxel of the image, and warns if it is large.
 void find_image_error(const Scene& scene, const RunLog& log, Result& result) {
   result.image_error = image_error_of(scene, result);
   const History& history = result.history;
@@ -75,7 +75,7 @@ void find_image_error(const Scene& scene, const RunLog& log, Result& result) {
     log.warn(words);
 }
 
-// As it is, but with the choices of the model that it begins with, other than the number of its nodes.
+// The case with the choices of the model that it begins with, except the number of nodes.
 Case with_origin(const Case& given) {
   Case result = given;
   if (!given.origin) return result;
@@ -85,8 +85,8 @@ Case with_origin(const Case& given) {
   return result;
 }
 
-// What the levels of a refinement are made from: the image, or what is kept of it with a model in memory. The
-// result gets what is known of the image.
+// Source of the levels of a refinement: the image, or its data kept with a model in memory. Adds the facts of
+// the image to the result.
 std::shared_ptr<Origin> origin_of_levels(const Case& given, const RunLog& log, Result& result) {
   if (!given.model) {
     std::shared_ptr<Origin> origin = origin_of(given.scene, organ_of(given, log, result), result);
@@ -162,7 +162,7 @@ void list_cuts_at_rest(const Scene& scene, Result& result) {
   for (const Scene::Step& step : scene.steps) {
     if (!step.cut) return;
     CutMade made{.name = step.name, .text = step.cut.text, .toughness_J_m2 = step.toughness_J_m2};
-    // Of several blades at rest the area is known of all together, and is told of the run, not of a step.
+    // The area of several blades at rest is known as a sum only; the run reports it.
     if (all == 1) made.area_mm2 = result.cut.area_mm2, made.removed_mm3 = result.cut.removed_mm3;
     made.nodes = result.model.node_count();
     result.cuts.push_back(std::move(made));

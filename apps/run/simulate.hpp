@@ -20,8 +20,8 @@
 
 namespace dimple {
 
-/// What a comparison changes of the body before its surface is drawn, or of the tool when the nodes are
-/// placed: no options of a run.
+/// Changes by a comparison: of the body before its surface is extracted, or of the tool once nodes are
+/// placed. They are no options of a run.
 struct BodyChange {
   std::function<LabelImage(const LabelImage&)> image = {};
   double smoothing = 1.0;              ///< SurfaceOptions::smoothing
@@ -32,8 +32,8 @@ struct BodyChange {
 struct Origin;     // organ.hpp
 struct ReadOrgan;  // organ.hpp
 
-/// What is to be computed: the image that scene.image.file names, or a model that was made before, and every
-/// choice that decides the result.
+/// Input of a run: the image that scene.image.file names, or an existing model, and every choice that decides
+/// the result.
 struct Case {
   Scene scene;
   std::optional<ModelFiles> model = {};       ///< instead of an image
@@ -47,10 +47,10 @@ struct Case {
   BodyChange change = {};
 };
 
-/// Gaps narrower than this are told of: across them the banks of a brain's folds face each other.
+/// Width below which a gap counts as narrow: the walls of a sulcus face each other across it.
 inline constexpr double narrow_gap_mm = 4.0;
 
-/// One cloud of those that were tried for an accuracy.
+/// One node set of the refinement for a requested accuracy.
 struct RefinementLevel {
   Index nodes = 0;
   double force = 0.0, half = 0.0;  ///< at the load's depth, and half its band's width; 0: not known [N]
@@ -58,8 +58,7 @@ struct RefinementLevel {
   double seconds = 0.0;
 };
 
-/// What is known of an image and the organ in it, whatever model is made of them; empty where the case began
-/// with a model whose origin is not known.
+/// Facts of an image and its organ that do not depend on the model; empty for a model of unknown origin.
 struct ImageFacts {
   std::string image_words;           ///< its format, size and axes
   std::vector<LabelMeasure> labels;  ///< taken
@@ -95,7 +94,7 @@ struct CutMade {
   double work_of_blade() const { return std::max(0.0, 1e-6 * toughness_J_m2 * area_mm2 - released); }
 };
 
-/// Of a body that was imaged under its loads: see take_loads_off().
+/// Load-free configuration of a body that was imaged under its loads: see take_loads_off().
 struct Unloaded {
   int rounds = 0;
   double taken_back = 0.0;      ///< of a node, from the image to the shape without loads, at most [m]
@@ -151,7 +150,7 @@ struct Judgement {
 /// The outcome of a case. Each part is there as soon as it is known: also when simulate() throws later.
 struct Result : LoadedModel, Solution, Judgement {};
 
-/// What a caller may want to hear of. All may be empty.
+/// Callbacks of a run. All may be empty.
 struct RunObserver {
   enum class Line {
     doing,   ///< what begins now, until the next line

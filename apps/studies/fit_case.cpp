@@ -17,8 +17,8 @@
 namespace dimple {
 namespace {
 
-// What follows from the curve is not given as well. A file of all options states everything, and is
-// overruled.
+// Options that follow from the curve are refused if given as flags. A file of all options states them too,
+// and is overruled.
 void refuse_given(const Description& described, const std::vector<std::string>& keys,
                   const std::string& what) {
   for (const std::string& key : keys)
@@ -119,7 +119,8 @@ Scene with_numbers(Scene scene, const std::string& of, const std::vector<double>
   return scene;
 }
 
-// What is looked for beside mu; for alpha twice, once for each sign: the energy has no alpha between.
+// Parameters sought in addition to mu; for alpha one search for each sign, because the energy has no alpha
+// between.
 std::vector<std::vector<FitParameter>> searches_of(const std::string& of, const MeasuredCurve& curve) {
   if (of == "mu") return {{}};
   if (of == mu_and_touch) {
@@ -164,16 +165,16 @@ void add_new(std::vector<std::string>& list, const std::vector<std::string>& mor
     if (std::find(list.begin(), list.end(), line) == list.end()) list.push_back(line);
 }
 
-// Of the model at the curve's depths, where the tool first touches `later` [m] than these begin to count.
+// Forces at the depths of the curve, for a first contact `later` [m] than their zero.
 std::vector<double> forces_later(const Result& result, std::vector<double> depth, double later) {
   for (double& d : depth) d = std::max(0.0, d - later);
   return result.loading.touch ? forces_of_touch(result.history.force, depth)
                               : forces_between(result.history.force, depth);
 }
 
-// Of the force's band, as the fit feels it. Of the circle the largest share at any depth: the band of a
-// shallower one says as much of the modulus. A tool that touches has few nodes under it at first, and hardly
-// any force.
+// Relative half-width of the force's error bounds, as it affects the fit. For the bonded patch, the largest
+// at any depth: error bounds at a smaller depth affect the modulus as much. A contacting tool has few nodes
+// under it at first, and hardly any force, so its rows are weighted.
 double share_of_band(const Result& result, const MeasuredCurve& curve, const CurveFit& fit) {
   if (!result.band.known()) return 0.0;
   const std::vector<ForceSample>& samples = result.history.force;

@@ -25,15 +25,15 @@ void refuse_paper_values(const std::filesystem::path& curve);
 /// Throws UsageError with that reason; empty: the force is proportional to one modulus.
 void require_proportional(const std::string& why);
 
-/// Whether the numbers follow from the forces of one run: the modulus, and the place of first contact.
+/// True if the numbers are found from the forces of one run: the modulus, and the position of first contact.
 bool takes_one_run(const std::string& of);
 /// The options of the case that the curve belongs to, except the numbers sought. `given`: the scene of
 /// `described`. Throws UsageError, InputError.
 Description case_of(const Description& described, const Scene& given, const FitOptions& options,
                     const MeasuredCurve& curve);
-/// The scene with values of the numbers that are sought beside mu.
+/// Scene with values of the numbers that are sought in addition to mu.
 Scene with_numbers(Scene scene, const std::string& of, const std::vector<double>& numbers);
-/// The parameters sought beside mu; for alpha two searches, one for each sign, as the energy has no alpha
+/// Parameters sought in addition to mu; for alpha two searches, one for each sign, as the energy has no alpha
 /// between them.
 std::vector<std::vector<FitParameter>> searches_of(const std::string& of, const MeasuredCurve& curve);
 /// Runs a scene in equilibrium. Throws what simulate() throws, and Stopped.
