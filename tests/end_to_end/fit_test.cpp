@@ -142,6 +142,48 @@ TEST_F(Fit, OfATouchingToolHasABandWhereItsForceHasOne) {
   EXPECT_LT(s["discretisation_share"], 0.15) << "as much as the depths say that bear the force";
 }
 
+// The same curve with half, once and twice its force, in micrometres and millinewtons; the third is deeper
+// cut off.
+TEST_F(Fit, OfManySamplesGivesEachItsModulusAndTheLimitOfGentsLaw) {
+  const std::string scene = " --nodes 400 --time quasi-static --tool sphere:8mm";
+  good("run " + block +
+       " -o made --write force --mu 300 --depth 4mm --frames 12 --band off --set material.gent_limit=0.9" +
+       scene);
+  const Table made = read_csv(folder / "made" / "force.csv");
+  std::ofstream curves(folder / "curves.csv");
+  curves << "sample,indentation_um,force_mN\n";
+  for (const auto& [sample, factor, rows] :
+       {std::tuple{7, 0.5, made.rows()}, {8, 1.0, made.rows()}, {9, 2.0, made.rows() - 3}})
+    for (std::size_t k = 0; k < rows; ++k)
+      curves << sample << ',' << 1e3 * (*made.find("indentation_mm"))[k] << ','
+             << 1e3 * factor * (*made.find("force_N"))[k] << '\n';
+  curves.close();
+  const Ran ran = good("fit " + block + " -o gent --curve curves.csv --of mu,limit --band off" + scene);
+  EXPECT_THAT(ran.out, HasSubstr("3 samples: median mu"));
+  const Table fits = read_csv(folder / "gent" / "fits.csv");
+  ASSERT_EQ(fits.rows(), 3u);
+  EXPECT_THAT(*fits.find("sample"), testing::ElementsAre(7.0, 8.0, 9.0));
+  for (std::size_t k = 0; k < 3; ++k) {
+    // The curve is made with one value of the limit, and fitted between those of the grid.
+    EXPECT_NEAR((*fits.find("mu_Pa"))[k],
+                300.0 * (k == 0   ? 0.5
+                         : k == 1 ? 1.0
+                                  : 2.0),
+                k == 2 ? 18.0 : 4.5)
+        << k;
+    EXPECT_NEAR((*fits.find("limit"))[k], 0.9, 0.05) << k;
+    EXPECT_LT((*fits.find("rms_of_largest_force"))[k], 2e-3) << k;
+  }
+  good("fit " + block + " -o plain --curve curves.csv --band off" + scene);
+  const Table plain = read_csv(folder / "plain" / "fits.csv");
+  EXPECT_NEAR((*plain.find("mu_Pa"))[1], 2.0 * (*plain.find("mu_Pa"))[0], 1e-6 * (*plain.find("mu_Pa"))[1]);
+  EXPECT_GT((*plain.find("rms_of_largest_force"))[1], 3.0 * (*fits.find("rms_of_largest_force"))[1]);
+  EXPECT_EQ(summary("plain")["samples_without_fit"], 0);
+  refused(2, "fit " + block + " -o no --curve curves.csv --of mu,g,tau" + scene,
+          {"a Prony term is sought for many"});
+  refused(3, "run " + block + " -o no --compare curves.csv" + scene, {"the file holds 3 curves"});
+}
+
 TEST_F(Fit, AsksForTheUnitsWhereItsModulusIsOfNoSoftTissue) {
   const std::string rows = "0.5,1.2\n1,4.4\n1.5,9.6\n2,16.8\n";
   std::ofstream(folder / "right.csv") << "indentation_mm,force_mN\n" << rows;
