@@ -12,39 +12,38 @@ namespace dimple {
 /// Vectors of nodes, padded with a zero for the hot loops: [4xN].
 using Nodal = Eigen::Matrix4Xd;
 
-/// How the tool holds the tissue under it.
+/// Hold of the tool on the tissue under it.
 enum class Contact {
-  bonded,       ///< the circle's nodes move with the tool: all three components prescribed
-  frictionless  ///< only along the push; the nodes slide sideways freely under the flat end
+  bonded,       ///< the bonded patch moves with the tool: all three components prescribed
+  frictionless  ///< only along the press direction; the nodes slide freely across it
 };
 
-/// Nodes whose motion is prescribed: the fixed base, the tool's circle, a patch that a retractor holds.
+/// Nodes whose motion is prescribed: the fixed base, the bonded patch, the patch of a retractor.
 struct HeldSet {
   enum class Hold {
     all,    ///< all three components
     along,  ///< the one along `direction`; across it the nodes slide freely
-    across  ///< the two across `direction`, and they stay where they are; along it the nodes slide freely
+    across  ///< the two across `direction`, fixed; along it the nodes slide freely
   };
   std::string name;
   std::vector<Index> node;
   Hold hold = Hold::all;
   Vec3 direction = Vec3::Zero();  ///< unit vector of the motion, and of the component that is held
-  double share = 0.0;             ///< the set moves along it by this share of the tool's depth; 0: not at all
+  double share = 0.0;             ///< the set moves along it by this fraction of the tool's depth; 0: fixed
 };
 
-/// The names of the sets that are the tool's circle and the fixed base; no further set has one of them.
+/// Names of the sets of the bonded patch and of the fixed base; further sets have other names.
 inline constexpr const char* tool_set = "";
 inline constexpr const char* base_set = "base";
 
-/// How far the fastest of the tool and of these comes for one of the tool's way.
+/// Largest motion of the tool and of these sets, per metre of the tool's path.
 double longest_share(const std::vector<HeldSet>& sets);
 
-/// All prescribed motion of a run. Every marcher asks this and nothing else: a further set needs no change in
-/// any of them.
+/// All prescribed motion of a run. Every march uses it alone: a further set needs no change in any of them.
 class Constraints {
  public:
   Constraints() = default;
-  /// Needs: nodes below `node_count`. Of a node in several sets the last one counts.
+  /// Needs: nodes below `node_count`. The last set of a node counts.
   Constraints(Index node_count, std::vector<HeldSet> sets);
 
   bool is_free(Index a) const { return of_node_[static_cast<std::size_t>(a)] < 0; }
@@ -60,8 +59,8 @@ class Constraints {
     return its.hold == HeldSet::Hold::along ? Eigen::Vector4d(v - along) : along;
   }
 
-  /// Puts what is prescribed of node a where it is when the tool has come to `depth` [m], and to the speed
-  /// that it has when the tool moves at `rate` [m/s].
+  /// Sets the held components of node a to their position at the tool's `depth` [m], or to their velocity at
+  /// the tool's `rate` [m/s].
   template <class Column>
   void place(Index a, Column&& u, double depth) const {
     put(a, u, depth);
@@ -71,30 +70,28 @@ class Constraints {
   void speed(Index a, Column&& v, double rate) const {
     put(a, v, rate);
   }
-  /// The same of all nodes.
+  /// Prescribes the position of all held nodes, as place().
   void prescribe(Nodal& u, double depth) const;
-  /// From now on the ways of all sets begin at u [4xN] m, not at rest.
+  /// Makes the motions of all sets begin at u [4xN] m instead of at rest.
   void start_at(const Nodal& u) { start_ = u; }
-  /// Puts what is held of all nodes where `wanted` has it [4xN] m.
+  /// Sets the held components of all nodes to those of `wanted` [4xN] m.
   void take_held(Nodal& u, const Nodal& wanted) const;
 
-  /// What the sets that move with the tool feel along their motion [N]: the force that does work on the
-  /// depth.
+  /// Force on the sets that move with the tool, along their motion [N]; it does work on the depth.
   double working_force(const Nodal& f) const;
-  /// Brings the moving nodes to speed at once, and returns the work that it takes [J].
+  /// Applies the initial velocity of the moving sets, and returns its work [J].
   double set_off(Nodal& v, double rate, const Eigen::VectorXd& mass) const;
 
-  /// How far a set comes for each of the tool's way; zero where there is none of that name, or it stands
-  /// still.
+  /// Motion of a set per metre of the tool's path; zero if it is fixed or there is none of that name.
   Vec3 motion(std::string_view name) const;
 
-  /// Along which sets are held that slide across it: no two of them closer than 45 degrees.
+  /// Directions along which sliding sets are held; no two of them closer than 45 degrees.
   std::vector<Eigen::Vector4d> sliding_directions() const;
-  /// Whether a node is free to move along a unit vector, rather than held.
+  /// True if a node may move along a unit vector.
   bool moves_along(Index a, const Eigen::Vector4d& direction) const {
     return project(a, direction).squaredNorm() > 0.5;
   }
-  /// Whether the body may move as a whole in some direction: nothing is held there.
+  /// True if the body has a translational rigid-body mode: nothing is held in some direction.
   bool let_drift() const;
   Index node_count() const { return static_cast<Index>(of_node_.size()); }
   const std::vector<HeldSet>& sets() const { return set_; }
@@ -127,10 +124,10 @@ class Constraints {
   }
 };
 
-/// The tool's circle, moved with the tool, the base, which is fixed, and `further` sets.
+/// The bonded patch, which moves with the tool, the fixed base, and `further` sets.
 Constraints make_constraints(const Model& model, Contact contact, std::vector<HeldSet> further = {});
 
-/// With a zero below.
+/// Vector padded with a zero.
 inline Eigen::Vector4d padded(const Vec3& v) {
   return {v.x(), v.y(), v.z(), 0.0};
 }

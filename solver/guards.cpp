@@ -7,45 +7,57 @@
 
 #include "solver/text.hpp"
 
+// Guards, in the order of a run:
+// 1. Before loading, check_model(): moment matrices, enlarged supports, number of nodes in the bonded patch.
+// 2. Every sweep, check_sweep(): J is finite, and positive if the energy needs it.
+// 3. At samples and equilibria, check_nodes() and check_points(): finite values, the tool within the body,
+//    volumes of inverted points, of points without stress and of changed volume.
+// 4. Contact, check_contact(), check_wall(), check_apart(): penetration between samples, tools that overlap.
+// 5. Energies, check_energy(), check_kinetic(): balance, and vibration under a slow load.
+// 6. Modes without resistance, check_hourglass(), check_fluctuation(); noise of the force, check_smooth().
+// 7. A wrong result throws, and the march retries from its last good state; a doubtful one leaves a finding.
+//
+// Source:   Ganzenmueller 2015 (check_fluctuation). All other limits are measured here, see their constants.
+
 namespace dimple {
 namespace {
 
-constexpr double wall_poor = 0.15;  // of the spacing of the nodes, that a surface may reach into a wall
+constexpr double wall_poor = 0.15;  // of the node spacing: penetration into a wall
 
 using Nodal = ForceSystem::Nodal;
 
-// Moment matrices are refused at 1e-5 (MlsResult::ok); clouds of the default spacing stay above 1e-4.
+// Moment matrices are refused at 1e-5 (MlsResult::ok); default discretisations stay above 1e-4.
 constexpr double poor_pivot = 3e-5;
 constexpr double linear_noise = 1e-9,
                  linear_wrong = 1e-6;  // of gradients of linear fields: rounding is 1e-14
 constexpr double many_grown = 0.02;    // of the points
-constexpr double accuracy = 0.05;      // of the force: what the atlas calls survival, too
-// Volume shares. At a sharp rim the strain is unbounded: tens of points there, a hundred thousandth of the
-// volume, are inverted with every fine cloud, and the force stays within 1 % of the reference.
+constexpr double accuracy = 0.05;      // of the force; the atlas uses it, too
+// Volume fractions. At a sharp edge the strain is unbounded: with every fine discretisation tens of points
+// there, 1e-5 of the volume, are inverted, and the force stays within 1 % of the reference.
 constexpr double inverted_wrong = 0.01, inverted_minor = 1e-4;
 constexpr double nearly_incompressible = 20.0;  // kappa / mu: nu 0.475
 constexpr double far_from_1 = 0.3;              // |J - 1|; patches hold their volume, points only nearly
 constexpr double volume_poor = 0.01, volume_wrong = 0.2;
 constexpr double energy_poor = 0.02, energy_wrong = 0.1;  // of the largest external work; usual: 1e-4
-constexpr double energy_floor = 1e-9;                     // J: a thousandth of a shallow push's
+constexpr double energy_floor = 1e-9;                     // J: a thousandth of a shallow indentation's
 constexpr double kinetic_poor = 0.05;                     // of the stored energy, after a fifth of the load
-// Of the largest force, the median of |second differences| of so many samples; usual: 3e-4 to 1e-3, and 0.25
-// with steps of 0.98 of the stable one, whose noise holds 0.4 % of the energy and rings in the few nodes of
-// the circle.
+// Median of |second differences| of `jagged_samples` samples over the largest force. Usual: 3e-4 to 1e-3;
+// 0.25 with steps of 0.98 of the stable one, whose noise holds 0.4 % of the energy, in the few nodes of the
+// bonded patch.
 constexpr double jagged_poor = 0.03;
 constexpr std::size_t jagged_samples = 15;
-// Of a thousandth of the radius of a tool that touches. A punch of 5 mm with an edge of 1 mm and 0.03 radii
-// had a force within 1 % of finite elements.
+// Multiple of `most_penetration`. A punch of 5 mm with an edge of 1 mm and 0.03 radii of penetration had a
+// force within 1 % of finite elements.
 constexpr double penetration_wrong = 50.0;
-// Of the force, that it may be off by: the error bounds are as wide, and up to here nobody need look. With
-// spheres at their defaults it is 3 to 10 %, and their forces are within 2.5 % of Hertz.
+// Largest force error by penetration for a minor finding, as a fraction; the error bounds are as wide.
+// Spheres at their defaults have 3 to 10 %, and forces within 2.5 % of Hertz.
 constexpr double penetration_poor = 0.1;
 constexpr double hourglass_poor = 0.15;  // of the stored energy; usual: 0.02 to 0.05
-// Of the stored energy, in the paper's scheme on the block at 8 mm: 0.4 with 4.5 points a node, 1.2 with
-// its 1.5, and 19 with supports of 2.5 spacings, whose force is a third. A circle of three nodes has 5 from
-// the first touch on.
+// Fluctuation energy over the stored energy. In the paper's scheme on the block at 8 mm: 0.4 with 4.5 points
+// a node, 1.2 with its 1.5, and 19 with supports of 2.5 spacings, whose force is a third. A bonded patch of
+// three nodes has 5 from first contact on.
 constexpr double fluctuation_poor = 1.5, fluctuation_wrong = 10.0;
-// Nodal parameters are somewhat longer than displacements where a tool touches.
+// Nodal parameters are somewhat longer than displacements under a contacting tool.
 constexpr double longer_than_displacement = 1.25;
 
 std::string in_mm(const Vec3& metres) {
@@ -95,10 +107,10 @@ std::vector<Finding> check_model(const Model& model, const SupportReport& suppor
           .remedy = "raise support.radius_factor, or use more nodes (--nodes)",
           .code = "supports"},
          share});
-  // On the verification block 29, 33, 49, 63, 99 and 167 nodes in the circle gave forces 45, 23, 12, 8, 4 and
-  // 1 % too large at a depth of 1.6 radii, and a quarter of that at first touch.
+  // On the verification block 29, 33, 49, 63, 99 and 167 nodes in the bonded patch gave forces 45, 23, 12, 8,
+  // 4 and 1 % too large at a depth of 1.6 radii, and a quarter of that at first contact.
   const auto nodes = static_cast<double>(model.circle.size());
-  if (model.circle.empty()) return findings;  // a tool that touches
+  if (model.circle.empty()) return findings;  // a contacting tool
   const double deep = std::min(depth / (1.6 * model.tool.radius), 1.0);
   const double error = 0.04 * std::pow(99.0 / std::max(nodes, 1.0), 1.6) * (0.25 + 0.75 * deep * deep);
   if (error > accuracy)
@@ -125,8 +137,8 @@ Guards::Guards(System& system, bool static_answer, bool on, std::vector<Finding>
       beneath_((model_.X.transpose() * model_.tool.push).maxCoeff() -
                model_.tool.centre.dot(model_.tool.push)) {}
 
-// One of each code; `worst` grows away from what is good in its own direction, so the later one with the
-// larger excursion wins. J_min is the only one that falls; points without stress count in the last state.
+// One finding for each code, that with the worst value; only that of `inverted`, J_min, falls. Points without
+// stress count in the last state.
 void Guards::find(Finding finding) {
   const auto same = std::find_if(findings_.begin(), findings_.end(),
                                  [&](const Finding& f) { return f.report.code == finding.report.code; });
@@ -270,7 +282,7 @@ void Guards::check_energy(const EnergySample& e, double largest_external, double
                       .why = "the time integration became unstable",
                       .remedy = "use a smaller solver.safety, for instance --set solver.safety=0.6",
                       .code = "non-finite"});
-  // The printed stress has no energy; viscoelastic tissue is not asked how much it has turned into heat.
+  // The printed stress has no energy; the dissipation of viscoelastic tissue is not computed.
   if (!forces_.system().as_printed() && !forces_.system().viscoelastic()) {
     const double error = e.error(), scale = largest_external;
     const bool gain = error < 0.0;
@@ -285,8 +297,8 @@ void Guards::check_energy(const EnergySample& e, double largest_external, double
         .remedy = now.dt_stable > 0.0 ? "use a smaller solver.safety, for instance --set solver.safety=0.6"
                                       : "use shorter steps: --set solver.step_radii=0.05",
         .code = "energy"};
-    // Central differences gain energy only by instability, and the few nodes under the circle jump long
-    // before the whole body shows much of it.
+    // Central differences gain energy only by instability. It begins in the few nodes of the bonded patch,
+    // long before the whole body shows it.
     const double wrong = gain && now.dt_stable > 0.0 ? energy_poor : energy_wrong;
     if (std::abs(error) > wrong * scale + energy_floor && (gain || conserves) && !warns_alone)
       throw SolveError(report);
@@ -450,7 +462,8 @@ void Guards::check_contact(const TouchingTool::Audit& audit, double most, const 
   if (audit.penetration <= penetration_wrong * most) return find({report, audit.penetration, is_minor});
   const auto before = std::find_if(findings_.begin(), findings_.end(),
                                    [](const Finding& f) { return f.report.code == "penetration"; });
-  // What nodes are too far apart for grows with the depth; what folds comes at once, with more nodes too.
+  // Penetration by coarse nodes grows with the depth; a surface that folds penetrates at once, with more
+  // nodes too.
   const bool has_edge = touch.shape.edge > 0.0 || touch.shape.mesh;
   if (has_edge && touch.friction == 0.0 && before != findings_.end() &&
       audit.penetration > 2.0 * before->worst) {

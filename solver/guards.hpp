@@ -10,32 +10,32 @@
 
 namespace dimple {
 
-// What every run watches for, one code each; apps/guide/files.md has their table. Where the number would
-// be wrong a guard throws, and the march takes up its last good state again, more carefully; where it is
-// honest but less good than one might think it leaves a finding.
+// Guards of every run, one code each; apps/guide/files.md has their table. If the result would be wrong a
+// guard throws, and the march restarts from its last good state with smaller steps. If it is less accurate
+// than expected, the guard leaves a finding.
 
 constexpr const char* tools_overlap = "tools-overlap";  // Report::code
 constexpr const char* no_stress = "stress";             // likewise
-/// det F below which what the law says is no stress. At the rim of a circle in brain of 210 Pa, 4000 nodes
-/// and 8 mm deep, von Mises stress was up to 420 kPa below it and at most 9.2 kPa above.
+/// det F below which the law gives no valid stress. At the edge of a bonded patch in brain of 210 Pa, 4000
+/// nodes and 8 mm deep, von Mises stress was up to 420 kPa below it and at most 9.2 kPa above.
 constexpr double least_J_of_stress = 0.2;
-constexpr int most_retries = 3;  ///< that a guard asks for, of one run or step of a scene
+constexpr int most_retries = 3;  ///< after a guard, of one run or step of a scene
 
-/// A guard that fired where the run could go on. `worst`: the number that it watches, at its worst.
+/// Finding of a guard in a run that can continue. `worst`: worst value of the number that it watches.
 struct Finding {
   Report report;
   double worst = 0.0;
-  bool is_minor = false;  ///< it changes the force by no more than the error bounds hold
+  bool is_minor = false;  ///< it changes the force by no more than the error bounds
 };
 
-/// The last good state was taken up again.
+/// Retry from the last good state.
 struct Retry {
   std::string code;    ///< of the guard
   double depth = 0.0;  ///< at which it fired [m]
   std::string what;    ///< what is done differently
 };
 
-/// When and with which step. [s], [m]; dt_stable 0: the march has no limit.
+/// Time, depth and time step. [s], [m]; dt_stable 0: the march has no limit.
 struct Moment {
   double t = 0.0, depth = 0.0, dt = 0.0, dt_stable = 0.0;
 };
@@ -47,29 +47,30 @@ struct EnergySample {
   double error() const { return external - (kinetic + stored + dissipated); }
 };
 
-/// Before any load: `conditioning`, `supports`, `circle-nodes`. The last is by what few nodes cost on the
-/// verification block, whose force is known (tests/verification), at `depth` [m]. Throws ModelError where
-/// gradients are wrong.
+/// Checks a model before any load: `conditioning`, `supports`, `circle-nodes`. The last is the error by few
+/// nodes on the verification block (tests/verification), at `depth` [m]. Throws ModelError: gradients are
+/// wrong.
 std::vector<Finding> check_model(const Model& model, const SupportReport& support, double depth);
 
-/// Where a tool that touches is.
+/// Present pose of a contacting tool.
 struct ToolNow {
   const Touch& touch;
   ToolPose pose;
 };
-/// Why rigid tools cannot stand so (`tools-overlap`): some place lies in two of them. Nothing: none does.
+/// Error if two rigid tools overlap (`tools-overlap`); empty if none do.
 std::optional<Report> overlap_of_tools(const std::vector<ToolNow>& tools);
 
 /// Watches one run: what it finds is kept in `findings`, one for each code.
 class Guards {
  public:
-  /// `static_answer`: inertia should play no part. `on` false: only what costs nothing; to measure what
-  /// guards cost.
+  /// `static_answer`: inertia should be negligible. `on` false: only checks without cost; to measure the cost
+  /// of the guards.
   Guards(System& system, bool static_answer, bool on, std::vector<Finding>& findings);
 
-  /// Of a sweep: `non-finite`, and `inverted` where the energy has no meaning there. Costs nothing.
+  /// Checks a sweep: `non-finite`, and `inverted` where the energy is undefined for inverted points. Costs
+  /// nothing.
   void check_sweep(const ForceSystem::Sweep& sweep, const Moment& now) const;
-  /// Every component of every node: `non-finite`; and `inverted`, where the tool has come out of the body.
+  /// Checks every component of every node: `non-finite`; `inverted`, if the tool has passed the far side.
   void check_nodes(const ForceSystem::Nodal& u, const ForceSystem::Nodal& f, const Moment& now) const;
   /// Points after the last sweep, which must have been at an accepted state: `inverted`, `stress` of this
   /// state alone, `volume`.
@@ -78,43 +79,41 @@ class Guards {
   /// lose any. `warns_alone`: it does not throw.
   void check_energy(const EnergySample& e, double largest_external, double duration, bool conserves,
                     const Moment& now, bool warns_alone = false);
-  /// Of central differences: `energy`, without the stored energy, which is never negative.
+  /// Checks central differences: `energy`, without the stored energy, which is never negative.
   void check_kinetic(double kinetic, double external, const Moment& now) const;
   /// `hourglass`: the part of the stored energy in what averaged gradients do not see [J]; see
   /// GradientVariance.
   void check_hourglass(double hourglass, double stored, const Moment& now);
   static constexpr double most_penetration =
-      1e-3;  ///< of the radius of a tool that touches, until it is told
-  /// What the force may be off by, as a part of it, where the surface of a body reaches so far into a tool
-  /// that has come so deep [m]: a sphere's force grows as its depth^1.5.
+      1e-3;  ///< of the radius of a contacting tool: the largest penetration without a finding
+  /// Relative error of the force by a penetration at a depth [m]: the force on a sphere grows as depth^1.5.
   static double off_by_penetration(double penetration, double depth) { return 1.4 * penetration / depth; }
-  /// Of a tool that touches: `penetration`, where the surface reaches into it by more than `most` [m] between
-  /// the places where contact is enforced; minor, where that may change the force by a tenth or less. Throws
-  /// SolveError: by fifty times as much; or `contact-surface`:
-  /// it has come to a part of the surface that has no samples.
+  /// Checks a contacting tool: `penetration` by more than `most` [m] between samples; minor if it may change
+  /// the force by a tenth or less. Throws SolveError: fifty times as much; or `contact-surface`: the tool
+  /// meets surface without samples.
   void check_contact(const TouchingTool::Audit& audit, double most, const Touch& touch, const Moment& now);
   /// Throws SolveError: they overlap.
   void check_apart(const std::vector<ToolNow>& tools, const Moment& now) const;
-  /// Of a wall or a further tool (`wall-penetration`, `tool-penetration`): how deep the body's surface is in
-  /// it between the places where contact is looked for [m]; nodes are as far apart there as its samples.
-  /// Throws SolveError: of a tool, by as much as check_contact() throws for, and it touches at no sample.
+  /// Checks a wall or a further tool (`wall-penetration`, `tool-penetration`): penetration between samples
+  /// [m], compared with the node spacing for a wall, with the radius for a tool. Throws SolveError: a tool
+  /// without contact at any sample is penetrated by as much as check_contact() throws for.
   void check_wall(const Touch& wall, double penetration, bool touches, const Moment& now);
-  /// `hourglass` of gradients at points, where nothing holds it: what the displacements of each point's nodes
-  /// differ from the linear field with the point's gradient,
+  /// `hourglass` of gradients at points, without a variance term: energy of nodal displacements beyond the
+  /// linear field with the gradient of their point,
   ///
   ///     sum_q V_q 3 mu/2 sum_a |u_a - mean u - H_q (X_a - mean X)|^2 / sum_a |X_a - mean X|^2
   ///
-  /// beside the stored energy. As Ganzenmueller 2015 measures it for particles. It takes two sweeps.
+  /// over the stored energy, as Ganzenmueller 2015 measures it for particles. It takes two sweeps.
   void check_fluctuation(const ForceSystem::Nodal& u, const Moment& now);
-  /// Of central differences, `force` [N] at the samples since the last frame: `jagged`, where a load slow
-  /// enough for a static answer makes it jump from one to the next.
+  /// Checks `force` [N] at the samples since the last output frame, under central differences: `jagged`, if
+  /// it jumps from sample to sample although the load is slow enough for a static answer.
   void check_smooth(const std::vector<double>& force, double largest, double duration, const Moment& now);
-  /// `limit-point`: the tissue gave way at a held load and came to rest elsewhere, `jump` [m] from where the
-  /// path would have led, the tool having moved by `way` [m], by more than that: a shorter jump leaves the
-  /// curve as it is, and the tissue under a tool that first touches moves as far. The first one stays.
+  /// `limit-point`: the tissue passed a limit point at a held load and came to rest `jump` [m] from the
+  /// predicted state, by more than the tool's motion `way` [m]. A shorter jump leaves the curve unchanged;
+  /// tissue at first contact moves as far. The first one stays.
   void found_limit_point(const ForceSystem::Nodal& jump, double way, bool folds_touch, const Moment& now);
-  /// `tool-left`: the tool, having moved by `way` [m], touches nothing, and the tissue sprang back by `jump`
-  /// [m], by more than that. The first one stays.
+  /// `tool-left`: contact is lost after a motion by `way` [m], and the tissue sprang back by `jump` [m], more
+  /// than that. The first one stays.
   void found_lost_contact(const ForceSystem::Nodal& jump, double way, const Moment& now);
   /// `time-step`.
   void check_step(const Moment& now) const;
@@ -124,7 +123,7 @@ class Guards {
   const Model& model_;
   bool static_answer_, on_;
   std::vector<Finding>& findings_;
-  double beneath_;  // the circle, as far as the body reaches [m]
+  double beneath_;  // distance from the bonded patch to the far side [m]
 
   void find(Finding finding);
   /// The load lasts long enough for a static answer, and its beginning is over.
@@ -134,7 +133,7 @@ class Guards {
 /// "node 7 at rest at (1.00, 2.00, 3.00) mm".
 std::string place_of(const Model& model, Index node);
 
-/// What a message says at last: that it came again after `most_retries`, whatever was done.
+/// Error after the last retry: it adds that the guard fired again after `most_retries`, with `what`.
 SolveError after_retries(const SolveError& error, const std::string& what);
 
 }  // namespace dimple

@@ -24,7 +24,7 @@ struct HugePages {
 
   T* allocate(std::size_t count) {
 #if defined(__linux__)
-    // Fresh from the system: what the heap hands out again already lies in small pages.
+    // Mapped afresh: memory that the heap reuses is in small pages.
     if (const std::size_t bytes = whole_pages(count); bytes > 0) {
       void* room = mmap(nullptr, bytes + page, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
       if (room == MAP_FAILED) throw std::bad_alloc();
@@ -32,7 +32,7 @@ struct HugePages {
       const std::size_t before = (page - reinterpret_cast<std::uintptr_t>(begin) % page) % page;
       if (before > 0) munmap(begin, before);
       munmap(begin + before + bytes, page - before);
-      madvise(begin + before, bytes, MADV_HUGEPAGE);  // a wish: where it fails nothing is lost
+      madvise(begin + before, bytes, MADV_HUGEPAGE);  // a hint: it may fail
       return reinterpret_cast<T*>(begin + before);
     }
 #endif

@@ -13,7 +13,7 @@
 namespace dimple {
 namespace {
 
-// Below these, as below smallest_J, powers give way to Taylor polynomials: see the header.
+// Below these and smallest_J, powers are replaced by Taylor polynomials: see the header.
 constexpr double smallest_J_of_barriers = 0.2;
 constexpr double smallest_stretch = 0.1;
 constexpr double largest_stiffening = 1e3;
@@ -25,7 +25,7 @@ struct Cases : Of... {
   using Of::operator()...;
 };
 
-// What the law answers; `cases`: one for each, or it does not compile.
+// Result of the visitor in `cases` that fits the law; a missing one does not compile.
 template <class... Of>
 auto ask(const Material& m, Of... cases) {
   return std::visit(Cases<Of...>{cases...}, m.law);
@@ -93,7 +93,7 @@ Curve collapse(const Ogden& law, double J) {
   return sum;
 }
 
-/// What first and second stress share: P = F A + b cof F, with A symmetric.
+/// Common parts of the first and second stress: P = F A + b cof F, with A symmetric.
 struct Parts {
   Mat3 A;
   double b;

@@ -10,16 +10,16 @@
 namespace dimple {
 
 // Soft tissue resists a change of shape (mu, hundreds of pascals) far less than a change of volume (kappa, a
-// hundred kilopascals). The two parts are kept apart, W = distortional + kappa/2 (J - 1)^2, because only the
-// first depends on the law and relaxes in time, and because a static solver may want a pressure of its own.
+// hundred kilopascals). The two parts are kept apart, W = distortional + kappa/2 (J - 1)^2. Only the first
+// depends on the law and relaxes in time, and a static solver may use the pressure as an unknown.
 //
 // Letters: F deformation gradient, C = F^T F, J = det F, l_i the principal stretches: l_i^2 are the
 // eigenvalues of C. mu is the shear modulus for small strains, whatever the law.
 
 /// One term of an Ogden law:  2 mu / alpha^2 (l_1^alpha + l_2^alpha + l_3^alpha - 3), of isochoric stretches.
 ///
-/// The convention of Abaqus and of the literature on brain, in which the moduli of all terms add up to the
-/// shear modulus of small strains. Others write mu / alpha or c / alpha^2: their numbers need converting.
+/// This is the convention of Abaqus and of the literature on brain: the moduli add up to the shear modulus of
+/// small strains. Parameters of other conventions, mu / alpha or c / alpha^2, need conversion.
 struct OgdenTerm {
   double mu;     ///< [Pa]; the sum over all terms must be > 0
   double alpha;  ///< not 0; negative ones stiffen in compression, as brain does; 2 is neo-Hookean
@@ -31,9 +31,8 @@ struct PronyTerm {
   double tau;  ///< relaxation time [s], > 0
 };
 
-// The laws: how the energy of distortion depends on F. Each has a shear modulus for small strains, mu, which
-// stands in the Material. A law that is added here must be told to everything that asks for one, or it does
-// not compile: all questions are answered in material.cpp, by visitors without a default.
+// Laws: the energy of distortion as a function of F. Each has a shear modulus for small strains,
+// Material::mu. A new law does not compile until every visitor in material.cpp has a case for it.
 
 struct NeoHookean {};
 /// The stress exactly as Horton et al. 2007 print it, for comparison: not zero at rest.
@@ -58,16 +57,16 @@ struct Material {
   std::vector<PronyTerm> prony{};  ///< none: elastic
 };
 
-/// A tissue by the numbers that people give. Those of laws that are not wanted are 0 or none.
+/// Tissue by the numbers of its user. Those of other laws are 0 or empty.
 struct MaterialNumbers {
   double mu_Pa = 210.0, nu = 0.499, density_kg_per_m3 = 1000.0;
-  std::vector<double> ogden_mu_Pa, ogden_alpha;  ///< as many of both; mu_Pa is not asked then
+  std::vector<double> ogden_mu_Pa, ogden_alpha;  ///< as many of both; replace mu_Pa
   double mooney_c01_Pa = 0.0;                    ///< at most mu/2
   double gent_limit = 0.0;                       ///< Jm
   std::vector<double> prony_g, prony_tau_s;      ///< as many of both
 };
-/// The law whose numbers are given, neo-Hookean if none are. `as_printed`: PrintedNeoHookean. Throws
-/// UsageError: two laws, or numbers with which a tissue would give way.
+/// Law of the given numbers, neo-Hookean if there are none. `as_printed`: PrintedNeoHookean. Throws
+/// UsageError: two laws, or numbers of an unstable tissue.
 Material material_from(const MaterialNumbers& numbers, bool as_printed = false);
 
 /// kappa = lambda + 2/3 mu with lambda = 2 mu nu / (1 - 2 nu). The law: NeoHookean, or as printed.
@@ -85,9 +84,9 @@ Material gent(double mu, double limit, double nu, double density);
 /// The stress is that of NeoHookean, and nothing relaxes: what the quick loop of the kernel does, and what
 /// finite-element programs are given.
 bool is_plain(const Material& material);
-/// Whether any of them relaxes.
+/// True if any tissue is viscoelastic.
 bool relaxes(const std::vector<Material>& tissues);
-/// The stress is the one printed in the paper.
+/// True for the stress printed in the paper.
 bool is_as_printed(const Material& material);
 
 /// A law's name and numbers, for people and for programs: "ogden" and for each term "mu_Pa", "alpha".
@@ -109,13 +108,13 @@ LawWords words_of(const Material& material);
 ///     h(J)   = J^(-4/3)       likewise
 ///     s_p(c) = c^(alpha_p/2)  for c >= l0^2,      below: its Taylor polynomial of second order at l0^2
 ///
-/// g is the square of the factor that makes stretches isochoric, so s_p is l^alpha_p of the isochoric stretch
-/// l, and a term of alpha = 2 is neo-Hookean for every F.
+/// g is the square of the factor that makes stretches isochoric, so that s_p is l^alpha_p of the isochoric
+/// stretch l. A term of alpha = 2 is neo-Hookean for every F.
 ///
-/// The energy is extended below J0, as in Stomakhin et al. 2012, so that a point may pass through
-/// inversion on the way of an iterative solver; the caller reports J <= 0 in what it accepts. The smaller J0,
-/// the fewer points pass for good, and the stiffer are those that are near: J0 = 0.05, a fifth as many as
-/// with 0.2. With a = -2/3, d = J / J0 - 1,
+/// The energy is extended below J0, as in Stomakhin et al. 2012, so that a point may pass through inversion
+/// during the iterations of a solver; the caller reports J <= 0 in the states that it accepts. A smaller J0
+/// stiffens points near inversion, but leaves fewer inverted: with 0.05 a fifth of those with 0.2. With
+/// a = -2/3, d = J / J0 - 1,
 ///
 ///     g = J0^a (1 + a d + a (a - 1) / 2 d^2) = J0^a (1 - 2/3 d + 5/9 d^2),
 ///
@@ -123,17 +122,16 @@ LawWords words_of(const Material& material);
 /// always drives an inverted point back.
 ///
 /// s_p is extended because with alpha < 0 it is infinite at l = 0. Its variable is l^2, a smooth function of
-/// F, where l has a kink at 0. l0 is where the term is 1000 times as stiff as at rest, l0^(alpha - 2) = 1000:
-/// 0.36 for alpha = -4.7, a few times as stiff as kappa at nu = 0.499 and far beyond the strains to which
-/// such laws are fitted; and 0.1 at least, also for alpha > 0. s_p has no sign of l, so for alpha < 0 it
+/// F, where l has a kink at 0. At l0 the term is 1000 times as stiff as at rest, l0^(alpha - 2) = 1000, but
+/// l0 is 0.1 at least, also for alpha > 0. For alpha = -4.7 it is 0.36: a few times as stiff as kappa at nu =
+/// 0.499, and far beyond the strains to which such laws are fitted. s_p has no sign of l, so for alpha < 0 it
 /// would hold a point inverted: it repels l = 0 from both sides. Hence
 ///
 ///     collapse = (1 - J / J0)^3 sum_p 2 |mu_p| / alpha_p^2 s_p(0)   over alpha_p < 0, for J < J0, else 0,
 ///
-/// which outgrows that barrier unless the other two stretches are small as well, and with J0 = 0.2, the value
-/// for a law with such a term: with a smaller one it comes too late. All pieces join with two continuous
-/// derivatives, so the stiffness is continuous. For J >= J0 and isochoric stretches above l0 nothing is
-/// changed.
+/// which outgrows that barrier unless the other two stretches are small as well. A law with such a term has
+/// J0 = 0.2: a smaller one acts too late. All pieces join with two continuous derivatives, so that the
+/// stiffness is continuous. The law is unchanged for J >= J0 and isochoric stretches above l0.
 ///
 /// f is extended because it is infinite at x = Jm and undefined beyond, where an iterative solver may pass.
 /// At 0.98 Jm the secant stiffness is 50 times that at rest and the tangent grows with 2500 / Jm: a state in
@@ -166,7 +164,7 @@ Mat3 distortional_stress(const Material& material, const Mat3& F);
 ///
 ///     S = A + b cof(C) / J   where   P = F A + b cof F
 ///
-/// with A and b from above: no F is inverted. 1 / J, which is infinite on the way through inversion, is
+/// with A and b from above: no F is inverted. 1 / J, which is infinite at inversion, is
 /// replaced by J / max(J^2, 0.05^2): exact for |J| >= 0.05, bounded and continuous within.
 Mat3 distortional_second_stress(const Material& material, const Mat3& F);
 
@@ -199,9 +197,9 @@ double pointwise_bulk_modulus(const Material& material);
 double pressure_wave_speed(const Material& material);
 double shear_wave_speed(const Material& material);
 
-/// What one time step of length dt does to a Prony series.
+/// Factors of a Prony series for one time step of length dt.
 struct PronyStep {
-  double c = 1.0;          ///< g_inf + sum_i g_i a_i: the share of the elastic stress in this step
+  double c = 1.0;          ///< g_inf + sum_i g_i a_i: factor of the elastic stress in this step
   std::vector<double> e;   ///< [terms] exp(-dt / tau_i): what is left of the past
   std::vector<double> ga;  ///< [terms] g_i a_i, a_i = (1 - e_i) tau_i / dt
 };
@@ -233,7 +231,7 @@ PronyStep prony_step(const Material& material, double dt);
 /// Checked:  against relaxation after a step, a ramp's hereditary integral, and for dissipation over cycles.
 struct ViscousHistory {
   Material material;
-  PronyStep step;                               ///< the one under way
+  PronyStep step;                               ///< the current one
   Eigen::Matrix<double, 6, Eigen::Dynamic> S0;  ///< [6xQ] at the end of the last accepted step [Pa]
   Eigen::MatrixXd H;                            ///< [6*terms x Q], likewise
 

@@ -49,7 +49,7 @@ Session::Parts::Parts(Model m, std::vector<Material> materials, const SessionOpt
   lie_at_rest();
 }
 
-// Under a tool that touches: what was found on the way in must serve on the way out, and again.
+// Under a contacting tool states must serve on approach and on retraction, repeatedly.
 void Session::Parts::require_curve_of_equilibria() const {
   const bool rubs = options.touch->friction > 0.0;
   if (!rubs && !system->viscoelastic() && relax.has_mixed()) return;
@@ -66,14 +66,14 @@ void Session::Parts::require_curve_of_equilibria() const {
                     .code = "no-live"});
 }
 
-// Of an equilibrium.
+// Sets the remainders to those of an equilibrium.
 void Session::Parts::nothing_left() {
   left.force.setZero(4, u.cols());
   left.volume.setZero(model.patches.count());
   left.energy = left.contact = 0.0;
 }
 
-// With the tool lifted: undeformed, or as the loads have it.
+// State with the tool lifted: undeformed, or under the loads.
 void Session::Parts::lie_at_rest() {
   u = system->step_start().u;
   lambda = system->step_start().lambda;
@@ -84,7 +84,7 @@ void Session::Parts::lie_at_rest() {
   system->force_at(u, lambda, f);
 }
 
-// Of tissue that relaxes the dent is forgotten: whose nodes a circle has let go is not modelled.
+// Viscoelastic tissue forgets its indentation: the release of a bonded patch is not modelled.
 void Session::Parts::lift() {
   if (system->viscoelastic()) system->restore_past(untouched);
   waited = 0.0;
@@ -102,7 +102,7 @@ void Session::Parts::touch(double its_residual) {
   state = State::touching;
 }
 
-// After a cut the state stays as it is until an equilibrium of the cut body is found.
+// After a cut the state is kept until an equilibrium of the cut body is found.
 void Session::Parts::move_freely() {
   if (state == State::air) state = State::touching;
 }
@@ -139,7 +139,7 @@ double Session::Parts::resistance(const Nodal& its, const Eigen::VectorXd& l, co
   return touching->along(tool.push);
 }
 
-// Where the next equilibrium is looked for: on the line through the last two, if they are as far apart.
+// Predicts the next equilibrium on the line through the last two, if their distance allows it.
 void Session::Parts::look_ahead(double to) {
   const double way = to - depth;
   const auto& last = path.point;
@@ -153,7 +153,7 @@ void Session::Parts::look_ahead(double to) {
 }
 
 std::int64_t Session::Parts::to_equilibrium(double to) {
-  // Rest: no reaction that a residual could be measured by.
+  // Equilibrium at rest has no reaction to scale a residual.
   if ((to == 0.0 && !system->viscoelastic()) || (options.touch && to <= 0.0)) {
     lie_at_rest();
     depth = to;
@@ -175,7 +175,7 @@ std::int64_t Session::Parts::to_equilibrium(double to) {
   return found.evaluations;
 }
 
-// Whatever fails leaves the body as it was.
+// Runs `move`; if it throws, the body is restored (strong exception guarantee).
 template <class Move>
 std::int64_t Session::Parts::whole(const Move& move) {
   const Nodal u_before = u, v_before = v, f_before = f;
@@ -212,7 +212,7 @@ std::int64_t Session::Parts::equilibrate(double to, double dt) {
   });
 }
 
-// The force at u, where it is one.
+// Force at u. Throws if a point is inverted.
 void Session::Parts::find_force() {
   const ForceSystem::Sweep sweep = system->force(u, f);
   if (sweep.ok() && sweep.J_min > 0.0) return;
@@ -241,7 +241,7 @@ std::int64_t Session::Parts::count_steps(double dt) {
 
 std::int64_t Session::Parts::step(double to, double dt) {
   return whole([&] {
-    system->tissue().hold_pressures({});  // an equilibrium has left its own
+    system->tissue().hold_pressures({});  // release those of an equilibrium
     move_freely();
     const std::int64_t steps = count_steps(dt);
     const double h = dt / static_cast<double>(steps), from = depth, rate = (to - from) / dt;
@@ -258,7 +258,7 @@ std::int64_t Session::Parts::step(double to, double dt) {
     }
     find_force();
     lambda = model.scheme.pressure_patches ? pressures_of_volumes(*system) : lambda;
-    path.point.clear();  // an equilibrium is looked for from here on
+    path.point.clear();  // the next search starts here
     path.push(to, u, lambda);
     return steps;
   });

@@ -24,7 +24,7 @@ std::string_view name_of(TimeMode mode) {
 }
 
 namespace {
-constexpr double shallow = 0.5;  // radii of the circle: see choose_time()
+constexpr double shallow = 0.5;  // radii of the bonded patch: see choose_time()
 }
 
 double shear_crossings(const Model& model, const Tissues& tissues, const Loading& loading) {

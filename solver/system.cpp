@@ -65,8 +65,8 @@ void System::add_terms(const Nodal& u, Nodal& f) {
       term->add_force(u, now_, term->is_load() ? load_ : f);
       continue;
     }
-    // The tissue's pressures bear it. As a measure of what is left unbalanced a hundredth of it counts: what
-    // it leaves on the base may be next to nothing.
+    // The tissue's pressures bear it. A hundredth of it scales the residual: the base may bear next to
+    // nothing.
     Nodal its = Nodal::Zero(4, u.cols());
     term->add_force(u, now_, its);
     load_ += 0.01 * its;
@@ -113,7 +113,7 @@ StoredEnergy System::stored_energy(const Nodal& u) {
   return energy;
 }
 
-// After a sweep at u. A pressure all around does work on the body's volume.
+// Needs a sweep at u. A pressure on the entire surface does work on the body's volume.
 double System::energy_of_terms(const Nodal& u) const {
   double energy = 0.0;
   for (const auto& term : terms_)
@@ -153,7 +153,7 @@ double System::working_force(const Nodal& f) const {
 
 Wrench System::on_tool(const Nodal& u, const Nodal& f) const {
   if (touching_) return touching_->on_tool(now_);
-  Vec3 carried = Vec3::Zero();  // by the loads, before it touched
+  Vec3 carried = Vec3::Zero();  // preload displacement of the bonded patch
   if (loaded() && !model_.circle.empty()) {
     for (const Index a : model_.circle) carried += step_start_.u.col(a).head<3>();
     carried /= static_cast<double>(model_.circle.size());
@@ -185,8 +185,8 @@ void System::accept_step(const Nodal& u) {
   for (const OneContact& one : contacts_) one.term->accept(u, now_);
 }
 
-// Of the tissue; then what has met a wall or a fold, and of a tool that rubs, of walls, of folds and of each
-// term, with their number behind.
+// Order: tissue; contacts (a tool without friction has no past); pairs of contact and sample that have become
+// active; terms. The number of values follows each contact, the pairs and each term.
 std::vector<double> System::past() const {
   std::vector<double> all = tissue_.past();
   const auto add = [&](const ForceTerm& term) {
@@ -233,9 +233,9 @@ void System::restore_past(std::vector<double> past) {
 void System::begin_at(Rest rest, Constraints held) {
   run_start_ = step_start_ = std::move(rest);
   held_ = std::move(held);
-  tissue_.hold_pressures({});  // the search has left them held; who searches on holds his own
+  tissue_.hold_pressures({});  // release the pressures of the search
   accept_step(step_start_.u);
-  for (const auto& one : rigid_) one->count_heat_anew();  // of the loads that came on no energy is told
+  for (const auto& one : rigid_) one->count_heat_anew();  // energies exclude the preload
   if (pressure_around_ != 0.0) tissue_.stress_sweep(step_start_.u);
   loads_at_rest_ = energy_of_terms(step_start_.u);
 }
@@ -266,13 +266,17 @@ void System::measure_by(const Nodal& f) {
 
 namespace {
 
-constexpr double first_part = 0.25, smallest_part = 1.0 / 64.0;  // of the loads, laid on at once
-// Evaluations of the force by mixed iteration. Of random scenes on real organs the 25 that came to rest took
-// at most 444 for a part and 1111 in all.
+constexpr double first_part = 0.25, smallest_part = 1.0 / 64.0;  // of the loads, applied at once
+// Force evaluations by mixed iteration. The 25 random scenes on real organs that reached equilibrium took at
+// most 444 for a part and 1111 in all.
 constexpr std::int64_t most_of_part = 600, most_in_all = 2000;
-constexpr double at_last = std::numeric_limits<double>::infinity();  // s: when viscous tissue has relaxed
+constexpr double at_last = std::numeric_limits<double>::infinity();  // s: for fully relaxed tissue
 
-// Laid on part by part, so long that viscous tissue has relaxed.
+// Preload, the equilibrium under the loads alone:
+// 1. Apply a quarter of the loads at once, and later as much again.
+// 2. First guess: the last state, scaled to the new loads. Viscoelastic tissue is fully relaxed.
+// 3. Search; accept the state.
+// 4. If none is found, repeat with half the increment, down to 1/64 of the loads.
 Rest come_to_rest(System& system, double tolerance) {
   Rest rest = system.step_start();
   const Relaxation relax(system);
@@ -314,8 +318,8 @@ Rest come_to_rest(System& system, double tolerance) {
   return rest;
 }
 
-// As if it had come to rest here: to accept the same state once more changes nothing. The tool has been
-// brought elsewhere since, and knows no past there but this.
+// Restores the preloaded state, as if it had been computed here. Accepting it again changes nothing. The tool
+// has been moved since, and has no other past there.
 void be_at_rest(System& system, const Settled& settled) {
   const Rest& rest = settled.rest;
   Nodal f = rest.u;
@@ -325,8 +329,8 @@ void be_at_rest(System& system, const Settled& settled) {
   system.accept_step(rest.u);
 }
 
-// [N] Of a tool that touches the forces are balanced to a part of this at least: that of a sphere pressed in
-// by 0.003 of its radius. A tool that only grazes the body has an equilibrium, too.
+// [N] Least reactions under a contacting tool: those of a sphere pressed in by 0.003 of its radius. Grazing
+// contact has an equilibrium, too.
 double least_contact_force(const ForceSystem& tissue, const Touch& touch) {
   constexpr double least = 1e-3;  // of the shear modulus times the radius squared
   double softest = std::numeric_limits<double>::infinity();
@@ -350,7 +354,7 @@ std::unique_ptr<System> make_system(const ForceSystem& tissue, const Model& mode
     if (touch) unloaded->set_least_reactions(least_contact_force(tissue, *touch));
     return unloaded;
   }
-  std::vector<HeldSet> still;  // those that move have not come yet, as the tool has not
+  std::vector<HeldSet> still;  // tool and moving sets are not applied yet
   std::copy_if(further.begin(), further.end(), std::back_inserter(still),
                [](const HeldSet& s) { return s.share == 0.0; });
   still.push_back({.name = base_set, .node = model.base});

@@ -3,6 +3,13 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 
+// Anderson's acceleration, one call of next() at place x with step g(x):
+// 1. Store the differences dX of places and dG of steps since the last call; the 30 latest are kept.
+// 2. Minimise |g - dG gamma|: normal equations of columns scaled to length one, with 1e-10 on the diagonal.
+// 3. Return x + g / caution - (dX + dG / caution) gamma; without differences x + g / caution.
+//
+// Source:   Walker and Ni 2011; departures are in the header.
+
 namespace dimple {
 
 void Anderson::begin(Eigen::Index length, bool anew) {

@@ -5,7 +5,7 @@
 namespace dimple {
 namespace {
 
-constexpr double setback = 10.0;  // growth of the residual that is taken back
+constexpr double setback = 10.0;  // growth of the residual that counts as a setback
 constexpr double gain = 0.9;
 
 }  // namespace

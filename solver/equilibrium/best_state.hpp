@@ -4,12 +4,11 @@
 
 namespace dimple {
 
-/// The best state that an iteration has met, the step that it took from there, and what follows of the
-/// residual of each further one: it may be a gain, a setback that is taken back, or one of so many without a
-/// gain that it is given up.
+/// Best state of an iteration, and the step from it. Each later residual is a gain, a setback, or neither;
+/// too many of the last kind end the iteration.
 class BestState {
  public:
-  /// Where an iteration begins; it has taken no step yet.
+  /// Starts an iteration that has taken no step yet.
   BestState(const Nodal& u, const Eigen::VectorXd& lambda, double residual)
       : residual_(residual), u_(u), lambda_(lambda) {}
 
@@ -17,20 +16,19 @@ class BestState {
   const Eigen::VectorXd& lambda() const { return lambda_; }
   double residual() const { return residual_; }
   bool has_step() const { return du_.size() > 0; }
-  /// How many times shorter than the iteration would have them steps are taken: twice as much after each
-  /// setback.
+  /// Divisor of the steps of the iteration; it doubles after each setback.
   double caution() const { return caution_; }
 
-  /// A state of such a residual is no place to go on from: no number, or far worse than the best one.
+  /// True if the iteration cannot continue from such a residual: not finite, or far above the best.
   bool is_setback(double residual) const;
-  /// Puts u and lambda half as far from the best state as the last step went. False: no step is known, or it
-  /// would be the fifth time.
+  /// Sets u and lambda to the best state plus its step over the doubled caution. False: there is no step, or
+  /// this is the fifth setback.
   bool step_back(Nodal& u, Eigen::VectorXd& lambda);
 
-  /// One more state that is none of these. False: so many have been no gain that it is given up.
+  /// Counts a state that is neither. False: there were too many without a gain.
   bool may_go_on() { return ++since_gain_ <= without_gain; }
   bool was_the_last_chance() const { return since_gain_ >= without_gain; }
-  /// Clearly better than the best one, or the first that a step is known of.
+  /// True if clearly better than the best state, or the first with a step.
   bool is_gain(double residual) const;
   void take(const Nodal& u, const Eigen::VectorXd& lambda, double residual);
   void take(const Nodal& u, const Eigen::VectorXd& lambda, double residual, const Nodal& du,

@@ -10,12 +10,27 @@
 #include "solver/equilibrium/mixed_constants.hpp"
 #include "solver/text.hpp"
 
+// Contact forces in one step of the mixed iteration:
+// 1. Activate the samples that penetrate, and find their columns of C_st = w_s A^-1 w_t by unit forces.
+// 2. Predict gaps: gap_s + n_s . w_s du, where du is the step without contact.
+// 3. Find the changes of all normal forces that keep the gaps open: contact_step().
+// 4. Predict slips by du and by these changes, in the tangent planes; bounds follow from the new normal
+//    forces.
+// 5. Find the changes of friction, contact by contact: friction_step().
+// 6. Add both changes to the nodal forces; the mixed iteration then repeats its step.
+// 7. Error of a sample: |min(gap, C_ss lambda)|, or C_ss |t - projection of t - slip / C_ss|, over the
+//    admissible one.
+//
+// Source:   Wriggers 2006, chapters 4 and 5 (Lagrange multipliers, Coulomb's law).
+// Departs:  C is made of the preconditioner and not of the tangent; friction does not act back on normal
+//           forces within a step.
+
 namespace dimple {
 
 ContactCoupling::ContactCoupling(System& body, LaplacePreconditioner& laplace)
     : body_(body), laplace_(laplace) {}
 
-// visit(node, w) for all that moves a sample's gap.
+// visit(node, w) for each weight of a sample's gap.
 template <class Visit>
 void ContactCoupling::visit_nodes(Index row, const Visit& visit) const {
   const Index sample = active(row).sample;
@@ -23,7 +38,7 @@ void ContactCoupling::visit_nodes(Index row, const Visit& visit) const {
   for (int k = rows.offset[sample]; k < rows.offset[sample + 1]; ++k) visit(rows.member[k], w[k]);
 }
 
-// Of those that have a compliance.
+// Samples of one contact that have a compliance.
 std::vector<ContactCoupling::Sample> ContactCoupling::samples_of(const ContactTerm* term) const {
   std::vector<Sample> result;
   for (Index k = 0; k < compliance_.rows(); ++k)
@@ -73,8 +88,8 @@ void ContactCoupling::find_columns(Index known) {
   }
 }
 
-// Rows from `known` on, so that the matrix is symmetric. The samples of a measured tool, which are all active
-// from the start, have the mean of both directions; later ones are moved by earlier ones as they move those.
+// Rows from `known` on, to make the matrix symmetric. The measured tool's samples, all active from the start,
+// use the mean of both directions; later samples repeat their columns.
 void ContactCoupling::mirror_columns(Index known) {
   const Index count = compliance_.rows(), of_tool = body_.touching() ? body_.touching()->count() : 0;
   if (known == 0 && of_tool > 0) {
@@ -97,7 +112,7 @@ Eigen::VectorXd ContactCoupling::scale() const {
   return result;
 }
 
-// What a sample's friction lacks at the last force [m].
+// Error of a sample's friction at the last force, as a length [m].
 double ContactCoupling::lack_of_friction(const TouchingTool& rigid, const Sample& one) const {
   const auto& [row, s] = one;
   const Vec3 force = rigid.friction_forces().col(s), slip = rigid.slips().col(s);
@@ -123,14 +138,14 @@ double ContactCoupling::lack_of_tool() const {
   return body_.touching() ? lack_of(body_.contacts().front()).largest : 0.0;
 }
 
-// The residual with what the measured tool lacks.
+// Residual with the contact error of the measured tool.
 double ContactCoupling::with_tool(double residual, const Lack& lack, double reactions,
                                   double tolerance) const {
-  // As long as it lacks more than it may, it counts as with the default tolerance: under a stricter one a
-  // body that nothing holds up yet would look better than all that comes after.
+  // While the contact error is too large it counts as under the default tolerance or more. Under a stricter
+  // one an unsupported body would otherwise look better than all later states.
   const double counts = lack.largest > 1.0 ? std::max(tolerance, mixed_constants.usual_tolerance) : tolerance;
   residual = std::max(residual, counts * lack.largest);
-  // No force acts yet: all of it is missing, however little the tool penetrates.
+  // No force acts yet: all of it is missing, however small the penetration.
   const double nothing = std::max(mixed_constants.negligible_reactions * lack.force, body_.least_reactions());
   if (lack.largest > 1.0 && reactions <= nothing) residual = std::max(residual, 1.0);
   return residual;
@@ -170,7 +185,7 @@ Eigen::VectorXd ContactCoupling::normal_forces(double gap_factor, const Nodal& d
   return contact_step(compliance_, normal, gap, before);
 }
 
-// How far a sample moves by du and by the changes of all normal forces [m].
+// Displacement of a sample by du and by the changes of all normal forces [m].
 Vec3 ContactCoupling::displacement(Index row, const Eigen::VectorXd& of_normals, const Points& normal,
                                    const Nodal& du) const {
   Vec3 move = Vec3::Zero();

@@ -11,7 +11,7 @@ namespace dimple {
 ///     C_st = w_s A^-1 w_t   [m/N],   w the weights with which a sample's gap follows the nodes,
 ///
 /// A^-1 from LaplacePreconditioner. Contact is without penetration, see contact_step(); friction follows
-/// Coulomb's law, see friction_step(). The compliance C grows with the samples that come to be active, up to
+/// Coulomb's law, see friction_step(). The compliance C grows with the active samples, up to
 /// MixedConstants::most_contact_points.
 class ContactCoupling {
  public:
@@ -23,21 +23,21 @@ class ContactCoupling {
   /// Adds the samples that the last force found to penetrate. Throws SolveError: there are more than
   /// MixedConstants::most_contact_points.
   void extend();
-  /// Whether no sample has a compliance.
+  /// True if no sample has a compliance.
   bool empty() const { return compliance_.rows() == 0; }
   /// [active x active] m/N, in the order of System::active().
   const Eigen::MatrixXd& compliance() const { return compliance_; }
 
-  /// `change` [System::contact_unknowns()] N: the change of all contact forces, where the nodes would move by
-  /// du [4xN] m without it. Adds these forces to r [4xN] N. `gap_factor`: multiplies gaps and slips, for an A
-  /// that is as many times stiffer.
+  /// `change` [System::contact_unknowns()] N: change of all contact forces, for nodes that would move by du
+  /// [4xN] m without it. Adds these forces to r [4xN] N. `gap_factor` multiplies gaps and slips, for an A as
+  /// much stiffer.
   void apply(double gap_factor, const Nodal& du, Nodal& r, Eigen::Ref<Eigen::VectorXd> change) const;
 
-  /// The residual of the last force together with what contact lacks. Penetration and missing forces count
-  /// alike: the first contact forces, which unbalance the body, would otherwise look like a step in the wrong
-  /// direction. `reactions` [N]; `tolerance`: that of the residual.
+  /// Residual of the last force with contact errors. Penetration and missing forces count alike: otherwise
+  /// the first contact forces, which unbalance the body, would look like a wrong step. `reactions` [N];
+  /// `tolerance`: that of the residual.
   double residual_with_contact(double residual, double reactions, double tolerance) const;
-  /// What the contact of the measured tool lacks at the last force, over what it may lack.
+  /// Contact error of the measured tool at the last force, relative to the admissible one.
   double lack_of_tool() const;
 
   /// [System::contact_unknowns()] that make contact forces square roots of energies: sqrt(C_ss) of active
@@ -49,10 +49,10 @@ class ContactCoupling {
   struct Sample {
     Index row, number;
   };
-  // What a contact lacks at the last force.
+  // Error of one contact at the last force.
   struct Lack {
-    double largest = 0.0;  // over what it may lack
-    double force = 0.0;    // that would bring it about [N]
+    double largest = 0.0;  // relative to the admissible error
+    double force = 0.0;    // that would close the gaps [N]
   };
 
   const System::ActiveSample& active(Index row) const {

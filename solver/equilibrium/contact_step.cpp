@@ -7,14 +7,25 @@
 
 #include "io/stop.hpp"
 
+// Primal-dual active sets for lambda >= 0, q + K lambda >= 0:
+// 1. q = gap - K before: the gaps without contact forces.
+// 2. First set: samples with a force, or with a negative gap.
+// 3. Solve K lambda = -q within the set, with lambda = 0 outside.
+// 4. Next set: members with lambda > 0, and others whose gap q + K lambda is negative. Repeat 3 until the set
+//    is unchanged.
+// 5. After 40 sets: projected Gauss-Seidel sweeps, until forces change by less than 1e-10 of the largest.
+// 6. Return max(lambda, 0) - before.
+//
+// Source:   Hintermueller, Ito, Kunisch 2002; Cryer 1971 (step 5, our addition). See the header.
+
 namespace dimple {
 namespace {
 
 constexpr int most_sets = 40, most_sweeps = 2000;
-constexpr double most_products = 1e9;      // of all sweeps together: a second or two
+constexpr double most_products = 1e9;      // of all sweeps: a second or two
 constexpr double converged_sweep = 1e-10;  // change of a force in a sweep, of the largest force
 
-// One force after the other, each as its own gap asks.
+// Projected Gauss-Seidel sweeps: each force in turn closes its own gap.
 template <class Stiffness>
 void sweep_until_still(const Stiffness& K, const Eigen::VectorXd& q, Eigen::VectorXd& lambda) {
   lambda = lambda.cwiseMax(0.0).eval();
@@ -39,7 +50,6 @@ Eigen::VectorXd contact_step(const Eigen::MatrixXd& compliance, const Points& no
                              const Eigen::VectorXd& gap, const Eigen::VectorXd& before) {
   const Index count = gap.size();
   const auto K = [&](Index s, Index t) { return compliance(s, t) * normal.col(s).dot(normal.col(t)); };
-  // The gaps without any force: q; then lambda >= 0, q + K lambda >= 0.
   Eigen::VectorXd q = gap;
   for (Index t = 0; t < count; ++t)
     if (before[t] != 0.0)

@@ -4,14 +4,14 @@
 
 namespace dimple {
 
-/// The change of contact forces in one step of an iteration: of the nearby linear problem in which a force at
-/// one sample moves another by K, and the forces are never negative and the gaps neither,
+/// Change of the contact forces in one step of an iteration. It solves the linear problem in which a force at
+/// one sample moves another by K, and neither forces nor gaps are negative,
 ///
 ///     lambda >= 0,   gap + K (lambda - lambda_before) >= 0,   one of both zero at every sample.
 ///
-/// `compliance` [MxM] m/N: how far a unit force at one place moves another, for each direction alike,
-/// positive definite; `normal` [3xM]: of the forces, K_st = compliance_st n_s.n_t; `gap` [M] m: where nothing
-/// changes; `before` [M] N, not negative. Returns the change [M] N.
+/// `compliance` [MxM] m/N: displacement of one sample by a unit force at another, equal in all directions,
+/// positive definite; `normal` [3xM] of the forces, K_st = compliance_st n_s.n_t; `gap` [M] m before the
+/// step; `before` [M] N, not negative. Returns the change [M] N.
 ///
 /// Source:   primal-dual active set strategy: Hintermueller, Ito, Kunisch, SIAM J. Optim. 13, 2002. Where its
 ///           sets repeat, as they may for matrices that are no M-matrices, projected Gauss-Seidel sweeps,

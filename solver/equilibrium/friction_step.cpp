@@ -6,6 +6,17 @@
 #include "io/stop.hpp"
 #include "solver/terms/touching_tool.hpp"
 
+// Projected Gauss-Seidel iteration for friction with known normal forces:
+// 1. Samples with a positive bound take part; all others lose their friction.
+// 2. First forces: those before, in the tangent planes and within the bounds.
+// 3. moved_s = slip_s + sum_t C_st (t_t - before_t).
+// 4. Sample after sample: t_s = projection of t_s - P_s moved_s / C_ss onto |t| <= bound_s; update all moved.
+// 5. Repeat 4 until a round moves no sample by more than 1e-4 of the largest slip, at most 60 times.
+// 6. Return t - before.
+//
+// Source:   Wriggers 2006, sections 4.2 and 5.2; Jourdan, Alart, Jean 1998.
+// Departs:  normal forces are fixed; the mixed iteration alternates between both.
+
 namespace dimple {
 namespace {
 
@@ -21,7 +32,8 @@ Points friction_step(const Eigen::MatrixXd& compliance, const Points& normal, co
     if (bound[s] > 0.0) rubs.push_back(s);
     if (bound[s] > 0.0 || !before.col(s).isZero(0.0)) had.push_back(s);
   }
-  // Where the forces begin: within their cones. Slip of those that rub, as all forces now are.
+  // Initial forces, projected into their cones. `moved`: slips of the samples with friction under these
+  // forces.
   Points force = Points::Zero(3, bound.size());
   for (const Index s : rubs)
     force.col(s) = brought_within(bound[s], before.col(s) - normal.col(s) * normal.col(s).dot(before.col(s)));

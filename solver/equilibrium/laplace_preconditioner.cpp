@@ -46,9 +46,9 @@ NodePairs neighbour_pairs(const Model& model) {
   return edge;
 }
 
-// [N] Pa m^3: shear modulus x volume, shared among the nodes.
+// [N] Pa m^3: shear modulus x volume, distributed among the nodes.
 Eigen::VectorXd shear_of_nodes(const Model& model, const ForceSystem& tissue) {
-  constexpr Index slab = 65536;  // points whose shares are held at a time
+  constexpr Index slab = 65536;  // points whose fractions are held at a time
   Eigen::VectorXd sum = Eigen::VectorXd::Zero(model.node_count()), share;
   for (Index from = 0; from < model.point_count(); from += slab) {
     stop_if_asked();
@@ -74,7 +74,7 @@ Eigen::VectorXd shear_of_nodes(const Model& model, const ForceSystem& tissue) {
   return sum;
 }
 
-// Size of the tangent at F [Pa]: of distortion by differences, and of the volume that the point bears itself.
+// Norm of the tangent at F [Pa]: distortion by differences, and the point-wise bulk modulus.
 double stiffness(const Material& m, const Mat3& F) {
   constexpr double h = mixed_constants.difference_of_F;
   const Mat3 P = distortional_stress(m, F);
@@ -138,9 +138,9 @@ Eigen::VectorXd LaplacePreconditioner::diagonal_at_rest() const {
   return diagonal;
 }
 
-// A node that its neighbours hardly surround may be far stiffer than the mean of which its weight is made.
-// Under a tool that begins to touch such a node takes the whole load, each step there overshoots ten times,
-// and no shorter step helps. Its weight is raised until A's diagonal is no less than the tangent's.
+// A node with few neighbours around may be far stiffer than the mean that gives its weight. At first contact
+// it bears the whole load and each step overshoots ten times, however short. Its weight is raised until A's
+// diagonal is no less than the tangent's.
 void LaplacePreconditioner::stiffen_single_nodes() {
   const Eigen::VectorXd tangent = diagonal_at_rest();
   Eigen::VectorXd of_others = Eigen::VectorXd::Zero(tangent.size()), count = of_others;
@@ -156,7 +156,7 @@ void LaplacePreconditioner::stiffen_single_nodes() {
   weight_at_rest_ = weight_;
 }
 
-// [points] how many times stiffer the law is at u than at rest.
+// [points] ratio of the law's stiffness at u to that at rest.
 Eigen::VectorXd LaplacePreconditioner::stiffening(const Nodal& u) {
   body_.tissue().stress_sweep(u);
   const auto F = body_.tissue().deformation_gradients();

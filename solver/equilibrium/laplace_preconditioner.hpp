@@ -27,9 +27,9 @@ struct NodalInverse {
 /// modulus at rest. Nodes that are held wholly are left out; sets of nodes that slide have an inverse for
 /// each direction along which they are held. That is exact where these directions are orthogonal.
 ///
-/// A membrane is stiff within its plane and hardly so across it, and a scalar matrix has one stiffness for
-/// both: with A alone a surface would bend by a thousandth of its true deflection. A second inverse therefore
-/// moves the soft part Q of each node, without the terms that resist in some directions alone:
+/// A membrane is stiff within its plane and soft across it, and a scalar matrix has one stiffness for both:
+/// with A alone a surface would bend by a thousandth of its true deflection. A second inverse moves the soft
+/// part Q of each node, without the terms that resist in some directions alone:
 ///
 ///     1/2 (A^-1 + Q A_soft^-1 Q),   Q = (1 + stiffness / diagonal of A_soft)^-1/2,
 ///
@@ -48,16 +48,16 @@ class LaplacePreconditioner {
   /// z = A^-1 r approximately, r [4xN] N, z [4xN] m; symmetric, and zero where nodes are held.
   void apply(const Nodal& r, Nodal& z);
 
-  /// Largest eigenvalue of Q at each node, [N]; empty if no term resists in some directions alone. A tool
-  /// presses across a membrane, which hardly resists that.
+  /// Largest eigenvalue of Q at each node, [N]; empty if no term resists in some directions alone. Contact
+  /// presses across a membrane, which hardly resists.
   Eigen::VectorXd softest_part() const;
-  /// As apply(), for four scalar fields, one a row: the mean displacement of a node in its softest direction.
-  /// Sets that slide are not held here. `softest`: from softest_part().
+  /// Applies the inverse to four scalar fields, one a row: mean displacements of nodes in their softest
+  /// directions. Sliding sets are not held here. `softest`: from softest_part().
   void apply_to_scalars(const Eigen::VectorXd& softest, const Nodal& r, Nodal& z);
 
-  /// From the next factorise() on the weights are as much larger than at rest as the law is stiffer at u.
+  /// Scales the weights of the next factorise() by the stiffness of the law at u over that at rest.
   void stiffen(const Nodal& u);
-  /// Takes that back; A has to be factorised again.
+  /// Restores the weights at rest; A has to be factorised again.
   void relax();
 
   /// result = L v [4xN] N, L the Laplacian at rest without further terms.

@@ -15,8 +15,8 @@ struct MixedConstants {
   /// Fraction of a node's weight that is added to A's diagonal; a piece that nothing holds is not singular.
   /// Not studied.
   double diagonal_of_held = 1e-6;
-  /// The same of a body with a rigid-body mode. 1e-3 to 1e-2 take as many evaluations; with 1e-6 its weight
-  /// moved a body by 100 m in the first iteration, and single precision lost what brought it back.
+  /// Fraction of a node's weight on A's diagonal for a body with a rigid-body mode. 1e-3 to 1e-2 take as many
+  /// evaluations; 1e-6 moved a body by 100 m in the first iteration, which single precision could not undo.
   double diagonal_of_loose = 1e-3;
   /// Largest distance of neighbours in A, in mean node spacings: some 14 neighbours. Not studied.
   double neighbour_distance = 1.6;

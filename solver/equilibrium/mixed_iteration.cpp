@@ -20,8 +20,8 @@ struct MixedIteration::Parts {
   PressureSchur schur;
   ContactCoupling contact;
   Anderson anderson;                          // of displacements and lambda, scaled to be of one kind
-  Nodal u_of_gradient;                        // where G is that
-  double viscous_share = 0.0;                 // for which the memory of `anderson` was made
+  Nodal u_of_gradient;                        // displacements at which G was found
+  double viscous_share = 0.0;                 // `share` of the differences stored in `anderson`
   Nodal viscous;                              // [4xN] N, viscous force of the current state
   std::chrono::steady_clock::duration lap{};  // of an iteration in bounded time, mean of the last few
 
@@ -42,7 +42,7 @@ bool MixedIteration::Parts::factorise_laplacian() {
   return laplace.factorise();
 }
 
-// share x L (u - about).
+// `share` x L (u - about).
 const Nodal* MixedIteration::Parts::viscous_force(const Nodal& u, const Viscosity& viscosity) {
   laplace.multiply_at_rest(u - viscosity.about, viscous);
   viscous *= viscosity.share;
@@ -60,7 +60,7 @@ void MixedIteration::Parts::step_of_tissue(const Nodal& r, const Eigen::VectorXd
   du = -du;
 }
 
-// The same with contact, whose gaps are multiplied by `factor`.
+// Step with contact, whose gaps are multiplied by `factor`.
 void MixedIteration::Parts::step(const Nodal& r, const Eigen::VectorXd& s, double factor, Nodal& du,
                                  Eigen::VectorXd& dlambda) {
   Eigen::VectorXd of_patches(s.size());
@@ -74,7 +74,7 @@ void MixedIteration::Parts::step(const Nodal& r, const Eigen::VectorXd& s, doubl
   dlambda.head(s.size()) = of_patches;
 }
 
-// To the next state after u and lambda, where the step is du and dlambda.
+// Next state after u and lambda, with the step du and dlambda.
 void MixedIteration::Parts::advance(Nodal& u, Eigen::VectorXd& lambda, const Nodal& du,
                                     const Eigen::VectorXd& dlambda, double caution) {
   const Index n = u.cols(), nb = lambda.size();
@@ -100,7 +100,7 @@ void MixedIteration::Parts::advance(Nodal& u, Eigen::VectorXd& lambda, const Nod
   body.bring_back(lambda);
 }
 
-// Where a node is held nothing was added but rounding; it must not move at all from where it was.
+// Restores held nodes exactly: only rounding can have moved them.
 void MixedIteration::Parts::hold_still(Nodal& u, const Nodal& was) const {
   const Constraints& held = body.held();
   for (Index a = 0; a < u.cols(); ++a)
@@ -109,7 +109,7 @@ void MixedIteration::Parts::hold_still(Nodal& u, const Nodal& was) const {
 
 namespace {
 
-// What a state lacks of equilibrium.
+// Unbalanced forces and volumes of a state.
 struct Unbalanced {
   Unbalanced(Index nodes, Index patch_count) : force(4, nodes), volume(patch_count) {}
   Nodal force;             // on what is free to move
@@ -117,7 +117,7 @@ struct Unbalanced {
   ForceState::Patches patches;
   ForceSystem::Sweep sweep;
   double residual = 0.0, reactions = 0.0, volume_error = 0.0;
-  double contact = 0.0;  // what a tool's lacks, over what it may
+  double contact = 0.0;  // error of the tool's, relative to the admissible one
 
   void at(System& body, const Nodal& u, const Eigen::VectorXd& lambda, Nodal& f, const Nodal* viscous) {
     const Eigen::VectorXd& of_patches = body.model().patches.volume;
@@ -134,7 +134,7 @@ struct Unbalanced {
   }
 };
 
-// What is left unbalanced at the best state, where somebody asks for that.
+// Copy of the unbalanced forces at the best state, if the caller requests them.
 struct AtBest {
   AtBest(MixedIteration::Left* left_, const Nodal& f_, const Unbalanced& now) : left(left_) { keep(f_, now); }
   MixedIteration::Left* left;
@@ -156,7 +156,7 @@ struct AtBest {
   }
 };
 
-// Of iterations in bounded time. `mean`: of the last few.
+// Timer of iterations in bounded time. `mean`: of the last few.
 struct Laps {
   using Clock = std::chrono::steady_clock;
   Laps(Clock::time_point until_, Clock::duration& mean_)
@@ -241,7 +241,7 @@ Relaxed MixedIteration::within(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, cons
   return found;
 }
 
-// Makes what the step needs, where it is not that of the last call. False: a matrix is not positive definite.
+// Makes the matrices of the step, unless those of the last call serve. False: one is not positive definite.
 bool MixedIteration::prepare(const Nodal& u, const Eigen::VectorXd& bulk, bool anew,
                              const Viscosity* viscosity) {
   Parts& p = *parts_;
@@ -281,7 +281,7 @@ struct MixedIteration::Search {
   void add_contact() {
     if (p.body.contacts().empty()) return;
     p.contact.extend();
-    // In bounded time states are compared that were sought to one tolerance or another.
+    // In bounded time, states searched to different tolerances are compared.
     result.residual = p.contact.residual_with_contact(
         result.residual, now.reactions, left ? mixed_constants.usual_tolerance : options.tolerance);
     if (left && p.body.touching()) now.contact = p.contact.lack_of_tool();
@@ -289,14 +289,14 @@ struct MixedIteration::Search {
   bool is_balanced() const {
     return result.residual < options.tolerance && now.volume_error < options.tolerance;
   }
-  // The step (du, dlambda) of (1 + share) A, where viscous forces slow it down.
+  // Step (du, dlambda) of (1 + `share`) A, under viscous forces.
   void step(Nodal& du, Eigen::VectorXd& dlambda) {
     const double factor = viscosity ? 1.0 + viscosity->share : 1.0;
     if (viscosity) now.volume *= factor;
     p.step(now.force, now.volume, factor, du, dlambda);
     if (viscosity) du /= factor;
   }
-  // Whether a limit ends it: iterations without gain, evaluations or time.
+  // True if a limit ends the search: iterations without gain, evaluations or time.
   bool is_over(BestState& best, Laps& laps) {
     const bool late = !best.was_the_last_chance() && result.evaluations < options.evaluations &&
                       laps.none_left(best.has_step(), left ? &left->late : nullptr);
@@ -308,8 +308,8 @@ struct MixedIteration::Search {
 //  2. Prepare, once: A^-1 (LaplacePreconditioner), G at the first guess and S^-1 (PressureSchur).
 //  3. Extend the contact compliance (ContactCoupling) by what penetrates; add what contact lacks to the
 //     residual.
-//  4. Setback, a residual far above the best one: return half of the last step, forget Anderson's memory,
-//     continue with 1. After too many of them the best state is the result.
+//  4. Setback, a residual far above the best one: return to the best state and half of its step, forget
+//     Anderson's memory, continue with 1. After too many of them the best state is the result.
 //  5. Converged: residual and volume error are below the tolerance; this state is the result.
 //  6. Over: no gain for long, too many evaluations or no time left; the best state is the result.
 //  7. Solve the nearby linear problem without contact:

@@ -12,7 +12,7 @@ struct RelaxOptions {
   std::int64_t evaluations = 2000;  ///< of the force, at most
   /// Stop before an evaluation that is predicted to end later than this (1.5 x the recent mean).
   std::chrono::steady_clock::time_point until = std::chrono::steady_clock::time_point::max();
-  /// Of Relaxation: a tool that touches may leave the body, which is then at rest.
+  /// Relaxation only: a contacting tool may lose contact, and the body is then at rest.
   bool may_lose_contact = false;
 };
 
@@ -22,18 +22,18 @@ struct Relaxed {
       0.0;  ///< norm of the unbalanced forces / (half the sum of all reactions' sizes + external forces)
   ForceSystem::Sweep sweep;
   bool converged = true;
-  /// Of a motion at a held load, see Relaxation: the least du.K du / du.A du, K the tangent, A as in
-  /// MixedIteration; the energy that went with it [J]; and the node that moved most.
+  /// Results of viscous steps, see Relaxation: least du.K du / du.A du, K the tangent, A as in
+  /// MixedIteration; the dissipated energy [J]; and the node that moved most.
   double curvature = 1.0;
   double dissipated = 0.0;
   Index furthest = -1;
   bool lost_contact = false;  ///< the tool has left the body, see RelaxOptions::may_lose_contact
-  /// Under a load that the tissue can bear K is positive.
+  /// K is positive under a load that the tissue can bear.
   bool gave_way() const { return curvature < -1e-4; }
 };
 
-/// Finds static equilibrium of the converging scheme by looking for displacements u and the patches'
-/// pressures p together: forces f_local(u) + G lambda = 0, with all of a System's other forces in f, and
+/// Finds static equilibrium of the converging scheme with displacements u and patch pressures p as unknowns:
+/// forces f_local(u) + G lambda = 0, with all of a System's other forces in f, and
 /// volumes J_b(u) - 1 = p_b / bulk_b, with lambda_b = V_b p_b and G = dJ_b/du. Each iteration solves the
 /// nearby linear problem
 ///
@@ -45,51 +45,52 @@ struct Relaxed {
 /// leave out. The number of evaluations, some ten for a depth, depends neither on the number of nodes nor on
 /// the bulk modulus.
 ///
-/// The contact forces of a tool that touches (TouchingTool) are unknowns like the pressures, behind them in
-/// `lambda`. Each iteration then solves the same nearby linear problem with the condition that forces at the
-/// samples are not negative and gaps neither (ContactCoupling).
+/// The forces of a contacting tool (TouchingTool) are further unknowns, after the pressures in `lambda`. Each
+/// iteration then solves the same problem with the condition that forces and gaps at the samples are not
+/// negative (ContactCoupling).
 ///
-/// Where strains are large the tangent is stiffer than A by orders of magnitude. An iteration that fails is
-/// tried again with an A as stiff at each node as the law is at the best state that was met.
+/// At large strains the tangent is stiffer than A by orders of magnitude. A failed iteration is repeated with
+/// an A as stiff at each node as the law is at the best state.
 ///
 /// Source:   Elman, Silvester, Wathen, Finite Elements and Fast Iterative Solvers, 2014, chapter 4 (Schur
-/// complement by the pressure's mass matrix); Walker and Ni 2011 (Anderson's acceleration).
+///           complement by the pressure's mass matrix); Walker and Ni 2011 (Anderson's acceleration).
+/// Departs:  both are applied to finite strains, with contact forces as further unknowns.
 class MixedIteration {
  public:
   explicit MixedIteration(System& system);
   ~MixedIteration();
 
-  /// Of a step that viscous forces slow down: share x A (u - about) [N] besides, A as it is at rest; [N] m.
+  /// Viscous force of a step: `share` x A (u - about) [N], A at rest; [N] m.
   struct Viscosity {
     double share;
     ForceSystem::Nodal about;
   };
-  /// As Relaxation; `lambda` [patches, samples] N m, N is the guess of the pressures x volumes and of the
-  /// contact forces, and afterwards what was found: not converged, the best that was met. The pressures stay
-  /// held in `forces`. `anew`: dJ/du is that at the guess, as every larger move needs, and not that at the
-  /// last such call.
+  /// Searches for an equilibrium from the guess `u` and `lambda` [patches, samples] N m, N: pressures x
+  /// volumes, then contact forces. Both receive the result, or the best state if not converged. The pressures
+  /// stay held in `forces`. `anew`: dJ/du is found at the guess, as larger moves need; otherwise that of the
+  /// last such call serves.
   Relaxed operator()(ForceSystem::Nodal& u, Eigen::VectorXd& lambda, ForceSystem::Nodal& f,
                      const RelaxOptions& options, bool anew, const Viscosity* viscosity = nullptr);
 
-  /// What is left unbalanced at the best state that was met.
+  /// Remainders at the best state.
   struct Left {
     ForceSystem::Nodal force;  ///< [N] N, of what is free to move
     Eigen::VectorXd volume;    ///< [patches] J - 1 - p / bulk
-    double contact = 0.0;      ///< what contact lacks at most, of the depth
+    double contact = 0.0;      ///< largest contact error, of the depth
     bool late = false;         ///< RelaxOptions::until ended it
-    double energy = 0.0;       ///< about that of the way which is left: force.A^-1 force, and of volumes [J]
+    double energy = 0.0;       ///< estimate of the remaining motion: force.A^-1 force, and of volumes [J]
   };
-  /// As above in one try. Where it ends by a limit, `u`, `lambda`, `f` and `left` are
-  /// those of the best state that was met.
+  /// Searches as above, in one try. If a limit ends it, `u`, `lambda`, `f` and `left` are those of the best
+  /// state.
   Relaxed within(ForceSystem::Nodal& u, Eigen::VectorXd& lambda, ForceSystem::Nodal& f,
                  const RelaxOptions& options, bool anew, Left& left);
 
   /// v.A v, A as it is at rest [J].
   double laplacian_of(const ForceSystem::Nodal& v) const;
 
-  /// Whether this model has what is needed: patches, each with a bulk modulus of its own.
+  /// True if the model has pressure patches, and bulk moduli that act on them.
   static bool serves(const ForceSystem& system, const Model& model);
-  static bool serves(const std::vector<Material>& tissues);  ///< whether they have
+  static bool serves(const std::vector<Material>& tissues);  ///< true if these bulk moduli suffice
 
  private:
   bool prepare(const ForceSystem::Nodal& u, const Eigen::VectorXd& bulk, bool anew,

@@ -8,20 +8,32 @@
 
 #include "io/stop.hpp"
 
+// Smoothed aggregation, made by compute() and used by solve():
+// 1. Aggregates: whole neighbourhoods of rows; a row that is left joins its most strongly coupled
+//    neighbour's.
+// 2. Prolongation P = (I - 4/3 D^-1 A / largest eigenvalue) T, T the aggregates' indicator; next matrix P' A
+//    P.
+// 3. Repeat 1 and 2 down to 300 rows, whose inverse is dense.
+// 4. One cycle: two Chebyshev steps, restrict the residual, the coarser cycle, prolong, the same steps in
+//    reverse order.
+// 5. Two cycles; the first starts from zero.
+//
+// Source:   Vanek, Mandel, Brezina 1996; Adams et al. 2003 (step 4).
+// Departs:  single precision, and sums in a fixed order.
+
 namespace dimple {
 namespace {
 
 constexpr Eigen::Index coarsest_rows = 300;  // few enough for a dense inverse
 constexpr std::int32_t rows_per_task = 1024;
-// Of the largest eigenvalue: what lies below is left to the coarser level. 0.2 and 0.3 serve as well, 0.1
-// less.
+// Fraction of the largest eigenvalue above which the smoother acts; the coarser level takes the rest. 0.2 and
+// 0.3 serve as well, 0.1 less.
 constexpr double smoothed_above = 0.25;
-// One cycle alone leaves a fifth of the error: a mixed iteration then takes up to twice as many steps on many
-// nodes, with two it takes no more than with the exact inverse.
+// One cycle alone leaves a fifth of the error: a mixed iteration on many nodes then takes up to twice as many
+// steps; with two cycles it takes no more than with the exact inverse.
 constexpr int cycles = 2;
 
-// Each row belongs to the aggregate whose number is given; -1 for rows without neighbours, which the smoother
-// solves. First whole neighbourhoods, then what is left joins the aggregate that holds it most.
+// Number of the aggregate of each row; -1 for rows without neighbours, which the smoother solves.
 std::vector<int> aggregate(const Multigrid::Sparse& matrix, int& count) {
   const auto n = static_cast<std::size_t>(matrix.rows());
   std::vector<int> of_row(n, -1);
@@ -50,7 +62,8 @@ std::vector<int> aggregate(const Multigrid::Sparse& matrix, int& count) {
   return of_row;
 }
 
-// Of D^-1 A, about: Gershgorin's bound is half as much again, and the cycle then half as good.
+// Approximate largest eigenvalue of D^-1 A. Gershgorin's bound is half as much again, and halves the cycle's
+// effect.
 double largest_eigenvalue(const Multigrid::Sparse& matrix, const Eigen::VectorXd& diagonal) {
   Eigen::VectorXd v(matrix.rows());
   for (Eigen::Index i = 0; i < v.size(); ++i) v[i] = std::sin(12.9898 * static_cast<double>(i));
@@ -117,9 +130,8 @@ bool Multigrid::compute(Sparse matrix) {
     for (Vectors* v : {&level.b, &level.x, &level.y}) v->resize(static_cast<std::size_t>(matrix.rows()));
     matrix.swap(coarser);
   }
-  // Eigen divides products of dense matrices by the size of the processor's caches, so that they have other
-  // bits on another one: it is asked for none, but for a factor without blocks and one column after the
-  // other.
+  // Eigen blocks products of dense matrices by the size of the processor's caches, which changes their bits:
+  // the factor is one without blocks, applied to one column at a time.
   const Eigen::Index n = matrix.rows();
   const Eigen::LDLT<Eigen::MatrixXd> factor{Eigen::MatrixXd(matrix)};
   if (factor.info() != Eigen::Success || !factor.isPositive()) return false;
@@ -131,8 +143,8 @@ bool Multigrid::compute(Sparse matrix) {
   return true;
 }
 
-// coarsest_x_ = coarsest_ coarsest_b_, each sum from its first to its last term; eight rows at once, whose
-// sums wait for nothing of each other.
+// coarsest_x_ = coarsest_ coarsest_b_, each sum from its first to its last term; eight independent rows at
+// once.
 void Multigrid::solve_coarsest() {
   constexpr int together = 8;
   const auto n = static_cast<int>(coarsest_b_.size());
@@ -168,7 +180,7 @@ void Multigrid::cycle(std::size_t depth, bool anew) {
     if (k < end) even += x[static_cast<std::size_t>(rows.entry[k].column)] * rows.entry[k].value;
     return even + odd;
   };
-  // y = x + w D^-1 (b - A x), and x and y change places.
+  // y = x + w D^-1 (b - A x); x and y are swapped.
   const auto smooth = [&](float w) {
     over_rows(n, [&](std::int32_t i) {
       const auto at = static_cast<std::size_t>(i);

@@ -10,13 +10,12 @@
 namespace dimple {
 
 /// Two V-cycles of multigrid by smoothed aggregation: nearly the inverse of a sparse, symmetric matrix whose
-/// off-diagonal entries are not positive, such as a graph's Laplacian, for three or four right-hand sides
-/// that share each entry. Time and memory grow with the number of rows alone, which a sparse factor's do not.
-/// In single precision, as a preconditioner needs no more. Symmetric, the same bits for any number of
-/// threads and on any processor.
+/// off-diagonal entries are not positive, such as a graph's Laplacian, for three or four right-hand sides at
+/// once. Unlike those of a sparse factor, time and memory grow linearly with the rows. Single precision, as a
+/// preconditioner needs no more. Symmetric; the same bits for any number of threads and on any processor.
 ///
-/// Source:   Vanek, Mandel, Brezina, Computing 56, 1996; smoothed twice by Chebyshev's polynomial (Adams et
-/// al. 2003) before and after.
+/// Source:   Vanek, Mandel, Brezina, Computing 56, 1996; Chebyshev smoothing, twice before and after: Adams
+///           et al. 2003.
 class Multigrid {
  public:
   using Vec4 = float __attribute__((vector_size(16)));

@@ -16,7 +16,7 @@
 namespace dimple {
 namespace {
 
-// The nodes that the points of each patch see, ascending.
+// Nodes in the supports of each patch's points, ascending.
 std::vector<std::vector<int>> nodes_of_each(const Model& model, const CompressedRows& points) {
   std::vector<std::vector<int>> nodes(static_cast<std::size_t>(points.rows()));
   tbb::enumerable_thread_specific<std::vector<Index>> stamps(
@@ -41,7 +41,7 @@ std::vector<std::vector<int>> nodes_of_each(const Model& model, const Compressed
   return nodes;
 }
 
-// The same, packed.
+// Nodes of each patch in compressed rows.
 CompressedRows nodes_of_patches(const Model& model, const CompressedRows& points) {
   const std::vector<std::vector<int>> nodes = nodes_of_each(model, points);
   CompressedRows result;
@@ -136,8 +136,8 @@ PressureSchur::Sparse PressureSchur::lower_half() const {
   return matrix;
 }
 
-// Null: the matrix is not positive definite. Eigen's factorisation cannot be stopped. A long one runs in a
-// thread of its own, which is left behind when the work is to end.
+// Null: not positive definite. Eigen's factorisation cannot be stopped: a long one runs in a thread of its
+// own, which a stop abandons.
 std::shared_ptr<const PressureSchur::Factor> PressureSchur::factorised(Sparse matrix) {
   const auto positive = [](std::shared_ptr<const Factor> factor) {
     return factor->info() == Eigen::Success ? factor : nullptr;

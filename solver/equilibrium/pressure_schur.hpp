@@ -18,7 +18,7 @@ namespace dimple {
 /// Source:   Elman, Silvester, Wathen, Finite Elements and Fast Iterative Solvers, 2014, chapter 4.
 class PressureSchur {
  public:
-  /// `body` must outlive it. Neither G nor S is known yet.
+  /// `body` must outlive it. G and S are not computed yet.
   explicit PressureSchur(const System& body);
 
   /// G at the displacements of the body's last force.
@@ -29,8 +29,7 @@ class PressureSchur {
   /// f += G lambda, f [4xN] N, `lambda` [patches] N m: pressures x volumes.
   void add_forces(const Eigen::VectorXd& lambda, Nodal& f) const;
 
-  /// Makes S for `bulk` [patches] Pa, if that is another one than the last. False: S is not positive
-  /// definite.
+  /// Makes S for `bulk` [patches] Pa, unless it is the last one's. False: S is not positive definite.
   bool factorise(const Eigen::VectorXd& bulk);
   bool is_factorised() const { return factor_ || matrix_.rows() > 0; }
   /// S^-1 r [patches] N m, r [patches]. Up to MixedConstants::worth_factorising rows by a factor, beyond by

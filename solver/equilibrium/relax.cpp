@@ -10,14 +10,32 @@
 #include "solver/guards.hpp"
 #include "solver/text.hpp"
 
+// Viscous steps past a limit point, give_way():
+// 1. Start near equilibrium, residual below 1e-2, with the viscosity v = 0.3.
+// 2. Solve f(u+) + v A (u+ - u) = 0 by mixed iteration; first guess: the last motion repeated.
+// 3. If that fails, triple v and repeat 2 from u; give up above 30.
+// 4. Accept u+; add the work of the unbalanced forces to the dissipation; curvature du.df / du.A du.
+// 5. If the step was cheap, multiply v by 0.6, unless so small a viscosity has failed.
+// 6. If the residual has fallen enough, search without viscosity; if that fails too, continue with 2.
+//
+// Dynamic relaxation, for schemes without patches and as last resort:
+// 1. Masses M: row sums of the stiffness bound. Step dt: 0.85 of the stable one.
+// 2. u+ = u + r^2 (u - u-) - c M^-1 f, with r and c of the header.
+// 3. Every 10 steps: w^2 = du.df / du.M du of the changes since a state at most 60 steps back, smoothed.
+// 4. At rest: the residual is below the tolerance and the work of the reactions has settled.
+// 5. If it diverges, start again with a step shorter by sqrt(1.5); six attempts at most.
+//
+// Source:   Papadrakakis 1981; Joldes, Wittek, Miller 2011 (dynamic relaxation). The viscous steps are our
+//           own.
+
 namespace dimple {
 namespace {
 
 using Nodal = ForceSystem::Nodal;
 
-constexpr double near = 1e-2;  // residual at which an iteration that did not end is gone on from
-// Of viscous steps: their viscosity at first, and where it is given up; what one may take, and how few let
-// the next be larger.
+constexpr double near = 1e-2;  // residual below which viscous steps follow a failed iteration
+// Viscous steps: first viscosity and largest one; most evaluations of a step, and few enough to enlarge the
+// next.
 constexpr double first_share = 0.3, largest_share = 30.0;
 constexpr std::int64_t evaluations_of_viscous_step = 30, few_evaluations = 12;
 constexpr int between_checks = 10;
@@ -133,7 +151,7 @@ Relaxed Relaxation::operator()(Nodal& u, Nodal& f, const RelaxOptions& options,
       return found;
     }
     spent = found.evaluations;
-    // Dynamic relaxation looks for no contact forces.
+    // Dynamic relaxation has no contact forces.
     if (!system_.contacts().empty() || spent >= options.evaluations)
       throw no_equilibrium(found, system_.model());
     system_.tissue().hold_pressures({});
@@ -200,8 +218,8 @@ Relaxed Relaxation::give_way(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const 
   result.sweep = system_.force_at(u, lambda, f);
   ++result.evaluations;
   result.residual = system_.balance(f, force_before).residual();
-  double tried = result.residual;  // from which no equilibrium was reached
-  double too_little = 0.0;         // viscosity
+  double tried = result.residual;  // residual from which no equilibrium was reached
+  double too_little = 0.0;         // viscosity that failed
   MixedIteration::Viscosity viscosity{.share = first_share, .about = {}};
   for (bool anew = true; result.evaluations < options.evaluations && viscosity.share < largest_share;) {
     viscosity.about = u;
@@ -252,7 +270,7 @@ Relaxed Relaxation::give_way(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const 
 
 namespace {
 
-// [N] that give every node about the same stable step.
+// [N] masses with about the same stable step at every node.
 Eigen::VectorXd fictitious_masses(const System& system) {
   Eigen::VectorXd mass = stiffness_row_sums(system.tissue().system(), system.model());
   const StiffnessBound bound = system.stiffness_bound();
@@ -261,7 +279,7 @@ Eigen::VectorXd fictitious_masses(const System& system) {
     mass[edge.a] += 2.0 * edge.weight;
     mass[edge.b] += 2.0 * edge.weight;
   }
-  const double floor = 1e-6 * mass.maxCoeff();  // a node that no point sees well
+  const double floor = 1e-6 * mass.maxCoeff();  // for nodes with little support
   return mass.cwiseMax(floor);
 }
 
@@ -274,7 +292,7 @@ struct DampedVibration {
   Relaxed& result;
   const Eigen::VectorXd inverse_mass = mass.cwiseInverse();
   double dt = 0.0, frequency = 0.0;
-  Nodal before = {}, u_ref = {}, f_ref = {}, unbalanced = u;  // a step ago; when the frequency was asked for
+  Nodal before = {}, u_ref = {}, f_ref = {}, unbalanced = u;  // a step ago; reference of the frequency
 
   void evaluate() {
     stop_if_asked();
@@ -306,7 +324,7 @@ struct DampedVibration {
     return inertia > 0.0 ? std::sqrt(std::abs(stiffness) / inertia) : 0.0;
   }
 
-  // Of the reactions on what is held, less that of the loads: forces times displacements.
+  // Work of the reactions less that of the loads: forces times displacements.
   double work_of_reactions() const {
     double work = 0.0;
     for (Index a = 0; a < u.cols(); ++a) {
@@ -316,7 +334,7 @@ struct DampedVibration {
     return work;
   }
 
-  // True: it has come to rest. False: it diverges, or takes too long.
+  // True: at rest. False: it diverges, or takes too long.
   bool settles(double caution) {
     const StableStep stable = stable_time_step(system, mass, u);
     result.evaluations += stable.iterations + 1;
@@ -344,7 +362,7 @@ struct DampedVibration {
       const double work = work_of_reactions();
       if (!(result.residual < 1e3) || !std::isfinite(work)) return false;
       if (result.residual < options.tolerance &&
-          std::abs(work - work_before) <= 0.1 * options.tolerance * std::abs(work))  // both may be none
+          std::abs(work - work_before) <= 0.1 * options.tolerance * std::abs(work))  // both may be 0
         return true;
       work_before = work;
     }

@@ -5,20 +5,19 @@
 
 namespace dimple {
 
-/// Finds static equilibrium: of the converging scheme by MixedIteration, some ten evaluations of the force.
-/// Where that does not converge, since the tissue is about to give way, it is let go at the held load as if
-/// in honey: viscous forces like those of the Laplacian A that the iteration knows how to invert slow it
-/// down,
+/// Finds static equilibrium. The converging scheme uses MixedIteration, some ten force evaluations. If that
+/// fails near a limit point, viscous regularisation follows at the held load, with a viscosity v and the
+/// Laplacian A:
 ///
-///     f(u+) + share A (u+ - u) = 0,
+///     f(u+) + v A (u+ - u) = 0,
 ///
-/// each such step some ten evaluations, until it comes to rest. They make the nearby linear problem positive
-/// where the tangent is not, however fine the cloud. Body masses in their place take as many steps again, at
-/// ten times the cost of each, and momentum makes it oscillate.
+/// A step takes some ten evaluations; steps follow until the body is at rest. They make the linear problem
+/// positive where the tangent is not, on any discretisation. Body masses instead take as many steps again, at
+/// ten times the cost of each, and oscillate.
 ///
-/// For the paper's scheme, and as a last resort, by dynamic relaxation, some hundreds of evaluations: the
-/// body, with fictitious masses that give every node about the same stable step, is let vibrate and damped
-/// near critically, the damping following the lowest frequency met.
+/// The paper's scheme, and the last resort, is dynamic relaxation, some hundreds of evaluations: fictitious
+/// masses with about the same stable step at every node, damped near critically by the lowest frequency
+/// found.
 ///
 ///     u+ = u + r^2 (u - u-) - c M^-1 f,
 ///     r = (K - 1)/(K + 1),   K = 2/(w dt),   c = ((1 + r) dt/2)^2
@@ -30,23 +29,22 @@ class Relaxation {
  public:
   explicit Relaxation(System& system);
 
-  /// u [N] m holds the prescribed values and a guess of the others; afterwards the equilibrium, and f [N] the
-  /// force there. Throws SolveError where there is none to be found; `limit-point`, where the tissue gave way
-  /// and did not come to rest. `lambda` [patches]: if given, a guess of what MixedIteration calls so;
-  /// afterwards what was found.
+  /// u [N] m holds the prescribed values and a first guess; it receives the equilibrium, and f [N] the force
+  /// there. Throws SolveError: none is found; `limit-point`: viscous steps did not come to rest. `lambda`
+  /// [patches]: if given, a first guess for MixedIteration, which receives its result.
   Relaxed operator()(ForceSystem::Nodal& u, ForceSystem::Nodal& f, const RelaxOptions& options = {},
                      Eigen::VectorXd* lambda = nullptr) const;
-  /// The same without the last resort, for a caller who can come nearer: not converged where there is none to
-  /// be found, `u` and `lambda` then as they were. For models that MixedIteration serves. Where the path of
-  /// equilibria ends under a tool that touches and is outside of the body at rest, it may have left it: the
-  /// body at rest is an equilibrium there.
+  /// Searches without dynamic relaxation, for callers that can shorten the step. Needs a model that
+  /// MixedIteration serves. If not converged, `u` and `lambda` are unchanged. Past the end of the path of
+  /// equilibria, a contacting tool that is clear of the body at rest may have lost contact: the body at rest
+  /// is then an equilibrium.
   Relaxed from_near(ForceSystem::Nodal& u, Eigen::VectorXd& lambda, ForceSystem::Nodal& f,
                     const RelaxOptions& options) const;
   bool has_mixed() const { return mixed_ != nullptr; }
-  MixedIteration& mixed() const { return *mixed_; }  ///< of models that it serves
+  MixedIteration& mixed() const { return *mixed_; }  ///< only if it serves the model
 
  private:
-  // From where viscous steps have led: takes an equilibrium near u if there is one, and says so in `result`.
+  // Searches without viscosity near the end of viscous steps; success updates u, lambda and `result`.
   void come_to_rest(ForceSystem::Nodal& u, Eigen::VectorXd& lambda, ForceSystem::Nodal& f,
                     const RelaxOptions& options, Relaxed& result) const;
   Relaxed give_way(ForceSystem::Nodal& u, Eigen::VectorXd& lambda, ForceSystem::Nodal& f,
@@ -59,11 +57,10 @@ class Relaxation {
   mutable std::unique_ptr<MixedIteration> mixed_;
 };
 
-/// [N] for each node a bound of what it is held with by all others: sum_b |K_ab|, K the tangent at rest
-/// [N/m].
+/// [N] N/m bound of each node's coupling to all others: sum_b |K_ab|, K the tangent at rest.
 Eigen::VectorXd stiffness_row_sums(const ForceSystem& system, const Model& model);
 
-/// Why there is none, in words.
+/// Error that explains why no equilibrium was found.
 SolveError no_equilibrium(const Relaxed& found, const Model& model);
 
 }  // namespace dimple

@@ -11,20 +11,20 @@ struct StableStep {
   bool converged = false;  ///< omega_max is known to 0.1 %
 };
 
-/// omega_max^2 is the largest eigenvalue of M^-1/2 K M^-1/2, K the tangent at u, found by the Lanczos
-/// iteration over what is not prescribed, with K w = (f(u + e w) - f(u)) / e from differences of the force.
+/// omega_max^2 is the largest eigenvalue of M^-1/2 K M^-1/2, K the tangent at u, by the Lanczos iteration
+/// over free components, with K w = (f(u + e w) - f(u)) / e from differences of the force.
 ///
-/// The start is made of the push and of the directions from the tool: a turned model gives the same step.
-/// The remainder of the iteration is added to the eigenvalue, so that the step errs to the short side.
+/// The start consists of the press direction and of the directions from the tool: a rotated model gives the
+/// same step. The remainder of the iteration is added to the eigenvalue, so that the step errs to the short
+/// side.
+///
 /// Source:   Golub & Van Loan, Matrix Computations, section 10.1. The closed-form bound of Joldes et al. 2012
-/// is safe
-///           too, but the step is then 3 to 6 times smaller.
+///           is safe too, but its step is 3 to 6 times smaller.
 StableStep stable_time_step(System& system, const Eigen::VectorXd& mass, const ForceSystem::Nodal& u);
 
-/// A load that lasts so many times as long as a shear wave's way through the body is slow: inertia plays no
-/// part.
+/// Shear-wave crossings of the body above which a load is slow, so that inertia is negligible.
 constexpr double slow_load = 8.0;
-/// [s] that the slowest shear wave takes through the body along the tool's push.
+/// Time of the slowest shear wave through the body along the press direction [s].
 double shear_crossing_time(const Tissues& tissues, const Model& model);
 
 }  // namespace dimple

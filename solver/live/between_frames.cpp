@@ -11,8 +11,8 @@ using Known = BetweenFrames::Known;
 using Tool = LiveFrame::Tool;
 
 constexpr double trusted = 0.2;     // radii beyond a frame
-constexpr double secant = 0.1;      // radii between two states that a stiffness is taken from, at most
-constexpr double forgotten = 1e-4;  // share of a frame that is left out
+constexpr double secant = 0.1;      // radii between the two states of a stiffness, at most
+constexpr double forgotten = 1e-4;  // weight of a frame that is left out
 
 double trusted_of(const BetweenFrames& b, const Known& frame) {
   const bool goes_on = frame.tool != Tool::stopped && frame.tool != Tool::beyond && frame.stiffness > 0.0;
@@ -23,7 +23,7 @@ double trusted_of(const BetweenFrames& b, const Known& frame) {
 double told(const BetweenFrames& b, const Known& frame, double depth) {
   if (depth >= frame.depth)
     return frame.force + frame.stiffness * std::min(depth - frame.depth, trusted_of(b, frame));
-  // No steeper than the parabola that leaves no depth without a pull.
+  // The slope is limited so that the parabola has no tension.
   const double rise = std::min(frame.stiffness * frame.depth, std::max(0.0, 2.0 * frame.force));
   const double share = depth / frame.depth;
   return share * (2.0 * frame.force - rise + share * (rise - frame.force));

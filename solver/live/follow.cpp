@@ -6,16 +6,30 @@
 #include "solver/live/session_parts.hpp"
 #include "solver/march/quasi_static.hpp"
 
+// Advance of the tool within one frame, follow():
+// 1. First contact: if no state in contact is known, search at increasing depths, with up to 240 further
+//    evaluations.
+// 2. Next depth: at most `caution` times the longest move beyond the deepest known state.
+// 3. First guess: polynomial through known states, or what the last frame came to.
+// 4. Search within the limit of the frame; on the path to the requested depth with a larger tolerance.
+// 5. A good state is shown and kept, and 2 follows; otherwise the move is halved, the search is left to the
+//    next frame, or a known state is shown.
+// 6. Force: that of the state, plus the dual correction for unbalanced forces; its error estimate
+//    (live_frame.cpp).
+//
+// Source:   Becker and Rannacher 2001 (step 6; see Session::follow()). The rest is our own.
+
 namespace dimple {
 
-// Where the equilibrium at a depth is looked for.
+// Predicts the equilibrium at a depth.
 void Session::Parts::guess(double to, Nodal& next, Eigen::VectorXd& l) const {
   if (known.state.size() < 2) {
     next = system->step_start().u;
     l = system->step_start().lambda;
     if (!options.touch) first_guess(model, model.tool.push, to, next);
   } else if (system->viscoelastic() || (depth > known.deepest() && to > depth)) {
-    // What relaxes has no curve of states; and where the tool is may be known less well than close by.
+    // Viscoelastic tissue has no curve of states; beyond the deepest state, extrapolation from the present
+    // one is safer.
     const KnownStates::Slope slope = known.slope(depth);
     next = u + (to - depth) * slope.u;
     l = lambda + (to - depth) * slope.lambda;
@@ -27,7 +41,7 @@ void Session::Parts::guess(double to, Nodal& next, Eigen::VectorXd& l) const {
   system->set({.depth = to}, next);
 }
 
-// The next place on the way: as near to what is known as can be trusted.
+// Next depth to search at: as close to known states as can be trusted.
 double Session::Parts::towards(double asked) const {
   if (known.state.size() < 2) return known.apart;
   const double way = caution * longest;
@@ -35,7 +49,7 @@ double Session::Parts::towards(double asked) const {
   return std::min(asked, std::max(known.deepest(), depth) + way);
 }
 
-// Elastic tissue under a bonded tool pushes back: a state in which it does not lies on another branch.
+// Elastic tissue under a bonded tool resists: a state that does not is on another branch.
 bool Session::Parts::pushes_back(const Attempt& now, const Nodal& force,
                                  const MixedIteration::Left& its) const {
   const double at = now.at;
@@ -53,7 +67,8 @@ bool Session::Parts::good(const Relaxed& found, const Nodal& its, double at) con
              live_constants.widest * longest_share(options.further) * reach;
 }
 
-// Of a tool that touches, after resistance(): as a run's guards ask, it stays out of the body.
+// True if the contact of a contacting tool is good enough to show, by the criteria of the guards; call
+// resistance() before.
 bool Session::Parts::touches_well(const Attempt& now, const MixedIteration::Left& its) const {
   if (!options.touch) return true;
   if (its.contact > live_constants.open_contact) return false;
@@ -67,19 +82,19 @@ bool Session::Parts::is_good(const Attempt& now, const Relaxed& found, const Nod
   return good(found, now.u, now.at) && pushes_back(now, force, its) && touches_well(now, its);
 }
 
-// One call of follow(): searches for equilibria on the way to where the tool is to be, one after the other.
+// One call of follow(): searches for equilibria along the path to the requested depth.
 struct Session::Parts::Call {
-  // What the next search is for. One function per transition:
+  // Purpose of the next search. One function per transition:
   //
-  //     ahead -> ahead     take(), with a way left; shorten()
+  //     ahead -> ahead     take(), before the end of the path; shorten()
   //     ahead -> back      go_back()
   //     ahead -> done      take(); refine_later(); shorten(), when the time is up
   //     ahead -> stopped   shorten()
   //     back -> done       take(), or nothing is found
   enum class Search {
-    ahead,   // the next equilibrium on the way
-    back,    // the known state that is nearest, as nothing between was found
-    done,    // none: the frame shows what there is
+    ahead,   // the next equilibrium on the path
+    back,    // the nearest known state, as none between was found
+    done,    // none: the frame shows the present state
     stopped  // none: no equilibrium is found any deeper
   };
 
@@ -96,14 +111,14 @@ struct Session::Parts::Call {
                   beside - beside / 2;
   }
   Search next = Search::ahead;
-  double asked, to;  // where the tool is to be, and where that is in the body
+  double asked, to;  // requested depth, and that depth in the body
   bool timed;
   Clock::time_point begin;
   RelaxOptions how;  // for the rest of the call
   std::int64_t all;
   Clock::duration iterating{};
   bool time_is_up = false, moved = false;
-  Attempt now;  // what is tried
+  Attempt now;  // current attempt
   Nodal force;
   MixedIteration::Left left;
   bool searches() const { return next == Search::ahead || next == Search::back; }
@@ -140,7 +155,7 @@ LiveFrame Session::Parts::follow(double asked, const FrameLimit& limit, double d
   return frame;
 }
 
-// Its status, and the error of the pose that was asked for.
+// Sets its status, and its error for the requested pose.
 void Session::Parts::tell_whether_there(LiveFrame& frame, const Call& call, bool arrived) const {
   using Tool = LiveFrame::Tool;
   const bool stuck = progress.state == Progress::State::stopped;
@@ -156,8 +171,8 @@ bool Session::Parts::lacks_first_contact(const Call& call) const {
   return options.touch && call.to > 0.0 && known.state.size() < 2 && !has_begun;
 }
 
-// From rest there is nothing to begin with, and few evaluations get nowhere: once, it takes more. A contact
-// that is too small for the nodes may not be found; then a deeper one is tried.
+// First contact has no first guess, and few evaluations do not find it: once, more are used. A contact too
+// small for the nodes may not be found; then a deeper one is tried.
 std::int64_t Session::Parts::find_first_contact() {
   std::int64_t evaluations = 0;
   const double deepest = live_constants.deepest_first * tool.radius;
@@ -176,7 +191,7 @@ std::int64_t Session::Parts::find_first_contact() {
   return evaluations;
 }
 
-// From the state that is tried, whichever that is. True: what it found is good enough to be shown.
+// Searches from the current attempt. True: the result is good enough to be shown.
 bool Session::Parts::search(Call& call, bool anew, Relaxed& found) {
   system->set({.depth = call.now.at});
   found = relax.mixed().within(call.now.u, call.now.lambda, call.force, call.how, anew, call.left);
@@ -197,7 +212,7 @@ void Session::Parts::come_nearer(Call& call) {
   if (anew) gradient_at = now.at;
   Relaxed found;
   bool is_well = search(call, anew, found);
-  // On the way little is asked of a state: what is not good then may be where more is asked.
+  // On the path the tolerance is large: a state that is not good there may be at the final one.
   if (!is_well && !call.time_is_up && call.how.tolerance > options.tolerance &&
       found.residual < call.how.tolerance) {
     call.how.tolerance = options.tolerance;
@@ -210,7 +225,7 @@ void Session::Parts::come_nearer(Call& call) {
     miss(call, found.residual);
 }
 
-// Where the next equilibrium is looked for, and from which state.
+// Chooses the depth and the first guess of the next search.
 void Session::Parts::look_for_place(Call& call) {
   Attempt& now = call.now;
   if (call.next == Call::Search::back) {
@@ -227,7 +242,7 @@ void Session::Parts::look_for_place(Call& call) {
   begun.reset();
 }
 
-// The state that was found is shown from now on.
+// Shows the state that was found.
 void Session::Parts::take(Call& call, double its_residual) {
   u.swap(call.now.u), lambda.swap(call.now.lambda), f.swap(call.force);
   std::swap(left, call.left);
@@ -241,7 +256,7 @@ void Session::Parts::take(Call& call, double its_residual) {
   call.next = continues ? Call::Search::ahead : Call::Search::done;
 }
 
-// After a search without a state to be shown: what the next one tries.
+// Chooses the next search, after one without a state to show.
 void Session::Parts::miss(Call& call, double its_residual) {
   const Attempt& now = call.now;
   const bool nears = std::isfinite(its_residual) &&
@@ -256,21 +271,21 @@ void Session::Parts::miss(Call& call, double its_residual) {
     shorten(call);
 }
 
-// A tool that is lifted again must follow, by what is known if not by what lies between.
+// Retraction must succeed: by the nearest known state, if nothing between is found.
 void Session::Parts::go_back(Call& call) {
   gradient_at = -1.0;
   call.how.evaluations = std::max<std::int64_t>(call.how.evaluations, 1);
   call.next = Call::Search::back;
 }
 
-// The next frame begins with what this one came to.
+// Leaves the attempt to the next frame.
 void Session::Parts::refine_later(Call& call, double its_residual) {
   call.now.residual = its_residual;
   begun = std::move(call.now);
   call.next = Call::Search::done;
 }
 
-// The next search goes half as far, but for one that is too short already.
+// Halves the next move, unless it is too short already.
 void Session::Parts::shorten(Call& call) {
   using Search = Call::Search;
   caution *= 0.5;

@@ -9,7 +9,7 @@ using State = KnownStates::State;
 
 void KnownStates::add(State mine) {
   const auto near = [&](const State& s) { return std::abs(s.at - mine.at) < apart; };
-  // The better one stays: the tool may have stood still here, and this be it in passing.
+  // The better one stays: the tool may have rested here before, and only pass now.
   if (std::any_of(state.begin(), state.end(),
                   [&](const State& s) { return near(s) && s.residual < mine.residual; }))
     return;
@@ -28,8 +28,7 @@ void KnownStates::guess(double at, ForceSystem::Nodal& u, Eigen::VectorXd& lambd
   const auto above = static_cast<std::ptrdiff_t>(
       std::find_if(state.begin(), state.end(), [&](const State& s) { return s.at > at; }) - state.begin());
   const auto count = static_cast<std::ptrdiff_t>(state.size());
-  // Two on each side; beyond the last the line through two of them, three would carry their residuals too
-  // far.
+  // Two on each side; beyond the last the line through two, since three would amplify their residuals.
   std::ptrdiff_t first = std::max<std::ptrdiff_t>(0, above - 2), last = std::min(count, above + 2);
   if (above == count) first = count - 2, last = count;
   u.setZero(4, state.front().u.cols());

@@ -9,17 +9,17 @@ namespace dimple {
 struct LiveConstants {
   /// Longest move of the tool, or of a support that moves further, between two equilibria. Not studied.
   double longest_way = 0.1;
-  /// Fraction of the stable time step at the beginning of a move that its steps take. Not studied.
+  /// Ratio of the time step of a move to the stable one at its beginning. Not studied.
   double safety = 0.8;
 
-  // Of the states that are kept and of those on the way.
+  // States that are kept, and states on the path to the requested depth.
   /// Distance of two known states. Not studied.
   double kept_apart = 0.04;
   /// Largest relative residual of a state that is shown. Not studied.
   double shown = 0.05;
-  /// Largest relative residual of a state on the way to where the tool is to be. Not studied.
+  /// Largest relative residual of a state on the path to the requested depth. Not studied.
   double passed = 0.01;
-  /// Fraction of `longest_way` below which no shorter way is tried: the tool has stopped. Not studied.
+  /// Fraction of `longest_way` below which no shorter move is tried: the tool has stopped. Not studied.
   double slowest = 1.0 / 32.0;
   /// Largest fraction of inverted points in a state that is shown. Not studied.
   double folded = 0.01;
@@ -31,8 +31,8 @@ struct LiveConstants {
   /// Not studied.
   double nears = 0.7;
 
-  // Of a tool that touches.
-  /// Largest depth at which the first contact is looked for. Not studied.
+  // Contacting tools.
+  /// Largest depth at which first contact is searched. Not studied.
   double deepest_first = 0.35;
   /// Evaluations for each of these depths: four depths are at most 240. Not studied.
   std::int64_t for_first = 60;
@@ -43,23 +43,23 @@ struct LiveConstants {
   /// Largest penetration of parts of the surface that have no contact points. Not studied.
   double beyond_samples = 1e-3;
 
-  // Of the error of a frame's force. The first three were chosen before the study that counts how often the
-  // error holds (tests/bench/README.md).
+  // Error of a frame's force. The first three were chosen before the study that counts how often the error
+  // holds (tests/bench/README.md).
   /// Fraction of the correction of the force.
   double of_correction = 0.5;
   /// Fraction of the geometric mean of the energies left and of the tool.
   double of_energy = 0.1;
   /// Fraction of the force.
   double of_force = 1e-3;
-  /// As `of_energy`, under a tool that touches: its contact has no edge yet where few evaluations have looked
-  /// for it. Chosen on a sphere that comes straight down on a cylinder; with 3 evaluations a frame 0.1 did
-  /// not hold there.
+  /// Value of `of_energy` under a contacting tool: with few evaluations the edge of its contact is not yet
+  /// found. Chosen on a sphere pressed straight onto a cylinder, where 0.1 did not hold with 3 evaluations a
+  /// frame.
   double of_energy_in_contact = 0.3;
-  /// Largest ratio of the whole force to its component along the push, for the wrench over that component.
-  /// Not studied.
+  /// Largest ratio of the whole force to its component along the press direction, for the wrench over that
+  /// component. Not studied.
   double steepest = 10.0;
 
-  // Of a tool that comes no nearer, after which it has stopped: several times what the slowest steps took.
+  // Limits after which a tool without progress has stopped: several times what the slowest steps took.
   std::int64_t fruitless_evaluations = 300;
   std::int64_t fruitless_frames = 100;
 };

@@ -15,7 +15,7 @@ double force_apart(const LiveFrame& frame, double apart) {
   return force * (grown * grown - 1.0);
 }
 
-// What the forces and volumes left unbalanced at a depth are to the force on the tool; see
+// Contribution of the unbalanced forces and volumes at a depth to the force on the tool; see
 // Session::follow().
 double Session::Parts::correction_at(double at, const MixedIteration::Left& its) const {
   const KnownStates::Slope slope = known.slope(at);

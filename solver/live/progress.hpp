@@ -4,7 +4,7 @@
 
 namespace dimple {
 
-/// Whether a tool that is followed still comes nearer to where it is to be. One function per transition:
+/// Progress of an advanced tool towards its requested depth. One function per transition:
 ///
 ///     advances -> stopped   stop(); come_no_nearer() too often
 ///     stopped -> advances   come_nearer(), which an arrival is too
@@ -14,16 +14,16 @@ struct Progress {
   std::int64_t evaluations = 0;  ///< of the force, since the tool came nearer
   std::int64_t frames = 0;       ///< likewise
 
-  /// A frame has brought the tool nearer, or to where it is to be.
+  /// Records a frame that brought the tool nearer, or to its depth.
   void come_nearer() { *this = {}; }
-  /// A frame has not, and took so many evaluations of the force.
+  /// Records a frame without progress, and its force evaluations.
   void come_no_nearer(std::int64_t its_evaluations) {
     evaluations += its_evaluations;
     frames += 1;
     if (evaluations >= live_constants.fruitless_evaluations || frames >= live_constants.fruitless_frames)
       stop();
   }
-  /// No equilibrium is found any deeper, however short the way.
+  /// No equilibrium is found any deeper, however short the move.
   void stop() { state = State::stopped; }
 };
 

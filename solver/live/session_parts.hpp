@@ -12,14 +12,14 @@
 
 namespace dimple {
 
-/// All of a Session: its body, where its tool is, and how far the advance of the tool has come. SI units.
-/// Moves to an equilibrium and with inertia are in session.cpp, the advance within a frame in
-/// live/follow.cpp, and what a frame reports in live/live_frame.cpp.
+/// All of a Session: its body, its tool, and the progress of the tool. SI units. Moves to an equilibrium and
+/// with inertia are in session.cpp, the advance within a frame in live/follow.cpp, and what a frame reports
+/// in live/live_frame.cpp.
 struct Session::Parts {
   /// Throws SolveError as Session does.
   Parts(Model m, std::vector<Material> materials, const SessionOptions& o);
 
-  /// Where the tool is and what the state that is shown belongs to. One function per transition:
+  /// State of the tool, and of the body that is shown. One function per transition:
   ///
   ///     touching, cut -> air   lift(); of touching also to_equilibrium() at rest
   ///     air, cut -> touching   touch(): an equilibrium is shown
@@ -28,14 +28,14 @@ struct Session::Parts {
   enum class State {
     air,       ///< the tool is lifted, the body is at rest
     touching,  ///< the tool is in the body, which is near an equilibrium or moves with its inertia
-    cut        ///< of the body before a blade cut it: no equilibrium of the cut body is known yet
+    cut        ///< state of the body before a cut: no equilibrium of the cut body yet
   };
   State state = State::air;
 
   /// State that is tried for the equilibrium at a depth.
   struct Attempt {
     double at = 0.0;        ///< depth [m]
-    double residual = 0.0;  ///< that an earlier frame came to; 0: none looked for it
+    double residual = 0.0;  ///< that an earlier frame reached; 0: none
     Nodal u;                ///< [4xN] m
     Eigen::VectorXd lambda;
   };
@@ -47,26 +47,26 @@ struct Session::Parts {
   Relaxation relax;
   Nodal u, v, f;           ///< [4xN] m, m/s, N: the state that is shown
   Eigen::VectorXd lambda;  ///< [patches, samples] as MixedIteration calls it
-  bool moves_supports;     ///< which may draw the tissue away from the tool
+  bool moves_supports;     ///< may draw the tissue away from the tool
   ToolPlace tool;          ///< see Session::tool()
-  double longest;          ///< move of the tool between two equilibria [m]
-  double thick;            ///< of the body along the push, from where the tool touches it [m]
+  double longest;          ///< longest move of the tool between two equilibria [m]
+  double thick;            ///< of the body along the press direction, from first contact [m]
   double longest_tool = std::numeric_limits<double>::infinity();  ///< [m]
   Predictor path{2};                                              ///< the last equilibria
   double depth = 0.0;                                             ///< of the tool [m]
 
-  // Of follow().
+  // State of follow().
   using Clock = std::chrono::steady_clock;
   KnownStates known;
   MixedIteration::Left left;      ///< at u
   double residual = 0.0;          ///< there
   double caution = 1.0;           ///< fraction of `longest` that is tried
   double gradient_at = -1.0;      ///< depth of dJ/du [m]; negative: none serves
-  Clock::duration beside{};       ///< what a frame takes beside the iteration, mean of the last few
+  Clock::duration beside{};       ///< time of a frame besides the iteration, mean of the last few
   std::optional<Attempt> begun;   ///< an equilibrium that is not good enough yet: the next frame refines it
   Progress progress;              ///< of the tool to where it is to be
-  std::vector<double> untouched;  ///< what tissue that relaxes remembers where it was never touched
-  double waited = 0.0;            ///< time that such tissue has not been followed through [s]
+  std::vector<double> untouched;  ///< history of viscoelastic tissue before any contact
+  double waited = 0.0;            ///< time not yet applied to such tissue [s]
 
   // Transitions of `state`.
   void lift();
@@ -79,9 +79,9 @@ struct Session::Parts {
   std::int64_t step(double to, double dt);
   LiveFrame follow(double asked, const FrameLimit& limit, double dt);
 
-  /// The force on the tool along its push at a state [N]; the contact is of there from now on.
+  /// Force on the tool along its press direction at a state [N]; sets the contact to that state.
   double resistance(const Nodal& its, const Eigen::VectorXd& l, const Nodal& force, double at) const;
-  /// The frame of the state that is shown, but for its status and for its error at the pose requested.
+  /// Frame of the state that is shown, without its status and its error for the requested pose.
   LiveFrame frame_at_depth(double asked, std::int64_t evaluations) const;
 
  private:

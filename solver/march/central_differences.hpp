@@ -18,7 +18,8 @@ struct CentralDifferences {
   double depth;          ///< of the tool at the end of the step [m]
   double damping = 0.0;  ///< c [1/s]
 
-  /// Of nodes [first, last): f [4xN] N at u(t), v [4xN] m/s, u [4xN] m; what is held is put where it then is.
+  /// Advances nodes [first, last) by one step; f [4xN] N at u(t), v [4xN] m/s, u [4xN] m. Held nodes get
+  /// their prescribed motion.
   void operator()(Index first, Index last, const Constraints& held, const Eigen::VectorXd& inverse_mass,
                   const Nodal& f, Nodal& v, Nodal& u) const {
     const double keep = (1.0 - 0.5 * damping * kick) / (1.0 + 0.5 * damping * kick);

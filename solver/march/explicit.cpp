@@ -9,6 +9,19 @@
 #include "solver/march/ledger.hpp"
 #include "solver/text.hpp"
 
+// Explicit march, in stretches from one output frame to the next:
+// 1. Equal steps dt, at most `safety` of the stable step; in short loads at least one for each sample, up to
+//    20.
+// 2. Forces f(u(t)), with the tool and the loads at t; check_sweep().
+// 3. Force, energies and output frame, if they are due, from u(t) and v(t - dt/2).
+// 4. Viscoelastic tissue and loads accept u(t).
+// 5. Central differences: v(t + dt/2), then u(t + dt); held nodes move as prescribed.
+// 6. End of a stretch: guards, and the stable step at the new state.
+// 7. If a guard throws, return to the last output frame with `safety` reduced to 0.6 of it, three times at
+//    most.
+//
+// Source:   Horton et al. 2007, sections 2.3 and 3.2; departures are in the header.
+
 namespace dimple {
 namespace {
 
@@ -16,7 +29,7 @@ constexpr int between_kinetic = 25;                 // steps
 constexpr std::int64_t between_fluctuations = 200;  // steps
 constexpr double smaller = 0.6;                     // step, each time that a guard sends the march back
 
-// Stretch by stretch, each from one frame to the next in even steps.
+// The march in stretches, each from one output frame to the next in equal steps.
 class ExplicitMarch {
  public:
   ExplicitMarch(System& system, const Loading& loading, const SolverOptions& options,
@@ -37,7 +50,7 @@ class ExplicitMarch {
   Guards guards_;
   const double duration_, stretch_;
   const Eigen::VectorXd inverse_mass_;
-  int shown_;  // the last frame
+  int shown_;  // last output frame
   bool stopped_ = false;
 
   void begin_at_rest();
@@ -86,7 +99,7 @@ void ExplicitMarch::begin_at_rest() {
   u_ = system_.step_start().u;
   v_ = Nodal::Zero(4, model_.node_count());
   if (system_.loaded()) ledger_.add_work(system_.stored_energy(u_).sum());
-  // The tool brings its nodes to speed at once: the only work that is not force times way.
+  // The initial velocity of held nodes is the only work that is not a force times a distance.
   ledger_.add_work(held_.set_off(v_, loading_.rate, model_.mass));
   state_.dt_stable = stable_step();
 }
@@ -135,7 +148,7 @@ void ExplicitMarch::march_stretch() {
   }
 }
 
-// From `now`, where u is; v is that of half a step before.
+// One step from u at `now`; v is that of half a step before.
 void ExplicitMarch::step(const Moment& now, bool first) {
   const bool viscoelastic = system_.viscoelastic();
   const double before = state_.dt_before;
@@ -154,7 +167,7 @@ void ExplicitMarch::step(const Moment& now, bool first) {
   const auto advance = [&](Index begin, Index end) {
     differences(begin, end, held_, inverse_mass_, f_, v_, u_);
   };
-  // Frames, energies and forces need u(t) and v(t - dt/2): there, gather first and move afterwards.
+  // Output needs u(t) and v(t - dt/2): in such steps all forces are gathered before anything moves.
   const bool whole = first || ledger_.energy_is_due(now.t) || ledger_.force_is_due(now.t) ||
                      system_.loaded() || viscoelastic;
   system_.gather(u_, f_, whole ? std::function<void(Index, Index)>{} : advance);
@@ -172,7 +185,7 @@ void ExplicitMarch::step(const Moment& now, bool first) {
   ++history_.evaluations;
 }
 
-// The stretch that was marched through, looked at from its end; then the next begins.
+// Ends a stretch: guards, and the stable step for the next one.
 void ExplicitMarch::finish_stretch() {
   const Moment end = {state_.depth / loading_.rate, state_.depth, state_.dt_before, state_.dt_stable};
   const bool last = stopped_ || state_.frame + 1 == options_.frames;
@@ -208,7 +221,7 @@ void ExplicitMarch::look_at_stretch(const Moment& end) {
   guards_.check_smooth(force, state_.account.largest_reaction, duration_, end);
 }
 
-// Everything that happens once f(u(t)) is known and before u moves on. False: stop here.
+// Output at time t, between f(u(t)) and the motion of u. False: stop here.
 bool ExplicitMarch::write(const Moment& now, bool last) {
   Account& account = state_.account;
   const double mean = ledger_.mean_force(f_);
@@ -253,7 +266,7 @@ double ExplicitMarch::stable_step() {
   return stable.dt;
 }
 
-// To the last frame, and on with smaller steps. What was counted and tried stays.
+// Returns to the last output frame, with smaller steps. Evaluations and retries stay counted.
 void ExplicitMarch::go_back(const MarchState& kept, const SolveError& error) {
   const bool smaller_steps_help = error.report.code != "hourglass";
   const double depth = state_.account.depth_before, safety = state_.safety;

@@ -41,8 +41,8 @@ bool FramesBetween::show(int& last, double before, double from, const Predictor&
   return true;
 }
 
-// False: no equilibrium was found, and `now` is as it was. A mixed search begins close by and is short, or
-// fails: it gets twice what a load step costs on the average.
+// False: none was found, and `now` is unchanged. A mixed search starts nearby, so that it gets twice the
+// average evaluations of a load step.
 bool FramesBetween::find(Rest& now, Nodal& f) {
   const Rest guess = now;
   try {

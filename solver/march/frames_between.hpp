@@ -9,7 +9,7 @@ namespace dimple {
 /// Frame `number` of the history, at displacements u [4xN] m with the force f [4xN] N.
 Frame frame_of(const System& system, int number, const Moment& at, const Nodal& u, const Nodal& f);
 
-/// Frames at depths between two equilibria of the march, which does not notice.
+/// Output frames at depths between two equilibria; they do not affect the march.
 struct FramesBetween {
   System& system;
   const Relaxation& relax;
@@ -21,8 +21,8 @@ struct FramesBetween {
 
   double travel_of(int frame) const { return loading.depth / options.frames * frame; }
 
-  /// Those after the frame `last` that lie before a depth; `path` holds the equilibria on both sides, and
-  /// that at `from` is the last that the tissue's past knows. False: the observer has enough.
+  /// Shows the frames after `last` up to a depth. `path` holds the equilibria on both sides; the tissue's
+  /// history ends at `from`. False: the observer stops the run.
   bool show(int& last, double before, double from, const Predictor& path);
 
  private:

@@ -8,10 +8,10 @@
 
 namespace dimple {
 
-/// The last equilibria along the load: the polynomial through them says where to look for the next one.
+/// First guess of the next equilibrium: polynomial through the last ones along the load path.
 struct Predictor {
   struct Point {
-    double at;  ///< [m] depth, or way of the load
+    double at;  ///< [m] depth, or path length of the load
     ForceSystem::Nodal u;
     Eigen::VectorXd lambda;
   };
@@ -24,8 +24,8 @@ struct Predictor {
     point.push_back({at, u, lambda});
     if (point.size() > most) point.pop_front();
   }
-  /// Through the last of the points, of which as many count as do not blow up what the search for equilibrium
-  /// has left in them: all where they are evenly spaced, fewer where the last way was short.
+  /// Evaluates it at `at`. Points are left out, oldest first, until the |weights| sum to `largest` at most,
+  /// since weights amplify the residuals of the points: none at even spacing, some after a short increment.
   void extrapolate(double at, ForceSystem::Nodal& u, Eigen::VectorXd& lambda) const {
     std::vector<double> weight;
     double size = 0.0;
@@ -45,9 +45,9 @@ struct Predictor {
   }
 
  private:
-  static constexpr double largest = 16.0;  // of four evenly spaced points 15: 4, -6, 4, -1
+  static constexpr double largest = 16.0;  // four evenly spaced points have 15: 4, -6, 4, -1
 
-  // Of the polynomial through the points from `first` on.
+  // Lagrange weights at `at` of the polynomial through the points from `first` on.
   std::vector<double> weights(double at, std::size_t first) const {
     std::vector<double> all;
     for (std::size_t k = first; k < point.size(); ++k) {

@@ -9,16 +9,29 @@
 #include "solver/march/frames_between.hpp"
 #include "solver/text.hpp"
 
+// Quasi-static march, one increment:
+// 1. Length: at most a load step, twice the last increment, and half of one that failed.
+// 2. Predict u and lambda: polynomial through the last four equilibria; at the start from a small first
+//    motion.
+// 3. Move the tool and search: mixed iteration, then viscous steps or loss of contact (Relaxation).
+// 4. Check the equilibrium by the guards; book the work of the increment and the dissipation.
+// 5. If none is found, repeat with half the length, this once; if a guard refuses it, halve all further
+//    increments.
+// 6. Accept: output frames in between, force, energies; then history of tissue and friction.
+//
+// Source:   none: incremental loading with extrapolation.
+
 namespace dimple {
 namespace {
 
-constexpr double nudge = 0.02;           // of the first increment
-constexpr double shortest = 1.0 / 16.0;  // increment in which an equilibrium is looked for; of a load step
-constexpr double same_depth = 1e-6;      // of a step
+constexpr double nudge = 0.02;           // first motion, in increments
+constexpr double shortest = 1.0 / 16.0;  // increment in load steps, below which the search ends
+constexpr double same_depth = 1e-6;      // of a load step
 constexpr std::size_t few = 3;           // equilibria, before which the curve between two is a guess
 
-// Of a load step. What first comes to touch slides freely for an increment, as nothing tells yet from where
-// it slips (TouchingTool::foresee): three of them, each twice the last, lose a fifth of what one does.
+// First increment under friction, in load steps. New contact slides freely for one increment, since its
+// anchors are unknown (TouchingTool::foresee). Three increments, each twice the last, lose a fifth of the
+// loss of one.
 constexpr double first_with_friction = 1.0 / 7.0;
 
 bool has_friction(const Loading& loading) {
@@ -27,8 +40,8 @@ bool has_friction(const Loading& loading) {
                      [](const Touch& t) { return t.friction > 0.0; });
 }
 
-// Of a force that grows from nothing at no depth, over the last increment: a power of the depth through its
-// ends, as contact has it at first; nothing where it is none.
+// Work of a growing contact force over the last increment: a power of the depth through both ends. Nothing if
+// the force is not at its beginning.
 std::optional<double> work_of_growing(const std::vector<double>& depth, const std::vector<double>& force) {
   const std::size_t k = depth.size() - 1;
   if (depth.front() != 0.0 || force.front() != 0.0 || !(force[k - 1] > 0.0 && force[k] > 0.0))
@@ -38,8 +51,8 @@ std::optional<double> work_of_growing(const std::vector<double>& depth, const st
   return (force[k] * depth[k] - force[k - 1] * depth[k - 1]) / (power + 1.0);
 }
 
-// Of the force over the last increment: the parabola through the last three places, or a line; from where a
-// tool first touches `first_share` of depth times force.
+// Work of the force over the last increment: of the parabola through the last three points, or of a line.
+// From first contact it is `first_share` of depth times force.
 double work_of_last(const std::vector<double>& depth, const std::vector<double>& force, bool straight,
                     double first_share) {
   const std::size_t k = depth.size() - 1;
@@ -49,28 +62,28 @@ double work_of_last(const std::vector<double>& depth, const std::vector<double>&
   if (k == 1 || straight) return line;
   const double slope_before = (force[k - 1] - force[k - 2]) / (depth[k - 1] - depth[k - 2]);
   const double curved = line - h * h * h / 6.0 * (slope - slope_before) / (depth[k] - depth[k - 2]);
-  // A tool that has left, or comes back, leaves the parabola.
+  // Lost or regained contact leaves the parabola.
   if (force[k] == 0.0 || force[k - 1] == 0.0)
     return std::clamp(curved, 2.0 * std::min(line, 0.0), 2.0 * std::max(line, 0.0));
   return curved;
 }
 
-// How far the tool, or what moves in its place, has come in this step of a scene is its travel [m], which is
-// an Instant's depth; a Moment's depth counts the steps before, too.
+// Travel [m]: distance of the tool, or of the set that moves instead, in this step of a scene. It is an
+// Instant's depth; a Moment's depth includes earlier steps.
 
-// From one equilibrium to the next.
+// Increment from one equilibrium to the next.
 struct Increment {
   double from, length, to;  // of the travel [m]
-  bool arrives;             // at the end of a load step
-  bool has_no_curve;        // one equilibrium is known, at the start or after a snap: nothing to extrapolate
+  bool arrives;             // the end of a load step
+  bool has_no_curve;        // only one equilibrium, at the start or after a snap: no extrapolation
   Moment end;
 };
 
-// At the end of an increment: what the search has come to, and what the ledger says of it.
+// Result of the search at the end of an increment, and its entries in the ledger.
 struct Found {
-  Found() { relaxed.converged = false; }  // until a search has ended: go_back() asks
+  Found() { relaxed.converged = false; }  // until a search has ended: go_back() reads it
   Relaxed relaxed;
-  bool snapped = false;  // past a limit point, or the tool has left the body
+  bool snapped = false;  // passed a limit point, or lost contact
   ForceSample force = {};
   EnergySample energy = {};
 };
@@ -92,18 +105,18 @@ class QuasiStaticMarch {
   History& history_;
   MarchState state_;
   const Relaxation relax_;
-  Predictor path_{4};  // the last equilibria, from which the next is looked for
+  Predictor path_{4};  // last equilibria, for the first guess
   Rest now_;
   Nodal f_;
-  Ledger ledger_;  // force() and energy() only compute; write() books, into history_ and state_.account
-  // check...() notes what is doubtful and throws SolveError of what is no answer; found_...() only notes.
+  Ledger ledger_;  // force() and energy() only compute; write() books them
+  // check...() records doubtful results and throws SolveError for wrong ones; found_...() only records.
   Guards guards_;
   FramesBetween between_;
   const int steps_;
   const double step_;             // of the load [m]
-  const std::int64_t most_;       // evaluations of all equilibria together
-  double after_failure_ = step_;  // increment after an equilibrium that was not found
-  double least_curvature_ = 1.0;  // Relaxed::curvature since the last that was found; < 0: it gave way
+  const std::int64_t most_;       // force evaluations of all equilibria
+  double after_failure_ = step_;  // increment after a failed search
+  double least_curvature_ = 1.0;  // least Relaxed::curvature since the last one; < 0: limit point
   bool stopped_ = false;
 
   void begin_at_rest();
@@ -168,9 +181,9 @@ void QuasiStaticMarch::begin_at_rest() {
   if (system_.loaded()) {
     system_.set({});
     system_.force_at(now_.u, now_.lambda, f_);
-    ledger_.add(ledger_.force({}, now_.u, f_));  // no write(): of a first sample nothing to book
+    ledger_.add(ledger_.force({}, now_.u, f_));  // not write(): the first sample has no work
     stored = system_.stored_energy(now_.u);
-    ledger_.add_work(stored.sum());  // what the loads did before counts as done from outside
+    ledger_.add_work(stored.sum());  // work of the preload counts as external
   } else {
     ledger_.add({0.0, 0.0, 0.0, 0.0});
   }
@@ -178,7 +191,7 @@ void QuasiStaticMarch::begin_at_rest() {
   if (observer_.frame) observer_.frame(frame_of(system_, 0, {}, now_.u, f_));
 }
 
-// A later step of a scene, whose curve and books go on.
+// Begins a later step of a scene; curve and ledger continue.
 void QuasiStaticMarch::begin_after_steps() {
   path_.push(0.0, now_.u, now_.lambda);
   system_.set({.t = loading_.begun.t});
@@ -201,8 +214,8 @@ void QuasiStaticMarch::run() {
     try {
       go(increment, found);
     } catch (const SolveError& error) {
-      // No shorter increment mends an hourglass, nor tools that meet; and runs without guards measure their
-      // cost, so that none may go another way.
+      // A shorter increment helps neither hourglass modes nor overlapping tools. Runs without guards measure
+      // their cost and must keep the same path.
       if (!options_.guards || error.report.code == "hourglass" || error.report.code == tools_overlap) throw;
       state_.depths.resize(equilibria);
       state_.forces.resize(equilibria);
@@ -213,7 +226,7 @@ void QuasiStaticMarch::run() {
   }
 }
 
-// Where it was short it becomes long again by and by.
+// The next increment is at most twice the last, so that shortened increments grow again.
 Increment QuasiStaticMarch::next_increment() const {
   const std::vector<double>& depths = state_.depths;
   const double end = step_ * static_cast<double>(state_.step + 1), at = depths.back();
@@ -239,15 +252,15 @@ void QuasiStaticMarch::go(const Increment& increment, Found& found) {
     guards_.found_limit_point(now_.u - expected, increment.length, system_.folds() != nullptr, now);
 }
 
-// Where the equilibrium at the increment's end is looked for.
+// Predicts u and lambda at the end of the increment.
 void QuasiStaticMarch::look_ahead(const Increment& increment, Found& found) {
   const double length = increment.to - increment.from;
   if (!increment.has_no_curve) {
     path_.extrapolate(increment.to, now_.u, now_.lambda);
     return set_tool(increment.to);
   }
-  // The first iteration of the search says more than a nudge: contact grows from a point. And where nothing
-  // moves it is not the way that the tissue goes along.
+  // The first iteration predicts better than a first motion: contact grows from a point, and a hold has no
+  // motion.
   if (system_.touching() || loading_.begun.holds) {
     now_ = {path_.point.back().u, path_.point.back().lambda};
     return set_tool(increment.to);
@@ -258,7 +271,7 @@ void QuasiStaticMarch::look_ahead(const Increment& increment, Found& found) {
     first_guess(model_, motion, length, now_.u);
     return set_tool(increment.to);
   }
-  // A nudge, to a low accuracy: the direction in which the tissue sets off.
+  // First motion, at low accuracy: it gives the direction in which the tissue moves.
   const double nudged_to = increment.from + nudge * length;
   first_guess(model_, motion, nudge * length, now_.u);
   set_tool(nudged_to);
@@ -284,8 +297,7 @@ void QuasiStaticMarch::search(double tolerance, Found& found) {
   if (how.evaluations < 1) throw no_equilibrium(relaxed, model_);
   const std::int64_t before = system_.tissue().sweeps();
   try {
-    // In u and lambda together; or, of schemes without patches, in u alone by pseudo-time: no contact;
-    // lambda is what it ends with.
+    // Both u and lambda are unknown; without patches u alone, by dynamic relaxation without contact.
     relaxed = relax_.has_mixed() ? relax_.from_near(now_.u, now_.lambda, f_, how)
                                  : relax_(now_.u, f_, how, &now_.lambda);
   } catch (...) {
@@ -300,17 +312,17 @@ void QuasiStaticMarch::search(double tolerance, Found& found) {
 }
 
 void QuasiStaticMarch::check_equilibrium(const Moment& now, const Found& found) {
-  guards_.check_sweep(found.relaxed.sweep, now);  // of numbers that are none, or a point inside out: throws
+  guards_.check_sweep(found.relaxed.sweep, now);  // throws: not finite, or inverted
   guards_.check_nodes(now_.u, f_, now);
-  guards_.check_points(found.relaxed.sweep, now);  // how many inverted, what volume was lost: both
-  guards_.check_fluctuation(now_.u, now);          // of displacements that gradients do not see
+  guards_.check_points(found.relaxed.sweep, now);  // inverted points and changed volume
+  guards_.check_fluctuation(now_.u, now);          // displacements that gradients do not resolve
   if (system_.touching()) check_contact(now);
   look_at_walls(now);
   look_at_tools(now);
   if (system_.folds()) look_at_folds();
 }
 
-// A tool that touches, straight along its push (1) or back (-1), while all else stays where it is.
+// True if a contacting tool alone moves, straight along its press direction (1) or back (-1).
 bool QuasiStaticMarch::tool_alone_moves(double along) const {
   const auto moves = [](const Touch& wall) { return wall.motion && !wall.motion->isZero(0.0); };
   return system_.touching() &&
@@ -320,8 +332,8 @@ bool QuasiStaticMarch::tool_alone_moves(double along) const {
                      [](const HeldSet& set) { return set.share == 0.0; });
 }
 
-// Of the last increment, whose end has joined the others. From where a tool first touches, and to where it
-// leaves that again, the force goes as its shape says.
+// Work of the last increment. Near first contact and near the loss of contact the force follows the tool's
+// shape.
 double QuasiStaticMarch::work_of(const Increment& increment, bool snapped) const {
   const std::vector<double>&at = state_.depths, &force = state_.forces;
   const std::size_t k = at.size() - 1;
@@ -337,7 +349,7 @@ double QuasiStaticMarch::work_of(const Increment& increment, bool snapped) const
   return work_of_last(at, force, increment.has_no_curve || snapped, first_share);
 }
 
-// What was found, by the guards; the depth and the force there join those of the equilibria before.
+// Applies the guards to the new equilibrium and adds its depth and force to the curve.
 void QuasiStaticMarch::check(const Increment& increment, Found& found) {
   const Moment& now = increment.end;
   const Relaxed& relaxed = found.relaxed;
@@ -349,13 +361,14 @@ void QuasiStaticMarch::check(const Increment& increment, Found& found) {
   const StoredEnergy stored = system_.stored_energy(now_.u);
   guards_.check_hourglass(stored.hourglass, stored.tissue, now);
   double dissipated = found.snapped ? relaxed.dissipated : 0.0;
-  // Of a spring back from a tool that has left the search knows no work: all that is missing.
+  // The search does not compute the work of a spring back from the tool: all missing energy is dissipated.
   if (relaxed.lost_contact && !system_.viscoelastic())
     dissipated = std::max(0.0, history_.energy.back().stored + work - stored.sum());
   for (const System::OneContact& one : system_.contacts())
-    if (one.rigid) dissipated += one.rigid->heat();  // of friction since accept_step()
+    if (one.rigid) dissipated += one.rigid->heat();  // since accept_step()
   found.energy = ledger_.energy(now, /*kinetic=*/0.0, stored, work, dissipated);
-  // Of a body that is left to itself what is off came before, and no shorter increment mends it.
+  // Once the body is free of the tool, the imbalance is older than this increment; a shorter one cannot
+  // remove it.
   const bool rests = system_.touching() && stored.sum() <= 1e-6 * state_.account.largest_external &&
                      system_.touching()->touched().samples == 0;
   if (state_.depths.size() > few + (begins_to_rub() ? 2 : 0))  // one step in three increments
@@ -364,12 +377,12 @@ void QuasiStaticMarch::check(const Increment& increment, Found& found) {
                          /*duration=*/now.t, /*conserves=*/false, now, /*warns_alone=*/rests);
 }
 
-// Of a tool that touches: it must not enter the body, and must touch nothing where forces are not looked for.
+// A contacting tool may neither penetrate the body nor meet surface without contact samples.
 void QuasiStaticMarch::check_contact(const Moment& now) {
   const TouchingTool& tool = *system_.touching();
   const TouchingTool::Audit audit = tool.audit(now_.u, system_.now());
   const double most = Guards::most_penetration * tool.touch().shape.radius;
-  // Notes more than this, and throws from fifty times as much on.
+  // A finding above this; throws above fifty times as much.
   guards_.check_contact(audit, most, tool.touch(), now);
   if (audit.penetration > history_.penetration) {
     history_.penetration = audit.penetration;
@@ -377,7 +390,7 @@ void QuasiStaticMarch::check_contact(const Moment& now) {
   }
 }
 
-// Of the equilibrium that is taken, as the curve has it.
+// Records the contacts of the accepted equilibrium in the history.
 void QuasiStaticMarch::note_contacts() {
   if (const TouchingTool* tool = system_.touching()) {
     const TouchingTool::Touched touched = tool->touched();
@@ -420,7 +433,7 @@ void QuasiStaticMarch::look_at_folds() {
 void QuasiStaticMarch::take(const Increment& increment, const Found& found) {
   after_failure_ = step_;
   least_curvature_ = 1.0;
-  // After a limit point the new branch has nothing to do with the old one.
+  // After a limit point the new branch is unrelated to the old one.
   if (found.snapped) path_.point.erase(path_.point.begin(), path_.point.end() - 1);
   path_.push(increment.to, now_.u, now_.lambda);
   ledger_.keep_worst(found.relaxed.sweep);
@@ -451,12 +464,12 @@ void QuasiStaticMarch::take(const Increment& increment, const Found& found) {
     });
 }
 
-// False: the observer has enough.
+// False: the observer stops the run.
 bool QuasiStaticMarch::show_frames_before(const Increment& increment) {
   const double before = increment.to - same_depth * step_;
   if (between_.travel_of(state_.frame + 1) >= before) return true;
   if (!between_.show(state_.frame, before, increment.from, path_)) return false;
-  system_.begin_step((increment.to - increment.from) / loading_.rate);  // and back to this increment's end
+  system_.begin_step((increment.to - increment.from) / loading_.rate);  // and back to its end
   system_.set({.t = increment.end.t, .depth = increment.to});
   system_.force_at(now_.u, now_.lambda, f_);
   ++history_.extra_evaluations;
@@ -472,11 +485,11 @@ void QuasiStaticMarch::show_frame_at(const Increment& increment) {
     observer_.frame(frame_of(system_, loading_.begun.frame + state_.frame, increment.end, now_.u, f_));
 }
 
-// Nothing moves: what the tissue gives off has gone with the cut.
+// Nothing moves: the energy that the tissue releases is dissipated by the cut.
 AfterCut QuasiStaticMarch::settle(double t) {
   const Moment now{t, loading_.begun.depth};
   Found found;
-  set_tool(0.0);  // no begin_step(): the cut takes no time, and tissue that remembers is refused
+  set_tool(0.0);  // no begin_step(): a cut takes no time, and viscoelastic tissue is refused
   search(options_.tolerance, found);
   check_equilibrium(now, found);
   const StoredEnergy stored = system_.stored_energy(now_.u);
@@ -496,11 +509,11 @@ AfterCut QuasiStaticMarch::settle(double t) {
   return result;
 }
 
-// To the last equilibrium, and on by a shorter increment; or it ends here. Nothing is put back: look_ahead()
-// starts from path_, and what accept_step() has not taken the next begin_step() forgets.
+// Returns to the last equilibrium and continues with a shorter increment, or ends here. Nothing is restored:
+// look_ahead() starts from path_, and the next begin_step() discards what was not accepted.
 void QuasiStaticMarch::go_back(const Increment& increment, const Found& found, const SolveError& error) {
   const double depth = increment.end.depth, shorter = 0.5 * increment.length;
-  if (found.relaxed.converged) {  // and a guard refused it: shorter from now on
+  if (found.relaxed.converged) {  // a guard refused it: shorter from now on
     if (state_.refused++ == most_retries)
       throw after_retries(error, text("steps of the load down to ", 1e3 * increment.length, " mm"));
     state_.longest = shorter;
@@ -526,7 +539,7 @@ std::int64_t most_evaluations(int steps, const SolverOptions& options) {
 }
 
 int steps_of_load(const Model& model, const Loading& loading, const SolverOptions& options) {
-  // Of the tool itself it is 1: how far the fastest of all comes for one metre of its travel.
+  // Largest travel of anything that moves, per metre of the tool's travel.
   double share = longest_share(loading.further);
   for (const Touch& wall : loading.walls)
     share = std::max(share, wall.motion.value_or(Vec3::Zero().eval()).norm());
@@ -538,11 +551,10 @@ int steps_of_load(const Model& model, const Loading& loading, const SolverOption
   return std::max(1, static_cast<int>(steps));
 }
 
-// The tissue goes along less with the square of the distance from the tool, in its radii, as under a small
-// load on a half-space; and with its height above the far side, where it is often held. A guess: the search
-// that follows decides.
+// The motion decreases with the square of the distance from the tool, in radii, as under a small load on a
+// half-space; and with the height above the far side, which is often held.
 void first_guess(const Model& model, const Vec3& direction, double way, Nodal& u) {
-  if (model.base.empty()) {  // it goes as a whole until something stops it
+  if (model.base.empty()) {  // it moves as a whole until something stops it
     u.colwise() += padded(direction) * way;
     return;
   }

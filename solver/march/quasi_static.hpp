@@ -4,40 +4,39 @@
 
 namespace dimple {
 
-/// As march_explicitly(), but so slowly that inertia plays no part: equilibria in even steps of the load,
-/// each at most options.step_radii long and looked for where the last four lead. With viscoelastic tissue the
-/// time between two of them is that of the loading. Where there is no equilibrium to be found, or a guard
-/// says that it is wrong, the way there is halved, at most `most_retries` times.
+/// Marches without inertia: equilibria in even steps of the load, each at most options.step_radii long. The
+/// first guess extrapolates the last four. Viscoelastic tissue relaxes over the loading's time between two of
+/// them. An increment is halved if no equilibrium is found, down to 1/16 of a step, or if a guard refuses it,
+/// at most `most_retries` times.
 ///
-/// How many frames there are changes nothing of that. A frame whose depth no step ends at has an equilibrium
-/// of its own, found from those on both sides, and a sample of the force; energies, guards and what follows
-/// do not know of it. Where none is found the frame shows the line between the two, as the finding `frame`
-/// says, without a sample. `ended` receives the last equilibrium.
+/// The number of output frames does not affect this. A frame between two steps has an equilibrium of its own,
+/// started from both sides, and a force sample; energies, guards and later steps ignore it. If none is found,
+/// the frame is interpolated and has no sample, as the finding `frame` reports. `ended` receives the last
+/// equilibrium.
 void march_quasi_statically(System& system, const Loading& loading, const SolverOptions& options,
                             const Observer& observer, History& history, const MarchState* from = nullptr,
                             Rest* ended = nullptr);
 
-/// What a cut has left at a pose that is held.
+/// Result of a cut at a held pose.
 struct AfterCut {
   double released = 0.0;  ///< of the stored energy [J]
-  bool gave_way = false;  ///< no equilibrium was near: viscous steps led to this one
+  bool gave_way = false;  ///< stored energy [J]
 };
-/// The body has been cut while all that holds it stays: the equilibrium near that which the system was told
-/// to go on from, at loading.begun. It joins curve, books and frames at `t` [s], and `ended` receives it.
-/// Throws SolveError: there is none to be found, or a guard says that it is wrong.
+/// Finds the equilibrium of a body that was cut, near the state of System::go_on(), at loading.begun. It is
+/// added to curve, ledger and frames at `t` [s]; `ended` receives it. Throws SolveError: none is found, or a
+/// guard refuses it.
 AfterCut settle_after_cut(System& system, const Loading& loading, double t, const SolverOptions& options,
                           const Observer& observer, History& history, Rest& ended);
 
-/// How many steps that load takes, where none is shortened.
+/// Number of load steps, if none is shortened.
 int steps_of_load(const Model& model, const Loading& loading, const SolverOptions& options);
 /// Force evaluations of the mixed iteration for a step of the load, on average over a whole run.
 constexpr std::int64_t evaluations_of_step = 60;
-/// Force evaluations of the mixed iteration for all equilibria of so many steps of the load together, at
-/// most.
+/// Most force evaluations of the mixed iteration for all equilibria of `steps` load steps together.
 std::int64_t most_evaluations(int steps, const SolverOptions& options);
 
-/// A first guess of the displacements u [4xN] m when the tool has moved by `way` [m] along `direction`: they
-/// fade away from the circle and towards the base.
+/// First guess of u [4xN] m after a motion of the tool by `way` [m] along `direction`. It decays away from
+/// the bonded patch and towards the base.
 void first_guess(const Model& model, const Vec3& direction, double way, ForceSystem::Nodal& u);
 
 }  // namespace dimple

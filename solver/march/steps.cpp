@@ -5,6 +5,18 @@
 
 #include "solver/march/quasi_static.hpp"
 
+// Steps of a scene, and cuts between them:
+// 1. Each step marches quasi-statically from the last equilibrium; the sets that do not move are held where
+//    they are.
+// 2. After a cut the caller hands over a guess on the nodes of the cut body; held nodes stay
+//    where the earlier steps left them.
+// 3. Nothing moves: settle_after_cut() searches the equilibrium; the energy that is released counts as
+//    dissipated.
+// 4. If none is found, all earlier steps are repeated on the cut body, unless `path_matters`; then 3 again.
+// 5. The remaining steps continue on the cut body.
+//
+// Source:   none. A cut changes the model only (cut_by_sheet()); this file finds the equilibrium after it.
+
 namespace dimple {
 namespace {
 
@@ -12,17 +24,18 @@ bool moves_tool(const Step& step) {
   return step.moves.empty();
 }
 
-// What is held of a set along its motion: of one that slides its own direction, of others the way itself.
+// Prescribes the motion of a set in this step: a sliding set keeps its direction, others take that of the
+// step.
 void move(HeldSet& set, const Step& step) {
   if (set.hold == HeldSet::Hold::all && !step.holds()) set.direction = step.way.normalized();
   set.share = step.holds() ? 0.0 : set.direction.dot(step.way) / step.length();
 }
 
-// All sets of the scene, of which the step moves one.
+// All sets of the scene; only that of the step moves.
 Constraints held_in(const Model& model, const Loading& loading, const Step& step) {
   std::vector<HeldSet> sets = make_constraints(model, loading.contact, loading.further).sets();
   for (HeldSet& set : sets) {
-    if (set.name == step.moves)  // of a step that moves the tool: tool_set
+    if (set.name == step.moves)  // empty for the tool, as tool_set
       move(set, step);
     else
       set.share = 0.0;
@@ -96,7 +109,7 @@ RigidWay after(const Step& step, const RigidWay& before, const Vec3& tip) {
 }
 
 Jump largest_jump(const std::vector<ForceSample>& curve) {
-  constexpr double lever = 10e-3;  // m: where it turns besides, an angle of 1 is as long a way
+  constexpr double lever = 10e-3;  // m: path length of a rotation by 1 rad
   std::vector<double> slope, way;
   std::vector<std::size_t> end;
   for (std::size_t k = 1; k < curve.size(); ++k) {
@@ -121,10 +134,10 @@ Jump largest_jump(const std::vector<ForceSample>& curve) {
 
 namespace {
 
-// How far the scene has come, for whoever does its steps one by one.
+// Progress of a scene whose steps are marched one by one.
 struct Walk {
-  Loading now;  // of the next step: where it begins
-  double rate;  // of steps that do not say how long they last
+  Loading now;  // the next step
+  double rate;  // of steps without a duration
   RigidWay of_tool;
   double gone = 0.0;
 
@@ -149,7 +162,7 @@ struct Walk {
   }
 };
 
-// One after the other from `walk`, which then stands where they end, and so does `begun`.
+// Marches the steps [first, end) from `walk`; `walk` and `begun` then describe their end.
 void do_steps(System& system, const Loading& loading, std::size_t first, std::size_t end,
               const SolverOptions& options, const Observer& observer, History& history,
               const MarchState* from, Walk& walk, Rest& begun) {
@@ -179,14 +192,14 @@ void do_steps(System& system, const Loading& loading, std::size_t first, std::si
   }
 }
 
-// All sets of the scene, none of which moves.
+// All sets of the scene, held still.
 Constraints held_still(const Model& model, const Loading& loading) {
   std::vector<HeldSet> sets = make_constraints(model, loading.contact, loading.further).sets();
   for (HeldSet& set : sets) set.share = 0.0;
   return {model.node_count(), std::move(sets)};
 }
 
-// Where each set has come after `gone` [m] of the steps.
+// Displacements of all sets after `gone` [m] of the steps.
 Nodal places_of_sets(const Model& model, const Loading& loading, const Constraints& held, double gone) {
   Nodal places = Nodal::Zero(4, model.node_count());
   for (const HeldSet& set : held.sets()) {
@@ -203,9 +216,8 @@ void stand(System& system, const Loading& loading, const Walk& walk, const Rest&
   system.go_on(rest, held_still(system.model(), loading), walk.of_tool, walk.gone, walls);
 }
 
-// The body that has been cut, held as the steps before have left it. Where the tissue springs so far that
-// nothing is found from there, it is brought there again by those steps: elastic tissue under a tool that it
-// is bonded to, or that does not rub, is where it is whatever the way there.
+// Equilibrium of the cut body, held as the earlier steps left it. If none is found nearby, these steps are
+// repeated on the cut body: elastic tissue under a bonded or frictionless tool does not depend on the path.
 Rest settle(System& system, const Loading& loading, const SolverOptions& options, const Observer& observer,
             History& history, Walk walk, ScenePart& part) {
   const Rest at_rest = system.step_start();

@@ -7,18 +7,28 @@
 
 #include "solver/material.hpp"
 
+// Self-contact of folds, for each sample s of both surfaces:
+// 1. n_s = cof(F) N, normalised: normal of the opposite surface, turned by the tissue at its place y_s.
+// 2. gap_s = n_s . (x_s - y_s); a sample outside the opposite surface has no contact.
+// 3. The force lambda_s n_s acts at the sample, its opposite at the foot of the gap.
+// 4. Accepted state: a sample that has slid by half a spacing faces the nearest opposite sample, or none.
+// 5. Another one is represented by its part with the smallest gap, for curved surfaces (nearest_row()).
+// 6. Find the feet of the gaps again; new pairs make ContactCoupling find its compliance again.
+//
+// Source:   Wriggers 2006, chapters 4 and 5 (see ContactTerm).
+// Departs:  samples on both surfaces, without friction, and pairs that are fixed during a search.
+
 namespace dimple {
 namespace {
 
-constexpr double slides = 0.5;  // spacings along the bank ahead, from where another place of it is looked for
-constexpr double soon = 0.5;    // spacings: a gap that may close in the next step
-constexpr double past_all = 1.5;  // spacings beside all samples of the bank
-// Spacings: a bank that is deeper below another is the far side of thin tissue; and what touches nothing does
-// not begin to touch deep inside, which no step of the load, however short, could follow.
+constexpr double slides = 0.5;    // spacings of slip, beyond which another opposite place is found
+constexpr double soon = 0.5;      // spacings: a gap that may close in the next step
+constexpr double past_all = 1.5;  // spacings outside all samples of a surface
+// Spacings. A surface that is deeper below another is the far side of thin tissue. New contact cannot begin
+// deep inside, which no load step, however short, could resolve.
 constexpr double behind = -0.25, behind_at_first = -0.05;
-constexpr double faces = -0.5;  // cosine between the outward normals of two banks, at most
-// Spacings: so far the foot of a gap may move before its forces are taken there. They make a couple of so
-// much at most.
+constexpr double faces = -0.5;  // largest cosine between the outward normals of opposite surfaces
+// Spacings by which the foot of a gap may move before its forces follow; it bounds their couple.
 constexpr double foot_moves = 0.005;
 
 }  // namespace
@@ -73,7 +83,7 @@ FoldContact::Bank FoldContact::bank_of(Index s) const {
           of_opposite_, s};
 }
 
-// [3xM] m: from the place ahead to below the sample, along the bank as it was at rest; no displacements: at
+// [3xM] m: from the opposite place to below the sample, along that surface at rest; without displacements: at
 // rest.
 Points FoldContact::feet(const Nodal& u) const {
   Points result = Points::Zero(3, count());
@@ -97,7 +107,7 @@ Points FoldContact::feet(const Nodal& u) const {
   return result;
 }
 
-// By how much more the sample has moved than the foot of its gap.
+// Displacement of the sample relative to the foot of its gap.
 Vec3 FoldContact::moved(Index s, const Nodal& u) const {
   Vec3 sum = Vec3::Zero();
   for (int k = moves_.rows.offset[s]; k < moves_.rows.offset[s + 1]; ++k)
@@ -105,10 +115,9 @@ Vec3 FoldContact::moved(Index s, const Nodal& u) const {
   return sum;
 }
 
-// What moves the gaps: the shape functions at the samples, less those at the places ahead and what their
-// gradients make of the way from there to the foot of the gap. So the forces of both banks have one line of
-// action, and are the derivative of the gap, whose normal turns with the bank: n . F T = 0 for all that lies
-// along it, so that dn . F T = -n . dF T.
+// Weights that move the gaps: shape functions at the samples, minus those at the opposite places, minus their
+// gradients times the vector to the foot of the gap. The forces on both surfaces then have one line of
+// action and are the derivative of the gap: n . F T = 0 for every tangent T, so that dn . F T = -n . dF T.
 void FoldContact::pair_up() {
   std::vector<int> member;
   std::vector<double> weight;
@@ -151,9 +160,9 @@ void FoldContact::add_force(const Nodal& u, const Instant&, Nodal& f) {
     const Vec3 apart = sample.place.col(row) - bank.place + way;
     const Vec3 n = normal_.col(s) = (cofactor(F) * bank.normal).normalized();
     gap_[s] = n.dot(apart);
-    // Banks need not be parallel: at rest the way from one to the other is along neither.
+    // Opposite surfaces need not be parallel: at rest the vector between them is along neither.
     way_[s] = (way - way.dot(n) * n).norm();
-    // The plane stands for the bank near its place alone.
+    // The plane represents the surface only near its place.
     const double near = past_all * std::max(banks_->spacing[s], ahead >= 0 ? banks_->spacing[ahead] : 0.0);
     if (ahead == beyond || (apart - gap_[s] * n).norm() > near) gap_[s] = banks_->spacing[s];
   }
@@ -171,8 +180,8 @@ double FoldContact::gap_of(Index row, Index s, const Nodal& u) const {
   return turned(of_opposite_, s, u, banks_->opposite_normal.col(s)).dot(apart);
 }
 
-// What stands for a sample whose place ahead is the one at rest: a part where that is nearer than the whole,
-// and another than now where it is nearer by as much.
+// Row whose place represents a sample that still faces its place at rest: a part replaces the whole if its
+// gap is smaller by `bulges` spacings, and another part if its gap is smaller by as much again.
 Index FoldContact::nearest_row(Index s, const Nodal& u) const {
   const double less = FoldBanks::bulges * banks_->spacing[s];
   const Index now = row_[static_cast<std::size_t>(s)];
@@ -187,7 +196,7 @@ Index FoldContact::nearest_row(Index s, const Nodal& u) const {
   return best;
 }
 
-// The nearest sample of a bank that faces it, across the gap between them.
+// Nearest sample of an opposite surface, across the gap between them.
 int FoldContact::find_ahead(Index s, const Points& place, const Points& normal) const {
   int best = beyond;
   double nearest = 0.0;

@@ -6,22 +6,20 @@
 
 namespace dimple {
 
-/// Folds that close: the two banks of a gap touch without friction and do not pass through each other. The
-/// gap of a sample is its height above the plane of the bank ahead, which moves and turns with the tissue
-/// there,
+/// Self-contact of folds: the opposite surfaces of a gap do not penetrate each other; contact is
+/// frictionless. The gap of a sample is its height above the plane of the opposite surface, which moves and
+/// turns with the tissue there,
 ///
-///     d_s = n_s . (x_s - y_s),   n_s along cof(F) N,   x = X + u at the sample, y = Y + u at the place
-///     ahead,
+///     d_s = n_s . (x_s - y_s),   n_s along cof(F) N,   x = X + u at the sample, y = Y + u opposite,
 ///
-/// and its force pushes both banks, in opposite directions and along one line: at the sample, and at the foot
-/// of its gap, which is sought anew at each accepted state. Of a bank that bulges the part of the sample
-/// stands for it that is nearest to the bank ahead, chosen at each accepted state. The place ahead is the one
-/// at rest until the sample has slid half a spacing of the nodes along the bank; then it is that of the
-/// nearest sample of the bank, at each accepted state anew. What has slid beyond the bank's samples touches
-/// nothing.
+/// and its force acts on both surfaces, in opposite directions along one line: at the sample, and at the foot
+/// of its gap, found again at each accepted state. On a curved surface the part nearest to the opposite
+/// surface represents the sample. The opposite place is that at rest until the sample has slid by half a node
+/// spacing; then it is that of the nearest opposite sample, at each accepted state. Beyond all samples there
+/// is no contact.
 class FoldContact : public ContactTerm {
  public:
-  /// `tissue` is asked for the gradients that turn the banks.
+  /// `tissue` gives the gradients that turn the surfaces.
   FoldContact(std::shared_ptr<const FoldBanks> banks, const ForceSystem& tissue);
 
   Index count() const override { return banks_->count(); }
@@ -36,9 +34,8 @@ class FoldContact : public ContactTerm {
   std::vector<double> past() const override;
   void restore_past(const std::vector<double>& past) override;
 
-  /// At the last add_force(): how deep a bank lies in the other at most, at the samples [m]; how far one has
-  /// slid along the other since rest where they touch [m]; the area of that at rest, half of both banks'
-  /// [m^2]; and the sum of the forces [N].
+  /// At the last add_force(): largest penetration at the samples [m]; largest slip since rest of samples in
+  /// contact [m]; contact area at rest, half of that of both surfaces [m^2]; and sum of the forces [N].
   struct Audit {
     double penetration = 0.0, slid = 0.0, area = 0.0, force = 0.0;
     Index touching = 0;
@@ -46,7 +43,7 @@ class FoldContact : public ContactTerm {
   Audit audit() const;
 
  private:
-  // Shape functions' gradients at points that turn a bank.
+  // Shape function gradients at points that turn a surface.
   struct Turning {
     CompressedRows rows;
     Points dphi;  // [3 x rows.member] 1/m
@@ -54,7 +51,7 @@ class FoldContact : public ContactTerm {
   static constexpr int at_rest = -1, beyond = -2;  // of ahead_
 
   std::shared_ptr<const FoldBanks> banks_;
-  // The bank ahead of a sample: a place of it at rest, its normal there, and what turns it.
+  // Opposite surface of a sample: its place and normal at rest, and the gradients that turn it.
   struct Bank {
     Vec3 place, normal;
     const Turning& by;
@@ -62,11 +59,11 @@ class FoldContact : public ContactTerm {
   };
   Interpolation moves_;  // at the sample, less those at the foot of its gap
   Turning of_opposite_, of_own_;
-  std::vector<int> ahead_;  // [M] the sample that lies ahead now, or one of the two words above
-  std::vector<Index> row_;  // [M] of the sample in `banks_`, or of the part that stands for it
-  Points foot_;             // [3xM] m, along the bank at rest: from the place ahead to the foot of the gap
+  std::vector<int> ahead_;  // [M] opposite sample, or one of the two values above
+  std::vector<Index> row_;  // [M] row in `banks_` of the sample, or of the part that represents it
+  Points foot_;             // [3xM] m, along the surface at rest: from the opposite place to the foot
   int pairing_ = 1;
-  Eigen::VectorXd way_;  // [M] of the sample along the bank ahead since rest [m]
+  Eigen::VectorXd way_;  // [M] slip along the opposite surface since rest [m]
 
   static Mat3 gradient(const Turning& by, Index s, const Nodal& u);
   Bank bank_of(Index s) const;

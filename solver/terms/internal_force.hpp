@@ -17,15 +17,15 @@ namespace dimple {
 /// are double.
 enum class Precision { single_, double_ };
 
-/// A model made ready for the hot loops: nothing of it changes after construction, and any number of
-/// ForceStates may use it at once. Of the converging scheme where the model has pressure patches (see
-/// ProjectedKernel), of the paper's where it has not. The paper's is below.
+/// Model prepared for the hot loops: constant after construction, and usable by any number of ForceStates at
+/// once. With pressure patches it is the converging scheme (see ProjectedKernel), without them the paper's,
+/// which is below.
 ///
 /// Letters: the paper writes X for the deformation gradient and F for the force vector; here, as usual today,
 /// the gradient is F and the force f.
 ///
-///     sweep 1, points:  F_q = I + sum_a u_a (x) dphi_qa,   P_q = F_q S_q,   V_q P_q dphi_qa to each block's
-///     sums sweep 2, nodes:   f_a = sum of what the blocks have for it
+///     sweep 1, points:  F_q = I + sum_a u_a (x) dphi_qa,   P_q = F_q S_q,   V_q P_q dphi_qa to block sums
+///     sweep 2, nodes:   f_a = sum of its block sums
 ///
 /// which is the paper's f = integral of B_L^T S (section 2.2) without the 6 x 3n matrix: a test compares the
 /// two. Blocks are fixed and sums have one order: the result is the same, bit for bit, for any number of
@@ -37,19 +37,20 @@ class ForceSystem {
  public:
   /// One tissue.
   ForceSystem(const Model& model, const Material& material, Precision precision = Precision::double_);
-  /// Several; the paper's scheme takes the first.
+  /// Several tissues; the paper's scheme uses the first.
   ForceSystem(const Model& model, const Tissues& tissues, Precision precision = Precision::double_);
 
   using Nodal = dimple::Nodal;
 
-  /// What a sweep met: the smallest J of all points and where. Not ok if it is not positive, or not a number.
+  /// Worst point of a sweep: smallest J and its point. Not ok if J is not finite, or not positive where it
+  /// must be.
   struct Sweep {
     double J_min = 1.0;
     Index point = -1;
     Index inverted = 0;            ///< points with J <= 0
     bool may_be_inverted = false;  ///< the energy is defined there, and a solver may pass through
     bool ok() const {
-      // Not J_min > 0 || (may_be_inverted && J_min <= 0): GCC 12 makes that true for what is no number.
+      // Not J_min > 0 || (may_be_inverted && J_min <= 0): GCC 12 makes that true for NaN.
       return std::isfinite(J_min) && (may_be_inverted || J_min > 0.0);
     }
   };
@@ -78,9 +79,9 @@ class ForceSystem {
   std::unique_ptr<const ProjectedKernel<double>> double_;
 };
 
-/// What the force depends on beside the displacements: the history of viscoelastic tissue and pressures that
-/// are held; and what the last sweep has left. Starts at rest and relaxed. Copies are apart from each other.
-/// Nothing is allocated after construction, but for energies and lists that are asked for.
+/// State of the force besides the displacements: viscoelastic history, held pressures, and results of the
+/// last sweep. Starts at rest and relaxed. Copies are independent. Only energies and lists allocate after
+/// construction.
 class ForceState {
  public:
   using Sweep = ForceSystem::Sweep;
@@ -90,10 +91,11 @@ class ForceState {
   const ForceSystem& system() const { return *system_; }
 
   /// f [4xN] N = force with which the tissue resists displacement u [4xN] m: the gradient of the stored
-  /// energy. Where a point is inverted its stress is left at zero and the sweep says so; it never throws.
+  /// energy. Without patches inverted points have no stress, and the sweep reports them; it never throws.
   Sweep internal_force(const Nodal& u, Nodal& f);
 
-  /// The two sweeps apart, for a caller that does more with nodes [first, last) once their force is known.
+  /// The two sweeps separately, for a caller that does more with nodes [first, last) once their force is
+  /// known.
   Sweep stress_sweep(const Nodal& u);
   std::int64_t sweeps() const { return sweeps_; }  ///< so far
   void gather_sweep(Nodal& f, const std::function<void(Index first, Index last)>& then) const;
@@ -102,27 +104,26 @@ class ForceState {
   /// above. `hourglass`: the part of it in what averaged gradients leave out (GradientVariance) [J].
   double stored_energy(const Nodal& u, double* hourglass = nullptr);
 
-  /// Of the last sweep: J - 1 of point q; F [9 x Q] and first Piola-Kirchhoff stress [9 x Q] Pa at every
-  /// point, column-major 3x3 matrices.
+  /// Results of the last sweep: J - 1 of point q; F [9 x Q] and first Piola-Kirchhoff stress [9 x Q] Pa at
+  /// every point, column-major 3x3 matrices.
   double dilation(Index q) const;
   Eigen::Matrix<double, 9, Eigen::Dynamic> deformation_gradients() const;
   Eigen::Matrix<double, 9, Eigen::Dynamic> stresses() const;
 
-  /// A step of dt [s] of viscoelastic tissue begins, or has ended at u. Elastic tissue does not notice.
+  /// Begins a step of dt [s] of viscoelastic tissue, or ends it at u. Elastic tissue is not affected.
   void begin_step(double dt);
   void accept_step(const Nodal& u);
-  /// All that accepted steps have left, for a state that is kept. Throws std::invalid_argument: too few
-  /// numbers.
+  /// History of accepted steps. Throws std::invalid_argument: too few numbers.
   std::vector<double> past() const;
   void restore_past(const std::vector<double>& past);
 
-  /// Of the converging scheme: the patches' pressures as unknowns of their own. See ProjectedKernel.
+  /// Makes the patches' pressures independent unknowns, in the converging scheme only. See ProjectedKernel.
   void hold_pressures(const Eigen::VectorXd& pressure);
-  /// Of the same scheme, held or not: what presses on all of the surface and follows it [Pa]. Its forces are
-  /// those of one more pressure in all of the tissue, to the last digit. As forces on the surface's triangles
-  /// they would differ where the surface is bent, by more than tissue resists with that is softer than that.
+  /// Applies a following pressure on the entire surface [Pa], in the converging scheme only, as one more
+  /// pressure in all of the tissue: the forces agree to the last digit. Forces on the surface's triangles
+  /// would differ where the surface is curved, by more than soft tissue can resist.
   void press_around(double pressure);
-  double pressure_around() const;  ///< that is so; stresses() have it in them
+  double pressure_around() const;  ///< that pressure; stresses() include it
   struct Patches {
     Eigen::VectorXd dilation, bulk;  ///< [patches] J_b - 1; [Pa]
   };

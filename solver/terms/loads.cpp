@@ -20,7 +20,7 @@ class DeadLoad : public ForceTerm {
   Nodal force_;
 };
 
-// [3xV] m: where the patch's corners are.
+// [3xV] m: positions of the patch's corners.
 Points moved(const SurfacePatch& patch, const Nodal& u) {
   Points corner = patch.corner;
   const auto& [rows, weight] = patch.at_corner;
@@ -30,8 +30,8 @@ Points moved(const SurfacePatch& patch, const Nodal& u) {
   return corner;
 }
 
-// [4xN] N of a pressure of 1 Pa with the corners there: as surface_integrals() has them, so that a body under
-// the same pressure everywhere has no forces on its nodes but those that its stress balances.
+// [4xN] N of a pressure of 1 Pa on these corners, by the rule of surface_integrals(): a uniform pressure then
+// balances a uniform stress exactly.
 Nodal unit_pressure(const SurfacePatch& patch, const Points& corner, Index nodes) {
   Nodal force = Nodal::Zero(4, nodes);
   const auto& [rows, weight] = patch.at_middle;
@@ -45,8 +45,8 @@ Nodal unit_pressure(const SurfacePatch& patch, const Points& corner, Index nodes
   return force;
 }
 
-// Where the patch's rim moves there is no energy: what counts is the work, by the mean of the forces at both
-// ends of each step.
+// A following pressure on a patch with a moving edge has no energy. Its work is used instead, by the mean of
+// the forces at both ends of each step.
 class FollowingPressure : public ForceTerm {
  public:
   FollowingPressure(SurfacePatch patch, double pressure, bool around, Index nodes)
@@ -94,7 +94,7 @@ class FollowingPressure : public ForceTerm {
 Nodal lost_buoyancy(const Model& model, const FluidLost& fluid) {
   Eigen::VectorXd mass = Eigen::VectorXd::Zero(model.node_count());
   for (Index q = 0; q < model.point_count(); ++q) {
-    // A cell stands for a box: its second moment along `up` is a third of half its height, squared.
+    // A cell counts as a box: its second moment along `up` is a third of half its height, squared.
     const double half =
         model.second_moments.cols() > 0
             ? std::sqrt(3.0 * std::max(0.0, fluid.up.dot(as_matrix(model.second_moments, q) * fluid.up)))

@@ -14,13 +14,13 @@ struct SurfacePressure {
   SurfacePatch patch;
   double pressure = 0.0;  ///< [Pa]
   bool follows =
-      true;  ///< it acts on the deformed surface along its normals; false: on that at rest, and stays so
-  bool around = false;  ///< on all of the surface
+      true;  ///< normal to the deformed surface at every state; false: dead, normal to the surface at rest
+  bool around = false;  ///< on the entire surface
 };
 
-/// A fluid in which the body lay in equilibrium with its weight, and whose level has fallen: what then acts
-/// is the buoyancy that is lost above the level. (Its pressure is gone there too, and lower by the same
-/// amount everywhere below: in incompressible tissue that moves nothing more.)
+/// A fluid in which the body was in equilibrium with its weight, and whose level has fallen: the lost
+/// buoyancy above the level acts. (The pressure below falls by the same amount everywhere, which does not
+/// move incompressible tissue.)
 struct FluidLost {
   Vec3 up = Vec3::UnitZ();     ///< unit vector, against gravity
   double level = 0.0;          ///< along it, of the fluid that is left [m]
@@ -28,7 +28,7 @@ struct FluidLost {
   double acceleration = 9.81;  ///< [m/s^2]
 };
 
-/// [4xN] N: of each integration point its nodes bear what of its cell is above the level.
+/// [4xN] N: the nodes of each integration point bear the part of its cell above the level.
 Nodal lost_buoyancy(const Model& model, const FluidLost& fluid);
 
 /// A dead load per reference volume of all tissue that varies linearly in space.
@@ -43,7 +43,7 @@ struct BodyForce {
 /// functions at the integration points, of point_interpolation().
 Nodal nodal_force(const Model& model, const Interpolation& to_points, const BodyForce& body);
 
-/// What acts on a body before a tool touches it, and goes on acting.
+/// Loads that act before first contact of the tool and continue to act.
 struct Loads {
   Vec3 gravity = Vec3::Zero();  ///< [m/s^2]
   std::vector<SurfacePressure> pressure;
@@ -57,12 +57,12 @@ struct Loads {
   bool none() const {
     return gravity.isZero(0.0) && pressure.empty() && membrane.empty() && !fluid && body_force.empty();
   }
-  /// Whether the body comes to rest under it first: a membrane without tension leaves it where it is.
+  /// True if the loads displace the body before the tool moves; a membrane without tension does not.
   bool move_the_body() const;
 };
 ForceTerms make_terms(const Model& model, const Loads& loads);
 
-/// Forces [4xN] N that stay what they are: energy -force . u.
+/// Constant forces [4xN] N, with the energy -force . u.
 std::unique_ptr<ForceTerm> dead_load(Nodal force);
 
 }  // namespace dimple

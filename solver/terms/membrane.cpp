@@ -9,6 +9,18 @@
 #include <map>
 #include <utility>
 
+// Membrane forces:
+// 1. Corners x_v = X_v + sum_a phi_a(X_v) u_a.
+// 2. F [3x2] of each triangle from its edges now and at rest; C = F' F.
+// 3. Principal stretches l1 >= l2 of C. It wrinkles if l2 is less than that of a strip free across, and is
+//    slack if the strip is not stretched.
+// 4. S = (h mu + T) I - h mu C^-1 / det C; wrinkled: the strip's stress along l1 alone; slack: 0.
+// 5. Forces of the corners by area P = area F S; each corner sums its triangles in one order.
+// 6. f_a += sum_v phi_a(X_v) f_v.
+//
+// Source:   Pipkin 1986 (relaxed energy).
+// Departs:  a tension T at rest is added, also to the strip.
+
 namespace dimple {
 namespace {
 
@@ -75,8 +87,8 @@ class Film : public ForceTerm {
     bound.directed.insert(bound.directed.end(), between_.begin(), between_.end());
   }
 
-  // In its plane as in stiffness_between(), out of it what its stress S holds it with, A G.S G: a taut film
-  // is stiff there too.
+  // In its plane as in stiffness_between(), out of it by its stress S, A G.S G: a taut film is stiff there
+  // too.
   void add_node_stiffness(const Nodal& u, NodeStiffness& sum) const override {
     const Points corner = moved(u);
     const double shear = stiff();
@@ -95,7 +107,7 @@ class Film : public ForceTerm {
     }
   }
 
-  // Nobody holds it but the tissue.
+  // Only the tissue holds it.
   bool is_load() const override { return false; }
 
  private:
@@ -112,8 +124,8 @@ class Film : public ForceTerm {
   };
   std::vector<Gradient> gradient_;  // of triangle k from first_gradient_[k] on, in order of the nodes
   std::vector<std::size_t> first_gradient_;
-  CompressedRows of_corner_;  // 3 k + i: it is corner i of triangle k
-  CompressedRows of_node_;    // the corners that a node has a share in, and which
+  CompressedRows of_corner_;  // 3 k + i: corner i of triangle k
+  CompressedRows of_node_;    // corners to which a node contributes
   Eigen::VectorXd weight_of_node_;
 
   template <class Do>
@@ -143,7 +155,7 @@ class Film : public ForceTerm {
     }
   }
 
-  // Who adds to a corner's force, and to a node's: each is then summed by itself, in one order.
+  // Lists of the terms of each corner's and each node's force, which are summed in one order.
   void find_sums() {
     const Triangles& triangles = film_.patch.triangles;
     const CompressedRows corners{
@@ -158,10 +170,10 @@ class Film : public ForceTerm {
     weight_of_node_ = weight(place);
   }
 
-  // What shears it, in all directions alike: A shear |grad u|^2, the sum over a triangle's edges of cot / 2
-  // (u_i - u_j)^2. What it stretches is up to four times as stiff and what bends it not at all; four times in
-  // all directions takes more steps. A difference of corners is one of their nodes: with D = w_i - w_j, which
-  // sums to nothing, (sum D_a u_a)^2 <= sum of D+_a D-_b (u_a - u_b)^2.
+  // Bound by isotropic shear: A shear |grad u|^2, the sum over a triangle's edges of cot / 2 (u_i - u_j)^2.
+  // Stretching is up to four times as stiff and bending not at all; a factor of four in all directions takes
+  // more steps. With D = w_i - w_j, whose sum is zero, (sum D_a u_a)^2 <= sum of D+_a D-_b (u_a - u_b)^2
+  // turns edges of corners into edges of nodes.
   std::vector<StiffnessBound::Edge> stiffness_between() const {
     const double shear = stiff();
     std::map<std::pair<int, int>, double> corners, nodes;
@@ -170,7 +182,7 @@ class Film : public ForceTerm {
         const auto a = static_cast<int>(t[(i + 1) % 3]), b = static_cast<int>(t[(i + 2) % 3]);
         const Vec3 x = film_.patch.corner.col(a) - film_.patch.corner.col(t[i]),
                    y = film_.patch.corner.col(b) - film_.patch.corner.col(t[i]);
-        // Obtuse angles count nothing: they only soften.
+        // Obtuse angles are left out: they only soften.
         corners[std::minmax(a, b)] += 0.5 * std::max(0.0, x.dot(y) / x.cross(y).norm());
       }
     const auto& [rows, weight] = film_.patch.at_corner;
@@ -189,8 +201,8 @@ class Film : public ForceTerm {
     return result;
   }
 
-  // How a film that wrinkles is stretched: along `way` alone where it is shorter across than a strip of it
-  // would be, not at all where it is shorter in all directions.
+  // Stretch state of a film that wrinkles: taut in all directions; taut along `way` alone, if it is shorter
+  // across than a strip of it; or slack.
   enum class Taut { in_all_directions, in_one, nowhere };
   struct Stretched {
     Taut taut = Taut::in_all_directions;
@@ -206,7 +218,7 @@ class Film : public ForceTerm {
                  ratio = shear() / stiff();
     if (least2 * most > std::sqrt(ratio)) return {};
     if (most * most * most <= std::sqrt(ratio)) return {Taut::nowhere};
-    // The longer of the two columns of C - least2 I, both along the way.
+    // The longer of the two columns of C - least2 I, both along `way`.
     const Eigen::Vector2d way =
         half > 0.0 ? Eigen::Vector2d(half + off, C(0, 1)) : Eigen::Vector2d(C(0, 1), off - half);
     return {Taut::in_one, most, way.normalized()};
@@ -219,7 +231,7 @@ class Film : public ForceTerm {
     if (now.taut == Taut::in_one) return 0.5 * stiff() * now.most * now.most + mixed / now.most - at_rest;
     return 0.5 * stiff() * C.trace() + 0.5 * shear() / C.determinant() - at_rest;
   }
-  // Times the thickness [N/m], of second Piola and Kirchhoff.
+  // Second Piola-Kirchhoff stress times the thickness [N/m].
   Eigen::Matrix2d second_stress(const Plane& F) const {
     const Eigen::Matrix2d C = F.transpose() * F;
     const Stretched now = stretched(C);

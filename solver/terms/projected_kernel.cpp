@@ -25,12 +25,25 @@
 //                                                                        v
 //   at_node   | x y z 0 | x y z 0 | ...  places of block 0 | x y z 0 | ...  places of block 1 | ...
 //
-// Every node (and patch) that a block meets has a place there of the block's own: one thread copies
-// displacements into it and then adds up forces in it. Last, every node sums its places, in their order: the
-// bits are the same for any number of threads.
+// Every node (and patch) of a block has a place of this block alone: one thread copies displacements into it
+// and then adds up forces in it. Every node then sums its places in order, with the same bits for any number
+// of threads.
 //
-// One sweep: places <- u; gradients, F - I and J - 1; spread and means, the pressures that patches give;
-// stresses, V P; scatter, forces into places. gather() makes f of them.
+// Internal force of moving least squares with pressure patches; stress_sweep() is 1 to 6, gather() 7 and 8:
+//  1. Copy u to the places of each block.
+//  2. F_q = I + sum_a u_a (x) dphi_qa with the mean gradients of cell q; J_q - 1 without loss of digits.
+//  3. J_b = sum_q psi_b V_q J_q / V_b, the volume ratio of each patch; J~_q = sum_b psi_b(q) J_b.
+//  4. p_q = ks (J_q - 1) + (kappa - ks) (J~_q - 1) + r_q,   r_q = 2 ks beta (J_q - J~_q)^3.
+//     A held pressure of patch b replaces its (kappa - ks) (J_b - 1).
+//  5. p_q -= sum_b psi_b(q) r_b, r_b the patch mean of r_q: the derivative of J~ in the quartic term.
+//  6. P_q = c P_dist(F_q) + F_q K_q + p_q cof F_q (elastic: c = 1, K = 0); V_q P_q dphi_qa to the places.
+//  7. f_a = sum of the places of node a, in their order.
+//  8. f_a += mu c sum_b K_ab u_b of the gradient variance, and its viscoelastic history.
+// Without patches 3 and 5 are left out, and p_q = ks (J_q - 1).
+//
+// Source:   Horton et al. 2007, section 2.2 (1, 2, 6, 7); Chen et al. 2001 (mean gradients); Dohrmann and
+//           Bochev 2004 (the size of ks).
+// Departs:  patches, the quartic term and the gradient variance are our own; see the header.
 
 namespace dimple {
 namespace {
@@ -87,8 +100,7 @@ typename ProjectedKernel<Real>::State ProjectedKernel<Real>::at_rest() const {
   return s;
 }
 
-// In turns from the first block to the last and from the last to the first: each pass begins with what the
-// last one has left in the cache.
+// Runs over the blocks forwards and backwards in turn: each pass begins with blocks still in the cache.
 template <class Real>
 template <class Body>
 void ProjectedKernel<Real>::over_blocks(State& s, const Body& body) const {
@@ -104,7 +116,7 @@ void ProjectedKernel<Real>::over_blocks(State& s, const Body& body) const {
   s.backward = !s.backward;
 }
 
-// What the blocks have added up: each patch's mean.
+// Mean over each patch, from the sums of its blocks.
 template <class Real>
 void ProjectedKernel<Real>::sum_patches(const State& s, std::vector<Real>& patch) const {
   for (std::size_t b = 0; b < patch.size(); ++b) {
@@ -120,7 +132,7 @@ void ProjectedKernel<Real>::point_stresses(const State& s, Index first, Index la
   if (plain_) {
     Loops::neo_hookean_stresses(s.gradient.data(), s.dilation.data(), s.pressure.data(), mu_.data(),
                                 volume_.data(), stress, first, last, smallest_J_, slope_);
-    if (patches_ == 0)  // inverted, or not a number: no stress there, and the driver stops the run
+    if (patches_ == 0)  // inverted or not finite: no stress there; the march stops
       for (auto q = static_cast<std::size_t>(first); q < static_cast<std::size_t>(last); ++q)
         if (!(s.dilation[q] > Real(-1)) || !std::isfinite(s.dilation[q]))
           stress[q - static_cast<std::size_t>(first)] = {};
@@ -139,8 +151,8 @@ void ProjectedKernel<Real>::point_stresses(const State& s, Index first, Index la
   }
 }
 
-// Without patches a point's force needs nothing of other points: a few at a time, their pairs are still in
-// the innermost cache when their forces go back to the nodes.
+// Without patches the force of a point depends on no other point: small groups of points keep their data in
+// the innermost cache.
 template <class Real>
 void ProjectedKernel<Real>::pointwise_forces(State& s, Index first, Index last, std::size_t from,
                                              std::size_t to) const {
@@ -225,7 +237,7 @@ struct ProjectedKernel<Real>::OfBlock {
     for (std::size_t p = from; p < to; ++p)
       s.at_patch[p] = patch[static_cast<std::size_t>(k.patches_of_block_.member[p])];
   }
-  // To the sums of its patches, of a value at each point.
+  // Adds a value at each point to the sums of its patches.
   void spread(const LongVector<Real>& value) const {
     const auto [from, to] = range(k.patches_of_block_);
     std::fill_n(s.octet_sum.data() + 8 * from, 8 * (to - from), Real(0));
@@ -239,8 +251,7 @@ struct ProjectedKernel<Real>::OfBlock {
     }
   }
 
-  // From the volumes of its patches. Pressures that are unknowns of their own take the place of what the bulk
-  // modulus makes of the volume.
+  // Pressures from the volumes of its patches. Held pressures replace the term of the bulk modulus.
   void pressures() const {
     Means mean;
     take(s.patch_dilation);
@@ -263,7 +274,7 @@ struct ProjectedKernel<Real>::OfBlock {
     for (std::size_t q = begin; q < end; ++q) s.pressure[q] += mean[q - begin];
   }
 
-  // The pressures less the patches' means of what no patch resolves; then the forces.
+  // Subtracts the patch means of the unresolved part from the pressures; then the forces.
   void forces() const {
     Means mean;
     take(s.patch_unresolved);
@@ -334,7 +345,7 @@ void ProjectedKernel<Real>::gather(const State& s, double* f, Index first, Index
 template <class Real>
 double ProjectedKernel<Real>::stored_energy(State& s, const double* u, double* hourglass) const {
   stress_sweep(s, u);
-  std::vector<double> of_block(s.block.size(), 0.0);  // summed up in their order, whoever made them
+  std::vector<double> of_block(s.block.size(), 0.0);  // summed in order, for the same bits
   over_blocks(s, [&](Index block, Index first, Index last) {
     for (auto q = static_cast<std::size_t>(first); q < static_cast<std::size_t>(last); ++q) {
       const Material& m = material_[static_cast<std::size_t>(tissue_[q])];
@@ -348,7 +359,7 @@ double ProjectedKernel<Real>::stored_energy(State& s, const double* u, double* h
   double energy = std::accumulate(of_block.begin(), of_block.end(), 0.0);
   for (std::size_t b = 0; b < patch_volume_.size(); ++b) {
     const double e = s.patch_dilation[b], bulk = s.patch_bulk[b];
-    // Of a held pressure: what is stationary both in it and in u (Hellinger and Reissner).
+    // Held pressures use the Hellinger-Reissner energy, which is stationary in pressure and in u.
     energy += patch_volume_[b] *
               (s.held.empty() ? 0.5 * bulk * e * e : s.held[b] * e - 0.5 * s.held[b] * s.held[b] / bulk);
   }
@@ -369,8 +380,7 @@ void ProjectedKernel<Real>::begin_step(State& s, double dt) const {
   if (plain_) return;
   s.step = dt;
   for (ViscousHistory& history : s.history) history.begin_step(dt);
-  // ks follows what is left of the shear modulus: after a load that grew evenly until now, the c of one long
-  // step.
+  // ks follows the relaxed shear modulus: the factor c of one long step, as after a load that grew evenly.
   std::vector<double> ks;
   for (Material now : material_) {
     now.mu *= prony_step(now, s.elapsed + dt).c;
@@ -455,7 +465,7 @@ void ProjectedKernel<Real>::restore_past(State& s, const std::vector<double>& pa
   });
 }
 
-// A patch lies in one tissue: that of any of its points.
+// A patch has one tissue: that of any of its points.
 template <class Real>
 void ProjectedKernel<Real>::find_patch_bulk(State& s) const {
   for (std::size_t b = 0; b < s.patch_bulk.size(); ++b)
@@ -522,7 +532,7 @@ void ProjectedKernel<Real>::gradients_at(Index q, std::vector<int>& node, Points
   for (std::int32_t e = point_offset_[at]; e < point_offset_[at + 1]; ++e)
     for (int i = 0; i < 4; ++i) {
       const Quad& quad = quad_[static_cast<std::size_t>(e)];
-      if (i > 0 && quad.twice[i] == quad.twice[0]) continue;  // filled up
+      if (i > 0 && quad.twice[i] == quad.twice[0]) continue;  // padding
       for (int axis = 0; axis < 3; ++axis)
         dphi(axis, static_cast<Index>(node.size())) = static_cast<double>(quad.d[i][axis]);
       node.push_back(member[quad.twice[i] / 2]);

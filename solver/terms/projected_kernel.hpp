@@ -10,12 +10,12 @@
 
 namespace dimple {
 
-/// Points that lie one after the other and are the work of one thread at a time; without patches, so many of
-/// them at once go from displacements to forces.
+/// Consecutive points that one thread computes together; and number of them that go from displacements to
+/// forces at once, without patches.
 constexpr Index points_per_block = 256;
 constexpr Index points_at_once = 32;
 
-/// What each point is made of.
+/// Materials, and the tissue of each point.
 struct Tissues {
   std::vector<Material> material;
   Eigen::VectorXi of_point;  ///< [Q] number in `material`
@@ -24,7 +24,7 @@ struct Tissues {
 /// The stored energy of the converging scheme and its forces; Real is float or double. Without patches: the
 /// paper's scheme, ks = kappa at every point and no last term.
 ///
-/// With F_q the mean of the deformation gradient over cell q, J_q = det F_q, psi_b the patches' shares:
+/// With F_q the mean of the deformation gradient over cell q, J_q = det F_q, psi_b the patches' weights:
 ///
 ///     J_b  = sum_q psi_b V_q J_q / V_b            the volume ratio that the bulk modulus acts on
 ///     J~_q = sum_b psi_b(q) J_b                    what of J_q the patches resolve
@@ -34,11 +34,10 @@ struct Tissues {
 ///       + mu/2 sum_cells V (mean|F|^2 - |mean F|^2)
 ///
 /// Forces are its exact derivative, so energy, momentum and angular momentum are kept as by any hyperelastic
-/// body. Each term and why it is there:
+/// body. Purpose of each term:
 ///
 /// - W_dist at the cell's mean gradient: with means, the sum of nodal forces of any constant stress vanishes
-///   at inner nodes wherever the cells lie (the patch test), as by surface integrals in SCNI (Chen et al.
-///   2001).
+///   at inner nodes for any cells (the patch test), as by surface integrals in SCNI (Chen et al. 2001).
 /// - the last term: what the mean leaves out of mu/2 |F|^2. It is quadratic, so it is integrated once,
 ///   beforehand, with all eight places of every cell: no zero-energy modes, and no softening with larger
 ///   cells.
@@ -48,9 +47,8 @@ struct Tissues {
 ///   size of the stabilisation in Dohrmann & Bochev 2004. In viscoelastic tissue it falls with the shear
 ///   modulus.
 /// - beta = 1, quartic: keeps J_q from leaving the patch's mean by much more than 1/sqrt(beta) at a sharp
-///   rim, where the strain is unbounded; of no weight elsewhere. From collapse W_dist keeps it, below its J0;
-///   from growth nothing else would: with beta = 0 points swell until they are no numbers. A choice, not a
-///   theory.
+///   edge, where the strain is unbounded; elsewhere it is negligible. W_dist prevents collapse, below its J0;
+///   against growth there is nothing else: with beta = 0 points swell without limit. A choice, not a theory.
 template <class Real>
 class ProjectedKernel {
  public:
@@ -63,21 +61,21 @@ class ProjectedKernel {
     bool finite = true;
   };
 
-  /// Of viscoelastic tissue's variance of gradients, as ViscousHistory.
+  /// Viscoelastic history of the variance of gradients, as ViscousHistory.
   struct VariancePast {
     std::vector<double> force;  ///< [4xN] constant part of the force during a step
     std::vector<double> h, f0;  ///< [4xN x terms], [4xN]: history
   };
 
-  /// All that changes: the history of viscoelastic tissue, held pressures, and what the last sweep has left.
+  /// Everything that changes: viscoelastic history, held pressures, and results of the last sweep.
   struct State {
     std::vector<ViscousHistory> history;  ///< by tissue
     std::vector<VariancePast> variance;   ///< as the kernel's
-    double elapsed = 0.0, step = 0.0;     ///< [s] until the last accepted step, and of the one under way
+    double elapsed = 0.0, step = 0.0;     ///< [s] until the last accepted step; of the current step
     LongVector<Real> ks, bulk;            ///< [Q]; bulk = kappa - ks
     std::vector<double> patch_bulk;       ///< [patches]
     std::vector<Real> held;               ///< [patches] pressures, or empty
-    Real around = 0;  ///< of what presses on all of the surface, of models with patches [Pa]
+    Real around = 0;                      ///< pressure on the entire surface, with patches only [Pa]
 
     std::vector<Real> octet_sum;    ///< [8 x places of patches]
     std::vector<double> place_sum;  ///< [places of patches]
@@ -88,7 +86,7 @@ class ProjectedKernel {
     LongVector<Real> dilation, pressure, unresolved;  ///< [Q]
     std::vector<Real> patch_dilation, patch_unresolved;
     std::vector<Sweep> block;
-    bool backward = false;  ///< the next pass over the blocks begins where the last has left its numbers
+    bool backward = false;  ///< direction of the next pass over the blocks
   };
   State at_rest() const;
 
@@ -101,16 +99,16 @@ class ProjectedKernel {
   /// Starts a step of a viscoelastic material, dt [s]; accept() makes u the end of that step.
   void begin_step(State& s, double dt) const;
   void accept(State& s, const double* u) const;
-  /// What accepted steps have left, number by number.
+  /// History of accepted steps as a list of numbers.
   std::vector<double> past(const State& s) const;
   void restore_past(State& s, const std::vector<double>& past) const;
 
-  /// From now on patch b has this pressure [Pa] instead of the one that its volume gives it; empty: no
-  /// longer. For solvers that look for pressures and displacements together.
+  /// Holds each patch at this pressure [Pa] instead of that of its volume; empty: releases them. For searches
+  /// with pressures as unknowns.
   void hold(State& s, const Eigen::VectorXd& pressure) const {
     s.held.assign(pressure.begin(), pressure.end());
   }
-  /// What linearises the last stress_sweep. [patches]: J_b - 1, and the bulk modulus that acts on it [Pa].
+  /// Linearisation of the last stress_sweep. [patches]: J_b - 1, and the bulk modulus that acts on it [Pa].
   void patch_state(const State& s, Eigen::VectorXd& dilation, Eigen::VectorXd& bulk) const;
   /// [4 x nodes.member] dJ_b / du_a, patch by patch [1/m].
   void patch_gradients(const State& s, const CompressedRows& nodes, Eigen::Matrix4Xf& gradient) const;
@@ -135,9 +133,8 @@ class ProjectedKernel {
     std::vector<std::int32_t> offset;
     LongVector<Share> share;
   };
-  // Which members (nodes, patches) each block of points meets, all blocks end to end: each place is one
-  // number of one block's own. Blocks write only there; then every member sums its places, in their order. So
-  // no two threads write to one place, and sums have the same order for any number of threads.
+  // Members (nodes, patches) of each block of points, all blocks end to end. Each block writes only to its
+  // own places; every member then sums its places in order, which is the same for any number of threads.
   struct Places {
     std::vector<std::int32_t> offset, member;    // [blocks + 1], [places]
     std::vector<std::int32_t> of_offset, place;  // [members + 1], of each member
@@ -152,8 +149,8 @@ class ProjectedKernel {
   std::vector<std::int32_t> tissue_;  // [Q]
   bool plain_ = true;                 // all neo-Hookean and elastic
   std::vector<std::int32_t> point_offset_;
-  LongVector<Quad> quad_;  // by point, the last filled up; numbers are places less the block's first
-  // Of eight points together: their patches' numbers within the block, and psi [8 x members].
+  LongVector<Quad> quad_;  // by point, the last padded; places relative to the block
+  // Lists of eight points: their patches' numbers within the block, and psi [8 x members].
   std::vector<std::int32_t> octet_offset_, octet_number_;
   LongVector<Real> octet_weight_;
   Lists of_patch_;  // points; psi V / V_b
@@ -173,7 +170,7 @@ class ProjectedKernel {
   void lay_out_points(const Model& model);
   void lay_out_variance(const Model& model);
   void pointwise_forces(State& s, Index first, Index last, std::size_t from, std::size_t to) const;
-  // Every place of what past() lists, in its order.
+  // Visits all that past() lists, in its order.
   template <class OfState, class Visit>
   static void visit_past(OfState& s, const Visit& visit);
   double unresolved_dilation(const State& s, std::size_t q) const;

@@ -90,14 +90,14 @@ void ProjectedKernel<Real>::lay_out_supports(const Model& model) {
   }
 }
 
-// Of eight points together, and of each patch.
+// Lists of patches of each octet of points, and of points of each patch.
 template <class Real>
 void ProjectedKernel<Real>::lay_out_patches(const Model& model) {
   const CompressedRows& of_point = model.patches.of_point;
   std::vector<std::int32_t> local;
   number_blocks(of_point, patches_, patches_of_block_, local);
   octet_offset_.push_back(0);
-  octet_weight_.reserve(4 * local.size());  // as much as it takes, about: eight points share a good half
+  octet_weight_.reserve(4 * local.size());  // about: eight points have half in common
   for (Index q = 0; q < points_; q += 8) {
     if (q % 16384 == 0) stop_if_asked();
     const auto start = static_cast<std::ptrdiff_t>(octet_offset_.back());
@@ -137,7 +137,7 @@ void ProjectedKernel<Real>::lay_out_variance(const Model& model) {
   }
 }
 
-// What each point has of its own.
+// Volume, shear modulus and slot of each point.
 template <class Real>
 void ProjectedKernel<Real>::lay_out_points(const Model& model) {
   points_of_tissue_.assign(material_.size(), 0);
@@ -148,7 +148,7 @@ void ProjectedKernel<Real>::lay_out_points(const Model& model) {
     slot_.push_back(static_cast<std::int32_t>(points_of_tissue_[t]++));
     plain_ = plain_ && is_plain(material_[t]);
   }
-  // Whole octets: what no point has is zero.
+  // Whole octets, padded with zeros.
   for (auto* values : {&volume_, &mu_})
     values->resize(static_cast<std::size_t>(points_ + 7) / 8 * 8, Real(0));
 }

@@ -15,8 +15,8 @@ using namespace wide;  // the vector verbs
 template <class Real>
 constexpr int ahead = sizeof(Real) == 4 ? 24 : 12;  // quads fetched before they are needed
 
-// F - I of points [first, last), first a multiple of eight; the last octet is filled up with zeros. `nodes`
-// of a quad are taken at once, and each adds to a sum of its own (of doubles, every second one to the same):
+// F - I of points [first, last), first a multiple of eight; the last octet is padded with zeros. `nodes` of a
+// quad are computed at once, and each adds to a sum of its own (of doubles, every second one to the same):
 // any number gives the same sums in the same order, and no addition waits for the one just before.
 template <class Real, int nodes>
 [[gnu::always_inline]] inline void gradient_body(const ProjectedQuad<Real>* quad, const std::int32_t* offset,
@@ -41,7 +41,7 @@ template <class Real, int nodes>
         }
       }
       for (int j = 0; j < 3; ++j) {
-        // Written out: sums that a loop runs over would lie in memory all the time.
+        // Unrolled: sums in a loop would stay in memory.
         if constexpr (sums == 4) sum[j][0] += sum[j][2], sum[j][1] += sum[j][3];
         if constexpr (sums > 1) sum[j][0] += sum[j][1];
         column[j][lane] = sum_of_nodes<Real, nodes>(sum[j][0]);
@@ -98,8 +98,7 @@ template <class Real, int nodes>
 [[gnu::always_inline]] inline void scatter_body(const ProjectedQuad<Real>* quad, const std::int32_t* offset,
                                                 const ProjectedColumns<Real>* stress, Real* f, Index first,
                                                 Index last) {
-  // The gradients that come next read most likely what follows: fetched here, where the pairs themselves are
-  // at hand.
+  // Prefetch: the next gradients most likely use the data that follows in memory.
   const std::int32_t next = offset[last] - offset[first];
   for (Index q = first; q < last; ++q) {
     const auto& column = stress[q - first].column;
@@ -129,7 +128,7 @@ DIMPLE_AVX512 void avx512_scatter(const ProjectedQuad<float>* quad, const std::i
   scatter_body<float, 4>(quad, offset, stress, f, first, last);
 }
 
-// By Newton's method.
+// J^(-1/3) by Newton's method.
 template <class Real, int count>
 [[gnu::always_inline]] inline Pack<Real, count> inverse_cube_roots(Pack<Real, count> J) {
   Pack<Real, count> root;
@@ -185,10 +184,9 @@ DIMPLE_CLONES void ProjectedLoops<Real>::neo_hookean_stresses(const Octet* gradi
     const Lanes low = g0 + below * (g1 + Real(0.5) * g2 * below), low_slope = g1 + g2 * below;
     const Lanes g = inverted ? low : power, slope = share * (inverted ? low_slope : power_slope);
 
-    // P = M g F + (pressure + M I1 slope / 2) cof F, where M (g F - g / (3 J) I1 cof F), all of it at rest,
-    // is the difference of numbers that are nearly alike: of small strains it would leave the rounding of 1.
-    // So of F = I + H and cof F = I + K what the two identities leave is taken together: g + I1 slope / 2 =
-    // (g / J) (J - 1 - stretch).
+    // P = M g F + (pressure + M I1 slope / 2) cof F. At small strains both parts of M nearly cancel, which
+    // would leave the rounding of 1. With F = I + H and cof F = I + K the two identities are combined first:
+    // g + I1 slope / 2 = (g / J) (J - 1 - stretch).
     const Lanes cofactor = Real(0.5) * I1 * slope;
     const Lanes direct = g + cofactor, upright = power * (root * root * root) * (e - stretch);
     const Lanes of_identity = share == Real(0) ? direct : inverted ? direct : upright;

@@ -41,9 +41,9 @@ struct ProjectedLoops {
   static void gradients(const Quad* quad, const std::int32_t* offset, const Real* u, Octet* gradient,
                         Real* dilation, Index first, Index last);
 
-  /// V P of neo-Hookean points, into `stress` from its beginning; `pressure` [Q] is the whole coefficient of
-  /// cof F but W_dist's, of which `share` is taken: none in the paper's printed stress. Below `least_J`
-  /// powers of J are Taylor polynomials.
+  /// V P of neo-Hookean points, into `stress` from its beginning; `pressure` [Q] is the coefficient of cof F
+  /// apart from that of W_dist, which is multiplied by `share`: 0 for the paper's printed stress. Below
+  /// `least_J` powers of J are Taylor polynomials.
   static void neo_hookean_stresses(const Octet* gradient, const Real* dilation, const Real* pressure,
                                    const Real* mu, const Real* volume, Columns* stress, Index first,
                                    Index last, Real least_J, Real share);
@@ -56,14 +56,15 @@ struct ProjectedLoops {
   static void variance_forces(const Share* share, const std::int32_t* offset, const Real* u, double scale,
                               double* f, Index first, Index last);
 
-  /// Eight points that follow each other have most of their patches in common: one list serves them. The mean
-  /// over each point's patches; and what `value` x volume x weight adds to each patch, eight sums a patch.
+  /// Eight consecutive points have most of their patches in common: one list serves them. The first computes
+  /// the mean over each point's patches; the second adds `value` x volume x weight to each patch, in eight
+  /// sums.
   static void means_of_patches(const std::int32_t* number, const Real* weight, const std::int32_t* offset,
                                const Real* patch, Real* mean, Index first, Index last);
   static void spread_to_patches(const std::int32_t* number, const Real* weight, const std::int32_t* offset,
                                 const Real* value, const Real* volume, Real* patch, Index first, Index last);
 
-  /// The smallest of eight points' J - 1 apart each, and whether all are numbers.
+  /// Smallest J - 1 in each of eight lanes; true if all values are finite.
   static bool least_dilations(const Real* dilation, Real* least, Index first, Index last);
 };
 

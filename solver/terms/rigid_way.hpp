@@ -12,22 +12,22 @@ inline Mat3 rotation(const Vec3& vector) {
   return angle > 0.0 ? Eigen::AngleAxisd(angle, vector / angle).toRotationMatrix() : Mat3::Identity().eval();
 }
 
-/// The other way round, of an angle of pi at most.
+/// Rotation vector of a rotation matrix, of an angle of pi at most.
 inline Vec3 rotation_vector(const Mat3& turned) {
   const Eigen::AngleAxisd whole(turned);
   return whole.angle() * whole.axis();
 }
 
-/// What a rigid thing does in a step of a scene: where its tip p and it itself R stand as the step begins,
-/// and how they go on, s [m] of the step's way later, about c = p + `arm`:
+/// Motion of a rigid body in a step of a scene. At the beginning its tip is at p and its rotation is R; after
+/// a path of s [m] about c = p + `arm` they are
 ///
 ///     p(s) = c + exp(s turn) (p - c) + s motion,   R(s) = exp(s turn) R
 struct RigidWay {
-  Vec3 come = Vec3::Zero();        ///< of the tip, from where it began [m]
-  Mat3 turned = Mat3::Identity();  ///< of the thing itself, from where it began
-  Vec3 motion = Vec3::Zero();      ///< [m] for each metre of the step's way
+  Vec3 come = Vec3::Zero();        ///< displacement of the tip since its first pose [m]
+  Mat3 turned = Mat3::Identity();  ///< rotation since the first pose
+  Vec3 motion = Vec3::Zero();      ///< [m] per metre of the path
   Vec3 turn = Vec3::Zero();        ///< rotation vector, likewise [rad]
-  Vec3 arm = Vec3::Zero();         ///< from the tip, as the step begins, to what it turns about [m]
+  Vec3 arm = Vec3::Zero();         ///< from the tip at the beginning to the centre of rotation [m]
 
   bool turns() const { return !turn.isZero(0.0); }
   bool has_turned() const { return turns() || turned != Mat3::Identity(); }

@@ -11,7 +11,7 @@ namespace {
 
 using Outline = std::vector<std::pair<double, double>>;  // radius and height above the tip
 
-// Rings of a quarter of a circle around a flat end; the first is the tip itself where there is none.
+// Rings of a quarter arc around a flat end. Without a flat part the tip is left out.
 Outline rounded_end(double radius, double rounded, Index rings) {
   Outline ring;
   const double flat = radius - rounded;
@@ -22,7 +22,7 @@ Outline rounded_end(double radius, double rounded, Index rings) {
   return ring;
 }
 
-// Height of the lower surface of an end that is rounded beside its flat part.
+// Height of the lower surface of an end that is rounded around its flat part.
 double height_of_end(double r, double radius, double rounded) {
   const double beside = std::max(0.0, r - (radius - rounded));
   return rounded - std::sqrt(std::max(0.0, rounded * rounded - beside * beside));
@@ -52,7 +52,7 @@ ToolShape round_ended(double R, double length) {
   return shape;
 }
 
-// A quarter plane, rounded: what lies within `radius` of the axis and above the tip.
+// Rounded quarter plane: all within `radius` of the axis and above the tip.
 ProfileDistance to_punch(double r, double z, double radius, double edge) {
   const double beside = r - (radius - edge), below = edge - z;
   if (beside > 0.0 && below > 0.0) {
@@ -62,8 +62,8 @@ ProfileDistance to_punch(double r, double z, double radius, double edge) {
   return beside > below ? ProfileDistance{beside - edge, 1.0, 0.0} : ProfileDistance{below - edge, 0.0, -1.0};
 }
 
-// A sphere that is tangent to a cone, both without an end: a sharp cone from the sphere's centre on, and all
-// that is within the sphere's radius of it.
+// A sphere tangent to a cone, both without an end: a sharp cone from the sphere's centre on, enlarged by the
+// sphere's radius.
 ProfileDistance to_blunted_cone(double r, double z, double angle, double tip) {
   const double up = z - tip, sine = std::sin(angle), cosine = std::cos(angle);
   if (r * sine + up * cosine < 0.0) return to_ball(r, z, tip, tip);
@@ -76,12 +76,12 @@ double height_of_cone(double r, double angle, double tip) {
   return height_of_end(junction, tip, tip) + (r - junction) / std::tan(angle);
 }
 
-// From the axis, of the profile's tangent where the shaft of that radius begins.
+// Angle of the profile's tangent to the plane across the axis, where the shaft of that radius begins.
 double slope_at_shaft(double angle, double tip, double radius) {
   return std::min(0.5 * std::numbers::pi - angle, std::asin(std::min(1.0, radius / tip)));
 }
 
-// The blunted cone within the shaft. Next to the rim between them the rim is the nearest place.
+// Blunted cone within the shaft. Near the edge between them the edge is the nearest place.
 ProfileDistance to_cone(double r, double z, double angle, double tip, double radius) {
   const double slope = slope_at_shaft(angle, tip, radius);
   const double beside = r - radius, above = z - height_of_cone(radius, angle, tip);
@@ -93,8 +93,7 @@ ProfileDistance to_cone(double r, double z, double angle, double tip, double rad
   return lower.distance > beside ? lower : ProfileDistance{beside, 1.0, 0.0};
 }
 
-// The farthest from the axis that the profile of a mesh is lower than that: of prongs or of a ring there is
-// nothing on the axis itself.
+// Largest radius at which the profile of a mesh is below a height: prongs and rings have nothing on the axis.
 double radius_at_height(const std::vector<double>& lower, double radius, double height) {
   constexpr double least = 0.02;  // of the radius
   const double step = radius / static_cast<double>(lower.size() - 1);
@@ -209,7 +208,7 @@ ToolShape field_shape(std::shared_ptr<const DistanceGrid> field, double size) {
   ToolShape shape{.kind = "field", .radius = size, .field = field};
   shape.distance = [field](const ToolPose&, const Vec3& d) -> ToolDistance {
     const Distance here = distance_in(*field, d);
-    const double steep = here.gradient.norm();  // nothing far from the surface, where nobody touches
+    const double steep = here.gradient.norm();  // 0 far from the surface, where there is no contact
     return {here.distance, steep > 0.0 ? Vec3(here.gradient / steep) : Vec3::UnitZ()};
   };
   return shape;

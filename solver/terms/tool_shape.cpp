@@ -36,7 +36,7 @@ double height_of_tool(const ToolShape& shape, double r) {
 
 namespace {
 
-// As far above its tip as a tool's upper end is known: of a shaft without an end, so many radii.
+// Height above the tip at which a tool is taken to end; a shaft without an end counts for some radii.
 double known_height(const ToolShape& shape) {
   constexpr double radii = 4.0;
   return std::isfinite(shape.length) ? shape.length : radii * shape.radius;
@@ -79,12 +79,12 @@ std::optional<double> half_space_force(const ToolShape& shape, double depth) {
   if (!shape.contact_force) return std::nullopt;
   if (!(depth > 0.0)) return 0.0;
   const double a = contact_radius(shape, depth);
-  // Where contact has come to the tool's side it grows no more: dF / d depth = 2 E* a.
+  // Once contact reaches the side of the tool, its radius is constant: dF / d depth = 2 E* a.
   return shape.contact_force(a) + 2.0 * a * std::max(0.0, depth - shape.contact_depth(a));
 }
 
 double share_of_first_work(const ToolShape& shape, double depth) {
-  constexpr int parts = 16;  // the middle of each, of a curve that is smooth
+  constexpr int parts = 16;  // midpoint rule on a smooth curve
   const std::optional<double> end = half_space_force(shape, depth);
   if (!end) return 0.5;
   double sum = 0.0;

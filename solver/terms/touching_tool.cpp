@@ -5,19 +5,34 @@
 #include <cmath>
 #include <limits>
 
+// Contact with a rigid tool or wall, for each sample s:
+// 1. Place x_s = X_s + sum_a phi_a(X_s) u_a; pose of the tool at the present depth.
+// 2. gap_s = signed distance to the tool, plus the distance by which its surface is set back; n_s its
+//    gradient.
+// 3. Normal force lambda_s n_s, set by the search for equilibrium.
+// 4. Friction: the anchor of a new contact is its predicted place of first contact (foresee()).
+// 5. slip_s: tangential part of x_s - tip - R anchor_s; |t_s| <= min(friction, 100) lambda_s, for new contact
+//    min(friction, 1).
+// 6. Accepted state: sliding samples get their present foot as anchor, no-slip ones keep theirs; dissipation
+//    is summed.
+//
+// Source:   Wriggers 2006, chapters 4 and 5.
+// Departs:  slip counts from the last accepted state; infinite friction is 100. Anchors of new contact are
+//           our own.
+
 namespace dimple {
 namespace {
 
-// Of its bound, which friction that slides has but for the tolerance of the search and for turning with the
-// tool's normal; and of what an equilibrium may lack, by which what friction holds may be away from where it
-// is held.
+// `nearly`: fraction of the friction bound within which a force counts as sliding, for the tolerance of the
+// search and the rotation of normals. `errors_apart`: contact errors by which a held sample may leave its
+// anchor.
 constexpr double nearly = 1e-3, errors_apart = 2.0;
-// Coulomb's coefficient of what sticks. Nothing slides with it, and where contact ends friction fades with
-// the pressure: without a bound it would have to jump there, and a slide of 2 mm could not be taken back.
+// Coulomb's coefficient of no-slip contact. Nothing slides with it, and friction fades with the pressure
+// where contact ends; unbounded, it would have to jump there, and a slip of 2 mm could not be reversed.
 constexpr double stuck = 100.0;
-constexpr double rounding = 1e-6;  // of the tool's radius: where it has come back to its first touch
+constexpr double rounding = 1e-6;  // of the tool's radius: tolerance of clears_body()
 
-// The tool on its axis, where it first touches any of these places.
+// The tool moved along its axis to first contact with any of these places.
 ToolPose first_touch(const ToolShape& shape, const ToolPose& axis, const Points& places,
                      const Points& between) {
   double way = std::numeric_limits<double>::infinity();
@@ -67,7 +82,7 @@ TouchingTool::TouchingTool(Touch touch) : touch_(std::move(touch)), roundness_(r
   slid_along_.setZero(count());
   last_ = before_last_ = touch_.surface.place.colwise() - touch_.pose.tip;
   touched_.assign(static_cast<std::size_t>(count()), 0);
-  if (!is_measured()) gone_before_ = -1.0;  // what stands is there before anything moves
+  if (!is_measured()) gone_before_ = -1.0;  // walls are in place before anything moves
 }
 
 Eigen::VectorXd TouchingTool::pressures() const {
@@ -94,12 +109,12 @@ Points TouchingTool::forces_on_body() const {
   return all;
 }
 
-// All of the tool's way, and of what stands the share of the loads besides, which move the body as well.
+// Path length of the tool. A wall adds the fraction of the loads, which move the body as well.
 double TouchingTool::gone(const Instant& now) const {
   return gone_ + now.depth + (is_measured() ? 0.0 : now.share);
 }
 
-// What comes to touch and goes again while equilibrium is looked for would jump if so large a force held it.
+// A new contact may open again during the search; a larger bound would then make its friction jump.
 double TouchingTool::bound(Index s, double normal_force) const {
   if (!(may_rub() && normal_force > 0.0)) return 0.0;
   return std::min(touch_.friction, touched_[static_cast<std::size_t>(s)] ? stuck : 1.0) * normal_force;
@@ -188,9 +203,9 @@ Eigen::VectorXd TouchingTool::slid_along() const {
   return all;
 }
 
-// The force along the slip is the bound, which goes from that of the last accepted state to this one's.
+// Along the slip the force is the bound, by its mean over the last accepted state and this one.
 double TouchingTool::heat() const {
-  // Of all that touches: what is just below its bound, by the tolerance of the search, slips too.
+  // All contacting samples count: a force just below its bound slips too, by the tolerance of the search.
   double sum = 0.0;
   if (is_accepted_) return sum;
   for (Index s = 0; s < slip_.cols(); ++s)
@@ -200,7 +215,8 @@ double TouchingTool::heat() const {
   return std::max(0.0, sum);
 }
 
-// Where samples that do not touch yet would: going on as between the last two accepted states.
+// Predicts the anchors of samples not yet in contact: their motion continues as between the last two accepted
+// states.
 void TouchingTool::foresee(double gone) {
   const ToolPose at_origin{Vec3::Zero(), touch_.pose.points_at};
   const double share = (gone - last_gone_) / (last_gone_ - gone_before_);
@@ -225,13 +241,13 @@ void TouchingTool::accept(const Nodal&, const Instant& now) {
   const Mat3 back = turned_.transpose();
   for (Index s = 0; s < count(); ++s) {
     touched_[static_cast<std::size_t>(s)] = force_[s] > 0.0;
-    // What sticks is held where it was first, so that its slip within the tolerance does not add up.
+    // A no-slip sample keeps its first anchor, so that slips within the tolerance do not add up.
     slid_.col(s) = back * slip_.col(s);
     if (bound(s, force_[s]) > 0.0 && !slides(s)) continue;
     slid_.col(s).setZero();
     anchor_.col(s) = back * (place_.col(s) - gap_[s] * normal_.col(s) - tip);
   }
-  // A state that is accepted once more is not a step.
+  // Accepting a state again is not a step.
   if (gone(now) != last_gone_) before_last_ = last_, gone_before_ = last_gone_;
   last_ = back * (place_.colwise() - tip);
   last_gone_ = gone(now);
@@ -285,8 +301,8 @@ Wrench TouchingTool::on_tool_about(const Vec3& tip) const {
   return sum;
 }
 
-// Of the forces on the body the power for each metre of the way: of a tool that turns its tip's motion with
-// their sum, and the turn with their moment about the tip.
+// Power of the contact forces on the body per metre of the path: motion of the tip times their sum, and for a
+// rotating tool the rotation times their moment about the tip.
 double TouchingTool::working_force(const Instant& now) const {
   if (!way_.turns()) return along(way_.motion);
   return along(way_.speed_at(now.depth)) - way_.turn.dot(on_tool(now).tail<3>());

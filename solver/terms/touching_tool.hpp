@@ -12,51 +12,50 @@
 
 namespace dimple {
 
-/// A rigid tool that touches a body, without friction or with Coulomb's; or a wall, which does not turn.
+/// Rigid contact of a tool, without friction or with Coulomb's; or of a wall, which does not rotate.
 struct Touch {
   ToolShape shape = sphere_shape(5e-3);
-  ToolPose pose;  ///< where it first touches: at depth 0
+  ToolPose pose;  ///< at first contact: depth 0
   ContactSurface surface;
-  double friction = 0.0;  ///< Coulomb's coefficient; infinite: what has touched sticks, as with 100
-  /// Of what stands, a wall, or moves beside the tool that is measured: its way for each metre of that one's.
-  /// Nothing: it is this tool.
+  double friction = 0.0;  ///< Coulomb's coefficient; infinite: no slip, as with 100
+  /// Motion of a wall or further tool, per metre of the measured tool's path; zero for a fixed wall. Empty:
+  /// this is the measured tool.
   std::optional<Vec3> motion = {};
   std::string name = {};
-  bool is_tool = false;  ///< of what has a name: a further tool, and no wall
-  /// [M], [K] m: how far its surface is set back at each sample, and at each piece between; empty: not at
-  /// all.
+  bool is_tool = false;  ///< with a name: a further tool; otherwise a wall
+  /// [M], [K] m: distance by which its surface is set back at each sample, and at each piece between; empty:
+  /// none.
   Eigen::VectorXd set_back = {}, set_back_between = {};
 };
 
-/// The nearest to `force` that is no larger than `bound`.
+/// The nearest vector to `force` that is no longer than `bound`.
 inline Vec3 brought_within(double bound, const Vec3& force) {
   const double size = force.norm();
   return size > bound ? Vec3(force * (bound / size)) : force;
 }
 
-/// [M] m: from a wall that stands to the surface at rest, the mean over the pieces of each sample, less that
-/// to the sample's place. That is the mean of the pieces' places and lies beneath a surface that is round: a
-/// body in a shell would seem to have room left all around. Zero where samples do not know their pieces, and
-/// of what moves, which does not stay where it was measured.
+/// [M] m, for a fixed wall at rest: mean distance to the pieces of each sample, less that to the sample's
+/// place. The place is the mean of the pieces and is beneath a round surface: a body in a shell would seem to
+/// have room all around. Zero for samples without pieces, and for objects that move.
 Eigen::VectorXd roundness(const Touch& touch);
 
-/// The tool on the axis of `at`, moved along its push to where it first touches the surface.
+/// Pose at first contact: the tool on the axis of `at`, moved along its press direction to the surface.
 ToolPose first_touch(const ToolShape& shape, const ToolPlace& at, const ContactSurface& surface);
-/// The same on the surface as it lies at u [4xN] m: the axis has gone with what it stood over.
+/// Pose at first contact with the surface deformed by u [4xN] m; the axis moves with the surface point below
+/// it.
 ToolPose first_touch(const Touch& touch, const Nodal& u);
 
-/// The contact forces of such a tool on the body: one at each sample of the surface, along the normal of the
-/// tool's surface next to it. The gap is the signed distance from the tool to the sample's place
-/// X_s + sum_a phi_a(X_s) u_a. They do work with the tool alone.
+/// Contact forces of such a tool on the body: one at each sample of the surface, along the normal of the
+/// nearest tool surface. The gap is the signed distance from the tool to the sample's place X_s + sum_a
+/// phi_a(X_s) u_a.
 ///
-/// With friction a sample has a force t_s in the tangent plane of the tool's surface besides. Its slip is how
-/// far it has moved along the tool, which turns under it, since the last accepted state, and
+/// With friction a sample also has a force t_s in the tangent plane of the tool's surface. Its slip is its
+/// motion along the tool, which may rotate, since the last accepted state, and
 ///
 ///     |t_s| <= friction lambda_s;   slip_s = 0 where it is less, opposite to t_s where it is not.
-/// A sample that comes to touch slips from where it would touch if it went on as in the step before; in the
-/// first step, which a march keeps short, all slide freely along a tool, and along a wall from where it is
-/// nearest to them at rest.
-/// Friction takes energy, see heat().
+/// A new contact slips from its place of contact, predicted from the motion of the last step. In the first
+/// step, which a march keeps short, all samples slide freely along a tool; along a wall they slip from their
+/// nearest points at rest. Friction dissipates energy, see heat().
 class TouchingTool : public ContactTerm {
  public:
   explicit TouchingTool(Touch touch);
@@ -70,57 +69,56 @@ class TouchingTool : public ContactTerm {
            std::min(now.depth > 0.0 ? now.depth : gone_, touch_.shape.radius);  // it may be held
   }
   const Touch& touch() const { return touch_; }
-  /// After `depth` [m] of the way that it goes now.
+  /// Pose after a path of `depth` [m] of the present motion.
   ToolPose pose_at(double depth) const;
-  /// From now on it goes so; it has gone `gone` [m] to where that begins.
+  /// Continues with the motion `way`, which begins after a path of `gone` [m].
   void go_on(const RigidWay& way, double gone);
 
-  /// While loads come on that act before it does, it stands apart from the body.
+  /// Keeps the tool apart from the body while the preload is applied.
   void stand_apart(bool apart) { apart_ = apart; }
 
   bool rubs() const { return touch_.friction > 0.0; }
-  /// Of the search for equilibrium: a normal force for each sample, with friction t_s behind them all.
+  /// Number of unknowns: a normal force for each sample, then with friction all t_s.
   Index unknowns() const override { return (rubs() ? 4 : 1) * count(); }
 
   void set_forces(const Eigen::VectorXd& unknowns) override;
   /// [3xM] N t_s, in the tangent planes and within the cones; no columns without friction.
   const Points& friction_forces() const { return friction_; }
-  /// The largest friction [N] of a sample with that normal force [N].
+  /// Largest friction [N] of a sample with that normal force [N].
   double bound(Index s, double normal_force) const;
   void bring_back(Eigen::Ref<Eigen::VectorXd> unknowns) const override;
 
-  /// Of the last add_force(): [3xM] the slip of those that friction may hold, without friction no columns.
+  /// [3xM] tangential slip of the samples at the last add_force(); no columns without friction.
   const Points& slips() const { return slip_; }
-  /// Whether it slips against friction, at the last add_force(): that is at its bound, or it is not where it
-  /// was held.
+  /// True if the sample slips against friction at the last add_force(): it is at its bound, or has left its
+  /// anchor.
   bool slides(Index s) const;
 
-  /// [3xM] where the samples were then.
+  /// [3xM] m: places of the samples at the last add_force().
   const Points& places() const { return place_; }
   const Vec3& motion() const { return way_.motion; }
 
   void add_force(const Nodal& u, const Instant& now, Nodal& f) override;
-  /// Those of the last add_force() end a step; where samples then touch is from where they slip.
+  /// Ends a step with the contact of the last add_force(); samples in contact slip from there.
   void accept(const Nodal& u, const Instant& now) override;
   std::vector<double> past() const override;
   void restore_past(const std::vector<double>& past) override;
-  /// What friction has taken since the last accepted state, at the last add_force() [J]; nothing where that
-  /// was accepted.
+  /// Frictional dissipation from the last accepted state to the last add_force() [J]; 0 if that state is
+  /// accepted.
   double heat() const;
-  /// What friction has taken so far counts from here.
+  /// Restarts the sum of the frictional dissipation.
   void count_heat_anew() { heat_so_far_ = 0.0; }
 
-  /// On the body, of the last add_force() [N].
+  /// Component of the forces on the body at the last add_force() [N].
   double along(const Vec3& push) const;
-  /// Likewise, what does work on its way, for each metre of that [N].
+  /// Force that does work on the path at the last add_force(), per metre of it [N].
   double working_force(const Instant& now) const;
   /// On the tool, about its tip.
   Wrench on_tool(const Instant& now) const;
 
-  /// At the last add_force(): the force on the tool [N], and its moment about the tip [N m]; what friction
-  /// has taken so far [J]; the area that touches and what of it friction holds, both at rest [m^2]; the
-  /// largest of pressures() [Pa]; the samples that touch; and how far the surface reaches into the tool, at
-  /// samples [m].
+  /// At the last add_force(): force on the tool [N], and its moment about the tip [N m]; frictional
+  /// dissipation so far [J]; contact area at rest and its no-slip part [m^2]; largest of pressures() [Pa];
+  /// samples in contact; and largest penetration at samples [m].
   struct Touched {
     Vec3 force = Vec3::Zero(), moment = Vec3::Zero();
     double area = 0.0, sticks = 0.0, pressure = 0.0;
@@ -128,28 +126,28 @@ class TouchingTool : public ContactTerm {
     double penetration = 0.0, heat = 0.0;
   };
   Touched touched() const;
-  /// [M] Pa at rest, likewise: the mean around each sample, by a hat of two node spacings to each side.
-  /// Single samples' forces scatter where their parts of the surface differ, up to nothing between others
-  /// that touch; their sums do not. At the contact's border it is smeared by as much.
+  /// [M] Pa at rest, at the last add_force(): mean around each sample, by a hat of two node spacings to each
+  /// side. Forces of single samples scatter with their areas, down to zero between others in contact; their
+  /// sums do not. The edge of the contact is smeared by as much.
   Eigen::VectorXd pressures() const;
-  /// [3xM] N on the body, likewise.
+  /// [3xM] N on the body, at the last add_force().
   Points forces_on_body() const;
-  /// [M] m, likewise: of what touches, how far it has slid along the tool since it did, all its ways added
-  /// but those before a scene's first accepted state; empty without friction, which alone knows.
+  /// [M] m, at the last add_force(): path that each sample in contact has slid along the tool since first
+  /// contact, apart from that before a scene's first accepted state; empty without friction.
   Eigen::VectorXd slid_along() const;
-  /// Of a sample, likewise.
+  /// State of one sample at the last add_force().
   enum class Contact { none, slides, sticks };
   Contact contact(Index s) const;
 
-  /// How far the body's surface reaches into the tool anywhere between the samples [m]; and where the tool
-  /// has come to parts of the surface that have no samples.
+  /// Largest penetration of the surface into the tool, between samples too [m]; and that of parts of the
+  /// surface without samples.
   struct Audit {
     double penetration = 0.0;
     double beyond = 0.0;  ///< [m] into the tool, of those parts
     Index beyond_at = -1;
   };
   Audit audit(const Nodal& u, const Instant& now) const;
-  /// Whether it is then outside of the body, everywhere, as that lies at u.
+  /// True if the tool at `now` does not penetrate the surface anywhere, deformed by u.
   bool clears_body(const Nodal& u, const Instant& now) const;
 
  private:
@@ -160,20 +158,20 @@ class TouchingTool : public ContactTerm {
   bool apart_ = false;
   bool is_accepted_ = false;  // the last add_force() has ended a step
   double gone_ = 0.0;
-  // With friction alone. Places from the tip in the tool's own frame, which are the world's axes as it began:
-  // where samples slip from; where they were at the last two accepted states, which of them touched at the
-  // last, and by how much they had slipped there.
+  // With friction only. Places from the tip in the tool's own frame, which are the world's axes at the
+  // beginning: anchors of the slip; places at the last two accepted states; slips at the last. `touched_`: in
+  // contact at the last.
   Points friction_, slip_, anchor_, last_, before_last_, slid_;
   Mat3 turned_ = Mat3::Identity();  // at the last add_force()
   std::vector<char> touched_;
   double heat_so_far_ = 0.0;                    // [J] at the last accepted state
-  double last_gone_ = 0.0, gone_before_ = 0.0;  // all the way to those two states, see gone()
-  double foreseen_for_ = -1.0;  // the way for which anchors of what has not touched were looked for
+  double last_gone_ = 0.0, gone_before_ = 0.0;  // path lengths at those two states, see gone()
+  double foreseen_for_ = -1.0;                  // path length for which anchors were predicted
 
   Eigen::VectorXd roundness_;
   Eigen::VectorXd slid_along_;
   Eigen::VectorXd force_before_;  // [N] of the last accepted state
-  Eigen::VectorXd held_within_;   // [m] of where it is held: what friction holds now
+  Eigen::VectorXd held_within_;   // [m] slip within which friction holds a sample
 
   double set_back(Index s) const {
     return roundness_[s] + (touch_.set_back.size() > 0 ? touch_.set_back[s] : 0.0);

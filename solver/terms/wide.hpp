@@ -5,8 +5,8 @@
 #include <cstring>
 #include <type_traits>
 
-// The vector verbs of the force kernel. Arithmetic is that of GCC's vector types, whose + - * < and ?: act on
-// each lane apart; nothing here reorders a sum, and -ffp-contract=off keeps products and sums apart. So
+// Vector operations of the force kernel. Arithmetic is that of GCC's vector types, whose + - * < and ?: act
+// on each lane separately; no sum is reordered, and -ffp-contract=off keeps products and sums apart. So
 // registers of any width and processors of any age round alike.
 //
 // A register holds either one number of each of 4 or 8 points, or the four numbers (x, y, z, padding) of each
@@ -27,8 +27,8 @@
 
 namespace dimple::wide {
 
-/// Whether functions marked so may be called: with registers of 32 bytes, and of 64. Clang refuses the
-/// assembly for 64 before it inlines it where they are.
+/// True if the processor runs functions with 32-byte or 64-byte registers. Clang refuses the 64-byte assembly
+/// unless it is inlined.
 #if defined(__x86_64__)
 inline const bool has_avx2 = __builtin_cpu_supports("avx2");
 #else
@@ -90,7 +90,7 @@ template <class Real>
   return __builtin_shufflevector(a, b, 0, 1, 2, 3, 4, 5, 6, 7);
 }
 
-/// The same four numbers for each of `nodes` nodes.
+/// `nodes` copies of four numbers in one register.
 template <int nodes, class Real>
 [[gnu::always_inline]] inline Nodes<Real, nodes> repeat(const Real* from) {
   const Pack<Real, 4> a = four(from);
@@ -122,7 +122,7 @@ template <int nodes, class Real>
     std::memcpy(&all, twice, sizeof all);
     const Four<Real>&a = four(values + 2 * (all & 0xffff)), &b = four(values + 2 * (all >> 16 & 0xffff)),
           &c = four(values + 2 * (all >> 32 & 0xffff)), &d = four(values + 2 * (all >> 48));
-    Nodes<Real, 4> joined = {};  // and nothing else where nobody calls this
+    Nodes<Real, 4> joined = {};  // unchanged if never called
 #if defined(DIMPLE_ASSEMBLY)
     // Loads into lanes: what compilers make of shuffles waits for the one port that shuffles.
     asm("vbroadcastf32x4 %1, %0" : "=v"(joined) : "m"(a));
@@ -194,8 +194,8 @@ template <class Real>
   column[3] = __builtin_shufflevector(high01, high23, 2, 3, 6, 7);
 }
 
-/// x, y and z of `count` points become a column of each. Halves are read from memory: without AVX a register
-/// lies there in any case.
+/// x, y and z of `count` points become a column of each. Halves are read from memory, where a register is
+/// anyway without AVX.
 template <class Real, int count>
 [[gnu::always_inline]] inline void columns(const Pack<Real, count>& x, const Pack<Real, count>& y,
                                            const Pack<Real, count>& z, Pack<Real, 4>* column) {
