@@ -8,10 +8,10 @@
 
 namespace dimple {
 
-// How numbers are written for people, in every text, picture and page: three significant digits and no
-// exponent. Files for programs hold SI and mm with all their digits.
+// Numbers for people, in every text, picture and page: three significant digits and no exponent. Files for
+// programs hold SI and mm with all digits.
 
-/// So many digits after the point, with a point in every locale, and never a minus before nothing.
+/// A fixed number of digits after the point, with a point in every locale, and never a minus before zero.
 inline std::string fixed(double x, int decimals) {
   if (!std::isfinite(x)) return std::isnan(x) ? "nan" : x > 0.0 ? "inf" : "-inf";
   std::array<char, 400> digits;
@@ -21,13 +21,13 @@ inline std::string fixed(double x, int decimals) {
   return text.find_first_not_of("-0.") == std::string::npos && text.starts_with('-') ? text.substr(1) : text;
 }
 
-/// A change, with its sign and one decimal; "0.0" where it rounds to nothing.
+/// A change, with its sign and one decimal; "0.0" where it rounds to zero.
 inline std::string with_sign(double x) {
   const std::string text = fixed(x, 1);
   return text.starts_with('-') || text == "0.0" || !std::isfinite(x) ? text : '+' + text;
 }
 
-/// Digits after the point that leave so many significant ones, of the number as it is rounded to them.
+/// Digits after the point that leave this many significant ones, after rounding to them.
 inline int decimals_of(double x, int digits = 3) {
   if (!(std::abs(x) > 0.0) || !std::isfinite(x)) return 0;
   const int whole = static_cast<int>(std::floor(std::log10(std::abs(x))));
@@ -35,12 +35,12 @@ inline int decimals_of(double x, int digits = 3) {
   return std::clamp(digits - 1 - whole - (rounded >= std::pow(10.0, digits) ? 1 : 0), 0, 15);
 }
 
-/// "8.00", "0.550", "1234".
+/// Text with three significant digits: "8.00", "0.550", "1234".
 inline std::string three_digits(double x) {
   return fixed(x, decimals_of(x));
 }
 
-/// A number that somebody has given, as short as it can be: "8", "0.0001", "1234567".
+/// A number that a user has given, as short as possible: "8", "0.0001", "1234567".
 inline std::string plain(double x, int digits = 6) {
   std::string text = fixed(x, decimals_of(x, digits));
   if (text.find('.') == std::string::npos) return text;
@@ -49,13 +49,13 @@ inline std::string plain(double x, int digits = 6) {
   return text;
 }
 
-/// How numbers of one size are written, so that those beside each other have the same unit and digits.
+/// Format for numbers of one size, so that numbers next to each other have the same unit and digits.
 struct Written {
   const char* unit;
   double per_unit;  ///< units in one of SI, or in one mm, mm3 or percent
   int decimals;
 
-  /// What is not nothing is never shown as nothing: "< 0.01".
+  /// Text of a number; a small one is never shown as zero: "< 0.01".
   std::string number(double x) const {
     const double shown = x * per_unit, least = std::pow(10.0, -decimals);
     if (shown != 0.0 && std::abs(shown) < least) return "< " + fixed(least, decimals);
@@ -64,7 +64,7 @@ struct Written {
   std::string operator()(double x) const { return number(x) + ' ' + unit; }
 };
 
-/// For forces of this size [N], and those beside it: N from 0.1 N on, mN from 0.1 mN on, else uN or nN.
+/// Format for forces of this size [N] and those next to it: N from 0.1 N, mN from 0.1 mN on, else uN or nN.
 inline Written force_written(double N) {
   const double size = std::abs(N);
   if (size == 0.0 || !std::isfinite(size)) return {"N", 1.0, 0};
@@ -78,37 +78,37 @@ inline Written force_written(double N) {
                                 : in("nN", 1e9);
 }
 
-/// For volumes of this size [mm3]: cm3 from 1 cm3 on, else mm3.
+/// Format for volumes of this size [mm3]: cm3 from 1 cm3 on, else mm3.
 inline Written volume_written(double mm3) {
   const double size = std::abs(mm3);
   if (size >= 999.5) return {"cm3", 1e-3, decimals_of(1e-3 * size)};
   return {"mm3", 1.0, std::min(decimals_of(size), 3)};
 }
 
-/// For shares in percent: "101 %", "3.41 %", "0.05 %", "< 0.01 %".
+/// Format for percentages: "101 %", "3.41 %", "0.05 %", "< 0.01 %".
 inline Written percent_written(double percent) {
   return {"%", 1.0, std::min(decimals_of(percent), 2)};
 }
 
-// Of one number by itself.
+// Text of a single force.
 inline std::string force_in_words(double N) {
   return force_written(N)(N);
 }
 inline std::string volume_in_words(double mm3) {
   return volume_written(mm3)(mm3);
 }
-/// Of a share: 0.0341 is "3.41 %".
+/// Percentage of a fraction: 0.0341 is "3.41 %".
 inline std::string percent(double share) {
   return percent_written(100.0 * share)(100.0 * share);
 }
-/// "8.00 mm", "0.50 mm", "0.0123 mm".
+/// Format for lengths: "8.00 mm", "0.50 mm", "0.0123 mm".
 inline Written length_written(double mm) {
   return {"mm", 1.0, mm == 0.0 || std::abs(mm) >= 0.1 ? 2 : decimals_of(mm)};
 }
 inline std::string length_in_words(double mm) {
   return length_written(mm)(mm);
 }
-/// "210 Pa", "12.5 kPa", "200 MPa".
+/// Text of a stress: "210 Pa", "12.5 kPa", "200 MPa".
 inline std::string stress_in_words(double Pa) {
   const double size = std::abs(Pa);
   return size >= 1e7   ? plain(1e-6 * Pa, 4) + " MPa"

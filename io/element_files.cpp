@@ -22,7 +22,7 @@ void list(Text out, const std::vector<Index>& nodes) {
     fmt::format_to(out, "{}{}", nodes[k] + 1, k + 1 == nodes.size() || k % 16 == 15 ? "\n" : ", ");
 }
 
-// What must be said in both files, a line each.
+// Remarks at the head of both files, one a line.
 std::vector<std::string> head(const ElementModel& m) {
   std::vector<std::string> lines = m.remarks;
   lines.push_back("Units: mm, mN, kPa; positions are LPS. Divide forces by 1000 for N.");
@@ -32,7 +32,7 @@ std::vector<std::string> head(const ElementModel& m) {
   return lines;
 }
 
-// The axis along which the push runs, or 3 for none.
+// The axis of the press direction, or 3 for none.
 int axis_of(const Vec3& push) {
   for (int d = 0; d < 3; ++d)
     if (std::abs(std::abs(push[d]) - 1.0) < 1e-9) return d;
@@ -68,14 +68,14 @@ std::string calculix_input(const ElementModel& m) {
                  0.5 * m.mu * kPa, 2.0 / (m.kappa * kPa));
   const bool turned = !m.bonded && axis_of(m.push) == 3;
   if (turned) {
-    // The first axis along the push: the only one that is prescribed.
+    // The first axis along the press direction: the only one that is prescribed.
     const Vec3 side = m.push.unitOrthogonal();
     fmt::format_to(out, "*TRANSFORM, NSET=circle, TYPE=R\n{:.9g}, {:.9g}, {:.9g}, {:.9g}, {:.9g}, {:.9g}\n",
                    m.push.x(), m.push.y(), m.push.z(), side.x(), side.y(), side.z());
   }
   fmt::format_to(out, "*BOUNDARY\nbase, 1, 3\n");
   const double step = 1.0 / m.frames;
-  // GENERATE would stop CalculiX where there is but one.
+  // GENERATE would stop CalculiX where there is only one.
   fmt::format_to(out, "*TIME POINTS, NAME=depths\n");
   for (int k = 1; k <= m.frames; ++k) fmt::format_to(out, "{:.9g}\n", static_cast<double>(k) / m.frames);
   fmt::format_to(out, "*STEP, NLGEOM, INC=10000\n*STATIC\n{0:.9g}, 1., 1e-6, {0:.9g}\n*BOUNDARY\n", step);
@@ -182,7 +182,7 @@ void febio_boundary(Text out, const ElementModel& m) {
   fmt::format_to(out, "  </Boundary>\n");
 }
 
-// The first curve takes the tool to its depth, the second limits the steps.
+// The first curve moves the tool to its depth, the second limits the steps.
 void febio_load_curves(Text out, int frames) {
   fmt::format_to(
       out,

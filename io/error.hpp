@@ -6,10 +6,10 @@
 
 namespace dimple {
 
-/// What the process returns. Documented in apps/guide/files.md; stable.
+/// Exit code of the process. Documented in apps/guide/files.md; stable.
 enum class ExitCode : int {
   ok = 0,
-  internal = 1,      ///< a mistake of ours
+  internal = 1,      ///< an error in the program
   usage = 2,         ///< command line or configuration
   input = 3,         ///< image or model files unreadable or unusable
   model = 4,         ///< the model could not be built
@@ -18,7 +18,7 @@ enum class ExitCode : int {
   interrupted = 130  ///< Ctrl-C; the partial result is valid
 };
 
-/// The same as a word, for programs: what is wrong when nothing more special is known.
+/// Name of the code for programs, if the error has no special one.
 inline const char* word_of(ExitCode code) {
   switch (code) {
     case ExitCode::ok:
@@ -41,16 +41,16 @@ inline const char* word_of(ExitCode code) {
   return "internal";
 }
 
-/// The four things that a message owes its reader, and a word for programs.
+/// The four parts of a message, and a word for programs.
 struct Report {
   std::string fact;       ///< what is wrong, with numbers
   std::string where;      ///< stage, file, place
   std::string why;        ///< how it came about
   std::string remedy;     ///< what to do, with the option's name
-  std::string code = {};  ///< kebab-case, one for each kind of trouble; empty: that of the exit code
+  std::string code = {};  ///< kebab-case, one for each kind of error; empty: that of the exit code
 };
 
-/// Every failure that a user can meet. Thrown whole, printed by apps only.
+/// Every failure that a user can meet. Thrown with its report, printed by apps only.
 class Error : public std::runtime_error {
  public:
   Error(ExitCode exit_code, Report what_to_say)

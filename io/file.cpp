@@ -97,13 +97,13 @@ Descriptor open_to_read(const fs::path& file) {
 
 namespace {
 
-// Where this process has had temporaries, for end_all_writing().
+// Folders in which this process has had temporaries, for end_all_writing().
 struct Written {
   std::mutex mutex;
   std::set<fs::path> folders;
 };
 Written& written() {
-  static Written* const one = new Written;  // threads may still write while the program's statics go
+  static Written* const one = new Written;  // threads may still write while statics are destroyed
   return *one;
 }
 
@@ -155,7 +155,7 @@ void remove_temporaries_in(const fs::path& folder) {
 }
 
 void end_all_writing() noexcept try {
-  // Never unlocked: whoever wants to write waits until the process has ended.
+  // Never unlocked: other writers wait until the process has ended.
   written().mutex.lock();
   const std::string own = fmt::format(".{}-", ::getpid());
   for (const fs::path& folder : written().folders) {
@@ -172,7 +172,7 @@ void end_all_writing() noexcept try {
 FolderLock::FolderLock(const fs::path& folder)
     : folder_(::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC)) {
   if (folder_ < 0) return;
-  // A process that was forked a moment ago holds the locks of its parent until it becomes another program.
+  // A process forked a moment ago holds the locks of its parent until it becomes another program.
   constexpr int tries = 50;
   for (int k = 0; k < tries; ++k) {
     if (::flock(folder_, LOCK_EX | LOCK_NB) == 0 || errno != EWOULDBLOCK) return;
@@ -200,12 +200,12 @@ struct Lists {
   std::map<fs::path, Listed> of_folder;
 };
 Lists& lists() {
-  static Lists* const one = new Lists;  // threads may still write while the program's statics go
+  static Lists* const one = new Lists;  // threads may still write while statics are destroyed
   return *one;
 }
 
-// A line more in each list that the file belongs to. Throws OutputError: it cannot be written, or a file of
-// others is in the place.
+// Adds a line to each list that the file belongs to. Throws OutputError: it cannot be written, or a file of
+// others is in its place.
 void put_down_in_lists(const fs::path& file) {
   const std::lock_guard lock(lists().mutex);
   std::error_code ignored;
@@ -231,7 +231,7 @@ void put_down_in_lists(const fs::path& file) {
   }
 }
 
-// In order, and without those that are gone again.
+// Sorted, and without those that have been removed.
 std::set<std::string> still_there(const fs::path& folder, std::set<std::string> names) {
   std::erase_if(names, [&](const std::string& name) {
     std::error_code ignored;
@@ -274,7 +274,7 @@ FileList::~FileList() {
   }
   try {
     write_list(folder_, names);
-  } catch (const Error&) {  // the one that has grown stays
+  } catch (const Error&) {  // the one that has grown remains
   }
 }
 
@@ -297,7 +297,7 @@ void move_into_place(const fs::path& temporary, const fs::path& file) {
   int error_number = 0;
   {
     const Descriptor written(::open(temporary.c_str(), O_RDONLY | O_CLOEXEC));
-    // Who is asked to end has two seconds, and a disk at work can take a tenth for each file.
+    // A process that must end has two seconds, and a busy disk can take a tenth for each file.
     const bool in_haste = stop_asked() != StopReason::none;
     if (written.number < 0 || (!in_haste && ::fsync(written.number) != 0)) error_number = errno;
   }
@@ -346,7 +346,7 @@ OutputError no_folder(const fs::path& folder, const std::string& what) {
                       .remedy = "give another -o"});
 }
 
-/// Of a folder and those above it the first that is there. Throws OutputError: something else has its name.
+/// The first existing folder of a folder and those above. Throws OutputError: something else has its name.
 fs::path nearest_folder(const fs::path& folder) {
   for (fs::path at = folder;; at = at.has_parent_path() ? at.parent_path() : fs::path(".")) {
     struct stat status {};
@@ -362,7 +362,7 @@ fs::path nearest_folder(const fs::path& folder) {
   }
 }
 
-/// The system's error number, or 0: what is to become that file can be made beside it and be written to.
+/// The system's error number, or 0: a temporary next to that file can be made and written.
 int try_writing(const fs::path& file) {
   const fs::path temporary = temporary_beside(file);
   const Descriptor out(::open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666));
@@ -454,7 +454,7 @@ class Digest {
     std::array<unsigned char, EVP_MAX_MD_SIZE> sum{};
     unsigned int length = 0;
     good_ = good_ && EVP_DigestFinal_ex(context_.get(), sum.data(), &length) == 1;
-    if (!good_) throw std::runtime_error("OpenSSL could not compute a SHA-256");  // no fault of the user's
+    if (!good_) throw std::runtime_error("OpenSSL could not compute a SHA-256");  // no error of the user
     std::string text;
     for (unsigned int i = 0; i < length; ++i) text += fmt::format("{:02x}", sum[i]);
     return text;

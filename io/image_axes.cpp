@@ -20,7 +20,7 @@ double spacing_step(double length) {
 }
 
 double rounded_to(double x, double step) {
-  // By a whole number where the step is below 1: 12345 / 10^5 is the double nearest to 0.12345.
+  // Divided by a whole number where the step is below 1: 12345 / 10^5 is the double nearest to 0.12345.
   const double per_mm = std::round(1.0 / step);
   return step < 1.0 ? std::round(x * per_mm) / per_mm : std::round(x / step) * step;
 }
@@ -35,7 +35,7 @@ Mat3 nearest_rotation(const Mat3& m) {
 
 AxisOrder nearest_to_LPS(const Mat3& linear) {
   const Mat3 unit = linear.colwise().normalized();
-  constexpr double equal = 1e-4;  // more than headers of one image differ by
+  constexpr double equal = 1e-4;  // headers of one image differ by less
   AxisOrder best;
   Mat3 best_axes = Mat3::Zero();
   bool found = false;
@@ -70,7 +70,7 @@ Mat3 snapped(const Mat3& linear) {
   for (double& length : spacing) length = rounded_to(length, spacing_step(length));
   Mat3 cosines = unit.transpose() * unit;
   for (double& c : cosines.reshaped()) c = std::abs(c) < least_cosine ? 0.0 : rounded_to(c, cosine_step);
-  const Mat3 shape = cosines.llt().matrixU();  // unit axes with these angles; the identity, but for a shear
+  const Mat3 shape = cosines.llt().matrixU();  // unit axes with these angles; the identity unless sheared
   Mat3 turn = nearest_rotation(unit * shape.inverse());
   if (Eigen::AngleAxisd(turn).angle() < least_turn) turn.setIdentity();
   return turn * shape * spacing.asDiagonal();

@@ -82,7 +82,7 @@ void check_length(const StoredImage& image, const fs::path& file) {
     throw truncated(file, fmt::format("{} bytes cannot hold {} bytes of voxels", length, image.data_bytes()));
 
   const double memory = memory_at_hand();
-  // Beside the voxels where each row begins; runs are few, or the image is refused.
+  // In addition to the start of each row; runs are few, or the image is refused.
   const double thinnest = static_cast<double>(*std::min_element(image.size.begin(), image.size.end()));
   const double voxels = static_cast<double>(image.data_bytes()) / static_cast<double>(bytes_of(image.type));
   const double needed = static_cast<double>(image.data_bytes()) + voxels / thinnest * sizeof(std::size_t);
@@ -112,7 +112,7 @@ void swap_bytes(StoredImage& image) {
 
 bool is_at_right_angles(const Mat3& axes) {
   const Mat3 unit = axes.colwise().normalized();
-  return (unit.transpose() * unit - Mat3::Identity()).cwiseAbs().maxCoeff() < 5e-4;  // ITK's bound lies here
+  return (unit.transpose() * unit - Mat3::Identity()).cwiseAbs().maxCoeff() < 5e-4;  // the bound of ITK
 }
 
 InputError no_place_in_space(const fs::path& file, std::string_view fact) {

@@ -1,7 +1,6 @@
 #pragma once
 
-// What the image formats have in common; used by label_image.cpp, volume_image.cpp and the readers, by nobody
-// else.
+// Common parts of the image formats, for label_image.cpp, volume_image.cpp and the readers only.
 
 #include <Eigen/Geometry>
 #include <array>
@@ -28,7 +27,7 @@ inline std::size_t bytes_of(Number type) {
   return bytes[static_cast<std::size_t>(type)];
 }
 
-/// An image as its file holds it: axes in stored order, voxels in their stored type, nothing judged yet.
+/// An image as its file holds it: axes in stored order, voxels in their stored type, unchecked.
 struct StoredImage {
   std::array<Index, 3> size{};
   Number type = Number::uint8;
@@ -38,7 +37,7 @@ struct StoredImage {
   double slope = 1.0, intercept = 0.0;        ///< label = slope * number + intercept
   Eigen::Affine3d to_world = Eigen::Affine3d::Identity();  ///< stored voxel (i, j, k) -> LPS [mm]
   std::map<int, std::string> names;
-  std::map<std::string, std::string> segment_keys;  ///< of a 3D Slicer segmentation, as they stand there
+  std::map<std::string, std::string> segment_keys;  ///< of a 3D Slicer segmentation, unchanged
   std::string format;
   std::vector<std::string> warnings;
 
@@ -46,14 +45,14 @@ struct StoredImage {
   std::size_t data_bytes() const { return count() * bytes_of(type); }
 };
 
-/// Where a stage or an error speaks of a file: "label image brain.nrrd".
+/// Name of a file for stages and errors: "label image brain.nrrd".
 inline std::string image_place(const std::filesystem::path& file) {
   return "label image " + file.string();
 }
 
-/// Throws InputError unless the sizes describe one three-dimensional image of one number per voxel that can
-/// be held in memory; further axes must have length 1. `components` counts the numbers per voxel, `layers`
-/// says which segments they hold, where that is known.
+/// Throws InputError unless the sizes describe one three-dimensional image of one number per voxel that fits
+/// in memory; further axes must have length 1. `components` counts the numbers per voxel, `layers` names the
+/// segments they hold, if available.
 std::array<Index, 3> checked_size(const std::vector<Index>& size, Index components,
                                   const std::filesystem::path& file, const std::string& layers = {});
 
@@ -63,23 +62,23 @@ std::optional<double> millimetres_in(const std::string& unit);
 /// Multiplies spacing and origin alike, with a warning.
 void scale_to_millimetres(StoredImage& image, double factor, const std::string& unit);
 
-/// Throws InputError if the file is too short for its voxels even when compressed as well as deflate can, or
-/// if this machine (or `ulimit -v`) has not the memory for them; so a header cannot ask for it without end.
+/// Throws InputError if the file is too short for its voxels even with the best compression by deflate. Also
+/// throws if this machine (or `ulimit -v`) has too little memory: a header cannot request it without limit.
 void check_length(const StoredImage& image, const std::filesystem::path& file);
 
-/// Bytes after the voxels that are still unpacked, to check them.
+/// Bytes after the voxels that are still unpacked, for the check sums.
 constexpr std::size_t surplus_limit = std::size_t{1} << 26;
 
-/// Warns if the file goes on after its voxels: then its header may not be its own.
+/// Warns if the file continues after its voxels: its header may belong to another file.
 void warn_of_surplus(StoredImage& image, std::uintmax_t bytes);
 
-/// True if the axes are perpendicular as far as ITK asks.
+/// True if the axes are perpendicular within ITK's limit.
 bool is_at_right_angles(const Mat3& axes);
 
-/// Turns the bytes of each number round.
+/// Reverses the bytes of each number.
 void swap_bytes(StoredImage& image);
 
-/// Letters of a file that a message repeats.
+/// Longest text of a file that a message repeats.
 inline constexpr std::size_t most_repeated = 500;
 
 InputError no_place_in_space(const std::filesystem::path& file, std::string_view fact);
@@ -115,7 +114,7 @@ void with_type(Number type, const auto& visit) {
   }
 }
 
-/// The voxels as they lie in memory; bytes are no objects of another type, but may become some.
+/// The voxels in memory; bytes are no objects of another type, but may become some.
 template <class T>
 std::span<const T> numbers(const StoredImage& image) {
   const std::byte* first = image.elsewhere.empty() ? image.data.data() : image.elsewhere.data();

@@ -28,7 +28,7 @@ namespace fs = std::filesystem;
 
 enum class Format { nrrd, nifti, metaimage, unknown };
 
-constexpr std::size_t block = std::size_t{1} << 22;  // voxels between two questions whether to stop
+constexpr std::size_t block = std::size_t{1} << 22;  // voxels between two tests for a stop
 
 Format format_of(const fs::path& file) {
   const std::string name = lower(file.filename().string());
@@ -39,7 +39,7 @@ Format format_of(const fs::path& file) {
   return Format::unknown;
 }
 
-/// What is wrong with a number that should be a label; nullptr if nothing.
+/// Description of the error in a number that should be a label; nullptr if none.
 const char* fault(double label) {
   if (!std::isfinite(label)) return "not finite";
   if (label < 0.0) return "negative";
@@ -54,7 +54,7 @@ constexpr Number number_type() {
   return static_cast<Number>(2 * std::countr_zero(sizeof(T)) + (std::is_signed_v<T> ? 0 : 1));
 }
 
-/// How many numbers apart neighbours along each stored axis are.
+/// Distance of neighbours along each stored axis, in numbers.
 std::array<Index, 3> steps_of(const StoredImage& image) {
   return image.elsewhere.empty() ? std::array<Index, 3>{1, image.size[0], image.size[0] * image.size[1]}
                                  : image.step;
@@ -64,7 +64,7 @@ bool is_as_it_stands(const StoredImage& image) {
   return image.slope == 1.0 && image.intercept == 0.0;
 }
 
-/// What the file's number stands for. A double holds every label that is accepted; what it rounds is far
+/// Value of the file's number. A double holds every label that is accepted; numbers that it rounds are far
 /// above the greatest.
 template <class T>
 double value_of(const StoredImage& image, T number) {
@@ -72,10 +72,10 @@ double value_of(const StoredImage& image, T number) {
   return image.slope * static_cast<double>(number) + image.intercept;
 }
 
-/// The label of a value: the nearest whole number, if rounding explains the difference; else the value
-/// itself. Single precision and resampling leave up to 1e-4. A program that scales labels into whole numbers
-/// (nibabel does, of floats) leaves half a step of its scale. The multiples of any scale that is not a whole
-/// number differ from whole ones by 1/3 somewhere: the limit of 1/4 refuses an MRI.
+/// The label of a value: the nearest whole number if rounding explains the difference, else the value itself.
+/// Single precision and resampling leave up to 1e-4. A program that scales labels into whole numbers (nibabel
+/// does, of floats) leaves half a step of its scale. The multiples of a scale that is not a whole number
+/// differ from whole ones by 1/3 somewhere: the limit of 1/4 refuses an MRI.
 double label_of(const StoredImage& image, double value) {
   const double half_a_step = image.slope == 1.0 ? 0.0 : 0.5 * std::abs(image.slope);
   const double slack = std::min(0.25, std::max(1e-4, half_a_step + 1e-6 * std::abs(value)));
@@ -83,8 +83,8 @@ double label_of(const StoredImage& image, double value) {
   return std::abs(value - nearest) <= slack ? nearest : value;
 }
 
-/// Largest difference between a value and its label; 0 if only the scale's single precision makes one. Throws
-/// unless every voxel holds a label.
+/// Largest difference between a value and its label; 0 if only the scale's single precision causes one.
+/// Throws unless every voxel holds a label.
 double check_voxels(const StoredImage& image, const fs::path& file) {
   const std::size_t count = image.count();
   std::size_t faulty = 0, first = 0;
@@ -96,7 +96,7 @@ double check_voxels(const StoredImage& image, const fs::path& file) {
     for (std::size_t begin = 0; begin < count; begin += block) {
       stop_if_asked();
       const auto part = number.subspan(begin, std::min(block, count - begin));
-      // Most blocks hold one number, or few: look at those that differ from the one before.
+      // Most blocks hold few different numbers: only those that differ from the one before are examined.
       for (std::size_t v = 0; v < part.size(); ++v) {
         if (v > 0 && part[v] == part[v - 1] && faulty == 0) continue;
         const double value = value_of(image, part[v]), label = label_of(image, value);
@@ -134,14 +134,14 @@ void check_geometry(const Eigen::Affine3d& to_world, const fs::path& file) {
     throw refuse("the image's axes do not span space: they lie in one plane or nearly so");
 }
 
-/// From canonical voxels to stored ones: (i, j, k) is number first + i step[0] + j step[1] + k step[2].
+/// Step from canonical voxels to stored ones: (i, j, k) is number first + i step[0] + j step[1] + k step[2].
 struct Walk {
   Index first = 0;
   std::array<Index, 3> step{};
 };
 
-/// More runs than this are no segmentation: of an organ's labels a run is tens of voxels long, of an MRI's
-/// grey values one. Small images may hold anything; of them the user is warned.
+/// An image with more runs is no segmentation: a run of an organ's labels has tens of voxels, one of an MRI's
+/// grey values has one. Small images may hold anything, with a warning.
 std::size_t most_runs(const LabelImage& image) {
   const Index voxels = image.size[0] * image.size[1] * image.size[2];
   return std::max<std::size_t>(std::size_t{1} << 22, static_cast<std::size_t>(voxels) / 8);
@@ -154,7 +154,7 @@ void append_runs(std::vector<Run>& run, const T* number, Index count, const Stor
   const std::size_t begin_of_row = run.size();
   for (Index begin = 0, end = 0; begin < count; begin = end) {
     end = begin + 1;
-    // Numbers that equal their neighbours to the left, many at once, then one by one.
+    // Compares many numbers with their left neighbours together, then one by one.
     while (end + stride <= count && std::memcmp(number + end, number + end - 1, stride * sizeof(T)) == 0)
       end += stride;
     while (end < count && number[end] == number[begin]) ++end;
@@ -168,8 +168,8 @@ void append_runs(std::vector<Run>& run, const T* number, Index count, const Stor
   }
 }
 
-/// Brings the stored voxels into canonical rows. Where rows run across memory, as many of them as lie side by
-/// side there are gathered at once.
+/// Converts the stored voxels to canonical rows. Rows across memory are gathered in groups that are
+/// contiguous there.
 template <class T>
 void take_rows(LabelImage& image, const StoredImage& stored, const Walk& walk, const fs::path& file) {
   const T* number = numbers<T>(stored).data();
@@ -180,7 +180,7 @@ void take_rows(LabelImage& image, const StoredImage& stored, const Walk& walk, c
   const Index side = std::abs(walk.step[0]) == 1 ? 1 : 64, pitch = ni + 64 / static_cast<Index>(sizeof(T));
   std::vector<T> tile(static_cast<std::size_t>(side * pitch));
 
-  std::vector<Run> run;  // in the order in which rows are come to
+  std::vector<Run> run;  // in the order in which rows are visited
   const auto row_of = [&, nj = nj](Index a, Index b) {
     return static_cast<std::size_t>(along == 1 ? a + nj * b : b + nj * a);
   };
@@ -208,7 +208,7 @@ void take_rows(LabelImage& image, const StoredImage& stored, const Walk& walk, c
              .remedy = "give the segmentation, exported as a label map"});
     }
   std::partial_sum(image.row_offset.begin(), image.row_offset.end(), image.row_offset.begin());
-  if (along == 1) {  // rows came in their order
+  if (along == 1) {  // rows are in their final order
     image.run = std::move(run);
     return;
   }
@@ -286,20 +286,20 @@ double foreground_extent(const LabelImage& image) {
   return extent;
 }
 
-/// Grey values of an MRI pass for labels where they are whole numbers, but neighbours differ: in a
-/// segmentation most neighbours are alike.
+/// Grey values of an MRI pass for labels if they are whole numbers, but most neighbours differ: in a
+/// segmentation most are alike.
 bool looks_like_grey_values(const LabelImage& image) {
   std::int64_t pairs = 0, differing = 0;
   for (std::size_t r = 0; r < image.run.size(); ++r) {
     pairs += image.run[r].end - image.run[r].begin - 1;
-    // The next may be of another row, where by chance it begins at the same voxel; those are few.
+    // The next run may be of another row and begin at the same voxel by chance; those are few.
     if (r == 0 || image.run[r - 1].end != image.run[r].begin) continue;
     ++pairs, ++differing;
   }
   return pairs > 1000 && 2 * differing > pairs;
 }
 
-/// What a table of names says, or a numbering known without one.
+/// Names from a table, or a built-in numbering.
 struct Naming {
   std::string given;  ///< empty: nothing
   LabelTable table;
@@ -318,7 +318,7 @@ Naming read_naming(const fs::path& label_names) {
   return naming;
 }
 
-/// With its names, and with what is unusual about it.
+/// Adds names to the image, and warnings about unusual properties.
 LabelImage judged(LabelImage image, const Naming& naming) {
   const LabelTable& table = naming.table;
   for (const auto& [label, name] : table.names) image.names[label] = name;
@@ -343,7 +343,7 @@ LabelImage judged(LabelImage image, const Naming& naming) {
   return image;
 }
 
-/// DICOM has no place for it in its name, but says so at byte 128.
+/// Recognises DICOM, whose names have no suffix, by byte 128.
 bool is_dicom(const fs::path& file) {
   std::ifstream in(file, std::ios::binary);
   std::array<char, 4> word{};
@@ -448,7 +448,7 @@ VoxelBox foreground_box(const LabelImage& image) {
 
 LabelImage read_label_image(const fs::path& file, const fs::path& label_names) {
   const Format format = format_of(file);
-  std::error_code ignored;  // what is wrong with the path is said below
+  std::error_code ignored;  // the error in the path is reported below
   if (fs::is_directory(file, ignored))
     throw InputError({.fact = fmt::format("'{}' is a folder", file.string()),
                       .where = image_place(file),
@@ -500,7 +500,7 @@ void write_label_image(const fs::path& file, const LabelImage& image) {
   const StoredImage stored = to_stored(image);
   const fs::path temporary = temporary_beside(file);
   try {
-    claim_temporary(temporary, file);  // the system's reason if the folder is missing or read-only
+    claim_temporary(temporary, file);  // throws the system's reason if the folder is missing or read-only
     StoredImage written;
     if (format == Format::nrrd) {
       const bool segmentation = name.ends_with(".seg.nrrd");
@@ -528,7 +528,7 @@ void write_label_image(const fs::path& file, const LabelImage& image) {
          .why = "the image was written beside its name and found incomplete, then removed",
          .remedy = "check the room on that disk, or choose another output folder with --output"});
   }
-  // The names first: an image that is there is complete.
+  // The names first: an image that exists is then complete.
   if (format != Format::nrrd)
     if (const std::string names = label_descriptions(image); !names.empty())
       write_file(beside_for_names(file), names);

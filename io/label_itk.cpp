@@ -1,7 +1,6 @@
-// NRRD and MetaImage: headers through ITK's ImageIO classes, voxels by our own hand. ImageFileReader wants
-// the voxel type before it has seen the file, and wraps what does not fit; the ImageIO classes of ITK 5.2
-// crash on short text, take memory for voxels that the file does not hold, and report success when they are
-// missing.
+// NRRD and MetaImage: headers by ITK's ImageIO classes, voxels by our own code. ImageFileReader needs the
+// voxel type in advance, and wraps values that do not fit. The ImageIO classes of ITK 5.2 crash on short text
+// and allocate memory for missing voxels. They report success when voxels are missing.
 
 #include <fmt/format.h>
 #include <itkMetaDataObject.h>
@@ -29,9 +28,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// What an ITK exception says of a header: the innermost reason that NrrdIO gives, without the functions and
-/// files of the library's own sources that it came through. Where nothing else is left, that the library gave
-/// up.
+/// Message of an ITK exception about a header: the innermost reason of NrrdIO, without the functions and
+/// source files of the library. If nothing else is left: that the library failed.
 std::string words_of(const std::exception& error) {
   const auto* of_itk = dynamic_cast<const itk::ExceptionObject*>(&error);
   std::string text = of_itk ? of_itk->GetDescription() : "";
@@ -65,7 +63,7 @@ Number number_type(const itk::ImageIOBase& io, const fs::path& file) {
   return found->second;
 }
 
-/// Holds back what a library prints: its reader has no other way to say what is wrong.
+/// Captures the library's output: its reader reports errors in no other form.
 class Silence {
  public:
   Silence() : out_(std::cout.rdbuf(said_.rdbuf())), err_(std::cerr.rdbuf(said_.rdbuf())) {}
@@ -77,7 +75,7 @@ class Silence {
   Silence& operator=(const Silence&) = delete;
 
  private:
-  // The streams are the process's: who reads beside this one waits.
+  // The streams belong to the process: other readers wait.
   inline static std::recursive_mutex one_;
   std::lock_guard<std::recursive_mutex> alone_{one_};
   std::ostringstream said_;
@@ -91,7 +89,7 @@ KeyValues metadata(const itk::ImageIOBase& io) {
   return keys;
 }
 
-/// Header and checks; the voxels are read afterwards.
+/// Reads header and checks; the voxels are read afterwards.
 StoredImage read_information(itk::ImageIOBase& io, const fs::path& file, std::string format) {
   StoredImage image;
   image.format = std::move(format);
@@ -99,12 +97,12 @@ StoredImage read_information(itk::ImageIOBase& io, const fs::path& file, std::st
     const Silence silence;
     io.SetFileName(file.string());
     io.ReadImageInformation();
-  } catch (const std::exception& error) {  // ITK's own, or what a damaged header makes of the library
+  } catch (const std::exception& error) {  // from ITK, or from the library on a damaged header
     throw unreadable(file, image.format, words_of(error));
   }
   std::vector<Index> size;
   for (unsigned a = 0; a < io.GetNumberOfDimensions(); ++a) {
-    // Before any cast: a size that does not fit would come out negative.
+    // Before any cast: a size that does not fit would become negative.
     if (io.GetDimensions(a) > static_cast<itk::SizeValueType>(std::numeric_limits<Index>::max()))
       throw unreadable(file, image.format,
                        fmt::format("axis {} is said to hold {} voxels", a + 1, io.GetDimensions(a)));
@@ -120,7 +118,7 @@ StoredImage read_information(itk::ImageIOBase& io, const fs::path& file, std::st
   return image;
 }
 
-/// Where the voxels are: the header's own file, or another that it names relative to itself.
+/// File of the voxels: the header's own, or another that it names relative to itself.
 fs::path second_file(const fs::path& header_file, const std::string& name, const std::string& format) {
   if (name.empty()) throw unreadable(header_file, format, "it does not say in which file its voxels are");
   const fs::path data = header_file.parent_path() / name;
@@ -154,14 +152,14 @@ void read_plain(StoredImage& image, const fs::path& file, std::uintmax_t begin) 
   warn_of_surplus(image, held - needed);
 }
 
-/// zlib or gzip, whichever it is; gzip perhaps in several members. Every turn takes bytes of the file, yields
-/// bytes, or is the last one.
+/// Reads zlib or gzip, possibly of several members. Every turn consumes bytes of the file, yields bytes, or
+/// is the last one.
 void read_deflated(StoredImage& image, const fs::path& file, std::uintmax_t begin) {
   const std::size_t needed = image.data_bytes();
   std::size_t got = 0;
   std::ifstream in(file, std::ios::binary);
   in.seekg(static_cast<std::streamoff>(begin));
-  image.data.reserve(needed);  // room in name only: memory is taken as the bytes come
+  image.data.reserve(needed);  // address space only: memory is used as the bytes come
   z_stream stream{};
   inflateInit2(&stream, 15 + 32);
   const std::unique_ptr<z_stream, int (*)(z_stream*)> closed_at_the_end(&stream, &inflateEnd);
@@ -169,13 +167,13 @@ void read_deflated(StoredImage& image, const fs::path& file, std::uintmax_t begi
   int state = Z_OK;
   while (got < needed + surplus_limit) {
     stop_if_asked();
-    if (stream.avail_in == 0) {  // the stream may hold bytes that have not come out yet, without any more
+    if (stream.avail_in == 0) {  // the stream may still hold output without further input
       in.read(reinterpret_cast<char*>(packed.data()), static_cast<std::streamsize>(packed.size()));
       stream.next_in = packed.data();
       stream.avail_in = static_cast<unsigned>(in.gcount());
     }
     if (state == Z_STREAM_END) {
-      if (stream.avail_in == 0 || *stream.next_in != 0x1f) break;  // the end, or rubbish: no further member
+      if (stream.avail_in == 0 || *stream.next_in != 0x1f) break;  // the end, or garbage: no further member
       inflateReset(&stream);
     }
     const unsigned before = stream.avail_in;
@@ -187,7 +185,7 @@ void read_deflated(StoredImage& image, const fs::path& file, std::uintmax_t begi
     const auto* bytes = reinterpret_cast<const std::byte*>(plain.data());
     image.data.insert(image.data.end(), bytes, bytes + wanted);
     got += came;
-    if (state != Z_OK && state != Z_STREAM_END) break;  // damaged, or nothing left to take or yield
+    if (state != Z_OK && state != Z_STREAM_END) break;  // damaged, or nothing left to read or write
     if (came == 0 && stream.avail_in == before) break;
   }
   if (state == Z_DATA_ERROR || state == Z_NEED_DICT)
@@ -204,12 +202,12 @@ void read_ascii(StoredImage& image, const fs::path& file, std::uintmax_t begin) 
   const std::uintmax_t length = length_of(file), held = length - std::min(length, begin);
   if (held + 1 < 2 * count)  // a digit each, and a blank between
     throw truncated(file, fmt::format("{} letters cannot hold {} numbers", held, count));
-  image.type = Number::real64;  // what is written, whatever type it is said to have
+  image.type = Number::real64;  // the written type, whatever the declared one is
   image.data.resize(count * sizeof(double));
   std::ifstream in(file, std::ios::binary);
   in.seekg(static_cast<std::streamoff>(begin));
   std::string word;
-  constexpr int longest = 64;  // letters; more would be taken for two numbers
+  constexpr int longest = 64;  // letters; longer ones would be read as two numbers
   for (std::size_t v = 0; v < count; ++v) {
     if (v % 65536 == 0) stop_if_asked();
     if (!(in >> std::setw(longest) >> word))
@@ -359,8 +357,7 @@ void write_with(ImageIO& io, const fs::path& file, const StoredImage& image) {
 
 StoredImage read_nrrd(const fs::path& file) {
   const TextHeader header = read_text_header(file, ':', "");
-  if (!header.complete &&
-      header.bytes == longest_header)  // where ITK would look for its end in all of the file
+  if (!header.complete && header.bytes == longest_header)  // ITK would search its end in the whole file
     throw unreadable(file, "NRRD",
                      fmt::format("its header does not end within {} MiB", longest_header >> 20));
   check_nrrd_header(header, file);

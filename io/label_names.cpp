@@ -27,7 +27,7 @@ std::optional<int> integer(std::string_view text) {
   return value;
 }
 
-/// A name that every later file and terminal can stand: UTF-8 (else it is taken as Latin-1), one line.
+/// A name that is valid in every later file and terminal: one line of UTF-8 (else it is read as Latin-1).
 std::string clean_name(const std::string& name) {
   std::string text;
   for (std::size_t n = 0; n < name.size();) {
@@ -104,9 +104,9 @@ constexpr std::string_view totalsegmentator_mr =
     "gluteus_maximus_right gluteus_medius_left gluteus_medius_right gluteus_minimus_left "
     "gluteus_minimus_right autochthon_left autochthon_right iliopsoas_left iliopsoas_right brain";
 
-// The numbering of FreeSurfer's FreeSurferColorLUT.txt, of what its segmentations hold: aseg.mgz (number,
-// name; ...) and, by the Desikan-Killiany names from 1000 (left) and 2000 (right) on, aparc+aseg.mgz;
-// wmparc.mgz from 3000 and 4000 on.
+// The numbering of FreeSurfer's FreeSurferColorLUT.txt for its segmentations: aseg.mgz (number, name; ...)
+// and, with the Desikan-Killiany names from 1000 (left) and 2000 (right) on, aparc+aseg.mgz; wmparc.mgz from
+// 3000 and 4000 on.
 constexpr std::string_view freesurfer_aseg =
     "2 Left-Cerebral-White-Matter 3 Left-Cerebral-Cortex 4 Left-Lateral-Ventricle 5 Left-Inf-Lat-Vent "
     "7 Left-Cerebellum-White-Matter 8 Left-Cerebellum-Cortex 10 Left-Thalamus 11 Left-Caudate 12 "
@@ -179,7 +179,7 @@ std::map<int, std::string> names_from_segment_keys(const KeyValues& keys,
         key.size() <= before.size() + after.size())
       continue;
     const std::string segment = key.substr(0, key.size() - after.size());
-    // No std::regex: it descends once a letter, and a long key would end the stack.
+    // No std::regex: it recurses for each letter, and a long key would overflow the stack.
     if (segment.find_first_not_of("0123456789", before.size()) != std::string::npos) continue;
     const auto value = keys.find(segment + "_LabelValue");
     // Slicer wrote no LabelValue before 4.11; a single segment then has label 1.
@@ -288,10 +288,10 @@ InputError bad_table(const TableLine& line, std::string fact) {
 struct NamedLabel {
   int label = 0;
   std::string name;
-  bool unclear = false;  ///< where the name ends and the colour begins
+  bool unclear = false;  ///< unclear where the name ends and the colour begins
 };
 
-/// Of a table with commas, whose first line names its columns.
+/// Label in a table with commas, whose first line names its columns.
 NamedLabel label_of_columns(const TableLine& line, const std::vector<std::string>& columns) {
   const std::vector<std::string> values = values_of(line.text);
   const auto value = [&](const char* column) {
@@ -301,11 +301,11 @@ NamedLabel label_of_columns(const TableLine& line, const std::vector<std::string
   };
   const std::optional<int> label = integer(value("labelvalue"));
   if (!label || *label < 0) throw bad_table(line, fmt::format("its LabelValue is '{}'", value("labelvalue")));
-  // Where no name is given, its meaning in the terminology.
+  // Without a name, its meaning in the terminology.
   return {*label, !value("name").empty() ? value("name") : value("type_codemeaning")};
 }
 
-/// Of a colour table, where words stand between the label and R G B, mostly A.
+/// Label in a colour table: words between the label and R G B, usually A.
 NamedLabel label_before_colour(const TableLine& line, const std::vector<std::string>& word, int label) {
   std::size_t numbers = 0;  // of the colour
   while (numbers < 4 && numbers + 1 < word.size() && integer(word[word.size() - 1 - numbers])) ++numbers;
@@ -318,7 +318,7 @@ NamedLabel label_before_colour(const TableLine& line, const std::vector<std::str
       numbers == 4 && word.size() > 6 && integer(word[word.size() - 5]).has_value()};
 }
 
-/// Of ITK-SNAP, with the name in quotes, or of a colour table.
+/// Label of ITK-SNAP, with the name in quotes, or of a colour table.
 NamedLabel label_of_words(const TableLine& line) {
   const std::string& text = line.text;
   const auto open = text.find('"'), close = text.rfind('"');
@@ -333,7 +333,7 @@ NamedLabel label_of_words(const TableLine& line) {
 }
 
 void keep(LabelTable& table, int label, const std::string& text) {
-  // What 3D Slicer writes for numbers without a name.
+  // Names that 3D Slicer writes for numbers without a name.
   if (label == 0 || text.empty() || text == "(none)" || text == "invalid") return;
   const std::string name = clean_name(text);
   const auto [known, is_new] = table.names.emplace(label, name);
@@ -347,7 +347,7 @@ void keep(LabelTable& table, int label, const std::string& text) {
 
 }  // namespace
 
-// No library: formats of one short line a label, and the message must name the line.
+// No library: formats of one short line for each label, and the message must name the line.
 LabelTable read_label_names(const std::filesystem::path& file) {
   require_regular_file(file);
   std::istringstream lines(read_file(file, most_bytes_of_text));

@@ -38,12 +38,11 @@ LabelTable read_label_names(const std::filesystem::path& file);
 /// "totalsegmentator-mr" (`total_mr`), of version 2, or "freesurfer" (aseg, aparc+aseg, wmparc).
 std::optional<LabelTable> known_label_names(const std::string& word);
 
-/// Which of these numberings has a label of that name, for instance "label 5 of totalsegmentator"; empty:
-/// none.
+/// A label of that name in these numberings, for instance "label 5 of totalsegmentator"; empty: none has it.
 std::string numbering_with(const std::string& label_name);
 
-/// A sentence if the labels of the image would have other names in a sister numbering and nothing tells which
-/// is meant; else empty.
+/// A sentence if the labels of the image would have other names in a related numbering and nothing decides
+/// between them; else empty.
 std::string other_numbering(const std::string& word, const LabelImage& image);
 
 /// ITK-SNAP label descriptions of the labels present that have a name; empty if there are none.

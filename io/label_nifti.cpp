@@ -1,7 +1,7 @@
-// NIfTI-1 and -2 by the byte offsets of the standard and zlib rather than ITK's reader, which refuses a
-// sheared sform, scales the spacing but not the origin of a file in metres, turns NaN into 0, takes a file
-// without orientation in silence, and with the libnifti that ITK 5.2 carries does not know NIfTI-2. Debian's
-// libnifti2 does, but its functions have the names of ITK's with other arguments: a program cannot hold both.
+// NIfTI-1 and -2 by the byte offsets of the standard and zlib instead of ITK's reader. That refuses a sheared
+// sform, scales only the spacing of a file in metres, turns NaN into 0, and accepts a missing orientation
+// silently. With the libnifti of ITK 5.2 it does not support NIfTI-2. Debian's libnifti2 does, but its
+// functions have the names of ITK's with other arguments: a program cannot hold both.
 
 #include <fmt/format.h>
 #include <nifti1_io.h>
@@ -31,7 +31,7 @@ namespace fs = std::filesystem;
 
 using GzFile = std::unique_ptr<gzFile_s, decltype(&gzclose)>;
 
-/// Where a version keeps what counts, and in which types.
+/// Offsets and types of the header's fields in a version.
 struct Layout {
   int version;
   std::size_t bytes;
@@ -42,7 +42,7 @@ constexpr Layout nifti_1{1, 348, 70, 72, 40, 76, 108, 112, 116, 123, 252, 254, 2
 constexpr Layout nifti_2{2, 540, 12, 14, 16, 104, 168, 176, 184, 500, 344, 348, 352, 376, 400, 4};
 static_assert(sizeof(nifti_1_header) == nifti_1.bytes);
 
-/// A header of either version, in numbers.
+/// A header of either version, as numbers.
 struct Header {
   const Layout* layout = &nifti_1;
   bool swapped = false;  ///< the other byte order, voxels too
@@ -125,8 +125,8 @@ NiftiFiles files_of(const fs::path& file) {
   return {part(".hdr", ".HDR"), part(".img", ".IMG"), true};
 }
 
-/// Fills `bytes` or throws; gzread passes a file that is not compressed through. They are bytes `before`
-/// onward of `total`, for the message.
+/// Fills `bytes` or throws; gzread also reads uncompressed files. They are bytes `before` onward of `total`,
+/// for the message.
 void read_exactly(gzFile in, std::byte* bytes, std::size_t count, const fs::path& file,
                   std::size_t before = 0, std::size_t total = 0) {
   std::size_t done = 0;
@@ -165,7 +165,7 @@ Header read_header(gzFile in, const fs::path& file, bool is_pair) {
   for (const bool swapped : {false, true}) {
     if (length(swapped) == nifti_2.bytes) {
       read_exactly(in, bytes.data() + nifti_1.bytes, nifti_2.bytes - nifti_1.bytes, file);
-      // Its last letters are changed by a transfer that takes the file for text.
+      // A transfer in text mode changes its last letters.
       if (!says(nifti_2, is_pair ? "ni2\0\r\n\032\n"sv : "n+2\0\r\n\032\n"sv))
         throw refuse("the file is not a NIfTI-2 image", "check the file; export the segmentation anew");
       return decoded<std::int64_t, double, std::int64_t, std::int32_t, std::int32_t>(bytes.data(), nifti_2,
@@ -197,7 +197,7 @@ Number number_type(const Header& header, const fs::path& file) {
   return static_cast<Number>(found - nifti_types.begin());
 }
 
-/// What the header's quaternion says, as libnifti takes it.
+/// Matrix of the header's quaternion, computed as libnifti does.
 Eigen::Matrix<double, 3, 4> qform_of(const Header& h) {
   Vec3 v = h.quaternion;
   double w = 1.0 - v.squaredNorm();
@@ -224,7 +224,7 @@ bool is_a_place(const Eigen::Matrix<double, 3, 4>& m) {
 }
 
 /// The sform if its code is set, else the qform if its code is set, else pixdim: as nibabel and 3D Slicer do.
-/// An sform that is no place in space gives way to a qform.
+/// A qform replaces an sform that is singular or not finite.
 void read_geometry(const Header& h, StoredImage& image, const fs::path& file) {
   using Rows = Eigen::Matrix<double, 3, 4>;
   const bool has_q = h.qform_code > 0, has_s = h.sform_code > 0 && (!has_q || is_a_place(h.sform));
@@ -253,8 +253,7 @@ void read_geometry(const Header& h, StoredImage& image, const fs::path& file) {
         if (corner >> a & 1) x[a] = static_cast<double>(image.size[static_cast<std::size_t>(a)] - 1);
       apart = std::max(apart, ((h.sform - qform) * x).norm());
     }
-    // A tenth of a voxel: what single precision makes of a quaternion stays below. Not a number is apart,
-    // too.
+    // A tenth of a voxel: more than rounding of a quaternion to single precision. Not a number is apart, too.
     if (has_q && !(apart <= 0.1 * lengths.minCoeff()))
       image.warnings.push_back(fmt::format(
           "sform and qform place the image up to {:.3g} mm apart: the sform says {}, the qform {}; the sform "
@@ -275,7 +274,7 @@ void read_geometry(const Header& h, StoredImage& image, const fs::path& file) {
   image.to_world.matrix().topRows<3>() = ras;
 }
 
-/// Its axes as the file says them, checked.
+/// Sizes of the axes in the file, checked.
 void read_size(const Header& header, StoredImage& image, const NiftiFiles& files, const fs::path& named) {
   if (header.dim[0] < 1 || header.dim[0] > 7)
     throw InputError({.fact = fmt::format("the image is said to have {} axes", header.dim[0]),
@@ -284,16 +283,15 @@ void read_size(const Header& header, StoredImage& image, const NiftiFiles& files
                       .remedy = "export the segmentation anew"});
   std::vector<Index> size;
   for (std::size_t a = 1; a <= static_cast<std::size_t>(header.dim[0]); ++a)
-    size.push_back(a > 3 && header.dim[a] == 0 ? 1
-                                               : header.dim[a]);  // 0 stands for an axis that is not there
-  // The fifth axis counts components, whatever its length and the intent code say.
+    size.push_back(a > 3 && header.dim[a] == 0 ? 1 : header.dim[a]);  // 0: the axis does not exist
+  // The fifth axis counts components, for any length and intent code.
   const Index components = size.size() > 4 ? size[4] : 1;
   if (size.size() > 4) size[4] = 1;
   image.size = checked_size(size, components, named);
   check_length(image, files.data);
 }
 
-/// How a voxel's bits become its value: type, slope and intercept.
+/// Conversion of a voxel's bits to its value: type, slope and intercept.
 void read_scaling(const Header& header, StoredImage& image) {
   if (const auto bits = static_cast<int>(8 * bytes_of(image.type)); header.bitpix != bits)
     image.warnings.push_back(
@@ -314,7 +312,7 @@ void take_unit_of_length(const Header& header, StoredImage& image) {
       scale_to_millimetres(image, 0.001, "microns");
       break;
     case NIFTI_UNITS_MM:
-    case NIFTI_UNITS_UNKNOWN:  // unsaid, which means the same in practice
+    case NIFTI_UNITS_UNKNOWN:  // unspecified, which means the same in practice
       break;
     default:
       image.warnings.push_back(fmt::format(
@@ -324,10 +322,10 @@ void take_unit_of_length(const Header& header, StoredImage& image) {
 
 constexpr std::size_t chunk_to_skip = 1 << 16;  // [bytes]
 
-/// Past the header's extensions to the first voxel. `in` stands behind the header, or at the beginning of the
+/// Skips the header's extensions up to the first voxel. `in` is behind the header, or at the beginning of the
 /// file of voxels.
 void skip_to_voxels(gzFile in, const Header& header, const StoredImage& image, const NiftiFiles& files) {
-  // A writer that forgot vox_offset meant the end of the header and its four bytes.
+  // A writer that left out vox_offset meant the end of the header and its four bytes.
   const double offset = header.vox_offset, length = static_cast<double>(fs::file_size(files.data));
   const bool is_packed = gzdirect(in) == 0;
   if (!(offset >= 0.0 && offset < 1e9) || (!is_packed && offset > length))
@@ -351,7 +349,7 @@ void skip_to_voxels(gzFile in, const Header& header, const StoredImage& image, c
 }
 
 void read_voxels(gzFile in, StoredImage& image, const fs::path& file) {
-  image.data.reserve(image.data_bytes());  // room in name only: memory is taken as the bytes come
+  image.data.reserve(image.data_bytes());  // address space only: memory is used as the bytes come
   while (image.data.size() < image.data_bytes()) {
     const std::size_t done = image.data.size(),
                       chunk = std::min<std::size_t>(image.data_bytes() - done, 1 << 22);
@@ -360,7 +358,7 @@ void read_voxels(gzFile in, StoredImage& image, const fs::path& file) {
   }
 }
 
-/// To the end, where zlib compares checksums: the bytes that no voxel has asked for.
+/// Reads to the end, where zlib compares checksums: the number of bytes behind the voxels.
 std::size_t read_surplus(gzFile in, const fs::path& file) {
   std::vector<std::byte> skipped(chunk_to_skip);
   std::size_t surplus = 0;
@@ -404,7 +402,7 @@ std::vector<std::byte> nifti_header(const StoredImage& image, int components) {
   h.sizeof_hdr = nifti_1.bytes;
   std::memcpy(h.magic, "n+1", 4);
   h.vox_offset = nifti_1.bytes + 4;
-  h.dim[0] = components > 1 ? 5 : 3;  // components stand on the fifth axis, behind time
+  h.dim[0] = components > 1 ? 5 : 3;  // components are on the fifth axis, behind time
   for (std::size_t a = 0; a < 3; ++a) {
     if (image.size[a] > std::numeric_limits<short>::max())
       throw std::runtime_error(
@@ -435,7 +433,7 @@ std::vector<std::byte> nifti_header(const StoredImage& image, int components) {
   nifti_mat44_to_quatern(m, &h.quatern_b, &h.quatern_c, &h.quatern_d, &h.qoffset_x, &h.qoffset_y,
                          &h.qoffset_z, &h.pixdim[1], &h.pixdim[2], &h.pixdim[3], &qfac);
   h.pixdim[0] = qfac;
-  // A quaternion cannot say shear; it would contradict the sform.
+  // A quaternion cannot represent shear; it would contradict the sform.
   h.qform_code = is_at_right_angles(ras.leftCols<3>()) ? NIFTI_XFORM_SCANNER_ANAT : NIFTI_XFORM_UNKNOWN;
 
   std::vector<std::byte> bytes(sizeof h + 4, std::byte{0});  // four more: no extension follows

@@ -8,10 +8,10 @@
 namespace dimple {
 namespace {
 
-// The voxels of each face-connected piece, at one of its runs, and 0 at the others. By runs rather than ITK's
-// ConnectedComponentImageFilter, which wants every voxel and one pass per label.
+// The voxels of each face-connected piece, at one of its runs, and 0 at the others. By runs instead of ITK's
+// ConnectedComponentImageFilter, which needs every voxel and one pass per label.
 std::vector<std::int64_t> voxels_of_pieces(const LabelImage& image) {
-  // A forest over runs. Of two runs that touch, the root that comes later hangs on the earlier one.
+  // Union-find over runs: the later root of two connected runs gets the earlier one.
   std::vector<std::size_t> parent(image.run.size());
   std::iota(parent.begin(), parent.end(), std::size_t{0});
   const auto root = [&](std::size_t r) {

@@ -11,8 +11,8 @@
 
 namespace dimple {
 
-/// What this process may use of the machine's memory [bytes]: all there is, or the least limit set to it
-/// (ulimit -v, a container's). Not what others leave free: that changes by the second.
+/// Memory that this process may use [bytes]: all of the machine, or the least limit set to it (ulimit -v, a
+/// container's). Not the free memory, which changes by the second.
 inline double memory_at_hand() {
   double memory = static_cast<double>(sysconf(_SC_PHYS_PAGES)) * static_cast<double>(sysconf(_SC_PAGESIZE));
   rlimit limit{};
@@ -26,8 +26,8 @@ inline double memory_at_hand() {
   return memory;
 }
 
-/// What was freed goes back to the system. The C library keeps it else: of millions of small lists, or of the
-/// texts of large files, half a gigabyte at a hundred thousand nodes.
+/// Returns freed memory to the system. The C library would keep half a gigabyte at a hundred thousand nodes,
+/// of millions of small lists or of the texts of large files.
 inline void give_back_memory() {
 #ifdef __GLIBC__
   malloc_trim(0);

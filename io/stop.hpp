@@ -6,10 +6,10 @@
 
 namespace dimple {
 
-/// Why the work at hand is to end.
+/// Reason for which the current work must end.
 enum class StopReason : int { none = 0, interrupted, out_of_time };
 
-/// The work at hand was asked to end. Whoever has something to keep catches it, keeps that, and passes it on.
+/// The current work must end. Code with a partial result catches it, stores the result, and rethrows.
 struct Stopped : Error {
   explicit Stopped(StopReason why);
   StopReason reason;
@@ -20,7 +20,7 @@ inline std::atomic<StopReason> asked{StopReason::none};
 static_assert(std::atomic<StopReason>::is_always_lock_free, "signal handlers set it");
 }  // namespace stop_detail
 
-/// Asks all work of this process to end; the first reason stays. Safe in a signal handler and from any
+/// Requests that all work of this process end; the first reason counts. Safe in a signal handler and from any
 /// thread.
 inline void ask_to_stop(StopReason why) noexcept {
   StopReason none = StopReason::none;
@@ -29,13 +29,13 @@ inline void ask_to_stop(StopReason why) noexcept {
 inline StopReason stop_asked() noexcept {
   return stop_detail::asked.load(std::memory_order_relaxed);
 }
-/// Work may begin again, for programs that go on after a stop.
+/// Allows work to begin again, for programs that continue after a stop.
 inline void forget_stop() noexcept {
   stop_detail::asked.store(StopReason::none);
 }
 
-/// Throws Stopped if the work was asked to end. It costs one load: every loop that may last asks it at least
-/// ten times a second, in oneTBB's loops too, which pass the exception on.
+/// Throws Stopped if the work must end. It costs one load: every long loop calls it at least ten times a
+/// second, also inside oneTBB's loops, which pass the exception on.
 inline void stop_if_asked() {
   if (const StopReason why = stop_asked(); why != StopReason::none) throw Stopped(why);
 }

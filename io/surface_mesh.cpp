@@ -41,10 +41,10 @@ constexpr const char* ras_mark = "SPACE=RAS";  // as 3D Slicer writes it into a 
                     .remedy = remedy});
 }
 
-// Text STL and OBJ are read here: VTK's readers take a number that they cannot read for another one, in
-// silence, and know no lines.
+// Text STL and OBJ are read here: VTK's readers replace a number that they cannot read by another one,
+// silently, and have no line numbers.
 
-// Polygons as they are in a file.
+// Polygons as in the file.
 struct Polygons {
   vtkNew<vtkPoints> place;
   vtkNew<vtkCellArray> cells;
@@ -54,7 +54,7 @@ struct Polygons {
 
 // ----------------------------------------------------------------------------------------- lines of text
 
-// Without a byte order mark.
+// The text without a byte order mark.
 std::string_view text_in(const fs::path& file, std::string_view content) {
   if (content.starts_with("\xff\xfe") || content.starts_with("\xfe\xff"))
     refuse(file, fmt::format("{} cannot be read", file.filename().string()), "it is text in UTF-16",
@@ -87,7 +87,7 @@ Vec3 corner_in(const fs::path& file, std::string_view line, std::size_t number) 
   for (double& value : place) {
     const std::string_view word = next_word(line);
     const char *begin = word.data(), *end = begin + word.size();
-    if (word.starts_with('+')) ++begin;  // std::from_chars knows no plus sign
+    if (word.starts_with('+')) ++begin;  // std::from_chars accepts no plus sign
     const auto [stop, error] = std::from_chars(begin, end, value);
     if (error == std::errc() && stop == end && std::isfinite(static_cast<float>(value))) continue;
     refuse(file,
@@ -186,7 +186,7 @@ vtkIdType corner_number(const fs::path& file, std::string_view word, std::size_t
 
 void read_obj(const fs::path& file, std::string_view text, Polygons& into) {
   std::vector<vtkIdType> face;
-  bool goes_on = false;  // a face, in the next line
+  bool goes_on = false;  // a face continues in the next line
   vtkIdType last = -1;
   for_each_line(text, [&](std::string_view line, std::size_t number) {
     if (line.starts_with('#') && line.find(ras_mark) != std::string_view::npos) into.is_ras = true;
@@ -221,7 +221,7 @@ SurfaceFile in_triangles(const Polygons& polygons) {
   vtkNew<vtkPolyData> read;
   read->SetPoints(polygons.place);
   read->SetPolys(polygons.cells);
-  vtkNew<vtkCleanPolyData> same;  // equal corners of an STL first: each is then welded once
+  vtkNew<vtkCleanPolyData> same;  // equal corners of an STL first: each is then merged once
   same->SetInputData(read);
   if (polygons.is_stl) same->Update();
   vtkNew<vtkTriangleFilter> triangles;
@@ -249,7 +249,7 @@ SurfaceFile in_triangles(const Polygons& polygons) {
   return surface;
 }
 
-// By places, for the corners of a .vtp need not be welded.
+// Compared by position, since corners of a .vtp need not be merged.
 void refuse_copies(const fs::path& file, const SurfaceFile& surface) {
   using Corner = std::array<double, 3>;
   std::vector<std::array<Corner, 3>> all;

@@ -16,7 +16,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// RFC 4180: in quotes, its own doubled.
+/// A field in quotes, its own doubled, by RFC 4180.
 std::string in_quotes(const std::string& field) {
   std::string text = "\"";
   for (const char c : field) {
@@ -26,12 +26,12 @@ std::string in_quotes(const std::string& field) {
   return text + '"';
 }
 
-/// A field with a comma, a quote or a line break needs them.
+/// A field in quotes if it has a comma, a quote or a line break.
 std::string quoted(const std::string& field) {
   return field.find_first_of(",\"\r\n") == std::string::npos ? field : in_quotes(field);
 }
 
-/// As shortest() writes it.
+/// True for a number in the form of shortest().
 bool is_number(const std::string& field) {
   double value = 0.0;
   const char* const end = field.data() + field.size();
@@ -39,7 +39,7 @@ bool is_number(const std::string& field) {
   return !field.empty() && stop == end && error == std::errc();
 }
 
-/// Splits at `separator` outside quotes; ' ' stands for any run of blanks. False: a quote is open at the end.
+/// Splits at `separator` outside quotes; ' ' means any run of blanks. False: a quote is open at the end.
 bool split(std::string_view line, char separator, std::vector<std::string>& fields) {
   std::string field;
   bool in_quotes = false, was_quoted = false;
@@ -68,13 +68,13 @@ bool split(std::string_view line, char separator, std::vector<std::string>& fiel
   return !in_quotes;
 }
 
-/// What a file holds beside comments and blank lines, line by line.
+/// Lines of a file, without comments and blank lines.
 class Lines {
  public:
   explicit Lines(std::string_view content) : rest_(content) {
     if (rest_.starts_with("\xEF\xBB\xBF")) rest_.remove_prefix(3);  // the byte order mark of spreadsheets
   }
-  /// Without its end; false: there is none left.
+  /// The next line without its end; false: there is none left.
   bool next(std::string_view& text) {
     while (!rest_.empty()) {
       ++number_;
@@ -93,7 +93,7 @@ class Lines {
   std::size_t number_ = 0;
 };
 
-/// The last of `candidates` that the header holds, or the first of them.
+/// The last of `candidates` in the header, or the first of them.
 char separator_in(std::string_view header, std::string_view candidates) {
   char separator = candidates.front();
   for (const char candidate : candidates)
@@ -110,7 +110,7 @@ InputError bad_table(const fs::path& file, std::size_t line, std::string fact, s
                      .remedy = std::move(remedy)});
 }
 
-/// Two columns of one name. Names that are empty are left to the caller.
+/// Throws if two columns have one name. Empty names are left to the caller.
 void require_unlike(const std::vector<std::string>& header, const fs::path& file, std::size_t line) {
   for (auto name = header.begin(); name != header.end(); ++name)
     if (!name->empty() && std::find(header.begin(), name, *name) != name)
@@ -122,10 +122,10 @@ void require_unlike(const std::vector<std::string>& header, const fs::path& file
 double number(const std::string& field, const fs::path& file, std::size_t line, const std::string& column) {
   const char* first = field.data();
   const char* const last = first + field.size();
-  if (first != last && *first == '+') ++first;  // std::from_chars knows no plus sign
+  if (first != last && *first == '+') ++first;  // std::from_chars accepts no plus sign
   double value = 0.0;
   const auto [end, error] = std::from_chars(first, last, value);
-  // What nothing is known of has an infinite error.
+  // An error without an estimate is infinite.
   const bool may_be_infinite = column.starts_with("error_") && value > 0.0;
   if (error != std::errc() || end != last || std::isnan(value) || (std::isinf(value) && !may_be_infinite))
     throw bad_table(file, line,
@@ -150,7 +150,7 @@ std::string to_csv(const Table& table) {
       if (c > 0) text += ',';
       text += field(c);
     }
-    text += "\r\n";  // RFC 4180 ends lines so
+    text += "\r\n";  // line ends of RFC 4180
     return text;
   };
   std::string text = row([&](std::size_t c) { return quoted(table.header[c]); });

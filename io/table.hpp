@@ -20,7 +20,7 @@ std::string to_csv(const Table& table);
 void write_csv(const std::filesystem::path& file, const Table& table);
 
 /// Reads a CSV of numbers with a header line; `#` starts a comment line; commas, semicolons or blanks
-/// separate. No library: what is read is a plain rectangle of numbers, and the message must name line and
+/// separate. No library: the content is a plain rectangle of numbers, and the message must name line and
 /// column. Throws InputError: no such file, no header, a field that is not a finite number, rows of different
 /// length.
 Table read_csv(const std::filesystem::path& file);
@@ -35,16 +35,16 @@ struct TextTable {
   std::vector<Row> row;
 };
 
-/// The same as read_csv(), of words: commas, semicolons or tabs separate, for a word may hold blanks; a field
-/// may be empty. Throws InputError: no such file, zero bytes in it, no header, a header entry that is empty
-/// or there twice, quotes that do not close in their line, rows of different length.
+/// Reads a CSV of words like read_csv(): commas, semicolons or tabs separate, since words may contain blanks;
+/// a field may be empty. Throws InputError: no such file, zero bytes in it, no header, an empty or duplicate
+/// header entry, quotes that do not close in their line, rows of different length.
 TextTable read_text_csv(const std::filesystem::path& file);
-/// RFC 4180 CSV of rows of words. What is no number stands as_text().
+/// RFC 4180 CSV of rows of words. Fields that are no numbers are written by as_text().
 std::string to_csv(const TextTable& table);
-/// Words of others for a field of a table: behind an apostrophe if a spreadsheet would take them for a
-/// formula, which begins with = + - @ or with a blank control character before those.
+/// Words of others for a field of a table: behind an apostrophe if a spreadsheet would read them as a
+/// formula. That begins with = + - @ or with a blank control character before those.
 std::string as_text(const std::string& words);
-/// The same in quotes.
+/// The field of as_text(), in quotes.
 std::string csv_field(const std::string& words);
 /// Shortest text that reads back to the same bits; "nan" and "inf" for what is not finite.
 std::string shortest(double value);

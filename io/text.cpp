@@ -15,7 +15,7 @@ std::size_t length_of_character(std::string_view text) {
   if (length == 0 || text.size() < length) return 0;
   for (std::size_t k = 1; k < length; ++k)
     if ((byte(k) & 0xC0) != 0x80) return 0;
-  // Neither longer than need be, nor half of a pair, nor beyond the last.
+  // Not overlong, no half of a surrogate pair, and not beyond the last character.
   const bool wrong = (first == 0xE0 && byte(1) < 0xA0) || (first == 0xED && byte(1) > 0x9F) ||
                      (first == 0xF0 && byte(1) < 0x90) || (first == 0xF4 && byte(1) > 0x8F);
   return wrong ? 0 : length;
@@ -28,7 +28,7 @@ bool is_control(std::string_view character) {
   return first < 0x20 || first == 0x7F || (first == 0xC2 && static_cast<unsigned char>(character[1]) < 0xA0);
 }
 
-/// `keep(rest)`: the text goes on with a control character that stays.
+/// `keep(rest)`: the text continues with a control character that is kept.
 template <class Keep>
 std::string cleaned(std::string_view text, std::size_t most, const Keep& keep) {
   std::string result;

@@ -5,23 +5,23 @@
 
 namespace dimple {
 
-/// Text of others on one line of a terminal or a message: control characters, those of U+0080 to U+009F too,
-/// and bytes that are not UTF-8 come out as \x1b. What is longer than `most` bytes ends with "...".
+/// Text of others for one line of a terminal or a message: control characters, U+0080 to U+009F included, and
+/// bytes that are not UTF-8 are written like \x1b. Text longer than `most` bytes ends with "...".
 std::string printable(std::string_view text, std::size_t most = std::string_view::npos);
 
-/// The same of several lines: their ends and tabs stay.
+/// Text of several lines, treated alike; ends of lines and tabs are kept.
 std::string printable_lines(std::string_view text);
 
-/// JSON as it may go to a terminal: what it leaves as it is of control characters becomes \u007f.
+/// JSON for a terminal: control characters that JSON allows unescaped become \u007f.
 std::string printable_json(std::string_view json);
 
-/// As a shell reads it for one word: in single quotes, unless it is plain.
+/// A word for a shell: in single quotes, unless it is plain.
 std::string shell_word(std::string_view text);
 
-/// With small letters for the capitals of ASCII.
+/// The text with the capitals of ASCII in lower case.
 std::string lower(std::string_view text);
 
-/// Without blanks, tabs and ends of lines before and after it.
+/// The text without blanks, tabs and ends of lines before and after it.
 std::string_view trimmed(std::string_view text);
 
 /// Bytes of the character that begins `text`, which is not empty; 0: it is not UTF-8.

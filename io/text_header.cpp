@@ -31,7 +31,7 @@ bool are_finite(const std::vector<std::string>& words) {
   });
 }
 
-/// As NRRD writes a direction: (1,0,0).
+/// Vector in the form of an NRRD direction: (1,0,0).
 std::optional<Vec3> vector_of_three(const std::string& word) {
   if (word.size() < 3 || word.front() != '(' || word.back() != ')') return std::nullopt;
   std::string numbers = word.substr(1, word.size() - 2);
@@ -46,8 +46,7 @@ std::optional<Vec3> vector_of_three(const std::string& word) {
   return v;
 }
 
-/// ITK reads one axis of numbers per voxel in addition to three axes of space, and refuses others in its own
-/// words.
+/// ITK reads one axis of numbers per voxel besides three axes of space; its refusal of others is unclear.
 void check_axes(const TextHeader& header, int dimension, const fs::path& file) {
   static const std::set<std::string> independent = {"domain", "space", "time", "none", "???"};
   const auto kinds = words_in(header.at("kinds"));
@@ -64,7 +63,7 @@ void check_axes(const TextHeader& header, int dimension, const fs::path& file) {
 }
 
 // NrrdIO copies a line that it cannot understand into 257 bytes, however long it is. Directions of full
-// precision are longer than what is safe; of them it understands what is checked here.
+// precision are longer than is safe; of them it understands what is checked here.
 void check_long_lines(const TextHeader& header, std::optional<int> dimension, const fs::path& file) {
   constexpr std::size_t longest = 160;
   static const std::set<std::string> spaces = {"right-anterior-superior",
@@ -100,8 +99,8 @@ void check_long_lines(const TextHeader& header, std::optional<int> dimension, co
   }
 }
 
-// MetaIO ends a key at a blank or colon too, and of one that comes twice takes the last: with another NDims
-// it would count for ever.
+// MetaIO ends a key at a blank or colon too, and uses the last of duplicate keys: with another NDims it would
+// count for ever.
 void check_keys(const TextHeader& header, const fs::path& file) {
   const auto refuse = [&](std::string why) { return unreadable(file, "MetaImage", std::move(why)); };
   std::set<std::string> keys;
@@ -243,7 +242,7 @@ void check_metaimage_header(const TextHeader& header, const fs::path& file,
   const auto spacing = words_in(header.at("ElementSpacing"));
   if (std::any_of(spacing.begin(), spacing.end(), [](const auto& word) {
         return !(number_in<double>(word) > 1e-100);
-      }))  // ITK takes the rest for zero
+      }))  // ITK treats the rest as zero
     throw refuse(fmt::format("the voxel spacing is {} mm", fmt::join(spacing, " x ")));
   if (header.at("ElementType").ends_with("_ARRAY"))
     throw refuse(fmt::format("its voxels are of type {}", header.at("ElementType")));

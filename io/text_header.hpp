@@ -1,7 +1,7 @@
 #pragma once
 
-// The headers of NRRD and MetaImage as text: ITK keeps neither the unit of an NRRD nor where the voxels
-// begin, and must not see what it cannot stand. Used by label_itk.cpp, by nobody else.
+// The headers of NRRD and MetaImage as text: ITK keeps neither the unit of an NRRD nor the start of the
+// voxels, and must not receive headers that crash it. Used by label_itk.cpp only.
 
 #include <charconv>
 #include <cstdlib>
@@ -32,13 +32,13 @@ struct TextHeader {
   }
 };
 
-/// What of a file is searched for the end of its header [bytes].
+/// Part of a file that is searched for the end of its header [bytes].
 constexpr std::uintmax_t longest_header = 1 << 22;
 
 /// Ends at an empty line (NRRD) or after the line with `last_key` (MetaImage).
 TextHeader read_text_header(const std::filesystem::path& file, char separator, std::string_view last_key);
 
-/// Of a file [bytes]; 0 if it is not known.
+/// Length of a file [bytes]; 0 if it is not available.
 std::uintmax_t length_of(const std::filesystem::path& file);
 
 /// The whole text as one number.
@@ -60,8 +60,8 @@ std::string either(const TextHeader& header, std::initializer_list<const char*> 
 
 InputError unreadable(const std::filesystem::path& file, const std::string& format, std::string_view why);
 
-/// Throw InputError: what ITK's reader would take wrongly, wait for, break on or name by the wrong reason.
-/// `warnings` receives what the header leaves open.
+/// Throw InputError for headers that ITK's reader would misread, wait for, crash on or reject with a wrong
+/// reason. `warnings` receives what the header leaves open.
 void check_nrrd_header(const TextHeader& header, const std::filesystem::path& file);
 void check_metaimage_header(const TextHeader& header, const std::filesystem::path& file,
                             std::vector<std::string>& warnings);

@@ -55,7 +55,7 @@ void TimeSeries::resume(const std::vector<double>& times_s) {
     if (!fs::is_regular_file(earlier, ignored)) disappeared(earlier);
     frames_.emplace_back(time_s, earlier.lexically_relative(pvd_.parent_path()).generic_string());
   }
-  // The list first: it never names what is gone.
+  // The list first: it never names files that were removed.
   if (frames_.empty())
     fs::remove(pvd_, ignored);
   else

@@ -13,7 +13,7 @@ Corners next_of(const Corners& now, bool odd, int d) {
   return odd ? Corners{now[0], now[2], d} : Corners{now[2], now[1], d};
 }
 
-// Which triangle runs along an edge that way: sorted by where edges begin.
+// Finds the triangle with an edge in a given direction: sorted by where edges begin.
 class Edges {
  public:
   explicit Edges(const Triangles& triangles)

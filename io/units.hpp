@@ -5,7 +5,7 @@
 namespace dimple {
 
 /// Lengths, areas and volumes on the grid that survives a file in mm: a picometre, and a billionth of a mm^2
-/// and mm^3. What is rounded to it is the same, bit for bit, when it is written in mm and read again.
+/// and mm^3. Rounded values are the same, bit for bit, after they are written in mm and read again.
 inline double metres(double mm) {
   return std::round(mm * 1e9) / 1e12;
 }

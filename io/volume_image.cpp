@@ -55,7 +55,7 @@ VolumeImage::VolumeImage(const fs::path& file) {
                                             : suffix == ".mha" ? read_metaimage(file)
                                                                : read_nifti(file));
   } catch (const InputError& error) {
-    // The readers speak of label images and of how to get a better one.
+    // The readers' messages are about label images and how to get a better one.
     Report report = error.report;
     report.where = "image " + file.string();
     report.remedy =
@@ -132,7 +132,7 @@ void VolumeImage::sample(std::span<const float> place, Sampling how, std::byte* 
         out[m] = inside ? *corner : T{};
         continue;
       }
-      // Where it is the voxel itself, its number stays as it is: also one that a double cannot hold.
+      // At a voxel itself its number is copied, since a double cannot hold all of them.
       if (part[0] == 0.0 && part[1] == 0.0 && part[2] == 0.0) {
         out[m] = *corner;
         continue;
@@ -145,7 +145,7 @@ void VolumeImage::sample(std::span<const float> place, Sampling how, std::byte* 
           sum += w * static_cast<double>(corner[(c & 1) + n[0] * (((c >> 1) & 1) + n[1] * ((c >> 2) & 1))]);
       }
       if constexpr (std::is_integral_v<T>) {
-        // Between numbers of the type; only the largest of 64 bits can round beyond it.
+        // Rounds to the type; only the largest of 64 bits can exceed it.
         const double nearest = std::round(sum);
         out[m] = nearest >= static_cast<double>(std::numeric_limits<T>::max()) ? std::numeric_limits<T>::max()
                                                                                : static_cast<T>(nearest);
@@ -163,11 +163,11 @@ void VolumeImage::sample(std::span<const float> place, Sampling how, std::byte* 
 namespace {
 
 constexpr std::size_t chunk_bytes = std::size_t{1}
-                                    << 19;  // packed by one thread, without looking at the others
+                                    << 19;  // packed by one thread, independently of the others
 constexpr int chunks_at_once = 16;
 constexpr int level = 4;  // of deflate: half the time of 6, and files a few percent larger
 
-/// A part of a deflate stream that ends on a byte, and what its check sums need.
+/// A part of a deflate stream that ends on a byte, and the data for its check sums.
 struct Packed {
   std::string bytes = {};
   std::size_t plain = 0;
@@ -229,7 +229,7 @@ std::string nrrd_header(const StoredImage& image, const VolumeKind& kind) {
       numbers_of(Vec3(image.to_world.translation()), ","));
   if (!kind.meaning.empty()) text += fmt::format("displacement field type:={}\n", kind.meaning);
   for (const auto& [key, value] : image.segment_keys) {
-    // The box around each segment is another now: all of the image is none too small.
+    // The box around each segment has changed: the whole image is never too small.
     const bool is_box = key.starts_with("Segment") && key.ends_with("_Extent");
     text += fmt::format(
         "{}:={}\n", key,
@@ -267,8 +267,7 @@ struct VolumeWriter::State {
   std::ofstream out;
   std::string header;
   std::size_t written = 0, all = 0;  // bytes of voxels
-  // One stream after the other: NIfTI has all first components before all second ones, the others have one
-  // stream.
+  // Streams in sequence: NIfTI has all first components before all second ones, the others have one stream.
   struct Stream {
     std::vector<std::byte> waiting;
     std::vector<Packed> packed;
@@ -344,7 +343,7 @@ VolumeWriter::VolumeWriter(fs::path file, const VoxelGrid& grid, const VolumeKin
   claim_temporary(s.temporary, s.file);
   s.out.open(s.temporary, std::ios::binary);
   if (!s.out) s.failed("the system refused");
-  // The header is text before what is packed, but of NIfTI a part of it.
+  // The header is text before the packed data, but for NIfTI a part of it.
   if (s.suffix == ".nii.gz") s.stream[0].packed.push_back(pack(std::as_bytes(std::span(s.header))));
   if (s.suffix != ".nii.gz") s.put_out(s.header.data(), s.header.size());
   if (s.suffix == ".mha")

@@ -16,8 +16,7 @@ namespace dimple {
 
 struct StoredImage;
 
-/// Where the voxels of an image lie, along its axes as they are stored: flipped, oblique or sheared as they
-/// may be.
+/// Positions of the voxels of an image, along its stored axes: possibly flipped, oblique or sheared.
 struct VoxelGrid {
   std::array<Index, 3> size{};
   Eigen::Affine3d to_world = Eigen::Affine3d::Identity();  ///< voxel centre (i, j, k) -> LPS position [mm]
@@ -33,10 +32,10 @@ struct VoxelGrid {
 
 enum class Sampling { linear, nearest };
 
-/// An image as its file has it: an MRI, or a label map, each voxel a number of the file's own type.
+/// An image in its file's own form: an MRI, or a label map, each voxel a number of the file's own type.
 class VolumeImage {
  public:
-  /// Reads what read_label_image() reads, but with any numbers in it. Throws InputError.
+  /// Reads the formats of read_label_image(), with any numbers in them. Throws InputError.
   explicit VolumeImage(const std::filesystem::path& file);
   ~VolumeImage();
   VolumeImage(VolumeImage&&) noexcept;
@@ -48,7 +47,7 @@ class VolumeImage {
   /// voxels around, whole numbers rounded. Nearest: the voxel's number. Beyond the image: linear, as at its
   /// border; nearest, 0.
   void sample(std::span<const float> place, Sampling how, std::byte* result) const;
-  /// The voxel's number, times slope and so on; and as a label, for counting.
+  /// The voxel's number after slope and intercept; and as a label, for counting.
   double value_of(const std::byte* number) const;
   std::int64_t label_of(const std::byte* number) const;
   /// Number v, in the order of the file, and all behind it.
@@ -61,7 +60,7 @@ class VolumeImage {
   VoxelGrid grid_;
 };
 
-/// What kind of numbers a new image holds, beside its grid.
+/// Type of the numbers of a new image, in addition to its grid.
 struct VolumeKind {
   int components = 1;        ///< 3: vectors in LPS, the components of a voxel side by side
   std::string meaning = {};  ///< of a vector image: "modeling" or "resampling", for 3D Slicer
@@ -69,15 +68,14 @@ struct VolumeKind {
       nullptr;  ///< an image whose type, scale and segments it takes over; else: Float32
 };
 
-/// ".nii.gz", ".nii", ".nrrd" or ".mha": the format in which images are written beside `file`, which is of
-/// the same; of formats with the voxels in a second file, the one with a single file.
+/// ".nii.gz", ".nii", ".nrrd" or ".mha": the format of images written next to `file`, equal to its own; for
+/// formats with the voxels in a second file, the one with a single file.
 std::string volume_suffix(const std::filesystem::path& file);
 
-/// Writes an image of that grid bit by bit, so that it never has to be in memory as a whole; packed, but for
-/// .nii. It appears under its name when finish() is called, and not at all otherwise.
+/// Writes an image of that grid in parts, so that it is never in memory as a whole; packed, except .nii. It
+/// appears under its name when finish() is called, and not at all otherwise.
 ///
-/// Headers by our own hand: ITK's writers want all voxels at once, pack them in one thread, and hear no
-/// Ctrl-C while they do.
+/// Own code for headers: ITK's writers need all voxels at once, pack them in one thread, and ignore Ctrl-C.
 class VolumeWriter {
  public:
   /// Throws OutputError.

@@ -65,7 +65,7 @@ vtkSmartPointer<Array> packed(const Eigen::MatrixXd& values) {
 }
 
 vtkSmartPointer<vtkDataArray> vtk_array(const Field& field, Index points) {
-  // A mistake of the caller, not of the user; VTK would write a file that its own reader refuses.
+  // An error of the caller, not of the user; VTK would write a file that its own reader refuses.
   if (field.name.empty() || field.values.cols() != points || field.values.rows() < 1 ||
       (!field.components.empty() && static_cast<Index>(field.components.size()) != field.values.rows()))
     throw std::invalid_argument(fmt::format("field \"{}\" is [{} x {}] with {} component names, on {} points",
@@ -102,7 +102,7 @@ vtkSmartPointer<vtkPoints> vtk_points(const Points& position_mm, bool exact) {
 
 void add_fields(vtkPointSet& set, const std::vector<Field>& fields, double time_s) {
   for (const Field& field : fields) set.GetPointData()->AddArray(vtk_array(field, set.GetNumberOfPoints()));
-  // ParaView then offers the displacement first, for Warp By Vector. No text arrays: meshio exits on them.
+  // ParaView offers the displacement first, for Warp By Vector. No text arrays: meshio exits on them.
   constexpr const char* warp = "displacement_mm";
   vtkDataArray* displacement = set.GetPointData()->GetArray(warp);
   if (displacement != nullptr && displacement->GetNumberOfComponents() == 3)
@@ -114,11 +114,11 @@ void add_fields(vtkPointSet& set, const std::vector<Field>& fields, double time_
   set.GetFieldData()->AddArray(time);
 }
 
-/// Numbers of points and corners: half as long as VTK's own, and no mesh that fits into memory needs more.
+/// Numbers of points and corners: half as long as VTK's own, and enough for meshes that fit into memory.
 using CellNumbers = vtkTypeInt32Array;
 
-/// Packed one by one. VTK's own 32 kB cost a start of the compressor each; whole arrays would be more than a
-/// reader that minds damaged headers lets a short file claim (absurd_blocks).
+/// Blocks are packed one by one. VTK's own 32 kB cost a start of the compressor each; whole arrays exceed the
+/// limit of readers that check for damaged headers (absurd_blocks).
 constexpr std::size_t block_bytes = std::size_t{1} << 18;
 
 /// Into memory first: on a full disk VTK's own files are truncated in silence.
@@ -130,10 +130,10 @@ void write_xml(const fs::path& file, vtkDataObject& data, bool small, bool even_
     const MessageScope messages;
     vtkNew<Writer> writer;
     writer->SetInputDataObject(&data);
-    // Inline base64: bytes appended raw are not XML, and since its fixes of CVE-2023-52425 the expat of
-    // Debian 12 stumbles over them before VTK's readers stop it.
+    // Inline base64: raw appended bytes are not XML, and since its fixes of CVE-2023-52425 the expat of
+    // Debian 12 fails on them before VTK's readers stop it.
     writer->SetDataModeToBinary();
-    // Of whole floating-point numbers zlib at its fastest took half of the time of writing, for files a fifth
+    // LZ4: the fastest zlib took half of the time of writing full-precision numbers, for files a fifth
     // shorter.
     writer->SetCompressorTypeToLZ4();
     if (small) {
@@ -198,7 +198,7 @@ double skew(const LabelImage& image) {
                    std::abs(axes.col(2).dot(axes.col(0)))});
 }
 
-/// The same labels on a grid along L, P, S that covers `image`, each voxel as its nearest neighbour.
+/// The labels on a grid along L, P, S that covers `image`, each voxel by its nearest neighbour.
 LabelImage straightened(const LabelImage& image) {
   const Vec3 step = image.spacing();
   Eigen::AlignedBox3d bounds;  // of the voxel centres
@@ -246,7 +246,7 @@ vtkSmartPointer<vtkDataArray> labels_as(const LabelImage& image) {
   return array;
 }
 
-/// The narrowest of int8, int16, uint16, int32 that holds every label; not uint8, which VTK takes for
+/// The narrowest of int8, int16, uint16, int32 that holds every label; not uint8, which VTK treats as
 /// colours.
 vtkSmartPointer<vtkDataArray> label_array(const LabelImage& image) {
   std::int32_t least = 0, greatest = 0;

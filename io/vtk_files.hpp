@@ -9,7 +9,7 @@
 
 namespace dimple {
 
-/// Named values on points. The unit stands in the name, and goes into the file as VTK's UNITS_LABEL.
+/// Named values on points. The unit is part of the name, and goes into the file as VTK's UNITS_LABEL.
 struct Field {
   std::string name;                          ///< snake case, with the unit behind it: "displacement_mm"
   std::string unit;                          ///< "mm", "N", "Pa", "kg", "" for a number
@@ -23,7 +23,7 @@ struct PointFile {
   Points position_mm;
   std::vector<Field> fields;
   bool small = false;            ///< see SurfaceFile
-  bool even_if_stopped = false;  ///< written also where the work was asked to end (io/stop.hpp)
+  bool even_if_stopped = false;  ///< written also if the work must end (io/stop.hpp)
   /// The field of that name, or nullptr.
   const Field* find(const std::string& name) const;
 };
@@ -40,9 +40,9 @@ struct SurfaceFile {
   bool even_if_stopped = false;  ///< see PointFile
 };
 
-/// All writers here write inline base64 data packed by LZ4 (or zlib), beside the final name, then rename;
-/// they throw OutputError (disk, permissions) and std::invalid_argument (a field that does not match the
-/// points: the caller's mistake). The unit of each array is its UNITS_LABEL, the time the field data
+/// All writers here write inline base64 data packed by LZ4 (or zlib), next to the final name, then rename.
+/// They throw OutputError (disk, permissions) and std::invalid_argument (a field that does not match the
+/// points: an error of the caller). The unit of each array is its UNITS_LABEL, the time the field data
 /// TimeValue; a field "displacement_mm" is the active vector. `exact` keeps positions in double precision,
 /// else they are Float32.
 
@@ -51,18 +51,18 @@ void write_vtu(const std::filesystem::path& file, const PointFile& points, doubl
 /// .vtp with one polygon per triangle.
 void write_vtp(const std::filesystem::path& file, const SurfaceFile& surface, double time_s,
                bool exact = false);
-/// .vti with Origin, Spacing and Direction in LPS mm: the labels as point array "label" (int8, int16,
-/// uint16 or int32, the first that holds them), cropped to the foreground and two voxels on every side. The
-/// format knows no shear. If two voxel axes have a cosine above 1e-4, the labels are sampled by nearest
-/// neighbour on a grid along L, P and S with the same three spacings, so that every label stays in its place.
+/// Writes a .vti with Origin, Spacing and Direction in LPS mm. The labels are the point array "label" (the
+/// first of int8, int16, uint16 or int32 that holds them), cropped to the foreground and two voxels around.
+/// The format supports no shear. If two voxel axes have a cosine above 1e-4, the labels are sampled by
+/// nearest neighbour on a grid along L, P and S. It has the same spacings: every label remains in its place.
 void write_vti(const std::filesystem::path& file, const LabelImage& image);
 
 /// Points and their fields; cells are ignored, integers wider than 32 bits become real64. Throws InputError:
 /// missing, not of this kind, damaged, holds no point or a text array, non-finite position.
 PointFile read_vtu(const std::filesystem::path& file);
-/// The same for a surface, with the fields on its points alone; triangle strips are taken apart, in their
-/// order behind the polygons. Text arrays are left aside; where one of the field data, SPACE, is RAS, x and y
-/// are negated. Throws InputError also if it holds no triangle, or polygons of other kinds.
+/// Surface and the fields on its points only; triangle strips are converted, in their order behind the
+/// polygons. Text arrays are ignored; if SPACE of the field data is RAS, x and y are negated. Throws
+/// InputError as read_vtu(), and also if it holds no triangle, or polygons of other kinds.
 SurfaceFile read_vtp(const std::filesystem::path& file);
 
 /// A .pvd list of one file per time, rewritten whole each time a frame is added, so that it is always valid.
@@ -72,8 +72,8 @@ class TimeSeries {
   TimeSeries(std::filesystem::path pvd, std::string suffix);
   /// The path for the next frame; creates its folder. Throws OutputError.
   std::filesystem::path next_frame() const;
-  /// Goes on after frames that an earlier run has written at these times; those beyond them are removed.
-  /// Throws OutputError: one is not there.
+  /// Continues after frames that an earlier run has written at these times; those beyond them are removed.
+  /// Throws OutputError: one does not exist.
   void resume(const std::vector<double>& times_s);
   /// Lists the frame just written under its time. Throws OutputError, also if that frame is not there.
   void add(double time_s);

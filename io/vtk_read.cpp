@@ -81,7 +81,7 @@ std::vector<Field> fields_of(vtkFieldData& data) {
   return fields;
 }
 
-/// Whether the first letters of the array SPACE are R, A and S.
+/// True if the first letters of the array SPACE are R, A and S.
 bool says_ras(vtkFieldData& data) {
   vtkDataArray* space = data.GetArray("SPACE");
   if (space == nullptr || space->GetNumberOfComponents() != 1 || space->GetNumberOfTuples() < 3) return false;
@@ -106,7 +106,7 @@ Points positions_of(const fs::path& file, vtkPointSet& set) {
 }
 
 /// VTK's reader trusts the counts in the header: a negative one makes it write outside its arrays, an absurd
-/// one ask for all memory. No compressor that VTK knows packs a thousand points or cells into one byte.
+/// one request all memory. No compressor of VTK packs a thousand points or cells into one byte.
 template <class Reader>
 class CheckedReader : public Reader {
  public:
@@ -121,7 +121,7 @@ class CheckedReader : public Reader {
   }
 };
 
-/// Where the elements begin that VTK reads arrays from.
+/// Starts of the elements that VTK reads arrays from.
 std::vector<std::size_t> arrays_in(const std::string& content) {
   std::vector<std::size_t> begin;
   for (const char* element : {"<DataArray", "<Array"})
@@ -131,9 +131,9 @@ std::vector<std::size_t> arrays_in(const std::string& content) {
 
 constexpr const char* blanks = " \r\n\t";
 
-/// What an attribute of the element that begins at `at` says. By hand, since VTK's own parser takes memory
-/// for what an element says as soon as it has met it; and no std::regex: it descends once a letter, and a
-/// long value would end the stack.
+/// Value of an attribute of the element that begins at `at`. By our own code, since VTK's parser allocates
+/// the memory that an element requests as soon as it meets it. No std::regex: it recurses for each letter,
+/// and a long value would overflow the stack.
 std::string attribute(const std::string& content, std::size_t at, const std::string& name) {
   constexpr std::size_t none = std::string::npos;
   at = content.find_first_of(std::string(blanks) + "/>", at);
@@ -155,8 +155,8 @@ std::string attribute(const std::string& content, std::size_t at, const std::str
   return "";
 }
 
-/// Each compressed array begins with how many blocks it has, how large they are, and how large each is
-/// packed: VTK takes memory for all of them, whatever the file holds. True: more than it can hold.
+/// Each compressed array begins with the number of its blocks, their size, and the packed size of each: VTK
+/// allocates memory for all of them, whatever the file holds. True: more than it can hold.
 bool absurd_blocks(const std::string& content) {
   const std::size_t root = content.find("<VTKFile");
   if (root == std::string::npos || attribute(content, root, "compressor").empty()) return false;
@@ -191,7 +191,7 @@ bool absurd_blocks(const std::string& content) {
   for (const std::size_t at : arrays_in(content)) {
     const std::string format = attribute(content, at, "format");
     if (!format.empty() && format != "ascii" && format != "binary" && format != "appended")
-      return true;  // written so that only VTK understands it
+      return true;  // only VTK understands such numbers
     std::size_t data = std::string::npos;
     if (format == "binary") data = content.find_first_not_of(blanks, content.find('>', at) + 1);
     if (format == "appended" && first != std::string::npos)
@@ -209,8 +209,8 @@ bool absurd_blocks(const std::string& content) {
   return false;
 }
 
-/// What would make VTK's reader follow a null pointer, write outside its arrays or ask for all memory, as a
-/// sentence: `kind` is not there, or an array is not of numbers of a type that VTK knows or cannot be in the
+/// A sentence on an error that would make VTK's reader follow a null pointer, write outside its arrays or
+/// request all memory: `kind` does not exist, or an array has no numbers of a type of VTK or cannot be in the
 /// file.
 std::string fatal_flaw(const std::string& content, const std::string& kind) {
   std::size_t begin = 0;
@@ -225,7 +225,7 @@ std::string fatal_flaw(const std::string& content, const std::string& kind) {
     if (known.count(attribute(content, at, "type")) == 0)
       return fmt::format("an array is not one of numbers: {}",
                          content.substr(at, std::min(content.find('>', at) - at, std::size_t{60})));
-    // It looks for a name of each component, and takes memory for each tuple, before it reads a number.
+    // It searches a name of each component, and allocates memory for each tuple, before it reads a number.
     for (const auto& [name, most] :
          {std::pair{"NumberOfComponents", std::size_t{1000}}, {"NumberOfTuples", 1000 * content.size()}}) {
       const std::string count = attribute(content, at, name);
@@ -239,8 +239,8 @@ std::string fatal_flaw(const std::string& content, const std::string& kind) {
   return "";
 }
 
-/// Text arrays are taken out, since VTK's reader does not check where their words end. A SPACE of the field
-/// data becomes one of the numbers of its first letters.
+/// Removes text arrays, since VTK's reader does not check where their words end. A SPACE of the field data
+/// becomes one of the numbers of its first letters.
 std::string without_text_arrays(std::string content) {
   const std::size_t appended = content.find("<AppendedData");
   std::vector<std::size_t> arrays = arrays_in(content);
@@ -325,8 +325,8 @@ auto read_xml(const fs::path& file, const std::string& kind, const std::string& 
   return vtkSmartPointer(reader->GetOutput());
 }
 
-// Strips of other programs, taken apart: a, b, c, d, e are the triangles (a, b, c), (c, b, d), (c, d, e).
-// Refuses numbers that contradict each other.
+// Converts strips of other programs: a, b, c, d, e are the triangles (a, b, c), (c, b, d), (c, d, e). Refuses
+// numbers that contradict each other.
 std::vector<vtkIdType> corners_of_strips(const fs::path& file, vtkPolyData& mesh) {
   std::vector<vtkIdType> all;
   vtkIdType corners = 0;

@@ -25,14 +25,14 @@ Points world_metres(const BodySurface& body, const Points& local) {
   return world.unaryExpr(&metres);
 }
 
-// To a four-millionth of the body's size, by a power of two: a thousandth of what its voxels say, and in a
-// file half as long as with all digits.
+// Positions rounded to a power of two near a four-millionth of the body's size: a thousandth of the voxels'
+// accuracy, and half the digits in a file.
 Points rounded_for_files(const BodySurface& body, const Points& mm) {
   const double step = std::exp2(std::floor(std::log2((body.upper() - body.lower()).maxCoeff())) - 22.0);
   return (mm.array() / step).round() * step;
 }
 
-// Mean thickness of the body under the circle over the mean spacing of its nodes.
+// Mean thickness of the body under the contact patch / mean spacing of the patch's nodes.
 double layers_under_circle(const BodySurface& body, const Boundary& boundary, const NodeCloud& cloud) {
   double thickness = 0.0, spacing = 0.0;
   const double before = 1e-3 * boundary.radius;
@@ -42,7 +42,7 @@ double layers_under_circle(const BodySurface& body, const Boundary& boundary, co
     const double h = cloud.spacing[a];
     for (std::size_t pair = 0; pair + 1 < cut.size(); pair += 2)
       if (cut[pair + 1] > 2.0 * before) {
-        thickness += (cut[pair + 1] - std::max(cut[pair], 0.0)) * h * h;  // a node stands for h^2 of it
+        thickness += (cut[pair + 1] - std::max(cut[pair], 0.0)) * h * h;  // a node represents an area of h^2
         spacing += h * h * h;
         break;
       }
@@ -50,15 +50,15 @@ double layers_under_circle(const BodySurface& body, const Boundary& boundary, co
   return spacing > 0.0 ? thickness / spacing : 0.0;
 }
 
-// Layers of 1 to 10 mm under a disc of 10 mm, against a finer cloud: below 2 the force was 2 to 6 times as
-// large, from 2.2 to 2.3 it was 1.1 to 1.8 times, from 2.4 to 3.1 within 1.2 or 1.3 times; in the paper's
-// scheme, 2.2 and less 3.4 to 6 times, 2.8 and more within 6 %. Bodies thicker than the disc have more than
-// five.
+// Layers of 1 to 10 mm under a disc of 10 mm, compared with finer nodes. Below 2 spacings the force was 2 to
+// 6 times as large. From 2.2 to 2.3 it was 1.1 to 1.8 times, from 2.4 to 3.1 within 1.3 times. The scheme of
+// Horton et al. (2007): 3.4 to 6 times up to 2.2, within 6 % from 2.8. Bodies thicker than the disc have more
+// than five.
 constexpr double fewest_layers = 2.5, enough_layers = 2.7;
 
 void refuse_too_thin(double layers, Index nodes) {
   if (layers >= fewest_layers) return;
-  // The layers grew with the nodes to the power of 0.36 to 0.38; in hundreds.
+  // The number of layers grew with the nodes to the power of 0.36 to 0.38; rounded up to hundreds.
   const double wanted = 100.0 * std::ceil(0.01 * static_cast<double>(nodes) *
                                           std::pow(enough_layers / std::max(layers, 0.1), 2.7));
   throw ModelError({.fact = fmt::format("the body is {:.2f} node spacings thick under the circle", layers),
@@ -70,7 +70,7 @@ void refuse_too_thin(double layers, Index nodes) {
                     .code = "thin"});
 }
 
-// From a node to the nearest other.
+// Largest distance from a node to its nearest neighbour.
 double largest_gap(const Points& X) {
   const Neighbours tree(X);
   Eigen::ArrayXd gap(X.cols());
@@ -81,7 +81,7 @@ double largest_gap(const Points& X) {
   return gap.maxCoeff();
 }
 
-// A run with 100,000 nodes and 700,000 points was seen to take 1.91 GB, smaller ones more per point.
+// A run with 100,000 nodes and 700,000 points used 1.91 GB, smaller ones more per point.
 constexpr double bytes_per_point = 2500.0;
 
 void refuse_beyond_memory(const ModelOptions& options, Index nodes) {
@@ -102,7 +102,7 @@ void refuse_beyond_memory(const ModelOptions& options, Index nodes) {
          .code = "memory"});
 }
 
-// Those of a cut body's triangles that were not on its surface before.
+// Flags of the triangles of a cut body that were not on its surface before the cut.
 std::vector<char> cut_faces(const BodySurface& body, const Triangles& triangles, const BodySurface* uncut) {
   if (!uncut) return {};
   const double rounding = 1e-6 * (body.upper() - body.lower()).norm();
@@ -115,7 +115,7 @@ std::vector<char> cut_faces(const BodySurface& body, const Triangles& triangles,
   return result;
 }
 
-// In metres in the world, nodes and points each in the order of a curve through the body.
+// Discretisation in metres and world coordinates; nodes and points in the order of a space-filling curve.
 Discretisation places_of(const BodySurface& body, const Site& site, const NodeCloud& cloud,
                          const IntegrationGrid& grid, bool holds_circle) {
   const Boundary& boundary = site.boundary;
@@ -128,7 +128,7 @@ Discretisation places_of(const BodySurface& body, const Site& site, const NodeCl
   places.label = grid.label(points);
   places.axes = body.to_world().linear();
   places.surface.vertex_mm = rounded_for_files(body, body.to_world() * body.vertex().colwise().homogeneous());
-  places.surface.triangles = in_strips(body.triangles());  // what is written of it is packed better
+  places.surface.triangles = in_strips(body.triangles());  // strips compress better in files
   places.surface.cut_face = cut_faces(body, places.surface.triangles, site.uncut.get());
   if (grid.second_moments.cols() > 0) {
     const SecondMoments in_order = grid.second_moments(Eigen::all, points);
@@ -189,9 +189,9 @@ void refuse_without_base_or_on_it(const Boundary& boundary, const NodeCloud& clo
   }
 }
 
-// A contact may be small beside its body. Spacing that grows in proportion to the distance out to the body's
-// size takes nodes with its logarithm alone; within 12 radii of a contact of a fortieth of the body 1500
-// nodes were too few for so steep a growth, and the force was a quarter too low.
+// Grading for a contact that is small compared with its body. Spacing that grows in proportion to the
+// distance, out to the body's size, costs nodes only with its logarithm. So steep a growth was too much for
+// 1500 nodes within 12 radii of a contact of a fortieth of the body: the force was a quarter too low.
 GradingOptions to_the_size_of(const BodySurface& body, double contact_radius, GradingOptions grading) {
   const double size = std::cbrt(body.volume()) / contact_radius;
   if (grading.rim >= 1.0 || size <= grading.reach) return grading;
@@ -200,8 +200,8 @@ GradingOptions to_the_size_of(const BodySurface& body, double contact_radius, Gr
   return grading;
 }
 
-// From the middle of the graded circle to those on the surface along the tool's way, a radius apart at most,
-// and to those of further tools.
+// Vectors from the middle of the graded patch to surface points along the tool's path, at most a radius
+// apart. Those to the contacts of further tools follow.
 std::vector<Vec3> along_way(const BodySurface& body, const Boundary& graded, const BoundaryOptions& options) {
   std::vector<Vec3> along;
   const Vec3& push = graded.push;
@@ -274,7 +274,7 @@ Discretised discretise(const BodySurface& body, const ModelOptions& given, const
   grading.rim = size.rim;
   const Sizing sizing = site.sizing.with_rim(size.rim);
   refuse_beyond_memory(options, size.count);
-  // Side by side: neither needs more of the other than how many nodes there will be.
+  // Computed side by side: each needs only the number of nodes from the other.
   NodeCloud cloud;
   IntegrationGrid grid;
   side_by_side([&] { cloud = make_node_cloud(body, site.graded, sizing, options.cloud, size); },
@@ -352,7 +352,7 @@ BuiltModel build_model(const LabelImage& image, const std::vector<int>& labels, 
       make_body_surface(image, labels, {.indenter_diameter_mm = options.boundary.indenter_diameter_mm});
   ModelOptions here = options;
   here.boundary.voxel_mm = image.spacing().maxCoeff();
-  // Cells are split where tissues meet; where all labels are of one tissue their borders mean nothing.
+  // Cells are split where tissues meet; borders of labels within one tissue do not count.
   BuiltModel built = build_model(body.surface, here, tissues,
                                  tissues.of_label.empty() ? LabelAt{} : label_finder(image, body.surface));
   built.segment = std::move(body.report);

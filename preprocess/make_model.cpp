@@ -17,7 +17,7 @@
 namespace dimple {
 namespace {
 
-// Where supports of the usual size are too small at so many of the points, the cloud does not fill the body.
+// Largest fraction of points whose supports had to be enlarged: above it the nodes do not fill the body.
 constexpr double most_grown = 0.1;
 
 void refuse_too_many_grown(const Model& model) {
@@ -55,8 +55,8 @@ Model make_model(Discretisation places, const Scheme& scheme, Eigen::VectorXi ti
 
   side_by_side(
       [&] {
-        // Where a fold hides nodes from points the shape functions end at the line of sight, inside the body:
-        // then no integral over its surface says what their gradients sum to.
+        // A fold that hides nodes from points ends the shape functions at the line of sight, inside the body.
+        // No integral over its surface then equals the sum of their gradients.
         if (scheme.consistent_gradients && !model.surface.empty() && !folded)
           make_consistent(model, surface_integrals(model, scheme.support, pieces_of(model)));
       },

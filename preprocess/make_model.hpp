@@ -7,11 +7,11 @@
 
 namespace dimple {
 
-/// Makes a discretisation a model that a solver can take: supports, gradients, masses, and, as the scheme has
-/// them, gradients that are consistent with the surface (where there is one) and pressure patches.
+/// Makes a solver's model from a discretisation: supports, gradients, masses and, if the scheme has them,
+/// gradients consistent with the surface (where there is one) and pressure patches.
 ///
 /// `tissue` [Q]: number of each point's tissue, from 0; `density` of each tissue [kg/m^3]. `stages`, if
-/// given, receives how long each step took. Throws ModelError: a place without enough nodes, a tenth of the
+/// given, receives the time of each step. Throws ModelError: a place without enough nodes, a tenth of the
 /// supports had to be enlarged, a node without mass; Stopped.
 Model make_model(Discretisation places, const Scheme& scheme, Eigen::VectorXi tissue,
                  const std::vector<double>& density, Stages* stages = nullptr);

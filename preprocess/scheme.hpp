@@ -4,17 +4,16 @@
 
 namespace dimple {
 
-/// How the node spacing follows the load. Each number's effect, halved and doubled:
+/// Dependence of the node spacing on the load. The effect of each number halved and doubled is in
 /// tests/verification/README.md.
 struct GradingOptions {
-  double rim = 1.0;    ///< spacing at the rim of the tool's circle / spacing far away; 1: even everywhere
-  double reach = 3.0;  ///< distance from the rim at which the far spacing is reached [radii of the circle]
-  bool whole_circle = false;  ///< and in all of the circle as at its rim
-  double least = 0.0;         ///< spacing at the rim that a cloud does not go below [radii of the circle]
-  /// Where tissue keeps the load together, (its flux there / a half-space's)^-this is a factor (LoadPath).
-  /// 0: 1.
+  double rim = 1.0;    ///< spacing at the edge of the contact patch / spacing far away; 1: even everywhere
+  double reach = 3.0;  ///< distance from the edge at which the far spacing is reached [radii of the patch]
+  bool whole_circle = false;  ///< the spacing of the edge in all of the patch
+  double least = 0.0;         ///< lower bound of the spacing at the edge [radii of the patch]
+  /// Exponent of the load factor (LoadPath): (flux in the body / in a half-space)^-this. 0: no factor.
   double load_exponent = 0.0;
-  double load_slope = 2.0;  ///< of that factor at most [per reach]
+  double load_slope = 2.0;  ///< largest slope of that factor [per reach]
 };
 
 /// Integration points per node, in proportion.
@@ -24,37 +23,37 @@ struct PointDensity {
 
 /// Size and form of the support domains.
 struct SupportOptions {
-  double radius_factor = 1.8;  ///< a node's support radius / the cloud's spacing at that node
-  /// At prescribed nodes the weight is multiplied by (1 + e) / (s^2 + e), s = distance / radius, so that the
-  /// field nearly takes their values there; e = this. 0: ordinary weights everywhere. Most & Bucher 2005.
+  double radius_factor = 1.8;  ///< a node's support radius / the node spacing there
+  /// Interpolating weights at prescribed nodes: multiplied by (1 + e) / (s^2 + e), s = distance / radius, so
+  /// that the field nearly takes their values. e = this; 0: ordinary weights everywhere. Most & Bucher 2005.
   double interpolation = 0.0;
-  /// A node belongs to a place only if it sees it through the tissue (sight.hpp). False: distance alone
-  /// decides.
+  /// Visibility criterion: a node belongs only to places that it sees through the tissue (sight.hpp). False:
+  /// distance alone decides.
   bool through_tissue = false;
 };
 
-/// How the integral over the body becomes sums over its nodes and points: every choice in which one
-/// discretisation differs from another, and nothing else in the code asks for a scheme by its name.
+/// Quadrature of the integral over the body by its nodes and points: every choice in which discretisations
+/// differ. No other code depends on a scheme's name.
 struct Scheme {
-  std::string_view name;  ///< as scheme_named() takes it
-  /// Each point stands for a cell with a spread that follows the nodes, and its gradients are means over that
-  /// cell. False: gradients at the points of an even grid.
+  std::string_view name;  ///< the name that scheme_named() accepts
+  /// Gradients are means over each point's cell, whose size follows the nodes. False: gradients at the points
+  /// of an even grid.
   bool averaged_gradients;
-  /// Gradients are changed so that the divergence theorem holds for every shape function (make_consistent).
+  /// Gradients are corrected so that the divergence theorem holds for every shape function (make_consistent).
   bool consistent_gradients;
-  /// The change of volume lives in a coarser space of patches (make_pressure_patches). False: at every point.
+  /// The change of volume is in a coarser space of patches (make_pressure_patches). False: at every point.
   bool pressure_patches;
-  /// Nodes stand along the outline of the base. False: on it and within it only as they fall.
+  /// Nodes are placed along the outline of the base. False: they fall on and within it by chance.
   bool base_outline;
-  GradingOptions grading;  ///< unless another rim is asked for
-  double points_per_node;  ///< unless asked for
+  GradingOptions grading;  ///< unless another spacing at the edge is requested
+  double points_per_node;  ///< unless requested
   SupportOptions support;
 };
 
-/// Makes the force independent of where nodes and points lie: solver/README.md. Evidence of `least`: with
-/// 0.12 radii the block's force is 1.2 % too low; with 0.1 two of three node sets of the phantom brain (4250
-/// nodes) pass a limit point at the edge of the circle at 8 mm. Without `load_exponent` a heart of 2000 nodes
-/// is 3.3 % too soft, with it 0.8 %.
+/// Scheme whose force is independent of the positions of nodes and points: solver/README.md. Evidence of
+/// `least`: with 0.12 radii the block's force is 1.2 % too low. With 0.1, two of three node sets of the
+/// phantom brain (4250 nodes) pass a limit point at the edge of the patch at 8 mm. Without `load_exponent` a
+/// heart of 2000 nodes is 3.3 % too soft, with it 0.8 %.
 inline constexpr Scheme converging = {
     .name = "converging",
     .averaged_gradients = true,
@@ -65,8 +64,8 @@ inline constexpr Scheme converging = {
     .points_per_node = 7.0,
     .support = {.radius_factor = 1.6, .interpolation = 0.01, .through_tissue = true}};
 
-/// As the paper has it: an even cloud, an even grid of single points, one neo-Hookean tissue, and central
-/// differences. Horton et al. 2007.
+/// Scheme of Horton et al. (2007): even nodes, an even grid of single points, one neo-Hookean tissue, and
+/// central differences.
 inline constexpr Scheme horton2007 = {.name = "horton2007",
                                       .averaged_gradients = false,
                                       .consistent_gradients = false,
@@ -76,7 +75,7 @@ inline constexpr Scheme horton2007 = {.name = "horton2007",
                                       .points_per_node = 1.499,
                                       .support = {}};
 
-/// The one of that name, or nullptr.
+/// Scheme of that name, or nullptr.
 constexpr const Scheme* scheme_named(std::string_view name) {
   for (const Scheme* scheme : {&converging, &horton2007})
     if (scheme->name == name) return scheme;

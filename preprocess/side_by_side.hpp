@@ -6,11 +6,10 @@
 
 namespace dimple {
 
-/// Does both at once, and throws what the first of them threw, or else the second.
+/// Runs both at the same time, and throws what the first of them threw, or else the second.
 ///
-/// Unlike tbb::parallel_invoke it never cancels one because the other has failed: inside a cancelled task the
-/// loops of oneTBB return without a word and with their work undone, and what is computed from that may not
-/// end.
+/// Never cancels one because the other has failed, unlike tbb::parallel_invoke. Inside a cancelled task
+/// oneTBB's loops return silently with their work undone, and a computation on that may not end.
 template <class First, class Second>
 void side_by_side(First&& first, Second&& second) {
   std::exception_ptr first_failed, second_failed;

@@ -11,7 +11,7 @@ namespace dimple {
 /// Wall time of the stages of making a model, in the order in which they came.
 class Stages {
  public:
-  /// What ran since the last call, or since this began, was the stage of this name.
+  /// Ends the stage of this name: the time since the last call, or since construction, is its own.
   void done(const std::string& name) {
     const auto now = Clock::now();
     add(name, std::chrono::duration<double>(now - last_).count());
@@ -29,7 +29,7 @@ class Stages {
     for (const auto& [name, s] : other.seconds_) add(name, s);
   }
   const std::vector<std::pair<std::string, double>>& seconds() const { return seconds_; }
-  /// Of one of them; all: an empty name.
+  /// Time of one stage [s]; for an empty name, of all.
   double seconds(const std::string& of) const {
     double sum = 0.0;
     for (const auto& [name, s] : seconds_)

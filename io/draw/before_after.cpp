@@ -26,7 +26,7 @@ void check(const Plane& plane) {
                                             plane.columns, plane.rows));
 }
 
-// The values, each a rectangle of its own, pixel by pixel of the canvas.
+// Draws the values, each as a rectangle, pixel by pixel of the canvas.
 void draw_values(Canvas& canvas, const Rect& r, const Plane& plane, const std::vector<std::uint8_t>& value) {
   if (value.empty()) return;
   const auto wide = static_cast<int>(r.w * fine), tall = static_cast<int>(r.h * fine);

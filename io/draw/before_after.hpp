@@ -19,17 +19,17 @@ struct BeforeAfter {
     std::ptrdiff_t columns = 0, rows = 0;
     std::vector<std::uint8_t> before = {},
                               after = {};     ///< [3 x columns x rows] red, green, blue, from the top
-    Pieces rest = {}, moved = {}, wall = {};  ///< the body's outline before and after, and what is rigid
-    std::vector<Eigen::Vector2d> mark_before = {}, mark_after = {};  ///< places that are followed
+    Pieces rest = {}, moved = {}, wall = {};  ///< the body's outline before and after, and rigid parts
+    std::vector<Eigen::Vector2d> mark_before = {}, mark_after = {};  ///< tracked places
   };
   std::string title;
   std::vector<std::string> warnings = {}, lines = {};  ///< below the title, and below the planes
-  std::string wall = {};                               ///< what is rigid, for the legend
+  std::string wall = {};                               ///< name of the rigid parts in the legend
   std::vector<Plane> plane = {};
 };
 
 /// The bytes of a PNG, 1600 pixels wide. Needs no display; the same input gives the same bytes. Throws
-/// OutputError, and std::invalid_argument where a plane's numbers are not as many as it has places.
+/// OutputError, and std::invalid_argument if a plane has not one number for each of its places.
 std::string before_after_png(const BeforeAfter& picture);
 
 }  // namespace dimple

@@ -10,7 +10,7 @@ BodyFrame body_frame(const Points& nodes, const Vec3& circle_centre, const Vec3&
   using Vec2 = Eigen::Vector2d;
   BodyFrame f;
   f.up = push.allFinite() && push.norm() > 1e-9 ? Vec3(-push.normalized()) : Vec3::UnitZ();
-  // Any two directions across the push, from the axis that is least along it.
+  // Any two directions across `up`, from the axis least aligned with it.
   Index least = 0;
   f.up.cwiseAbs().minCoeff(&least);
   const Vec3 a = f.up.cross(Vec3::Unit(least)).normalized(), b = f.up.cross(a);
@@ -32,8 +32,8 @@ BodyFrame body_frame(const Points& nodes, const Vec3& circle_centre, const Vec3&
   f.broad = (longest[0] * a + longest[1] * b).normalized();
   f.front = f.broad.cross(f.up).normalized();
 
-  // From the side on which the circle lies: the skin slopes toward the viewer there. Without such a side,
-  // from the one that shows left, posterior or superior on the right.
+  // Front: the side with the contact patch, where the skin slopes toward the viewer. Without such a side, the
+  // one that shows left, posterior or superior on the right.
   const double reach = std::sqrt(std::max(axes.eigenvalues()[0], 0.0) / std::max(count, 1.0));
   const double offset = circle_centre.allFinite() ? (circle_centre - mean).dot(f.front) : 0.0;
   Index main = 0;

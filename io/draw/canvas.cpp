@@ -123,7 +123,7 @@ void Canvas::curve(const std::vector<Vec2>& points, double thickness, const Colo
     return;
   }
   std::size_t part = 0;
-  double left = dash[0];  // of the running dash or gap
+  double left = dash[0];  // of the current dash or gap
   for (std::size_t i = 1; i < points.size(); ++i) {
     const Vec2 a = points[i - 1], b = points[i];
     if (!dashed) {
@@ -152,7 +152,7 @@ void Canvas::polygon(const std::vector<Vec2>& corners, const Colour& colour) {
   area(outline, colour);
 }
 
-// By lines of a quarter of a pixel, along which what is covered is exact.
+// By lines of a quarter of a pixel, on which coverage is exact.
 void Canvas::area(const Pieces& outline, const Colour& colour) {
   double top = rows_, bottom = 0.0;
   for (const auto& piece : outline)

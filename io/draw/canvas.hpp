@@ -1,12 +1,11 @@
 #pragma once
 
 // Shapes and text for the pictures that io draws, as pixels or as SVG: each picture is drawn by one code.
-// Used by the files of this folder alone.
+// Used by the files of this folder only.
 //
 // No library draws these. VTK's renderer aborts the process where there is no display. Cairo's SVG has no
-// text that can be searched or read aloud and is not the same bytes for the same picture; its letters depend
-// on the fonts of the machine. VTK sets the text with its built-in font and encodes the PNG; neither needs a
-// display.
+// searchable or accessible text, differs between runs, and depends on the fonts of the machine. VTK sets the
+// text with its built-in font and encodes the PNG; neither needs a display.
 
 #include <Eigen/Core>
 #include <algorithm>
@@ -23,7 +22,7 @@ namespace dimple::draw {
 using Vec2 = Eigen::Vector2d;
 using Pieces = std::vector<std::array<Vec2, 2>>;  ///< straight lines from one place to another
 
-/// In 0..1. Not an Eigen type: pixels are blended millions of times, and a debug build has to finish too.
+/// Components in 0..1. Not an Eigen type: pixels are blended millions of times, in debug builds too.
 struct Colour {
   float red, green, blue;
 };
@@ -44,10 +43,10 @@ inline constexpr Colour ink = rgb(0x1F2933), soft_ink = rgb(0x5F6B7A), hairline 
                         page = rgb(0xEEF1F5), card = rgb(0xFFFFFF), fact_ink = rgb(0x3A4654),
                         warning_ink = rgb(0x8A4B00), warning_fill = rgb(0xFFF3DC), wall_ink = rgb(0x6B4FA0);
 
-/// "#1f2933".
+/// Text of a colour: "#1f2933".
 std::string in_hex(const Colour& c);
 
-/// Pixels are drawn this much larger, then averaged: edges come out smooth.
+/// Pixels are drawn this much larger, then averaged, for smooth edges.
 constexpr int fine = 2;
 
 /// A rectangle in picture pixels, y downward.
@@ -58,13 +57,13 @@ struct Rect {
   }
 };
 
-/// The pixel of a coordinate, within 0..most for every number, also for one that is not a number.
+/// The pixel of a coordinate, within 0..most for every number, including those that are not a number.
 inline int pixel_within(double coordinate, int most) {
   return coordinate > 0.0 ? static_cast<int>(std::min(coordinate, static_cast<double>(most))) : 0;
 }
 
 struct Style {
-  double size = 15.0;  ///< height of a line of text in picture pixels, about
+  double size = 15.0;  ///< approximate height of a line of text in picture pixels
   Colour colour = ink;
   bool bold = false;
 };
@@ -82,7 +81,7 @@ class Canvas {
   int width() const { return columns_ / fine; }
   int height() const { return rows_ / fine; }
 
-  /// With round corners of that radius.
+  /// Filled rectangle, with round corners of that radius.
   void rectangle(const Rect& r, const Colour& colour, double corner = 0.0);
   void disc(const Vec2& centre, double radius, const Colour& colour);
   void line(const Vec2& a, const Vec2& b, double thickness, const Colour& colour) {
@@ -92,8 +91,8 @@ class Canvas {
   void polygon(const std::vector<Vec2>& corners, const Colour& colour);
 
   static constexpr double any_room = std::numeric_limits<double>::infinity();
-  /// One line of text; `at` is on its baseline. Text wider than `room` is shortened; an SVG then carries the
-  /// whole text as a tooltip, and every text with its measured width, so that another font keeps the layout.
+  /// One line of text; `at` is on its baseline. Text wider than `room` is shortened; an SVG then has the
+  /// whole text as a tooltip. An SVG stores the width of every text, so that another font keeps the layout.
   void text(const Vec2& at, const std::string& text, const Style& style = {}, Align align = Align::left,
             double room = any_room);
 
@@ -102,7 +101,7 @@ class Canvas {
   /// Confines lines, discs, polygons and areas to a rectangle until the next call; without one: the picture.
   void clip(const Rect& r);
   void clip() { clip({0.0, 0.0, static_cast<double>(width()), static_cast<double>(height())}); }
-  /// What closed outlines enclose an odd number of times; their pieces may be in any order.
+  /// Fills the area that closed outlines enclose an odd number of times; their pieces may be in any order.
   void area(const Pieces& outline, const Colour& colour);
   /// A pixel of the enlarged picture.
   void blend(int x, int y, const Colour& colour, double cover) {
@@ -120,7 +119,7 @@ class Canvas {
   std::string bytes() const;
 
  private:
-  // A quarter of a Colour's room: of an overview's eight million pixels memory took more time than drawing.
+  // A quarter of a Colour's memory, which took more time than drawing for eight million pixels.
   struct Pixel {
     unsigned char red, green, blue;
   };
@@ -132,19 +131,18 @@ class Canvas {
     return static_cast<std::size_t>(x) + static_cast<std::size_t>(columns_) * static_cast<std::size_t>(y);
   }
 
-  /// Paints where `distance` (picture pixels, negative inside) says; `bounds` limits the search.
+  /// Paints where `distance` (picture pixels) is negative; `bounds` limits the search.
   template <class Distance>
   void paint(const Rect& bounds, const Colour& colour, Distance distance);
   void segment(const Vec2& a, const Vec2& b, double thickness, const Colour& colour);
   void set_pixels_of(const std::string& shown, const Vec2& at, const Style& style, Align align);
-  /// The finished picture: the average of every fine x fine block, three bytes a pixel, bottom row first as
-  /// VTK wants it.
+  /// The finished picture: averages of fine x fine blocks, three bytes a pixel, bottom row first for VTK.
   void average(unsigned char* to) const;
 
   int columns_, rows_;
   std::array<int, 4> shown_;  ///< first and last column, first and last row inside the clip
   bool is_svg_;
-  std::vector<Pixel> pixel_;  ///< none of an SVG
+  std::vector<Pixel> pixel_;  ///< empty for an SVG
   std::string svg_;           ///< without its end
 };
 
@@ -160,7 +158,7 @@ std::string shortened(const std::string& text, double room, const Style& style);
 /// 1, 2 or 5 times a power of ten, the largest that does not exceed `value` (> 0).
 double round_below(double value);
 
-/// As many decimals as a step of that size needs.
+/// Text of a tick with the decimals that a step of that size needs.
 std::string tick_text(double value, double step);
 
 }  // namespace dimple::draw

@@ -47,7 +47,7 @@ Rect card_with_title(Canvas& canvas, const Rect& tile, const std::string& title,
 
 // ----------------------------------------------------------------------------------------------------- axes
 
-/// Numbers beyond are no measurements, and their differences would not be numbers.
+/// Larger numbers are no measurements, and their differences may overflow.
 constexpr double largest_shown = 1e300;
 
 bool is_shown(double value) {
@@ -60,7 +60,7 @@ struct Axis {
   double fraction(double value) const { return (value - low) / (high - low); }
 };
 
-/// With a margin of that part of the range.
+/// Range of values with a margin of that fraction.
 Axis axis_of(const std::vector<double>& values, double part) {
   if (values.empty()) return {};
   const auto [least, largest] = std::minmax_element(values.begin(), values.end());
@@ -97,7 +97,7 @@ std::vector<Tick> even_ticks(double low, double high, int most) {
   return ticks;
 }
 
-/// As many ticks as the texts leave room for: beside each other or one above the other.
+/// Ticks, as many as the texts have room for: next to each other or one above the other.
 std::vector<Tick> ticks_of(const Axis& axis, double pixels, bool beside) {
   std::vector<Tick> ticks;
   const auto fits = [&] {
@@ -164,7 +164,7 @@ void draw_marker(Canvas& canvas, const Vec2& at, std::size_t look, double radius
   }
 }
 
-/// Asked-for numbers as they are; the others count up past them.
+/// Requested numbers as they are; the others count up past them.
 std::vector<std::size_t> looks_of(const std::vector<ChartSeries>& series) {
   std::set<std::size_t> taken;
   for (const ChartSeries& s : series)
@@ -179,7 +179,7 @@ std::vector<std::size_t> looks_of(const std::vector<ChartSeries>& series) {
   return looks;
 }
 
-/// Where the series run in the plot.
+/// Traces of the series in the plot.
 std::vector<Trace> traces_of(const Chart& chart, const Axis& x, const Axis& y, const Rect& plot) {
   std::vector<Trace> traces;
   const std::vector<std::size_t> looks = looks_of(chart.series);
@@ -189,7 +189,7 @@ std::vector<Trace> traces_of(const Chart& chart, const Axis& x, const Axis& y, c
   for (std::size_t n = 0; n < chart.series.size(); ++n) {
     const ChartSeries& s = chart.series[n];
     Trace trace{.series = &s, .look = looks[n], .line = {}, .point = {}, .band = {}};
-    std::vector<Vec2> back;  // along the lower side of the band
+    std::vector<Vec2> back;  // along the lower side of the error bounds
     bool goes_on = false;
     for (std::size_t i = 0; i < s.x.size(); ++i) {
       const bool shown = is_shown(s.x[i]) && is_shown(s.y[i]);
@@ -211,8 +211,8 @@ std::vector<Trace> traces_of(const Chart& chart, const Axis& x, const Axis& y, c
   return traces;
 }
 
-/// The text at the last point: above it, unless the curve comes down to it; inside the plot in any case. On a
-/// white ground where other series may run below it.
+/// The text at the last point: above it, unless the curve comes down to it; always inside the plot. On a
+/// white ground where other series may be below it.
 void draw_end(Canvas& canvas, const Rect& plot, const Trace& trace, bool on_white) {
   const Style strong{.size = 16.0, .bold = true};
   const Vec2 last = trace.point.back();
@@ -247,7 +247,7 @@ void draw_traces(Canvas& canvas, const Rect& plot, const std::vector<Trace>& tra
 
 constexpr double legend_mark = 36.0, legend_gap = 26.0, legend_row = 22.0;
 
-/// Where a sample begins below the plot, from the upper left, for each series with a name.
+/// Positions of the samples below the plot, from the upper left, for each series with a name.
 struct LegendPlan {
   std::vector<std::pair<std::size_t, Vec2>> entries;
   double height = 0.0;
@@ -294,7 +294,7 @@ void draw_plot(Canvas& canvas, const Rect& room, const Chart& chart) {
     }
   const Axis x = axis_of(xs, 0.06), y = axis_of(ys, 0.1);
 
-  // From the outside in: the texts above and below leave the height, the numbers of y the width.
+  // From outside to inside: the texts above and below leave the height, the numbers of y the width.
   const LegendPlan legend = plan_legend(chart, room.w);
   const double above = chart.y_label.empty() ? 14.0 : 36.0;
   const double below =
@@ -347,7 +347,7 @@ void check(const Tornado& tornado) {
 constexpr Style bar_name{.size = 14.0, .bold = true}, bar_note{.size = 13.0, .colour = soft_ink};
 const Colour shade_grey = mixed(card, hairline, 0.55F);
 
-/// What a panel of that size has for the rows, and beside them for their names.
+/// Plot area of a panel of that size, without the room for the names of the rows.
 Rect plot_of(const Rect& room, const Tornado& tornado) {
   const bool has_legend = !tornado.legend.empty() || tornado.shade > 0.0;
   return room.inset(0.0, 16.0, 12.0, 58.0 + (has_legend ? legend_row + 6.0 : 0.0));
@@ -367,7 +367,7 @@ double height_of(const Tornado& tornado) {
   return std::ceil(most.h - plot.h + row_height(plot, tornado) * static_cast<double>(tornado.rows.size()));
 }
 
-/// What is written beside a bar: its name, and a note below it where there is room for two lines.
+/// Text next to a bar: its name, and a note below it where there is room for two lines.
 struct BarWords {
   std::string name, under;
   Style style;
@@ -378,7 +378,7 @@ BarWords words_of(const Tornado::Row& row, double height) {
   return {fmt::format("{}: {}", row.name, row.note), "", small};
 }
 
-/// From zero and the shade to every end, with room for the numbers at the ends.
+/// Axis over zero, the shade and every end, with room for the numbers at the ends.
 Axis axis_of_bars(const Tornado& tornado, double pixels) {
   constexpr double number = 70.0;
   std::vector<double> values = {0.0, -tornado.shade, tornado.shade};
@@ -402,7 +402,7 @@ void draw_bar(Canvas& canvas, const Rect& plot, const Axis& axis, const Tornado:
   if (row.high > 0.0) canvas.text({high + 6.0, middle + 5.0}, with_sign(row.high), small);
 }
 
-/// As wide as the widest of the rows' names, within a limit.
+/// Width of the longest name of the rows, within a limit.
 double width_of_names(const Tornado& tornado, double height) {
   constexpr double most_names = 430.0;
   double names = 0.0;

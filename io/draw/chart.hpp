@@ -7,16 +7,15 @@
 
 namespace dimple {
 
-/// Points of one kind, joined by a line in their order. A point that is not finite is not drawn and leaves a
-/// gap in the line.
+/// Points of one kind, joined by a line in their order. Points that are not finite leave a gap in the line.
 struct ChartSeries {
   std::string name = {};               ///< in the legend; empty: not there
   std::vector<double> x = {}, y = {};  ///< [n]
   bool line = true, markers = true;
   bool dashed = false;            ///< the line
-  int colour = -1;                ///< same number, same hue and marker; -1: the next that no series asks for
-  std::vector<double> half = {};  ///< [n] half the width of a band about the line; empty: none
-  std::string end = {};           ///< what is written at the last point, at a dot; empty: nothing
+  int colour = -1;                ///< same number, same hue and marker; -1: the next that no series requests
+  std::vector<double> half = {};  ///< [n] half-width of the error bounds about the line; empty: none
+  std::string end = {};           ///< text at the last point, at a dot; empty: none
 };
 
 struct Chart {
@@ -26,10 +25,10 @@ struct Chart {
   std::vector<ChartSeries> series = {};
 };
 
-/// What a result depends on, the largest first: a bar for each row from its least to its greatest effect.
+/// Sensitivities, the largest first: a bar for each row from its least to its greatest effect.
 struct Tornado {
   struct Row {
-    std::string name = {}, note = {};  ///< what it is, and between what
+    std::string name = {}, note = {};  ///< its quantity, and the range of that
     double low = 0.0, high = 0.0;      ///< of the effect; one of them may be 0
     int colour = 0;                    ///< same number, same hue
   };
@@ -37,15 +36,15 @@ struct Tornado {
   std::vector<std::string> subtitle = {};
   std::string x_label = {};                ///< with the unit
   std::vector<Row> rows = {};              ///< from the top
-  double shade = 0.0;                      ///< half the width of a band around zero that means nothing
-  std::string shade_text = {};             ///< what it is
+  double shade = 0.0;                      ///< half-width of the range around zero that is insignificant
+  std::string shade_text = {};             ///< its meaning
   std::map<int, std::string> legend = {};  ///< colour -> meaning
 };
 
-/// Draw the panels, 1000 x 650 pixels each, one below the other; those of tornados are less tall where they
-/// have few rows. A PNG, or where the name ends with .svg an SVG of the same picture, which refers to nothing
-/// outside itself. The same input gives the same bytes, no display is needed. Throw OutputError, and
-/// std::invalid_argument where lengths do not agree, a bar ends nowhere or there is no panel.
+/// Draw the panels, 1000 x 650 pixels each, one below the other; panels of tornados are lower if they have
+/// few rows. A PNG, or an SVG of the same picture if the name ends with .svg, without external references.
+/// The same input gives the same bytes, no display is needed. Throw OutputError, and std::invalid_argument
+/// where lengths do not agree, a bar ends nowhere or there is no panel.
 void write_chart(const std::filesystem::path& file, const std::vector<Chart>& panels);
 void write_tornado(const std::filesystem::path& file, const std::vector<Tornado>& panels);
 

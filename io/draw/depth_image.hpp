@@ -1,7 +1,7 @@
 #pragma once
 
-// Bodies seen without perspective: lit balls and triangles, the nearest of which is kept at each pixel. Used
-// by picture.cpp alone.
+// Bodies in parallel projection: lit balls and triangles, the nearest of which is kept at each pixel. Used by
+// picture.cpp only.
 
 #include <Eigen/Geometry>
 #include <array>
@@ -16,7 +16,7 @@
 
 namespace dimple::draw {
 
-/// A view without perspective: right, up and toward the viewer.
+/// A parallel projection: right, up and toward the viewer.
 struct Camera {
   Vec3 right, up, toward;
   Vec3 seen(const Vec3& p) const { return {right.dot(p), up.dot(p), toward.dot(p)}; }
@@ -26,7 +26,7 @@ inline bool usable(const Vec3& p) {
   return p.allFinite();
 }
 
-/// From above the horizon by `elevation` degrees and turned by `azimuth` degrees about the push.
+/// Camera above the horizon by `elevation` degrees and turned by `azimuth` degrees about the vertical.
 inline Camera camera(const BodyFrame& f, double elevation, double azimuth) {
   const double e = elevation * std::numbers::pi / 180.0, a = azimuth * std::numbers::pi / 180.0;
   const Vec3 right = std::cos(a) * f.broad - std::sin(a) * f.front;
@@ -34,7 +34,7 @@ inline Camera camera(const BodyFrame& f, double elevation, double azimuth) {
   return {right, std::cos(e) * f.up - std::sin(e) * front, std::sin(e) * f.up + std::cos(e) * front};
 }
 
-/// Where a camera puts points in a rectangle.
+/// Projection of a camera's points into a rectangle.
 struct Projection {
   Camera camera;
   Vec2 middle_mm = Vec2::Zero();  ///< shown at the rectangle's centre
@@ -64,7 +64,7 @@ inline Projection fitted(const Camera& camera, const Rect& rect, std::initialize
   return projection;
 }
 
-/// Pixels with depth for one rectangle; drawn into, shaded, then laid on the canvas.
+/// Pixels with depth for one rectangle; drawn into, shaded, then put on the canvas.
 class DepthImage {
  public:
   DepthImage(const Projection& projection, const Rect& rect)
@@ -76,7 +76,7 @@ class DepthImage {
         depth_(static_cast<std::size_t>(w_ * h_), nothing),
         colour_(depth_.size(), card) {}
 
-  /// A lit ball; `lift_mm` moves it toward the viewer in the test of what hides what.
+  /// A lit ball; `lift_mm` moves it toward the viewer in the test of visibility.
   void ball(const Vec3& centre_mm, double radius_mm, const Colour& colour, double lift_mm = 0.0) {
     const Vec3 p = projection_(centre_mm);
     const double r = std::max(radius_mm * projection_.scale, 0.8) * fine;
@@ -93,7 +93,7 @@ class DepthImage {
       }
   }
 
-  /// A lit triangle with a normal at each corner; `colour` of the weights of the corners.
+  /// A lit triangle with a normal at each corner; `colour` is a function of the corners' weights.
   template <class ColourAt>
   void triangle(const std::array<Vec3, 3>& corner_mm, const std::array<Vec3, 3>& normal, ColourAt colour) {
     std::array<Vec3, 3> p;
@@ -129,8 +129,8 @@ class DepthImage {
       }
   }
 
-  /// Darkens what lies behind its surroundings: rims and gaps stand out, the shape reads without colours.
-  /// `thickness_mm` is the step in depth that gives a clear edge.
+  /// Puts the image on the canvas and darkens pixels behind their surroundings, so that edges and gaps are
+  /// visible without colours. `thickness_mm`: the step in depth that gives a clear edge.
   void lay_on(Canvas& canvas, double thickness_mm) const {
     static constexpr int ring = 16;
     static constexpr int dx[ring] = {2, 2, 0, -2, -2, -2, 0, 2, 7, 5, 0, -5, -7, -5, 0, 5};
@@ -163,8 +163,8 @@ class DepthImage {
     colour_[i] = shade();
   }
 
-  /// Light from the upper left in front, a little from everywhere, a soft highlight. Both sides are lit.
-  /// (x, y, z) is the unit normal: right, up, toward the viewer.
+  /// Light from the upper left in front, some ambient light, a soft highlight. Both sides are lit. (x, y, z)
+  /// is the unit normal: right, up, toward the viewer.
   static Colour lit(const Colour& colour, double x, double y, double z) {
     static const Vec3 light = Vec3(-0.45, 0.65, 0.75).normalized(),
                       half = (light + Vec3::UnitZ()).normalized();

@@ -25,7 +25,7 @@ void draw_scale_bar(Canvas& canvas, const Rect& room, double pixels_per_mm) {
 
 void draw_legend(Canvas& canvas, Vec2 at, double right, const std::vector<LegendEntry>& entries) {
   for (const auto& [text, colour, mark] : entries) {
-    std::string shown = text;  // of a tool its measures go first: they are among the facts
+    std::string shown = text;  // a tool loses its measures first: they are among the facts
     for (const char* part : {", ", " of "})
       while (text_width(shown, small) > right - at.x() - 20.0 && shown.rfind(part) != std::string::npos)
         shown.resize(shown.rfind(part));

@@ -1,7 +1,7 @@
 #pragma once
 
-// What pictures have in common: cards, legends, scale bars, axes with curves, strips of text. Used by the
-// files of this folder alone.
+// Common elements of pictures: cards, legends, scale bars, axes with curves, strips of text. Used by the
+// files of this folder only.
 
 #include <string>
 #include <vector>
@@ -33,14 +33,14 @@ struct LegendEntry {
 void draw_legend(Canvas& canvas, Vec2 at, double right, const std::vector<LegendEntry>& entries);
 
 /// Texts broken between words, `most_of_one` rows of each and `most` in all: the last then gives the number
-/// of those that are left out.
+/// of those left out.
 std::vector<std::string> rows_of(const std::vector<std::string>& texts, double room, const Style& style,
                                  std::size_t most, std::size_t most_of_one);
 
-/// The height that rows take, with a margin; 0 of none.
+/// The height of the rows with a margin; 0 if there are none.
 double height_of_rows(const std::vector<std::string>& rows);
 
-/// The picture's title, and below it a strip with warnings, broken into rows already.
+/// The picture's title, and below it a strip with warnings in rows.
 void draw_title(Canvas& canvas, const std::string& title, const std::vector<std::string>& warnings);
 
 /// Small text from the top of a strip at height y.

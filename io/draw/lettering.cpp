@@ -19,7 +19,7 @@ namespace dimple::draw {
 
 namespace {
 
-/// The characters for which `shown` holds; a blank for tabs and ends of lines; '?' for others and for bytes
+/// The characters for which `shown` is true; a blank for tabs and ends of lines; '?' for others and for bytes
 /// that are not UTF-8.
 template <class Shown>
 std::string characters(std::string_view text, const Shown& shown) {
@@ -36,7 +36,7 @@ std::string characters(std::string_view text, const Shown& shown) {
   return clean;
 }
 
-/// Only what the built-in font has: Latin letters up to U+017F, dashes, quotes, dots and the minus.
+/// Characters of the built-in font: Latin letters up to U+017F, dashes, quotes, dots and the minus.
 std::string lettered(std::string_view text) {
   return characters(text, [](std::string_view c) {
     return c <= "\x7E" || (c >= "\xC2\xA0" && c <= "\xC5\xBF") ||
@@ -44,7 +44,7 @@ std::string lettered(std::string_view text) {
   });
 }
 
-/// What XML may hold, and its signs with a meaning escaped.
+/// Text for XML: allowed characters, with its special signs escaped.
 std::string escaped(std::string_view text) {
   const auto allowed = [](std::string_view c) {
     return c <= "\x7E" || (c >= "\xC2\xA0" && c != "\xEF\xBF\xBE" && c != "\xEF\xBF\xBF");
@@ -89,7 +89,7 @@ double text_width(const std::string& text, const Style& style) {
   return box ? static_cast<double>((*box)[1] - (*box)[0] + 1) / fine : 0.0;
 }
 
-// Not through vtkFreeTypeTools: it drops all but ASCII.
+// Without vtkFreeTypeTools, which drops all but ASCII.
 void Canvas::set_pixels_of(const std::string& shown, const Vec2& at, const Style& style, Align align) {
   const std::string clean = lettered(shown);
   const auto property = text_property(style);
@@ -112,7 +112,7 @@ void Canvas::set_pixels_of(const std::string& shown, const Vec2& at, const Style
 }
 
 void Canvas::text(const Vec2& at, const std::string& text, const Style& style, Align align, double room) {
-  constexpr double lift = 0.19;  // the pixels' text is at this part of its size above the line
+  constexpr double lift = 0.19;  // pixel text is higher than the line by this fraction of its size
   if (lettered(text).find_first_not_of(' ') == std::string::npos) return;
   const bool fits = room == any_room || text_width(text, style) <= room;
   const std::string shown = fits ? text : shortened(text, room, style);
@@ -120,7 +120,7 @@ void Canvas::text(const Vec2& at, const std::string& text, const Style& style, A
   const char* anchor = align == Align::left     ? ""
                        : align == Align::centre ? " text-anchor=\"middle\""
                                                 : " text-anchor=\"end\"";
-  // A character that the built-in font lacks was measured as '?': its line is left as wide as it comes.
+  // A character that the built-in font lacks was measured as '?': its line keeps its natural width.
   const std::string measured =
       lettered(shown) != shown
           ? ""

@@ -29,7 +29,7 @@ const Colour& colour_of(int set) {
   return is_circle(set) ? circle : (set & 1) != 0 ? base : interior;
 }
 
-/// Pale to dark through yellow, red and purple: the lightness falls evenly, so it also reads in grey.
+/// Pale to dark through yellow, red and purple: the lightness falls evenly, for print in grey.
 Colour heat(double fraction) {
   static const std::array<Colour, 7> stops{rgb(0xECEBE6), rgb(0xF9DFA3), rgb(0xF9B768), rgb(0xEE7F52),
                                            rgb(0xCB4A5C), rgb(0x8C2B6B), rgb(0x47175A)};
@@ -43,12 +43,12 @@ BodyFrame frame_of(const Overview& o) {
   return body_frame(o.nodes_mm, o.centre_mm, o.push);
 }
 
-/// What a heading leaves of a panel.
+/// Room of a panel below its heading.
 Rect room_of(const Rect& panel) {
   return panel.inset(14.0, 40.0, 14.0, 12.0);
 }
 
-/// A white card with a heading and a few words; returns the room that is left.
+/// A white card with a heading and a few words; returns the remaining room.
 Rect draw_panel(Canvas& canvas, const Rect& r, const std::string& heading, const std::string& words) {
   const Style title{.size = 17.0, .bold = true};
   draw_card(canvas, r);
@@ -58,8 +58,7 @@ Rect draw_panel(Canvas& canvas, const Rect& r, const std::string& heading, const
   return room_of(r);
 }
 
-/// In which direction left, posterior and superior (or their opposites) are: the half of each axis that is
-/// seen better.
+/// Directions left, posterior and superior (or their opposites): the half of each axis that is more visible.
 void draw_triad(Canvas& canvas, const Rect& room, const Camera& camera) {
   const Vec2 origin(room.x + 42.0, room.y + room.h - 40.0);
   constexpr double length = 28.0;
@@ -101,7 +100,7 @@ double middle_of(std::vector<double>& values, std::size_t at) {
   return values[at];
 }
 
-/// The usual distance between neighbours: the median, over at most 200 nodes, to the fourth nearest.
+/// Typical distance of neighbours: the median, over at most 200 nodes, to the fourth nearest.
 double node_spacing(const Points& nodes) {
   std::vector<double> fourth, distance2;
   const Index stride = std::max<Index>(1, nodes.cols() / 200);
@@ -140,7 +139,7 @@ void draw_cloud(Canvas& canvas, const Rect& rect, const Overview& o, const BodyF
   draw_corners(canvas, room, projection, entries);
 }
 
-/// Below 0 where the tool has been drawn out again.
+/// Final depth; negative if the tool has been withdrawn.
 double depth_of(const Overview& o) {
   return !o.depth_mm.empty() && std::isfinite(o.depth_mm.back()) ? o.depth_mm.back() : 0.0;
 }
@@ -158,7 +157,7 @@ std::vector<LegendEntry> tool_entry(const Overview& o) {
 
 // -------------------------------------------------------------------------------------------------- section
 
-/// A section on the picture, and what of it is shown.
+/// A section on the picture, and its visible part.
 struct SectionView {
   Projection projection;
   Rect shown;
@@ -166,7 +165,7 @@ struct SectionView {
   Vec2 at(const Vec3& p) const { return Vec2(projection(p).head<2>()); }
 };
 
-constexpr double tool_above = 50.0;  // the surface at rest [pixels]
+constexpr double tool_above = 50.0;  // [pixels] from the surface at rest
 
 /// The whole section, unless the tool would be tiny in it. `centre`: at the end.
 SectionView section_view(const Rect& room, const Overview& o, const Camera& camera, const Vec3& centre,
@@ -188,7 +187,7 @@ SectionView section_view(const Rect& room, const Overview& o, const Camera& came
   return view;
 }
 
-/// Where the surface crosses the section's plane through `on`, on the picture.
+/// Lines in which the surface crosses the section's plane through `on`, on the picture.
 Pieces cut(const Projection& projection, const Points& surface, const Triangles& triangles, const Vec3& on) {
   Pieces pieces;
   for (Index t = 0; t < triangles.cols(); ++t) {
@@ -209,7 +208,7 @@ void draw_pieces(Canvas& canvas, const Pieces& pieces, double thick, const Colou
   for (const auto& [a, b] : pieces) canvas.line(a, b, thick, colour);
 }
 
-/// The tool's section; on a bonded circle an arrow shows where it goes.
+/// The tool's section; an arrow shows the motion of a bonded patch.
 void draw_tool(Canvas& canvas, const Overview& o, const SectionView& view, const Vec3& centre) {
   const Points tool = tool_at_the_end(o);
   if (o.tool_triangles.cols() == 0 || !tool.allFinite()) return;
@@ -228,7 +227,7 @@ void draw_tool(Canvas& canvas, const Overview& o, const SectionView& view, const
                 fmt::format("{} mm deep", three_digits(depth_of(o))), {.size = 14.0, .colour = tool_ink});
 }
 
-/// The whole outline, small, with a frame around what is shown.
+/// The whole outline, small, with a frame around the visible part.
 void draw_where(Canvas& canvas, const Rect& room, const SectionView& view, const Overview& o,
                 const Vec3& centre) {
   const Rect corner{room.x + room.w - 142.0, room.y + 30.0, 136.0, 104.0};
@@ -246,7 +245,7 @@ void draw_where(Canvas& canvas, const Rect& room, const SectionView& view, const
   canvas.clip();
 }
 
-/// Where walls cross the section.
+/// Lines in which walls cross the section.
 void draw_walls(Canvas& canvas, const GapAt& walls, const SectionView& view, const Vec3& centre) {
   if (!walls) return;
   constexpr double cell = 4.0;  // pixels
@@ -268,7 +267,7 @@ void draw_slab(Canvas& canvas, const Overview& o, const SectionView& view, const
   const auto in_slab = [&](const Vec3& p) {
     return usable(p) && std::abs((p - centre).dot(view.projection.camera.toward)) <= thickness / 2.0;
   };
-  const double step = spacing * view.projection.scale;  // nodes on the picture are about this far apart
+  const double step = spacing * view.projection.scale;  // approximate distance of nodes on the picture
   const double arm = std::clamp(0.16 * step, 1.5, 5.0), dot = std::clamp(0.20 * step, 1.2, 6.0);
   for (Index q = 0; q < o.points_mm.cols(); ++q) {
     if (!in_slab(o.points_mm.col(q))) continue;
@@ -297,7 +296,7 @@ double spacing_near(const Overview& o, const SectionView& view, const Vec3& cent
 void draw_section(Canvas& canvas, const Rect& rect, const Overview& o, const BodyFrame& frame,
                   double spacing) {
   const Vec3 centre = usable(o.centre_mm) ? o.centre_mm : Vec3(Vec3::Zero());
-  const Vec3 there = usable(o.axis_mm) ? o.axis_mm : centre;  // loads and steps have carried the tool
+  const Vec3 there = usable(o.axis_mm) ? o.axis_mm : centre;  // loads and steps have moved the tool
   const SectionView view = section_view(room_of(rect), o, camera(frame, 0.0, 0.0), there, spacing / 2.0);
   if (view.near) spacing = spacing_near(o, view, centre);
   const double thickness = 1.25 * spacing;
@@ -306,7 +305,7 @@ void draw_section(Canvas& canvas, const Rect& rect, const Overview& o, const Bod
                  fmt::format("nodes at rest in a slab of {} mm", three_digits(thickness)));
   const bool has_surface = o.surface_triangles.cols() > 0;
   canvas.clip(view.shown);
-  // The tool first: what it presses upon is drawn over it.
+  // The tool first, below everything that it presses upon.
   draw_tool(canvas, o, view, there);
   draw_walls(canvas, o.walls, view, there);
   draw_pieces(canvas, cut(view.projection, o.surface_mm, o.surface_triangles, centre), 1.2,
@@ -347,12 +346,12 @@ void draw_colour_bar(Canvas& canvas, const Rect& room, double most_mm) {
   }
 }
 
-/// Smaller displacements are rounding: no part of the tool's size that anybody sees [mm].
+/// Smaller displacements are rounding: invisible at the tool's size [mm].
 double least_seen(const Overview& o) {
   return std::max(1e-9, 1e-5 * o.radius_mm);
 }
 
-/// The body at the end, drawn and not yet laid on; nothing in it is text, which VTK sets in one thread only.
+/// The body at the end, not yet on the canvas. It has no text, which VTK sets in one thread only.
 struct Deformed {
   bool has_surface = false, empty = false;
   double most_mm = 0.0;  ///< displacement
@@ -372,7 +371,7 @@ Points normals_of(const Points& surface, const Triangles& triangles) {
   return normal;
 }
 
-/// In the colours of `level` at the corners.
+/// Draws the surface in the colours of `level` at the corners.
 void draw_surface(DepthImage& image, const Points& surface, const Triangles& triangles,
                   const std::vector<double>& level) {
   const Points normal = normals_of(surface, triangles);
@@ -415,8 +414,8 @@ Deformed deformed(const Rect& room, const Overview& o, const BodyFrame& frame, d
   if (has_surface) draw_surface(image, surface, o.surface_triangles, level);
   for (Index n = 0; n < nodes.cols(); ++n) {
     if (!usable(nodes.col(n))) continue;
-    // Nodes lie a little inside the skin: lifted, those of the circle show through it but not through a rim.
-    // A tool stands on them.
+    // Nodes are a little inside the skin. Those of the contact patch are lifted so that they are visible
+    // through it, but not through an edge. A contacting tool hides them.
     if (is_circle(set_of(o, n)) && o.tool_triangles.cols() > 0) continue;
     if (is_circle(set_of(o, n)))
       image.ball(nodes.col(n), 0.27 * spacing, circle, 0.75 * spacing);
@@ -447,7 +446,7 @@ void draw_dimple(Canvas& canvas, const Rect& rect, const Overview& o, const Defo
 
 // ----------------------------------------------------------------------------------------------------- force
 
-/// Of two lists the part that both have, as a series: force [N] times `per_N` over depth [mm] or time [s].
+/// Series of the common part of two lists: force [N] times `per_N` over depth [mm] or time [s].
 ChartSeries series_of(const std::vector<double>& along, const std::vector<double>& force_N, double per_N) {
   ChartSeries series;
   for (std::size_t i = 0; i < std::min(along.size(), force_N.size()); ++i) {
@@ -535,7 +534,7 @@ void write_overview(const std::filesystem::path& file, const Overview& overview)
   draw_title(canvas, overview.title, warnings);
   const double top = 66.0 + (warnings.empty() ? 0.0 : height_of_rows(warnings) + between);
 
-  // Facts at the bottom take what they need; the panels share the rest.
+  // Facts at the bottom get the height that they need, the panels the rest.
   const std::vector<std::string> facts = rows_of(overview.lines, inner, fact_style, 11, 4);
   const double strip = height_of_rows(facts);
   draw_facts(canvas, height - edge - strip, facts);

@@ -8,11 +8,11 @@
 
 namespace dimple {
 
-/// A signed distance from something rigid [mm] at a place in LPS mm; not a number where nothing is drawn.
+/// A signed distance from rigid walls [mm] at a place in LPS mm; not a number where nothing is drawn.
 using GapAt = std::function<double(const Eigen::Vector3d&)>;
 
-/// Where a function of the plane is zero between 0, 0 and width, height: pieces of straight lines, each
-/// through a cell of a lattice of about `step`. What is not a number has no pieces.
+/// Zero lines of a function of the plane between 0, 0 and width, height: straight pieces, each through a cell
+/// of a lattice of about `step`. Cells with a value that is not a number have none.
 template <class Function>
 std::vector<std::array<Eigen::Vector2d, 2>> zero_pieces(double width, double height, double step,
                                                         const Function& value) {

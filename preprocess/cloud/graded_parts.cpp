@@ -12,7 +12,7 @@
 namespace dimple {
 namespace {
 
-// Triangles small enough for the spacing to be nearly the same all over each.
+// Subdivides a triangle until the spacing is nearly constant on each part.
 void subdivide(const SmallTriangle& t, const Sizing& sizing, double far_spacing, std::size_t room,
                GradedFacets& result) {
   if (result.triangle.size() > room) return;
@@ -20,7 +20,7 @@ void subdivide(const SmallTriangle& t, const Sizing& sizing, double far_spacing,
   const Vec3 middle = (t.a + t.b + t.c) / 3.0;
   // No corner is farther from the middle than two thirds of a median, which is shorter than the longest edge.
   const auto [here, least] = sizing.around(middle, 0.67 * longest);
-  // A corner may lie where the spacing is much less than in the middle.
+  // The spacing at a corner may be much less than in the middle.
   const auto small_enough = [&](double s) { return longest <= 0.7 * far_spacing * s; };
   if (sizing.even() || (small_enough(here) &&
                         (small_enough(least) || (small_enough(sizing(t.a)) && small_enough(sizing(t.b)) &&
@@ -29,7 +29,7 @@ void subdivide(const SmallTriangle& t, const Sizing& sizing, double far_spacing,
     result.sizing.push_back(here);
     return;
   }
-  // A sliver, as fans of triangles have them, is cut across: quarters of it would stay as slim, and be many.
+  // A sliver, as fans of triangles have them, is cut across: its quarters would be as slim, and many.
   if (longest * longest > 8.0 * t.area) {
     SmallTriangle turned = t;
     while ((turned.b - turned.a).norm() < longest) turned = {turned.b, turned.c, turned.a, t.normal, t.area};

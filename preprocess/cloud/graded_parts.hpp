@@ -13,23 +13,23 @@ struct SmallTriangle {
   double area;  ///< [mm^2]
 };
 
-/// Triangles so small that the spacing is nearly the same all over each, with the sizing in its middle.
+/// Triangles with nearly constant spacing, and the sizing in the middle of each.
 struct GradedFacets {
   std::vector<SmallTriangle> triangle;
   std::vector<double> sizing;
 };
 
-/// Nothing, if it takes more than `most` besides the surface's own. Throws Stopped.
+/// Nothing if more than `most` triangles are necessary in addition to the surface's own. Throws Stopped.
 std::optional<GradedFacets> facets_of(const BodySurface& body, const Sizing& sizing, double far_spacing,
                                       std::size_t most);
 
-/// Boxes a few to a node.
+/// Boxes of a few nodes' volume.
 struct GradedBoxes {
   std::vector<Leaf> leaf;
-  std::vector<double> size;  ///< how much of the body each holds [mm^3]
+  std::vector<double> size;  ///< volume of the body in each [mm^3]
 };
 
-/// Nothing, if it takes more than `most`. Throws Stopped.
+/// Nothing if more than `most` boxes are necessary. Throws Stopped.
 std::optional<GradedBoxes> boxes_of(const BodySurface& body, const Sizing& sizing, double far_spacing,
                                     std::size_t most);
 

@@ -18,11 +18,11 @@ namespace {
 
 constexpr int lines_per_edge = 4;
 constexpr double sliver = 0.1;  // of a cell
-// Bounds, per point wanted: cells of a body's whole box, and leaves.
+// Bounds, per requested point: cells of a body's whole box, and leaves.
 constexpr double box_cells_per_point = 1000.0;
 constexpr std::size_t leaves_per_point = 20, fewest_leaves = 20000;
 constexpr int trials = 5;
-constexpr double most_at_a_time = 8.0;  // by which a trial changes the volume of the cells
+constexpr double most_at_a_time = 8.0;  // largest change of the cells' volume in a trial
 
 struct Cells {
   std::array<Index, 3> n{};
@@ -46,15 +46,14 @@ Cells fill(const BodySurface& body, double edge) {
   cells.volume = Eigen::VectorXd::Zero(total);
   cells.moment = Points::Zero(3, total);
 
-  // Lines are spread over the part of a cell that lies in the body's box: a flat face across its end is met
-  // exactly.
+  // Lines are distributed over the part of a cell in the body's box: flat faces across its ends are exact.
   const Vec3 lower = body.lower(), upper = body.upper();
   const auto strip = [&](int d, Index cell) {
     const double from = std::max(lower[d], cells.origin[d] + edge * static_cast<double>(cell));
     const double to = std::min(upper[d], cells.origin[d] + edge * static_cast<double>(cell + 1));
     return std::pair{from, (to - from) / lines_per_edge};
   };
-  // One task per row of cells: rows share no cell, so the sums do not depend on the threads.
+  // One task per row of cells: rows have no cell in common, so the sums do not depend on the threads.
   tbb::parallel_for(Index{0}, cells.n[1] * cells.n[2], [&](Index row) {
     if (row % 16 == 0) stop_if_asked();
     const Index j = row % cells.n[1], k = row / cells.n[1];
@@ -87,7 +86,7 @@ Index count_points(const Cells& cells) {
   return (cells.volume.array() >= sliver * std::pow(cells.edge, 3)).count();
 }
 
-// Gives each sliver to the face neighbour with the most tissue; one without such a neighbour stays.
+// Gives each sliver to the face neighbour with the most tissue; one without such a neighbour remains.
 void merge_slivers(Cells& cells, IntegrationGrid& grid) {
   const double small = sliver * std::pow(cells.edge, 3);
   const std::array<Index, 3> stride = {1, cells.n[0], cells.n[0] * cells.n[1]};
@@ -127,7 +126,7 @@ struct Part {
   int label = 0;
 };
 
-// A box of these half edges around x.
+// Adds a box of these half edges around x.
 void add_box(Part& part, const Vec3& x, const Vec3& half) {
   const double volume = 8.0 * half.prod();
   part.volume += volume;
@@ -142,14 +141,14 @@ Part whole(const Leaf& leaf) {
   return part;
 }
 
-// Of a line inside the body.
+// Piece of a line inside the body.
 struct LinePiece {
-  int a, b;  // the line's place among the others
+  int a, b;  // the line's indices
   double begin, end;
-  std::size_t group;  // named by its first piece
+  std::size_t group;  // number of its first piece
 };
 
-// Pieces that lie side by side on neighbouring lines become one group.
+// Joins pieces that overlap on neighbouring lines into groups.
 void connect_lines(std::vector<LinePiece>& pieces) {
   for (std::size_t k = 0; k < pieces.size(); ++k)
     for (std::size_t before = 0; before < k; ++before) {
@@ -163,12 +162,12 @@ void connect_lines(std::vector<LinePiece>& pieces) {
     }
 }
 
-// The parts inside the body, from lines along the axis that meets the surface most squarely. Where a line
-// leaves the body and enters it again, pieces that no neighbouring line connects are parts of their own: the
-// two banks of a gap.
+// Parts of a cell inside the body, from lines along the axis most normal to the surface. If a line leaves the
+// body and enters it again, pieces that no neighbouring line connects become separate parts: the two walls of
+// a gap.
 std::vector<Part> clip(const BodySurface& body, const Leaf& leaf) {
   const auto closest = body.closest(leaf.centre);
-  // Not the triangle's normal: which of two triangles is the closest, at an edge, rounding decides.
+  // Not the triangle's normal: at an edge, rounding decides which of two triangles is the closest.
   Vec3 square = (closest.place - leaf.centre).cwiseAbs();
   if (closest.distance < 1e-6 * leaf.half.norm()) square = body.normal().col(closest.triangle).cwiseAbs();
   int axis = 0;
@@ -260,7 +259,7 @@ IntegrationGrid make_integration_grid(const BodySurface& body, const GridOptions
                                       const LabelAt& label_at) {
   const double wanted = options.count > 0 ? static_cast<double>(options.count)
                                           : options.ratio * static_cast<double>(node_count);
-  // Cut cells make the count larger than volume / cell; the count is then matched by a few trials.
+  // Cut cells make the count larger than volume / cell; a few trials match the count.
   double edge = std::cbrt(body.volume() / wanted);
   Cells cells;
   const Vec3 size = body.upper() - body.lower();
@@ -300,14 +299,13 @@ IntegrationGrid make_integration_grid(const BodySurface& body, const GridOptions
 
 namespace {
 
-// About as many as are wanted.
+// Boxes of the graded grid, about as many as requested.
 std::vector<Leaf> graded_leaves(const BodySurface& body, const PointDensity& density, Index node_count,
                                 double wanted, const Sizing& sizing, double far_spacing) {
   const auto cell_volume = [&](double s) {
     return std::pow(far_spacing * s, 3) / (density.far + (density.rim - density.far) * (1.0 - s));
   };
-  double scale =
-      static_cast<double>(node_count) * 13.0 / wanted;  // as clouds of 1000 to 30,000 nodes have it
+  double scale = static_cast<double>(node_count) * 13.0 / wanted;  // measured with 1000 to 30,000 nodes
   const std::size_t most = std::max(fewest_leaves, leaves_per_point * static_cast<std::size_t>(wanted));
   std::optional<std::vector<Leaf>> found;
   for (int trial = 0; trial < trials; ++trial) {
@@ -324,7 +322,7 @@ std::vector<Leaf> graded_leaves(const BodySurface& body, const PointDensity& den
   return std::move(*found);
 }
 
-// What of each leaf lies in the body, by its label.
+// Parts of each leaf inside the body, with their labels.
 std::vector<std::vector<Part>> parts_of(const BodySurface& body, const std::vector<Leaf>& leaves,
                                         const LabelAt& label_at) {
   std::vector<std::vector<Part>> parts(leaves.size());
@@ -341,7 +339,7 @@ std::vector<std::vector<Part>> parts_of(const BodySurface& body, const std::vect
   return parts;
 }
 
-// To the nearest cell of the same tissue; of equally near ones, but for rounding, to the first.
+// Merges slivers into the nearest visible cell of the same tissue; among equals within rounding, the first.
 void merge_slivers(const BodySurface& body, const std::vector<Part>& slivers, std::vector<Part>& kept,
                    IntegrationGrid& grid) {
   Points centre(3, static_cast<Index>(kept.size()));
@@ -361,7 +359,7 @@ void merge_slivers(const BodySurface& body, const std::vector<Part>& slivers, st
       if (best < 0) least = away;
       best = best < 0 ? k : std::min<Index>(best, k);
     }
-    if (best < 0) continue;  // its volume is made good later
+    if (best < 0) continue;  // its volume is corrected later
     Part& other = kept[static_cast<std::size_t>(best)];
     other.volume += small.volume;
     other.first += small.first;
@@ -396,7 +394,7 @@ IntegrationGrid make_graded_grid(const BodySurface& body, const GridOptions& opt
                       .why = fmt::format("the largest cell's edge is {:.2f} mm", grid.cell),
                       .remedy = "ask for more points with --points"});
   merge_slivers(body, slivers, kept, grid);
-  // The lines sample the surface; what they miss of its volume, a few in ten thousand, is made good evenly.
+  // Lines sample the surface; the missing volume, a few in ten thousand, is distributed evenly.
   double sum = 0.0;
   for (const Part& part : kept) sum += part.volume;
   const double correction = body.volume() / sum;

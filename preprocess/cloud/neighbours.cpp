@@ -14,7 +14,7 @@ namespace dimple {
 
 namespace {
 
-// What a search within a radius finds, straight into the list.
+// Appends the results of a radius search directly to the list.
 struct List {
   double radius2;
   std::vector<int>& slot;
@@ -27,7 +27,7 @@ struct List {
   std::size_t size() const { return slot.size(); }
 };
 
-// What searches read.
+// Points as the searches read them.
 struct Places {
   Points points;
   double kdtree_get_pt(std::size_t i, std::size_t axis) const {
@@ -42,14 +42,14 @@ struct Neighbours::Tree : Places {
       nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<double, Places>, Tree, 3, int>;
 
   explicit Tree(const Points& p) : Places{p}, index(3, *this, {16}), number(index.vAcc) {
-    // In the order of the leaves: a search then reads its places one after the other.
+    // In the order of the leaves: a search then reads contiguous memory.
     for (std::size_t slot = 0; slot < number.size(); ++slot)
       points.col(static_cast<Index>(slot)) = p.col(number[slot]);
     std::iota(index.vAcc.begin(), index.vAcc.end(), 0);
   }
 
   std::size_t kdtree_get_point_count() const { return static_cast<std::size_t>(points.cols()); }
-  // What the tree's building reads. Of millions of places it lasts seconds: it has to hear that it is to end.
+  // Read during construction, which takes seconds for millions of places: it must be stoppable.
   double kdtree_get_pt(std::size_t i, std::size_t axis) const {
     if (++read % (1U << 20) == 0) stop_if_asked();
     return Places::kdtree_get_pt(i, axis);
@@ -61,17 +61,17 @@ struct Neighbours::Tree : Places {
   // Slots within the radius, in the tree's order.
   void within(const Vec3& x, double radius, std::vector<int>& slots) const {
     slots.clear();
-    List list{radius * radius, slots};  // nanoflann wants the square
+    List list{radius * radius, slots};  // nanoflann expects the square
     index.findNeighbors(list, x.data(), nanoflann::SearchParams());
   }
-  // The square of the distance, and the number; until the next call in this thread.
+  // Squared distances and numbers; valid until the next call in this thread.
   const std::vector<std::pair<double, int>>& nearest(const Vec3& x, int count) const {
     thread_local std::vector<std::pair<double, int>> order;
     order.clear();
     const Index all = points.cols();
     const auto wanted = static_cast<std::size_t>(std::clamp<Index>(count, 0, all));
     if (wanted == 0) return order;
-    // One more than asked for: of several at the last distance the tree takes whichever it meets first.
+    // One more than requested: of several at the last distance the tree returns any.
     const std::size_t asked = std::min<std::size_t>(wanted + 1, static_cast<std::size_t>(all));
     thread_local std::vector<int> slots;
     thread_local std::vector<double> distance2;
@@ -80,7 +80,7 @@ struct Neighbours::Tree : Places {
     index.knnSearch(x.data(), asked, slots.data(), distance2.data());
     const double last = distance2[wanted - 1];
     if (asked == wanted || distance2[wanted] <= last * (1.0 + 1e-11) + 1e-290)
-      within(x, std::sqrt(last) * (1.0 + 1e-12) + 1e-150, slots);  // all of them, and take the lowest
+      within(x, std::sqrt(last) * (1.0 + 1e-12) + 1e-150, slots);  // all of them, to return the lowest
     for (const int i : slots)
       order.emplace_back((points.col(i) - x).squaredNorm(), number[static_cast<std::size_t>(i)]);
     std::sort(order.begin(), order.end());
@@ -107,7 +107,7 @@ void Neighbours::within(const Vec3& x, double radius, std::vector<int>& result) 
     std::sort(result.begin(), result.end());
     return;
   }
-  // A bit for each number: of a hundred or so this is several times as fast as to compare them.
+  // A bit for each number: for a hundred or so this is several times as fast as comparisons.
   thread_local std::vector<std::uint64_t> seen;  // all zero between calls
   if (seen.size() <= last) seen.resize(last + 1, 0);
   for (const int i : result) seen[static_cast<std::size_t>(i) / 64] |= std::uint64_t{1} << (i % 64);

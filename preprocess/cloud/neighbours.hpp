@@ -7,7 +7,7 @@
 
 namespace dimple {
 
-/// Who is near a place. Takes lengths, not squared lengths; ties never depend on the tree's order.
+/// Search for points near a place. Takes lengths, not squared lengths; ties never depend on the tree's order.
 class Neighbours {
  public:
   explicit Neighbours(const Points& points);  ///< keeps its own copy

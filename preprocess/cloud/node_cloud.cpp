@@ -20,29 +20,28 @@
 namespace dimple {
 namespace {
 
-// Of an inner node, at least, from the surface [spacings]. One that gaps between the surface's nodes let
-// through to the base lies among held nodes, free, with hardly any stiffness: the force was up to 3 % too
-// small.
+// Least distance of an inner node from the surface [spacings]. A free node that gets between the surface's
+// nodes of the base has hardly any stiffness: the force was up to 3 % too small.
 constexpr double least_depth = 0.4;
 constexpr int candidates_per_node = 5;
 constexpr int sweeps = 40;
 
-// Bounds. What a cloud that can be made at all was seen to take is a fifth of them: facets of a fan of
+// Bounds. The largest numbers observed with successful node sets are a fifth of them: facets of a fan of
 // slivers.
 constexpr std::size_t boxes_per_node = 40, facets_per_node = 200;
 constexpr std::size_t fewest_bound = 20000, most_to_measure = 2'500'000;
-// Of a body's box: what fills less is searched box by box.
+// Fraction of a body's box: sparser bodies are searched box by box.
 constexpr double sparse = 0.2;
-// Places tried for one that is good: where the body is mostly thinner than a spacing it is thousands.
+// Trials for a good place: thousands where the body is mostly thinner than a spacing.
 constexpr Index tries_per_place = 100;
-// As many as --nodes may ask for; beyond five times that the lists of the supports would overflow.
+// Limit of --nodes; beyond five times that the lists of the supports would overflow.
 constexpr double most_nodes = 1e6;
 
 std::size_t bound(std::size_t per_node, double nodes) {
   return std::max(fewest_bound, per_node * static_cast<std::size_t>(std::min(nodes, most_nodes)));
 }
 
-// std::uniform_real_distribution may differ between standard libraries; these bits do not.
+// Uniform numbers with the same bits everywhere: std::uniform_real_distribution may differ between libraries.
 double uniform(std::mt19937_64& random) {
   return static_cast<double>(random() >> 11) * 0x1.0p-53;
 }
@@ -52,21 +51,21 @@ double lateral_distance(const Boundary& boundary, const Vec3& x) {
   return (d - d.dot(boundary.push) * boundary.push).norm();
 }
 
-// The part of the surface that the tool touches: not a wall beneath the rim, and not the far side of a thin
-// body.
+// True on the part of the surface under the tool: not on a wall beneath the patch's edge, nor on the far side
+// of a thin body.
 bool near_circle(const BodySurface& body, const Boundary& boundary, const Vec3& x, const Vec3& normal,
                  double margin) {
   const bool is_near = lateral_distance(boundary, x) < boundary.radius + margin &&
                        normal.dot(boundary.push) < 0.0 &&
                        std::abs((x - boundary.centre).dot(boundary.push)) < 2.0 * boundary.radius;
   if (!is_near || !boundary.over_cut) return is_near;
-  // Nor a bank of a cut, beneath the other one.
+  // False on a face of a cut beneath the other one.
   const std::vector<double> before =
       body.crossings(x - 1e-3 * boundary.radius * boundary.push, -boundary.push);
   return std::none_of(before.begin(), before.end(), [](double t) { return t > 0.0; });
 }
 
-// count = volume / h^3 + area / (2 h^2), both weighted with the powers of the sizing.
+// Number of nodes: volume / h^3 + area / (2 h^2), both weighted with the powers of the sizing.
 struct Contents {
   double volume = 0.0, area = 0.0;
   double count(double h) const { return volume / (h * h * h) + 0.5 * area / (h * h); }
@@ -80,8 +79,7 @@ struct Contents {
   }
 };
 
-// A body part by part, and how far from the rim each is: what it holds for any spacing at the rim is then a
-// sum.
+// Parts of a body with their distances from the patch's edge: numbers of nodes are then sums.
 struct Measured {
   struct Piece {
     double size, distance, finer;  // [mm^3] or [mm^2], [mm], of Sizing
@@ -116,7 +114,7 @@ Measured measure(const BodySurface& body, const Sizing& sizing, double rough_spa
   if (sizing.even()) return {{{body.volume(), nowhere_near, 1.0}}, {{body.area(), nowhere_near, 1.0}}};
   const std::size_t most =
       std::min(most_to_measure, 5 * bound(boxes_per_node, body.volume() / std::pow(rough_spacing, 3)));
-  // A graded cloud's far spacing is about twice an even one's; where it falls very steeply, more.
+  // A graded far spacing is about twice an even one; with very steep grading, more.
   for (int attempt = 0; attempt < 6; ++attempt) {
     rough_spacing *= 2.0;
     const auto boxes = boxes_of(body, sizing, rough_spacing, most);
@@ -173,7 +171,7 @@ std::vector<Vec3> inner_candidates(const BodySurface& body, Index count, const S
   };
   const bool in_boxes = !sizing.even() || body.volume() < sparse * size.prod();
   GradedBoxes boxes;
-  std::vector<double> worth;  // in nodes at far spacing 1, summed up
+  std::vector<double> worth;  // cumulative, in nodes at far spacing 1
   if (in_boxes) {
     auto found = boxes_of(body, sizing, far_spacing, bound(boxes_per_node, static_cast<double>(count)));
     if (!found) throw too_fine_a_rim(sizing);
@@ -190,8 +188,8 @@ std::vector<Vec3> inner_candidates(const BodySurface& body, Index count, const S
     return box.centre + (2.0 * in_unit_box() - Vec3::Ones()).cwiseProduct(box.half);
   };
   std::vector<Vec3> result;
-  // A body fills some share of its boxes; one that fills less than a hundredth, a spacing's half away from
-  // its surface, is refused below.
+  // Limit of trials: a body that fills less than a hundredth of its boxes, half a spacing away from its
+  // surface, is refused below.
   constexpr Index enough_tries = 100000;
   for (Index tried = 0; static_cast<Index>(result.size()) < count; tried += 4096) {
     if (tried > enough_tries && tried > tries_per_place * static_cast<Index>(result.size())) break;
@@ -209,7 +207,7 @@ std::vector<Vec3> inner_candidates(const BodySurface& body, Index count, const S
   return result;
 }
 
-// Who may be within reach of each node: found once for as long as no node has moved far.
+// Neighbour lists of the nodes, valid as long as no node has moved far.
 class Company {
  public:
   explicit Company(double reach) : reach_(reach) {}
@@ -218,7 +216,7 @@ class Company {
     if (around_.size() == static_cast<std::size_t>(cloud.X.cols())) {
       const auto moved = (cloud.X - X_).colwise().norm().transpose().eval();
       const double most = moved.maxCoeff();
-      bool close = true;  // may two have come within reach that are not in the list?
+      bool close = true;  // may two within reach be missing in the list?
       for (Index a = cloud.fixed_count; a < cloud.X.cols() && close; ++a)
         close = reach_ * cloud.spacing[a] + moved[a] + most < radius_[a];
       if (close) return;
@@ -235,7 +233,7 @@ class Company {
         list.erase(std::lower_bound(list.begin(), list.end(), cloud.surface_count), list.end());
     });
   }
-  // Ascending; of a surface node those on the surface.
+  // Ascending; for a surface node, those on the surface.
   const std::vector<int>& of(Index a) const { return around_[static_cast<std::size_t>(a)]; }
 
  private:
@@ -246,14 +244,14 @@ class Company {
   std::vector<std::vector<int>> around_;
 };
 
-// Jacobi sweeps of a soft repulsion that ends at 1.7 spacings; the surface's nodes are put back onto it.
+// Jacobi sweeps of a soft repulsion that ends at 1.7 spacings; surface nodes are projected onto the surface.
 void spread_out(const BodySurface& body, const Boundary& boundary, const Spacing& spacing, NodeCloud& cloud) {
   constexpr double reach = 1.7;
   Eigen::VectorXd& h = cloud.spacing;
   Company company(far_enough * reach);
   Eigen::VectorXd depth =
-      Eigen::VectorXd::Zero(cloud.X.cols());  // of inner nodes: so far the surface is at least
-  // As far along `move` as keeps the node inside, or nowhere.
+      Eigen::VectorXd::Zero(cloud.X.cols());  // of inner nodes: lower bound of the distance to the surface
+  // Position after the part of `move` that keeps the node inside, or x.
   const auto kept_inside = [&](Index a, const Vec3& x, const Vec3& move) -> Vec3 {
     const double least = least_depth * h[a], length = move.norm();
     depth[a] -= length;
@@ -278,7 +276,7 @@ void spread_out(const BodySurface& body, const Boundary& boundary, const Spacing
       const bool on_surface = a < cloud.surface_count;
       const double farthest2 = std::pow(far_enough * reach * h[a], 2);
       Vec3 push = Vec3::Zero();
-      // Inner nodes must not press surface nodes along the surface by lying beneath them unevenly.
+      // Inner nodes are left out for surface nodes: uneven ones beneath would move them along the surface.
       for (const int b : company.of(a)) {
         const Vec3 d = x - cloud.X.col(b);
         const double distance2 = d.squaredNorm();
@@ -311,8 +309,8 @@ void shake(const BodySurface& body, double part, std::mt19937_64& random, NodeCl
   }
 }
 
-// Nodes along the outline of the base: where it ends is felt (a strip of half a spacing that is left free
-// beside it made a block's force up to a tenth too small), and others only lie near it.
+// Nodes along the outline of the base, since others are only near it. A free strip of half a spacing next to
+// it made a block's force up to a tenth too small.
 std::vector<Vec3> outline_of_base(const BodySurface& body, const Boundary& boundary, const Spacing& spacing) {
   // In spacings: along a loop, of any two, and length of a loop.
   constexpr double apart = 0.95, at_least = 0.6, shortest = 4.0;
@@ -360,7 +358,7 @@ std::vector<Vec3> outline_of_base(const BodySurface& body, const Boundary& bound
   return nodes;
 }
 
-// Of the surface outside of the circle, weighted with the sizing [mm^2].
+// Area of the surface outside of the contact patch, weighted with the sizing [mm^2].
 double free_area_of(const BodySurface& body, const Boundary& boundary, const Sizing& sizing,
                     const GradedFacets& facets, double h) {
   if (sizing.even())
@@ -408,8 +406,8 @@ double spacing_for_count(const BodySurface& body, Index count, const Sizing& siz
 }
 
 Index count_for_spacing(const BodySurface& body, double spacing_mm, const Sizing& sizing) {
-  refuse_too_many(Contents{body.volume(), body.area()}.count(spacing_mm), "--spacing");  // a graded has more
-  // Fifty thousand nodes are fine enough to measure with.
+  refuse_too_many(Contents{body.volume(), body.area()}.count(spacing_mm), "--spacing");  // more if graded
+  // Measured with fifty thousand nodes, which is fine enough.
   const double count = measure(body, sizing, std::max(spacing_mm, rough_spacing(body, 5e4)))
                            .contents(sizing)
                            .count(spacing_mm);
@@ -431,7 +429,7 @@ CloudSize cloud_size(const BodySurface& body, const Sizing& sizing, const CloudO
   if (sizing.rim_length() > wanted * std::max(rim * rough, least_mm)) throw too_fine_a_rim(sizing);
   const Measured measured = measure(body, sizing, rough);
   double h = measured.contents(sizing).spacing(wanted);
-  // A coarser rim leaves more nodes for the rest, whose spacing falls a little: hence again.
+  // A coarser spacing at the edge leaves more nodes for the rest, and reduces its spacing: hence iterated.
   for (int pass = 0; pass < 20 && rim < 1.0 && rim * h < 0.999 * least_mm; ++pass) {
     rim = std::min(1.0, least_mm / h);
     h = measured.contents(sizing.with_rim(rim)).spacing(wanted);

@@ -9,17 +9,16 @@
 namespace dimple {
 
 struct CloudOptions {
-  Index count = 4250;  ///< nodes, surface and circle included; ignored if a spacing is given
+  Index count = 4250;  ///< nodes, with surface and contact patch; ignored if a spacing is given
   double spacing_mm =
-      0.0;  ///< edge of the cube that one inner node far from the circle stands for; 0: from count
+      0.0;  ///< edge of the cube that one inner node far from the patch represents; 0: from count
   std::uint64_t seed = 1;  ///< of the random candidates
   GradingOptions grading = {};
   bool base_outline = true;  ///< nodes along the outline of the base
-  double jitter =
-      0.0;  ///< every inner node is moved by up to this part of its spacing: for tests of robustness
+  double jitter = 0.0;       ///< largest random motion of inner nodes [spacings], for tests of robustness
 };
 
-/// How even a cloud is. Distances in units of the wanted spacing at the place.
+/// Evenness of the nodes. Distances in units of the requested spacing at the place.
 struct Evenness {
   double mean = 0.0;     ///< distance to the nearest other node, mean
   double spread = 0.0;   ///< its standard deviation over its mean
@@ -27,39 +26,46 @@ struct Evenness {
   double fill = 0.0;     ///< radius of the largest empty ball: from any place inside to the nearest node
 };
 
-/// Nodes filling a body as densely as wanted, on its surface and inside; mm, in the surface's own frame.
+/// Nodes of a body with the requested density, on its surface and inside; mm, in the surface's own frame.
 struct NodeCloud {
-  Points X;  ///< [3xN]: the circle's nodes, then the rest of the surface's, then the inner ones
+  Points X;  ///< [3xN]: the patch's nodes, then the rest of the surface's, then the inner ones
   Index circle_count = 0;
-  Index fixed_count = 0;     ///< the circle's and those on the outline of the base
-  Index surface_count = 0;   ///< the circle's included
-  double far_spacing = 0.0;  ///< wanted far from the circle [mm]
-  Eigen::VectorXd spacing;   ///< [N] wanted at each node [mm]
+  Index fixed_count = 0;     ///< the patch's and those on the outline of the base
+  Index surface_count = 0;   ///< the patch's included
+  double far_spacing = 0.0;  ///< requested far from the patch [mm]
+  Eigen::VectorXd spacing;   ///< [N] requested at each node [mm]
   std::vector<bool> base;    ///< [N] held fixed
 };
 
-/// The far spacing at which `count` nodes fill the body: each inner node has a cube of its spacing's edge,
-/// each surface node half of one; and back.
+/// The far spacing at which `count` nodes fill the body, and the inverse: each inner node has a cube of its
+/// spacing's edge, each surface node half of one.
 double spacing_for_count(const BodySurface& body, Index count, const Sizing& sizing = {});
 Index count_for_spacing(const BodySurface& body, double spacing_mm, const Sizing& sizing = {});
 
 struct CloudSize {
   Index count = 0;           ///< nodes
   double far_spacing = 0.0;  ///< [mm]
-  double rim = 1.0;          ///< spacing at the rim over that
+  double rim = 1.0;          ///< spacing at the edge of the patch / far spacing
 };
-/// Of the cloud that the options ask for. Many nodes would make the rim finer than the equilibrium at a sharp
-/// rim bears: below `least_mm` at the rim they go elsewhere.
+/// Number and spacings of the nodes for these options. At a sharp edge of the patch, a finer spacing than
+/// `least_mm` exceeds what the equilibrium bears: further nodes are used elsewhere.
 CloudSize cloud_size(const BodySurface& body, const Sizing& sizing, const CloudOptions& options,
                      double least_mm = 0.0);
 
-/// Fills the body. The circle's nodes are given and stay; the surface's nodes keep half a spacing away from
-/// the rim.
+/// Fills the body with nodes.
+/// 1. Far spacing h from the number of nodes: N = V / h^3 + A / (2 h^2), volume and area weighted with s^-3
+///    and s^-2, s the sizing (cloud_size()).
+/// 2. Given nodes: rings of the contact patch, and the outline of the base, 0.95 spacings apart.
+/// 3. Surface: five random candidates per node with density (h s)^-2, half a spacing from the patch, thinned
+///    by sample elimination with reach 1.07.
+/// 4. Inside: likewise with density (h s)^-3 and reach 1.12, at least 0.4 spacings from the surface.
+/// 5. 40 Jacobi sweeps: node a moves by 0.35 h_a sum_b e_ab (1 - r_ab / (1.7 h_ab))^3, at most 0.2 h_a; by
+///    0.175 h_a in the second half. Surface nodes are projected onto the surface.
+/// 6. Base: nodes of its outline, and surface nodes on it.
 ///
-/// Random candidates are thinned to the count by weighted sample elimination (Yuksel 2015), then moved apart
-/// by a few dozen sweeps of repulsion, on the surface along it. Deterministic: the same body, options and
-/// seed give the same bits. No packaged library fills a volume with a given number of spaced points.
-/// Throws ModelError: fewer nodes asked for than the circle needs, or too few to have any inside.
+/// Deterministic: the same body, options and seed give the same bits. Source: step 3 Yuksel 2015
+/// (sample_elimination.hpp), the rest is of this project; Horton et al. (2007) use even nodes. Throws
+/// ModelError: fewer nodes than the patch needs, or too few to have any inside.
 NodeCloud make_node_cloud(const BodySurface& body, const Boundary& boundary, const Sizing& sizing,
                           const CloudOptions& options, const CloudSize& size);
 inline NodeCloud make_node_cloud(const BodySurface& body, const Boundary& boundary, const Sizing& sizing,

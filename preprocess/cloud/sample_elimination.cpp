@@ -19,7 +19,7 @@ namespace {
 
 constexpr std::size_t crowd_per_candidate = 1000;
 
-// Numbers 0, 1, ... by a value that only falls; the largest value on top, of equal ones the last number.
+// Numbers 0, 1, ... by a decreasing value; the largest on top, among equals the last number.
 class Heap {
  public:
   explicit Heap(std::vector<double>& value) : value_(value), order_(value.size()), place_(value.size()) {
@@ -63,8 +63,7 @@ class Heap {
   std::vector<std::size_t> order_, place_;
 };
 
-// Whom some candidates crowd, and how much. Lists of their own for millions of candidates would take long to
-// free where the work is to end.
+// Weights between candidates, one list for a block of them: millions of lists take long to free at a stop.
 struct Crowded {
   std::vector<std::pair<int, double>> other;
   std::vector<std::size_t> end = {};  // of each candidate's, in `other`

@@ -17,7 +17,7 @@ namespace dimple {
 namespace {
 
 constexpr int rim_corners = 48;
-constexpr double too_large = 1.35;  // a box is halved above this multiple of the wanted volume
+constexpr double too_large = 1.35;  // a box is halved above this multiple of the requested volume
 
 double distance2_to_segment(const Vec3& x, const Vec3& a, const Vec3& b) {
   const Vec3 ab = b - a;
@@ -29,7 +29,7 @@ double square(double x) {
   return x * x;
 }
 
-// Of the rim's corners from x, squared, and the least of them; `corner`: a coordinate after the other.
+// Squared distances of the edge's corners from x, and the least of them; `corner`: coordinate by coordinate.
 DIMPLE_CLONES double corner_distances2(const Vec3& x, const double* corner, double* distance2) {
   using Four = double __attribute__((vector_size(32)));
   constexpr double beyond = std::numeric_limits<double>::infinity();
@@ -50,10 +50,10 @@ DIMPLE_CLONES double corner_distances2(const Vec3& x, const double* corner, doub
   return std::min(std::min(least[0], least[1]), std::min(least[2], least[3]));
 }
 
-// Is the box larger than `too_large` times the least that is wanted in its middle and towards its corners?
-// The sizing's slope says it of most boxes from the middle alone.
+// Is the box larger than `too_large` times the least volume requested in its middle and towards its corners?
+// For most boxes the sizing's slope decides that from the middle alone.
 bool must_halve(const Leaf& box, const Sizing& sizing, const std::function<double(double)>& wanted) {
-  constexpr double towards = 0.7;  // of the way to the corners
+  constexpr double towards = 0.7;  // of the distance to the corners
   const double volume = box.volume(), reach = towards * box.half.norm();
   const Sizing::Bounds s = sizing.around(box.centre, reach);
   const double middle = wanted(s.here);
@@ -93,7 +93,7 @@ Sizing::Sizing(const BodySurface& body, const Boundary& boundary, const GradingO
   upper_ = rim_.rowwise().maxCoeff().array() + 1e-6 * boundary.radius;
 }
 
-// And how far it is from the circle.
+// True above or below the contact patch; `away`: the distance from it.
 bool Sizing::above_circle(const Vec3& x, double& away) const {
   const Vec3 d = x - centre_;
   const double along = d.dot(push_);
@@ -105,7 +105,7 @@ double Sizing::distance_to_one(const Vec3& x, double farthest) const {
   constexpr double beyond = std::numeric_limits<double>::infinity();
   if (double away = 0.0; whole_circle_ && above_circle(x, away)) return away > farthest ? beyond : away;
   if (((x - lower_).array() < -farthest).any() || ((x - upper_).array() > farthest).any()) return beyond;
-  // Of the edge nearest to x one end is hardly farther than the nearest corner is: half an edge aside.
+  // One end of the edge nearest to x is hardly farther than the nearest corner: half an edge aside.
   std::array<double, rim_corners + 1> corner2;
   double nearest2 = corner_distances2(x, corner_.data(), corner2.data());
   corner2[rim_corners] = corner2[0];
@@ -148,7 +148,7 @@ Sizing::Bounds Sizing::around(const Vec3& x, double radius) const {
   if (even()) return {1.0, 1.0};
   const double distance = distance_to_rim(x, reach_ + radius);
   const double f = finer(x);
-  // A little less than the slopes say: for rounding. Linear between places of a lattice: sqrt(3) times its
+  // A little less than the slopes allow, for rounding. Between lattice points f is linear: sqrt(3) times its
   // slope.
   const double steepest = path_ ? std::numbers::sqrt3 * path_->slope() : 0.0;
   const double least = std::max(0.0, f - 1.000001 * steepest * radius);
@@ -160,7 +160,7 @@ std::optional<std::vector<Leaf>> bisect(const BodySurface& body, double edge, co
   if (!(edge > 0.0)) return std::nullopt;
   const Vec3 size = body.upper() - body.lower();
   Eigen::Array3d count;
-  // A thin body fills little of its box: the grid is then coarser to begin with.
+  // A thin body fills little of its box: the grid starts coarser.
   for (;; edge *= 2.0) {
     for (int d = 0; d < 3; ++d) count[d] = std::max(1.0, std::ceil(size[d] / edge - 1e-9));
     if (!(count.prod() > static_cast<double>(most))) break;
@@ -174,7 +174,7 @@ std::optional<std::vector<Leaf>> bisect(const BodySurface& body, double edge, co
         level.push_back({.centre = body.lower() + at.cwiseProduct(half), .half = half, .cut = true});
       }
   std::vector<Leaf> leaves;
-  // Level by level, so that the costly question, how far the surface is, is asked in parallel.
+  // Level by level, so that the costly distances to the surface are computed in parallel.
   while (!level.empty()) {
     if (level.size() + leaves.size() > most) return std::nullopt;
     enum Fate : char { outside, done, halve };

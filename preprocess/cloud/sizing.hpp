@@ -12,40 +12,41 @@
 
 namespace dimple {
 
-/// Spacing at a place as a part of the spacing far away,
+/// Spacing at a place / spacing far away.
+/// 1. d(x): distance to the edge of the contact patch; with `whole_circle` (contacting tools, whose pressure
+///    has no singular edge) to the whole patch. The least over the tool's path (`along`).
+/// 2. f(x) <= 1: refinement where tissue confines the load (LoadPath).
+/// 3. `s(x) = max(rim, f(x) min(1, rim + (1 - rim) d(x) / (reach a)))`, a the radius of the patch.
 ///
-///     s(x) = max(rim, f(x) min(1, rim + (1 - rim) d(x) / (reach a))),   d = distance to the rim, a = its
-///     radius, or to the whole circle where a tool touches it: its pressure has no rim,
-///
-/// f <= 1 where tissue keeps the load together (LoadPath). Linear in d, so that neighbouring spacings differ
-/// by a fixed share; everything scales with the circle, so that no length of one scene is built in.
+/// Linear in d, so that neighbouring spacings have a fixed ratio; all lengths scale with the patch. A method
+/// of this project; Horton et al. (2007) use even nodes.
 class Sizing {
  public:
   Sizing() = default;  ///< even: 1 everywhere
-  /// `along` [mm]: as fine besides around the circle moved by each of these. `uncut`: the body as it was
-  /// before cuts, on which the rim lies.
+  /// `along` [mm]: displacements of the patch around which nodes are as fine. `uncut`: the body before cuts,
+  /// on which the patch's edge is.
   Sizing(const BodySurface& body, const Boundary& boundary, const GradingOptions& options,
          std::vector<Vec3> along = {}, const BodySurface* uncut = nullptr);
   double operator()(const Vec3& x) const { return at(distance(x), finer(x)); }
-  double distance(const Vec3& x) const;  ///< to the rim [mm]; where the far spacing holds, infinite
+  double distance(const Vec3& x) const;  ///< to the patch's edge [mm]; where the far spacing holds, infinite
   double finer(const Vec3& x) const { return path_ ? (*path_)(x) : 1.0; }  ///< f
   double at(double distance, double finer) const {
     return even() ? 1.0 : std::max(share_, finer * std::min(1.0, share_ + slope_ * distance));
   }
-  /// The same with another spacing at the rim.
+  /// Copy with another spacing at the edge.
   Sizing with_rim(double rim) const;
   bool even() const { return rim_.cols() == 0; }
-  double least() const { return share_; }  ///< on the rim
+  double least() const { return share_; }  ///< at the edge of the patch
   double rim_length() const;               ///< [mm]; 0 if even
 
   struct Bounds {
     double here, least;
   };
-  /// At x, and what it is nowhere less than within the radius [mm].
+  /// Value at x, and a lower bound within the radius [mm].
   Bounds around(const Vec3& x, double radius) const;
 
  private:
-  // Exact up to `farthest`, larger beyond: of the circle as it stands, and of the nearest along the way.
+  // Exact up to `farthest`, larger beyond: for the patch as it is, and for the nearest along the path.
   double distance_to_one(const Vec3& x, double farthest) const;
   double distance_to_rim(const Vec3& x, double farthest) const;
   bool above_circle(const Vec3& x, double& away) const;
@@ -53,7 +54,7 @@ class Sizing {
   std::shared_ptr<const LoadPath> path_;
   std::vector<Vec3> along_;                          // [mm]
   Points rim_;                                       // [3xK] closed polygon on the surface [mm]
-  Eigen::Matrix<double, Eigen::Dynamic, 3> corner_;  // the same, a coordinate a column
+  Eigen::Matrix<double, Eigen::Dynamic, 3> corner_;  // the same, one column per coordinate
   Vec3 lower_, upper_;                               // of the polygon's box
   bool whole_circle_ = false;
   Vec3 centre_ = Vec3::Zero(), push_ = Vec3::Zero();
@@ -64,14 +65,14 @@ class Sizing {
 /// Part of a body: a box of the background grid.
 struct Leaf {
   Vec3 centre, half;  ///< [mm]
-  bool cut = false;   ///< the surface may pass through it; otherwise it lies inside
+  bool cut = false;   ///< the surface may pass through it; otherwise it is inside
   double volume() const { return 8.0 * half.prod(); }
 };
 
-/// A regular grid of cells no longer than `edge` [mm] over the body's box, each halved along its longest edge
-/// until it is as small as `wanted(s)` [mm^3] asks, within about a third, s the sizing in it; `wanted` grows
-/// with s. Those outside of the body are left out. In a fixed order. Nothing, if it would take more than
-/// `most` of them.
+/// Boxes of a body that follow the sizing s: a regular grid over its box with cells no longer than `edge`
+/// [mm]. Each is halved along its longest edge until it has at most `wanted(s)` [mm^3], within about a third;
+/// `wanted` grows with s. Boxes outside of the body are left out. In a fixed order. Nothing if more than
+/// `most` are necessary.
 std::optional<std::vector<Leaf>> bisect(const BodySurface& body, double edge, const Sizing& sizing,
                                         const std::function<double(double)>& wanted, std::size_t most);
 

@@ -13,8 +13,7 @@ namespace dimple {
 std::vector<Index> spatial_order(const Points& places) {
   using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
   std::vector<Kernel::Point_3> point;
-  // Points of a grid share coordinates but for rounding: to a nanometre, so that these are ties whatever it
-  // was.
+  // Points of a grid have equal coordinates except for rounding: rounded to a nanometre, they are exact ties.
   const auto rounded = [](double mm) { return std::round(mm * 1e6) / 1e6; };
   for (const auto& x : places.colwise()) point.emplace_back(rounded(x.x()), rounded(x.y()), rounded(x.z()));
   std::vector<std::size_t> order(point.size());

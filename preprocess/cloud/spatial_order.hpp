@@ -6,7 +6,7 @@
 
 namespace dimple {
 
-/// The numbers of the places along a Hilbert curve: what is near in space comes to be near in memory.
+/// Numbers of the places along a Hilbert curve: places near in space are near in memory.
 std::vector<Index> spatial_order(const Points& places);
 
 }  // namespace dimple

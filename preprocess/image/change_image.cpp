@@ -6,7 +6,7 @@
 
 namespace dimple {
 
-// ITK's filters that shrink an image take one voxel of several or their mean; none lets labels vote.
+// ITK's filters that shrink an image use one voxel of several or their mean; none uses a majority of labels.
 LabelImage in_double_voxels(const LabelImage& image) {
   LabelImage result = image;
   for (std::size_t d = 0; d < 3; ++d) {

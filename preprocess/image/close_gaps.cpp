@@ -22,15 +22,15 @@ namespace {
 using Mask = itk::Image<unsigned char, 3>;
 using Map = itk::Image<float, 3>;
 
-// Distances that differ by less are one: their last digits depend on the order of the axes.
+// Distances that differ by less are equal: their last digits depend on the order of the axes.
 constexpr double slack = 1e-5;
 
-// Mask, distance map and what ITK's filter keeps beside them, measured.
+// Mask, distance map and the additional memory of ITK's filter, measured.
 constexpr double bytes_per_voxel = 16.0;
 
 /// A box of voxels around the body, with room for the ball.
 struct Room {
-  std::array<Index, 3> first{};  ///< in the image; may lie outside of it
+  std::array<Index, 3> first{};  ///< in the image; may be outside of it
   std::array<Index, 3> size{};
   std::size_t count() const { return static_cast<std::size_t>(size[0] * size[1] * size[2]); }
   std::size_t at(Index i, Index j, Index k) const {
@@ -81,7 +81,7 @@ Room room_around(const VoxelSet& body, const Vec3& spacing, double radius_mm) {
   return room;
 }
 
-/// Square of the distance to the nearest voxel of `object` [mm^2], where there is none of it.
+/// Square of the distance to the nearest voxel of `object` [mm^2], for the voxels outside of it.
 Map::Pointer squared_distance(Mask* object) {
   using Maurer = itk::SignedMaurerDistanceMapImageFilter<Mask, Map>;
   const auto filter = Maurer::New();
@@ -133,13 +133,13 @@ Mask::Pointer added_voxels(const VoxelSet& body, const Room& room, const Vec3& s
 
   const double reach = radius_mm * radius_mm * (1.0 + slack);
   const std::size_t count = room.count();
-  {  // what the ball does not reach from the body
+  {  // out of the ball's reach from the body
     const Map::Pointer away = squared_distance(mask);
     const float* const distance2 = away->GetBufferPointer();
     for (std::size_t v = 0; v < count; ++v) voxel[v] = distance2[v] > reach;
     mask->Modified();
   }
-  {  // what it does not reach from there
+  {  // out of its reach from there
     const Map::Pointer away = squared_distance(mask);
     const float* const distance2 = away->GetBufferPointer();
     for (std::size_t v = 0; v < count; ++v) voxel[v] = distance2[v] > reach;

@@ -30,11 +30,11 @@ double squared(double x) {
 ///   rho^2   = u^2 + (y/b)^2,   u = max(0, |x| - x0) / (a - x0)
 ///   height  = c (1 - rho^m)^(1/m) (1 - depth exp(-(x/w)^2))
 ///
-/// a, b: half width and half length; c: height. The crests of the hemispheres run at |x| <= x0, so that the
-/// fissure does not lower the highest point. m = 2 would be half an ellipsoid with a strip of width 2 x0 let
-/// in. The exponent was chosen so that the mould's size gives 88 cm^3 at 1 mm: between half an ellipsoid of
-/// that box (86.3) and the 89.9 g of the paper. The fissure is 9 mm deep at the crest and 3.3 mm wide at half
-/// its depth.
+/// a, b: half width and half length; c: height. The crests of the hemispheres are at |x| <= x0, so that the
+/// fissure does not lower the highest point. m = 2 would be half an ellipsoid with a strip of width 2 x0
+/// inserted. The exponent gives 88 cm^3 at 1 mm for the mould's size: between half an ellipsoid of that box
+/// (86.3) and the 89.9 g of the paper. The fissure is 9 mm deep at the crest and 3.3 mm wide at half its
+/// depth.
 Shape brain(const Vec3& size, bool two_labels) {
   constexpr double crest = 0.16, fissure_width = 0.064, fissure_depth = 9.0 / 28.5, m = 1.9;
   const double a = size[1] / 2.0, b = size[0] / 2.0, c = size[2];
@@ -109,7 +109,7 @@ Shape shape_of(const PhantomOptions& options) {
                 "known are brain, block, cut-ellipsoid and cylinder", "choose one of them with --shape");
 }
 
-// A block has whole voxels.
+// Describes the size; a block has whole voxels.
 void say_size(LabelImage& image, const PhantomOptions& options) {
   const double h = options.spacing_mm;
   const VoxelBox box = foreground_box(image);
@@ -142,7 +142,7 @@ LabelImage make_phantom(const PhantomOptions& options) {
         fmt::format("choose --spacing {:.3g} or less, or a larger --size", shape.extent.minCoeff() / 8.0));
 
   // Along x and y the lattice is symmetric about 0: an even number of voxels puts a face there, an odd number
-  // a centre. One that is a face or a centre too many stays background. Along z a face lies on the base.
+  // a centre. A surplus layer remains background. Along z a face is on the base.
   constexpr Index border = 2;
   constexpr double slack = 1e-9;  // 30 / 0.1 voxels are 300, not 301
   const Vec3 across = shape.extent / h;

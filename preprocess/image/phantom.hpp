@@ -6,7 +6,7 @@
 
 namespace dimple {
 
-/// A body that the project can make itself, so that the demo and the tests need no download.
+/// A body that the program makes, so that the demo and the tests need no download.
 struct PhantomOptions {
   std::string shape = "brain";        ///< brain, block, cut-ellipsoid, cylinder
   Vec3 size_mm = {92.5, 62.5, 28.5};  ///< extents; along which axes, see make_phantom
@@ -25,9 +25,9 @@ struct PhantomOptions {
 ///   cut-ellipsoid  half-axes a = size[0]/2, b = size[1]/2, c = size[2]/1.7, cut flat at z = -0.7 c
 ///   cylinder       axis along z, diameter size[0] (size[1] is not used), height size[2]
 ///
-/// Where not said otherwise size is along x, y, z, and two_labels makes 1 shell and 2 core, the core half as
-/// large. The body is centred at x = y = 0; its base lies at z = 0 (cut-ellipsoid: its centre at z = 0, its
-/// base at z = -0.7 c), always on a face of the voxel lattice. So do the sides if the spacing divides the
+/// Unless stated otherwise, size is along x, y, z, and two_labels makes 1 shell and 2 core, the core half as
+/// large. The body is centred at x = y = 0; its base is at z = 0 (cut-ellipsoid: its centre at z = 0, its
+/// base at z = -0.7 c), always on a face of the voxel lattice. The sides are too if the spacing divides the
 /// size.
 ///
 /// Throws UsageError: unknown shape, a size or spacing that is not positive, fewer than 8 voxels across, more

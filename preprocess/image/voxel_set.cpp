@@ -98,15 +98,15 @@ VoxelSet complement(const VoxelSet& set) {
 
 namespace {
 
-// Along each axis of a set: variance [voxels^2] and skewness. Of a mirror image exactly the same and exactly
-// the opposite: places count from the middle of the box, in halves, and sums of them are whole numbers.
+// Variance [voxels^2] and skewness of a set along each axis. A mirror image has exactly the same and exactly
+// the opposite: places count from the middle of the box in halves, and their sums are whole numbers.
 struct Spreading {
   Vec3 variance, skewness;
 };
 
 Spreading spreading_of(const VoxelSet& set) {
   __extension__ using Whole = __int128;
-  std::array<std::array<Whole, 3>, 3> sum{};  // of the first, second and third power, by axis
+  std::array<std::array<Whole, 3>, 3> sum{};  // sums of the first, second and third power, by axis
   Whole count = 0;
   const auto from_middle = [&](Index at, std::size_t d) {
     return static_cast<Whole>(2 * at - (set.size[d] - 1));
@@ -116,7 +116,7 @@ Spreading spreading_of(const VoxelSet& set) {
     sum[d][1] += times * place * place;
     sum[d][2] += times * place * place * place;
   };
-  // Of all voxels up to one, exclusive: sums of powers along i, which differences then take.
+  // Sums of powers along i over all voxels before one, for differences.
   std::vector<std::array<Whole, 3>> until(static_cast<std::size_t>(set.size[0]) + 1);
   for (Index i = 0; i < set.size[0]; ++i) {
     const Whole x = from_middle(i, 0);
@@ -159,7 +159,7 @@ AxisOrder own_order(const VoxelSet& set, const Vec3& spacing) {
   const auto skew = [&](int axis) {
     return std::abs(of.skewness[axis]) > told_apart ? of.skewness[axis] : 0.0;
   };
-  // The last axis stays where no other is better; so do the other two between themselves.
+  // The last axis remains unless another is better; the same holds between the other two.
   int up = 2;
   for (const int axis : {1, 0})
     if (more(std::abs(skew(axis)), std::abs(skew(up))) ||
@@ -221,7 +221,7 @@ std::size_t largest(const Pieces& pieces) {
 }
 
 Pieces face_connected(const VoxelSet& set) {
-  // A forest over stretches; of two that touch, the root of the later hangs on that of the earlier.
+  // Union-find over stretches: the root of the later of two connected ones gets that of the earlier.
   std::vector<std::int32_t> parent(set.stretch.size());
   std::iota(parent.begin(), parent.end(), 0);
   const auto root = [&](std::int32_t s) {

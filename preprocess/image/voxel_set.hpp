@@ -8,12 +8,12 @@
 
 namespace dimple {
 
-/// Some voxels of a box, as stretches along i. Those of a row ascend and do not touch.
+/// Some voxels of a box, as stretches along i. Those of a row ascend and are separate.
 struct VoxelSet {
   struct Stretch {
     std::int32_t begin, end;  ///< voxels [begin, end)
   };
-  std::array<Index, 3> first{};  ///< where the box begins in the image; may lie outside of it
+  std::array<Index, 3> first{};  ///< where the box begins in the image; may be outside of it
   std::array<Index, 3> size{};
   std::vector<Stretch> stretch;     ///< of all rows, j fastest
   std::vector<std::size_t> offset;  ///< [size[1]*size[2] + 1] where in `stretch` each row begins
@@ -28,7 +28,7 @@ struct VoxelSet {
 /// Empty if there is none.
 VoxelSet voxels_with(const LabelImage& image, const std::vector<int>& labels);
 
-/// The same voxels in their own box and one voxel around it.
+/// The voxels in a box that fits them with one voxel around it.
 VoxelSet cropped(const VoxelSet& set);
 
 /// The other voxels of the box.
@@ -42,10 +42,10 @@ struct AxisOrder {
   bool operator==(const AxisOrder&) const = default;
 };
 
-/// The order that the voxels themselves suggest, whichever axes the scanner gave them: k along the axis on
-/// which they are most lopsided, to where their tail is thinner (the top of a dome), or else on which they
-/// are thinnest; j along the longer one of the others, likewise. Where nothing tells two orders apart (a
-/// block) the order stays. `spacing` [mm] of the axes.
+/// Order of the axes from the voxels themselves, independent of the scanner's. k: along the axis of largest
+/// skewness, towards the thinner tail (the top of a dome), else the axis on which they are thinnest. j: along
+/// the longer one of the others, likewise. If no order is better than another (a block), it remains.
+/// `spacing` [mm] of the axes.
 AxisOrder own_order(const VoxelSet& set, const Vec3& spacing);
 
 /// The voxels in that order; `first` counts from the corner of an image of this size that is the first voxel
@@ -63,7 +63,7 @@ struct Pieces {
 };
 Pieces face_connected(const VoxelSet& set);
 
-/// Number of the piece with the most voxels, of several the first.
+/// Number of the piece with the most voxels; among equals, the first.
 std::size_t largest(const Pieces& pieces);
 
 /// Only the pieces with kept[piece].

@@ -25,21 +25,21 @@ namespace {
 
 constexpr double aimed_at = 1e-9, good_enough = 1e-6;  // m
 constexpr int most_steps = 30, starts = 8;
-constexpr double beside_the_body = 0.25;  // node spacings, as far as the field continues outside of it
-constexpr double lost = 0.1;              // mm inside of the surface
-constexpr double far_apart = 2.5;         // node spacings, from which on two places at rest are two
+constexpr double beside_the_body = 0.25;  // node spacings: how far the field continues outside the body
+constexpr double lost = 0.1;              // mm inside the surface: no solution there is an error
+constexpr double far_apart = 2.5;         // node spacings from which on two places at rest are different
 
 [[noreturn]] void refuse(const std::string& fact, const std::string& why, const std::string& remedy) {
   throw ModelError({.fact = fact, .where = "cut", .why = why, .remedy = remedy, .code = "cut"});
 }
 
-// X + u(X) = x, by Newton's method. All in metres.
+// Inverse of the deformation: X + u(X) = x, by Newton's method. All in metres.
 class WayBack {
  public:
   WayBack(const Model& model, const Points& u)
       : model_(model), u_(u), field_(model), moved_(model.X + u), near_(moved_) {}
 
-  // From a node, until nothing gets nearer.
+  // Damped Newton's method from a node, until no step reduces the residual.
   std::optional<Vec3> from(Index node, const Vec3& x) const {
     const double longest = model_.spacing[node];
     Vec3 X = model_.X.col(node) + (x - moved_.col(node));
@@ -63,16 +63,16 @@ class WayBack {
   }
 
   struct Found {
-    std::vector<Vec3> inside = {};    // all places of the body at rest that have come to x
-    std::optional<Vec3> beside = {};  // none: where the field continues to
-    bool settles = false;             // somewhere
+    std::vector<Vec3> inside = {};    // all places of the body at rest that have moved to x
+    std::optional<Vec3> beside = {};  // the place where the continued field has it; may be none
+    bool settles = false;             // a search has converged
   };
   Found places_at_rest(const Vec3& x, const BodySurface& rest) const {
     Found all;
     std::vector<Vec3>& found = all.inside;
     for (const int a : near_.nearest(x, starts)) {
       const double spacing = model_.spacing[a], away = (moved_.col(a) - x).norm();
-      if (away > 3.0 * spacing && found.empty()) break;  // the nearest is far off: outside
+      if (away > 3.0 * spacing && found.empty()) break;  // the nearest is far away: outside
       const bool known = std::any_of(found.begin(), found.end(), [&](const Vec3& X) {
         return (model_.X.col(a) - X).norm() < far_apart * spacing + 2.0 * away;
       });
@@ -94,20 +94,20 @@ class WayBack {
 
   // d x / d X there.
   Mat3 gradient(const Vec3& X) const { return residual(X, X).second; }
-  // Of a place outside of the body, about.
+  // Approximate place at rest of a place outside the body.
   Vec3 by_the_nearest_node(const Vec3& x) const {
     const int a = near_.nearest(x, 1).front();
     return model_.X.col(a) + (x - moved_.col(a));
   }
-  // Inside of the body as it now is, at least next to a node.
+  // True for a place in the deformed body, at least near a node.
   bool is_by_a_node(const Vec3& x) const {
     const int a = near_.nearest(x, 1).front();
     return (moved_.col(a) - x).norm() < 0.5 * model_.spacing[a];
   }
 
  private:
-  // X [mm, the surface's own frame], outside of the body at rest: next to it, and not in a gap, where another
-  // wall comes behind.
+  // True for X [mm, the surface's own frame] outside the body at rest but near it, and not in a gap, with
+  // another wall behind.
   static bool is_beside(const Vec3& X, const BodySurface& rest, double spacing) {
     const BodySurface::Closest next = rest.closest(X);
     if (next.distance > beside_the_body * spacing) return false;
@@ -143,7 +143,7 @@ class WayBack {
          "use more nodes, or cut before the body is deformed so much");
 }
 
-// What the surface next to a place outside of the body has moved by [mm].
+// Displacement of the surface next to a place outside of the body [mm].
 Vec3 moved_next_to(const BodySurface::Closest& closest, const BodySurface& now, const BodySurface& rest) {
   const auto corner = now.triangles().col(closest.triangle);
   const Vec3 a = now.vertex().col(corner[0]), e = now.vertex().col(corner[1]) - a,
@@ -167,7 +167,7 @@ std::vector<std::vector<Index>> neighbours_on(const TriangleMesh& sheet) {
   return lists;
 }
 
-// Continues `way` [3 x vertices] from those that are known over the others, harmonically on the sheet.
+// Continues `way` [3 x vertices] from the known vertices to the others, harmonically on the sheet.
 void continue_over(const TriangleMesh& sheet, const std::vector<char>& known, Points& way) {
   constexpr int sweeps = 200;
   const std::vector<std::vector<Index>> next_to = neighbours_on(sheet);
@@ -205,9 +205,9 @@ bool is_open(const Triangles& triangles) {
   });
 }
 
-// More than one fan of the kept triangles around a vertex: where parts of a sheet meet at it alone.
+// Vertices with more than one fan of the kept triangles: parts of a sheet that meet at a vertex only.
 std::vector<Index> pinched(const Triangles& triangles, const std::vector<char>& kept, Index vertices) {
-  // Of each vertex, edges around it: from -> to.
+  // For each vertex, the edges around it: from -> to.
   std::vector<std::map<Index, Index>> around(static_cast<std::size_t>(vertices));
   for (Index t = 0; t < triangles.cols(); ++t)
     if (kept[static_cast<std::size_t>(t)])
@@ -226,7 +226,7 @@ std::vector<Index> pinched(const Triangles& triangles, const std::vector<char>& 
   return result;
 }
 
-// What of an open sheet is near to the body, in whole triangles.
+// The part of an open sheet near the body, in whole triangles.
 TriangleMesh near_part(const TriangleMesh& sheet, const TriangleMesh& at_rest,
                        const std::vector<double>& away) {
   std::vector<char> kept(static_cast<std::size_t>(sheet.triangles.cols()), 0);
@@ -239,7 +239,7 @@ TriangleMesh near_part(const TriangleMesh& sheet, const TriangleMesh& at_rest,
     }
     kept[static_cast<std::size_t>(t)] = nearest <= longest;
   }
-  // Parts that would meet at a vertex alone are joined there.
+  // Parts that would meet at a vertex only are joined there.
   for (std::vector<Index> at; !(at = pinched(sheet.triangles, kept, sheet.vertex.cols())).empty();) {
     const std::set<Index> all(at.begin(), at.end());
     for (Index t = 0; t < sheet.triangles.cols(); ++t)
@@ -278,7 +278,7 @@ TriangleMesh carried_back(const TriangleMesh& sheet, const Model& model, const P
   const BodySurface now = deformed_surface(model, u), rest(model.surface.vertex_mm, model.surface.triangles);
   const WayBack way_back(model, u);
   const Index count = sheet.vertex.cols();
-  Points way = Points::Zero(3, count);  // back
+  Points way = Points::Zero(3, count);  // backward displacements
   std::vector<double> away(static_cast<std::size_t>(count), 0.0);
   std::vector<char> places(static_cast<std::size_t>(count), 1), is_lost(places.size(), 0);
   tbb::parallel_for(tbb::blocked_range<Index>(0, count, 64), [&](const tbb::blocked_range<Index>& range) {
@@ -322,7 +322,7 @@ TriangleMesh stroke_at_rest(const Vec3& x, const Vec3& y, double depth, double s
   const Vec3 along = (y - x).normalized();
   const Eigen::Isometry3d to_body = rest.to_world().inverse();
   Vec3 into = Vec3::Zero();
-  double above = 0.0;  // the surface may bulge beyond the straight way
+  double above = 0.0;  // the surface may be above the straight stroke
   for (int k = 0; k <= samples; ++k) {
     const WayBack::Found found = way_back.places_at_rest(1e-3 * (x + k * (y - x) / samples), rest);
     if (found.inside.size() > 1) refuse_two_places(x + k * (y - x) / samples);
@@ -342,7 +342,7 @@ TriangleMesh stroke_at_rest(const Vec3& x, const Vec3& y, double depth, double s
   const TriangleMesh sheet = swept_sheet(x, y, into.normalized(), above + 0.1 * step, depth, step);
   Points way = Points::Zero(3, sheet.vertex.cols());
   std::vector<char> known(static_cast<std::size_t>(sheet.vertex.cols()), 0);
-  Index settled = 0, lost_ones = 0;  // some lie in what another cut has opened, next to a node of its bank
+  Index settled = 0, lost_ones = 0;  // lost: in the opening of another cut, near a node
   Vec3 last_lost = x;
   for (Index v = 0; v < sheet.vertex.cols(); ++v) {
     stop_if_asked();
@@ -355,7 +355,7 @@ TriangleMesh stroke_at_rest(const Vec3& x, const Vec3& y, double depth, double s
     known[static_cast<std::size_t>(v)] = 1;
     ++settled;
   }
-  if (3 * lost_ones > settled && lost_ones > 0) refuse_lost(last_lost);  // more than a quarter of the two
+  if (3 * lost_ones > settled && lost_ones > 0) refuse_lost(last_lost);  // more than a quarter of both
   if (settled == 0)
     refuse("the blade meets no tissue", "its way lies beside the body as it now is",
            "move it, or cut deeper");

@@ -6,31 +6,28 @@
 
 namespace dimple {
 
-/// The model's surface [mm, LPS] where displacements u [3xN] m of its nodes have brought it.
+/// The model's surface [mm, LPS] displaced by u [3xN] m of its nodes.
 BodySurface deformed_surface(const Model& model, const Points& u);
 
-/// A blade's sheet [mm, LPS] as it lies in the deformed body, carried back to where its places were at rest.
+/// A blade's sheet [mm, LPS] in the deformed body, mapped back to the body at rest.
+/// 1. For each vertex x: X + u(X) = x, u the MLS field, by Newton's method from the nodes now nearest to x,
+///    to a micrometre.
+/// 2. Solutions outside the body at rest count up to a quarter of a spacing from it.
+/// 3. Vertices without a solution: displacements continue harmonically over the sheet. If no vertex has one:
+///    those of the surface next to x.
+/// 4. Triangles of an open sheet that are farther from the body than they are large are left out.
 ///
-/// In the body a place x goes to X with X + u(X) = x, u the moving-least-squares field, by Newton's method
-/// from the nodes that have come nearest to x, until X + u(X) lies within a micrometre of x. Outside of it,
-/// farther than a quarter of the nodes' spacing, where there is no u, the way back continues from the sheet's
-/// places in the body, harmonically over the sheet; if it has none there, as that of the surface next to x.
-/// Of an open sheet what lies farther from the body than its triangles are large is left out: no triangle of
-/// it meets the body.
-///
-/// Throws ModelError ("cut"): x has two such X, as where a fold or a cut has closed and its walls have passed
-/// through each other; the search settles nowhere, as in tissue that is turned inside out; no part of the
-/// sheet lies in the body or near to it; Stopped.
+/// Throws ModelError ("cut"): x has two such X, since the walls of a closed fold or cut have crossed; no
+/// search converges, as in inverted tissue; no part of the sheet is in the body or near it; Stopped.
 TriangleMesh carried_back(const TriangleMesh& sheet, const Model& model, const Points& u);
 
-/// Where a straight stroke on the deformed body lies at rest: an edge goes from x to y [mm, LPS] on its
-/// surface, straight into the tissue there, `depth` [mm] below the way between the two; in triangles of
-/// `step` [mm].
-///
-/// As carried_back() of what it sweeps, without the deformed surface, which a live cut has no time for: the
-/// way into the body is the mean of the rest surface's normals along the stroke, turned by the deformation
-/// gradient there, and outside of the tissue the way back continues from that inside alone. `rest`: the
-/// model's surface. Throws ModelError ("cut"): no way into the body, or none back to where it was.
+/// Sheet of a straight stroke on the deformed body, mapped back to rest. An edge moves from x to y [mm, LPS]
+/// on the surface and cuts straight into the tissue to `depth` [mm] below the segment x-y; in triangles of
+/// `step` [mm]. Like carried_back() of the swept sheet, but without the deformed surface, which takes too
+/// long for a live cut. The direction into the body is the mean of the rest surface's normals along the
+/// stroke, rotated by the deformation gradient. Outside the tissue the mapping continues from that inside
+/// only. `rest`: the model's surface. Throws ModelError ("cut"): no direction into the body, or no place at
+/// rest.
 TriangleMesh stroke_at_rest(const Vec3& x, const Vec3& y, double depth, double step, const Model& model,
                             const Points& u, const BodySurface& rest);
 

@@ -14,18 +14,18 @@
 namespace dimple {
 namespace {
 
-constexpr double margin = 3.0;         // of the largest displacement, within which the surroundings follow
+constexpr double margin = 3.0;         // largest displacements: range in which the surroundings follow
 constexpr double settled = 1e-3;       // of a voxel
 constexpr int most_newton_steps = 16;  // of Newton's method
-constexpr int cheap_steps = 4;         // of them with the gradient that is known
-constexpr double neighbourhood = 2.0;  // cells that it may leave its start by
+constexpr int cheap_steps = 4;         // of them with the given gradient
+constexpr double neighbourhood = 2.0;  // cells: farthest distance from its start
 constexpr double on_edge = 1e-6;       // of a tetrahedron's coordinates
 
 Vec3 vec(const std::array<Index, 3>& a) {
   return {static_cast<double>(a[0]), static_cast<double>(a[1]), static_cast<double>(a[2])};
 }
 
-// The six tetrahedra of a cell: the ways from its first corner to its last along the axes in any order. They
+// The six tetrahedra of a cell: the paths from its first corner to its last along the axes in any order. They
 // meet those of the neighbouring cells in whole faces.
 constexpr std::array<std::array<int, 3>, 6> ways = {
     {{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {2, 1, 0}, {1, 0, 2}}};  // three even ones, then three odd
@@ -68,19 +68,19 @@ DeformationMap::DeformationMap(const Model& model, const FieldAnywhere& field, c
     beyond += (x.array() < -0.5).any() || ((x - last).array() > 0.5).any() ? 1 : 0;
   share_beyond_ = static_cast<double>(beyond) / static_cast<double>(moved.cols());
 
-  // A ball of 1 mm reaches as far along each axis [voxels].
+  // Extent of a ball of 1 mm along each axis [voxels].
   const Vec3 ball = to_voxels_.linear().rowwise().norm();
   const Vec3 low = rest.rowwise().minCoeff() - margin * largest_mm * ball,
              high = rest.rowwise().maxCoeff() + margin * largest_mm * ball;
   std::array<Index, 3> end{};
   for (std::size_t a = 0; a < 3; ++a) {
     const auto d = static_cast<Index>(a);
-    // Beyond the image as far as something may come from.
+    // Beyond the image as far as tissue may come from.
     const double before = -1.2 * largest_mm * ball[d] - 1.0, behind = last[d] - before;
     cut_[a] = {low[d]<before, high[d]> behind};
     first_[a] = static_cast<Index>(std::floor(std::max(low[d], before)));
     end[a] = static_cast<Index>(std::ceil(std::min(high[d], behind)));
-    if (end[a] <= first_[a]) return;  // the body is nowhere near
+    if (end[a] <= first_[a]) return;  // the body is far away
   }
   step_ = {1, 1, 1};
   const auto counted = [&](std::size_t a) { return (end[a] - first_[a] + step_[a] - 1) / step_[a] + 1; };
@@ -99,22 +99,21 @@ DeformationMap::DeformationMap(const Model& model, const FieldAnywhere& field, c
   bound_rows();
 }
 
-// Of places in voxels the displacement in voxels, by the field itself.
+// Displacements of places in voxels [voxels], by the field itself.
 Points DeformationMap::displaced(const Points& places) const {
   Points value;
   field_.at(1e-3 * (grid_.to_world * places), u_, value);
   return to_voxels_.linear() * (1e3 * value);
 }
 
-// Where a row along the first axis passes the surface, ascending: between an even one and the next it is
-// inside.
+// Crossings of a row along the first axis with the surface, ascending: inside is from even to odd ones.
 void DeformationMap::rows_inside(double j, double k, std::vector<double>& crossings) const {
   thread_local std::vector<SurfaceCells::Hit> hits;
   crossings.clear();
   constexpr int most_tries = 20;
   constexpr double far = 1e9;
   for (int attempt = 0; attempt < most_tries; ++attempt) {
-    // An edge in its way is stepped aside from.
+    // Steps aside from an edge on the row.
     const double aside = 1e-6 * attempt * (1.0 + attempt);
     if (!surface_.line(Vec3(-far, j + aside, k + 0.7 * aside), 0, -far, far, hits)) continue;
     for (const auto& hit : hits) crossings.push_back(hit.at);
@@ -165,7 +164,7 @@ void DeformationMap::sample_body() {
       for (Index a = begin; a < end; ++a) inside_[static_cast<std::size_t>(point_number(a, b, c))] = 1;
     }
   });
-  // Two by two by two: neighbours share most of their nodes.
+  // Blocks of two by two by two: neighbours have most of their nodes in common.
   const Index pairs_b = (n_[1] + 1) / 2, pairs_c = (n_[2] + 1) / 2;
   tbb::parallel_for(Index{0}, pairs_b * pairs_c, [&](Index pair) {
     std::array<Index, 8> number;
@@ -192,8 +191,8 @@ void DeformationMap::sample_body() {
   });
 }
 
-// Of a point of the lattice outside, beside some that are inside: as the field goes on from the nearest of
-// those, by no more than half of the way and nowhere farther than tissue; false where there is none.
+// Displacement of a lattice point outside, next to some inside: the field continued from the nearest of
+// those, by at most half of the distance and the largest displacement; false where there is none.
 bool DeformationMap::go_on_from_inside(const std::array<Index, 3>& at, double largest_mm, Vec3& v) const {
   constexpr double most = 0.5;
   const Vec3 step = vec(step_).cwiseProduct(grid_.spacing());
@@ -246,7 +245,7 @@ void DeformationMap::continue_outside() {
       for (Index r = 0; r < 3; ++r) level.v[3 * m + static_cast<std::size_t>(r)] = static_cast<float>(v[r]);
     }
   });
-  // The border is zero, but where the lattice was cut off because the image ends.
+  // The border is zero, except where the lattice ends because the image ends.
   for (Index c = 0; c < n_[2]; ++c)
     for (Index b = 0; b < n_[1]; ++b)
       for (Index a = 0; a < n_[0]; ++a) {
@@ -374,15 +373,14 @@ struct DeformationMap::Cell {
   }
 };
 
-// Which tetrahedron each voxel of a slice lies in, and whether that is the right way round.
+// Tetrahedron that each voxel of a slice is in, and whether that is not inverted.
 struct DeformationMap::Owners {
   static constexpr std::int32_t nobody = -1;
-  std::vector<std::int32_t> cell;  // six times the number of its first corner, and its way
+  std::vector<std::int32_t> cell;  // six times the number of its first corner, and its path
   std::vector<char> upright;
 };
 
-// The voxels of slice k that a displaced tetrahedron covers become its own, unless one that came before it,
-// and is not inside out, has them.
+// Assigns the voxels of slice k in a displaced tetrahedron to it, unless an earlier, upright one has them.
 void DeformationMap::cover(const Cell& cell, std::int32_t number, bool way_is_even, Index k,
                            Owners& owners) const {
   const double level = static_cast<double>(k);
@@ -410,7 +408,7 @@ void DeformationMap::cover(const Cell& cell, std::int32_t number, bool way_is_ev
     }
 }
 
-// Does the cell of the lattice move, and come to lie at that slice?
+// Does the cell of the lattice move, and does it reach that slice?
 bool DeformationMap::moves_to(const std::array<Index, 3>& at, double level) const {
   float low = std::numeric_limits<float>::infinity(), high = -low;
   bool moves = false;
@@ -445,16 +443,16 @@ DeformationMap::Owners DeformationMap::owners_in_slice(Index k) const {
   return owners;
 }
 
-// A voxel that looks for the place at rest of what it shows.
+// A voxel for which the place at rest is searched.
 struct DeformationMap::Seeker {
   float* place;
   Vec3 x, start, X;
-  Mat3 back;  // what moves X by that if X + u(X) is to move by this
+  Mat3 back;  // inverse gradient: change of X for a change of X + u(X)
   Vec3 best;  // so far
   double residual = std::numeric_limits<double>::infinity();
 };
 
-// The field itself, by Newton's method, of neighbours at a time.
+// Solves for the field itself by Newton's method, for a group of neighbours.
 void DeformationMap::solve(std::vector<Seeker>& group, WayBackReport& report) const {
   if (group.empty()) return;
   stop_if_asked();
@@ -466,7 +464,7 @@ void DeformationMap::solve(std::vector<Seeker>& group, WayBackReport& report) co
   for (int step = 0; step < most_newton_steps && !open.empty(); ++step) {
     places.resize(3, static_cast<Index>(open.size()));
     for (std::size_t m = 0; m < open.size(); ++m) places.col(static_cast<Index>(m)) = open[m]->X;
-    // The tetrahedron's gradient is there already, and serves nearly all.
+    // The tetrahedron's gradient is available, and suffices for nearly all.
     const bool own_gradient = step >= cheap_steps;
     field_.at(1e-3 * (grid_.to_world * places), u_, u, own_gradient ? &derivative : nullptr);
     u = to_voxels_.linear() * (1e3 * u);

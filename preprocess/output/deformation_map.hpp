@@ -11,50 +11,47 @@
 
 namespace dimple {
 
-/// How the way back was found, in numbers of voxels.
+/// Report on the inverse map, in numbers of voxels.
 struct WayBackReport {
-  Index moved = 0;      ///< that show something which has moved
-  Index solved = 0;     ///< of them those in or at the body: the field itself was solved for their place
-  Index unsettled = 0;  ///< of those, where this did not succeed: the best place stays
-  Index folded = 0;     ///< where only tissue that is turned inside out comes to lie
+  Index moved = 0;                ///< that show displaced tissue
+  Index solved = 0;               ///< of them those in or at the body: the field itself was solved for them
+  Index unsettled = 0;            ///< of those, not converged: the best place remains
+  Index folded = 0;               ///< covered by inverted tissue only
   double largest_residual = 0.0;  ///< of all those |X + u(X) - x| [voxels]
   void add(const WayBackReport& other);
 };
 
-/// A displacement field u on the voxels of an image, both ways: where a voxel of the body at rest goes, X ->
-/// X + u(X), and where that which a voxel shows afterwards was at rest, x -> X with X + u(X) = x.
+/// A displacement field u on the voxels of an image, X -> X + u(X), and its inverse: the place at rest X with
+/// X + u(X) = x of the tissue that voxel x shows afterwards.
 ///
-/// Inside of the model's surface u is the moving-least-squares field itself. The first point outside goes on
-/// from there by its gradient, so that u is continuous at the surface. Around it, within three times
-/// the largest displacement, it continues smoothly (nearly harmonic) and falls to zero: a picture's
-/// surroundings follow the body's surface there, which is no mechanics. Beyond, it is zero.
-///
-/// The way back starts from a lattice along the image's axes, of at most most_lattice points, no finer than
-/// the voxels. It is divided into tetrahedra, and each carries the voxels that its displaced copy covers to
-/// their places at rest: this map is continuous and leaves no voxel out. In cells at the body the field
-/// itself is then solved for, from there, by Newton's method with the tetrahedron's gradient and then with
-/// its own; at most 16 steps, until X + u(X) lies within a thousandth of a voxel of x. Where it does not
-/// settle within two cells of its start, the place that came nearest stays. Of several pieces of tissue that
-/// come to lie at one voxel, one that is not inside out wins, then the first along the axes.
+/// 1. Inside the model's surface u is the MLS field itself. The first lattice point outside continues it by
+///    its gradient, so that u is continuous at the surface.
+/// 2. Within three times the largest displacement u continues smoothly (nearly harmonic) and falls to zero,
+///    and is zero beyond. So surroundings follow the body in pictures; this is no mechanics.
+/// 3. Inverse: a lattice along the image's axes, of at most most_lattice points and no finer than the voxels,
+///    divided into tetrahedra. Voxels in a displaced tetrahedron get their places at rest from it: continuous
+///    and complete.
+/// 4. In cells at the body, Newton's method follows from there on the field itself, first with the
+///    tetrahedron's gradient, then with the field's. At most 16 steps, to 1/1000 voxel.
+/// 5. Without convergence within two cells of the start, the best place remains.
+/// 6. Of several pieces of tissue at one voxel, one that is not inverted wins, then the first along the axes.
 class DeformationMap {
  public:
-  /// `u`: [3xN] at the nodes [m]. `model`, `field` and `u` must outlive this. Throws Stopped, as all that
-  /// follows does.
+  /// `u`: [3xN] at the nodes [m]. `model`, `field` and `u` must outlive this. All members throw Stopped.
   DeformationMap(const Model& model, const FieldAnywhere& field, const Points& u, const VoxelGrid& grid);
 
-  /// Of slice k of the image, for which there is room: the displacement of each voxel [3 x slice, mm LPS];
-  /// the determinant of the deformation gradient [slice], 0 outside of the body, unless that is empty.
+  /// Displacement of each voxel of slice k [3 x slice, mm LPS]; and the determinant of the deformation
+  /// gradient [slice], 0 outside of the body, unless `jacobian` is empty.
   void displacement(Index k, std::span<float> u_mm, std::span<float> jacobian) const;
-  /// Whether each voxel's centre lies in the body at rest.
+  /// Flags of the voxels whose centre is in the body at rest.
   void inside(Index k, std::span<char> is_inside) const;
-  /// Where what the voxels of slices [first, last) show was at rest [3 x voxels], in voxels along the axes.
+  /// Places at rest [3 x voxels] of the voxels of slices [first, last), in voxels along the axes.
   WayBackReport places_at_rest(Index first, Index last, std::span<float> place) const;
 
-  /// Whether a place [voxels] within two voxels of the surface is inside; nothing: it is farther, or on the
-  /// surface.
+  /// Is a place [voxels] within two voxels of the surface inside? Nothing: it is farther, or on the surface.
   std::optional<bool> inside_near_surface(const Vec3& place) const;
 
-  /// Share of the deformed surface's vertices that lie beyond the image.
+  /// Fraction of the deformed surface's vertices beyond the image.
   double share_beyond() const { return share_beyond_; }
   static constexpr Index most_lattice = 4'000'000;
 
@@ -87,10 +84,10 @@ class DeformationMap {
   double share_beyond_ = 0.0;
 
   std::array<Index, 3> n_{}, first_{}, step_{};  // of the lattice; where it begins and its steps [voxels]
-  std::array<std::array<bool, 2>, 3> cut_{};     // ends where the image does: its border is no zero
+  std::array<std::array<bool, 2>, 3> cut_{};     // ends where the image ends: not zero there
   std::vector<float> v_;                         // [3 x points] displacement [voxels]
   std::vector<char> inside_;                     // [points]
-  std::vector<std::array<float, 2>> reach_;  // of each row of cells: the slices that it comes to lie between
+  std::vector<std::array<float, 2>> reach_;      // of each row of cells: the range of slices that it reaches
 };
 
 }  // namespace dimple

@@ -9,7 +9,7 @@
 namespace dimple {
 namespace {
 
-// Every other point of each axis.
+// Lattice of every other point along each axis.
 LatticeField coarsened(const LatticeField& fine) {
   LatticeField coarse;
   for (std::size_t a = 0; a < 3; ++a) coarse.n[a] = (fine.n[a] - 1) / 2 + 1;
@@ -48,7 +48,7 @@ void refine(const LatticeField& coarse, LatticeField& fine) {
   });
 }
 
-// Each point towards the mean of its neighbours, every other one at a time, so that the order is no matter.
+// Relaxes each point towards the mean of its neighbours, alternately by colour: independent of the order.
 void smooth(LatticeField& level, const Vec3& weight, int sweeps) {
   constexpr float over = 1.5f;
   const std::array<Index, 3> stride{1, level.n[0], level.n[0] * level.n[1]};

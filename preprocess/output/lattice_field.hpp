@@ -16,8 +16,8 @@ struct LatticeField {
   Index number(Index a, Index b, Index c) const { return a + n[0] * (b + n[1] * c); }
 };
 
-/// The nearly harmonic continuation of what is known to all points: from coarse lattices to fine ones.
-/// `weight`: of the differences along each axis, as one over the squared step. Throws Stopped.
+/// Continues the known values nearly harmonically to all points, from coarse lattices to fine ones. `weight`:
+/// of the differences along each axis, one over the squared step. Throws Stopped.
 void continue_smoothly(LatticeField& lattice, const Vec3& weight);
 
 }  // namespace dimple

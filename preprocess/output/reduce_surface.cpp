@@ -9,13 +9,13 @@
 
 #include "preprocess/surface/surface_cells.hpp"
 
-// No library does it: VTK's clustering has cubes of one size, and its decimations take ten times as long or
+// No library does this: VTK's clustering has cubes of one size, and its decimations take ten times as long or
 // end at 50,000 triangles of a brain.
 
 namespace dimple {
 namespace {
 
-// Halvings of the cubes' edge at a distance from the circle's centre [radii].
+// Halvings of the cubes' edge at a distance from the patch's centre [radii].
 int level_at(double radii) {
   return radii < 2.5 ? 2 : radii < 5.0 ? 1 : 0;
 }
@@ -46,7 +46,7 @@ Cubes cubes_of(const Surface& surface, const ToolPlace& tool, double edge_mm) {
   return cubes;
 }
 
-// How far a vertex of the surface is from the triangles at the one that stands for it, at most.
+// Largest distance of a vertex of the surface from the triangles at the vertex that replaces it.
 double deviation(const Surface& surface, const ReducedSurface& from, const std::vector<Index>& of_vertex) {
   const auto count = static_cast<Index>(from.vertex.size());
   std::vector<std::vector<Index>> around(from.vertex.size());
@@ -67,7 +67,7 @@ double deviation(const Surface& surface, const ReducedSurface& from, const std::
   return std::sqrt(*std::max_element(farthest2.begin(), farthest2.end()));
 }
 
-// `of_vertex` [V]: which vertex is left instead of each.
+// `of_vertex` [V]: the vertex that replaces each.
 ReducedSurface reduced(const Surface& surface, const ToolPlace& tool, double edge_mm,
                        std::vector<Index>& of_vertex) {
   const Cubes cubes = cubes_of(surface, tool, edge_mm);

@@ -20,8 +20,8 @@ struct Piece {
   Vec2 from, to;
 };
 
-// Where the surface meets the plane, in the plane's own coordinates: right and up from `origin`. A vertex in
-// the plane counts as in front of it, and triangles that share an edge find the same bits on it: the outline
+// Outline of the surface in the plane, in the plane's own coordinates: right and up from `origin`. A vertex
+// in the plane counts as in front of it, and both triangles at an edge find the same bits on it: the outline
 // is closed.
 std::vector<Piece> outline(const Surface& surface, const BodyFrame& frame, const Vec3& origin) {
   const Eigen::RowVectorXd before = frame.front.transpose() * (surface.vertex_mm.colwise() - origin);
@@ -44,8 +44,8 @@ std::vector<Piece> outline(const Surface& surface, const BodyFrame& frame, const
   return pieces;
 }
 
-// Lines of the lattice from below `low` to above `high`: `fine` apart from the tool to `flat`, then ever
-// wider. None passes through the tool's face or axis, where a body may have faces of its own.
+// Lines of the lattice from below `low` to above `high`: `fine` apart from the tool to `flat`, then
+// increasingly apart. None passes through the tool's face or axis, where a body may have faces of its own.
 std::vector<double> lattice_lines(double low, double high, double flat, double fine, double coarse) {
   const auto outward = [&](double from, double to, double sign, std::vector<double>& lines) {
     for (double x = from; lines.empty() || sign * lines.back() <= sign * to;) {
@@ -61,7 +61,7 @@ std::vector<double> lattice_lines(double low, double high, double flat, double f
   return down;
 }
 
-// Where the outline passes each of the lines that keep coordinate `fixed` the same, ascending.
+// Crossings of the outline with each of the lines of constant coordinate `fixed`, ascending.
 std::vector<std::vector<double>> crossings(const std::vector<Piece>& pieces, const std::vector<double>& lines,
                                            Index fixed) {
   std::vector<std::vector<double>> result(lines.size());
@@ -77,7 +77,7 @@ std::vector<std::vector<double>> crossings(const std::vector<Piece>& pieces, con
   return result;
 }
 
-// Places in the plane, and triangles of them.
+// Vertices in the plane, and triangles of them.
 struct FlatMesh {
   std::vector<Vec2> place;
   std::vector<std::array<Index, 3>> triangles;
@@ -97,7 +97,7 @@ FlatMesh mesh_inside(const std::vector<Piece>& pieces, const std::vector<double>
       inside[j * columns + i] = (std::lower_bound(met.begin(), met.end(), column[i]) - met.begin()) % 2 == 1;
     }
 
-  // Each place is made once: 0 at a lattice's corner, 1 and 2 on the lines to the right and up from it.
+  // Each vertex is made once: 0 at a lattice's corner, 1 and 2 on the lines to the right and up from it.
   std::vector<std::array<Index, 3>> number(columns * rows, {-1, -1, -1});
   const auto corner = [&](std::size_t i, std::size_t j) {
     Index& n = number[j * columns + i][0];
@@ -106,7 +106,7 @@ FlatMesh mesh_inside(const std::vector<Piece>& pieces, const std::vector<double>
   };
   const auto first_between = [](const std::vector<double>& met, double from, double to) {
     const auto found = std::lower_bound(met.begin(), met.end(), from);
-    return found != met.end() && *found <= to ? *found : 0.5 * (from + to);  // rounding may disagree
+    return found != met.end() && *found <= to ? *found : 0.5 * (from + to);  // rounding may differ
   };
   const auto on_line = [&](std::size_t i, std::size_t j, bool upward) {
     Index& n = number[j * columns + i][upward ? 2 : 1];
@@ -185,7 +185,7 @@ PointMeans make_point_means(const Points& point, const Points& places) {
       const double part = reach2 > 0.0 ? std::max(1.0 - away2(n) / reach2, 0.0) : 1.0;
       means.point(k, m) = near[n];
       means.weight(k, m) =
-          std::max(part * part, 1e-12);  // points of a lattice may all be as far as the ninth
+          std::max(part * part, 1e-12);  // points of a lattice may all be as far away as the ninth
     }
   });
   return means;

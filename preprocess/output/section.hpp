@@ -9,21 +9,20 @@ namespace dimple {
 struct Section {
   Points place;         ///< [3xN]
   Triangles triangles;  ///< anticlockwise as seen from the front
-  Vec3 front;           ///< unit normal of the plane, towards the half that is taken away
+  Vec3 front;           ///< unit normal of the plane, towards the half that is removed
 };
 
-/// Along the tool's axis and the body's longest direction across it. Triangles are an eighth of the circle's
-/// radius wide near the circle and an eightieth of the body far from it; the outline passes through the
-/// surface where the lattice's lines do, so that corners are cut off within a triangle. Empty if the model
-/// has no surface, or its plane misses it.
+/// Section along the tool's axis and the body's longest direction across it. Triangles are an eighth of the
+/// patch's radius wide near the patch and an eightieth of the body far from it. The outline is exact on the
+/// lattice's lines: corners are cut off within a triangle. Empty: no surface, or its plane misses it.
 ///
-/// By hand: VTK's clip of a lattice needs a signed distance at each of its places, which costs more than all
-/// of this, and CGAL's Mesh_2 does not promise the same triangles on each machine.
+/// No library: VTK's clip of a lattice needs a signed distance at each place, which costs more than all of
+/// this. CGAL's Mesh_2 does not promise the same triangles on each machine.
 Section cut_open(const Discretisation& body);
 
-/// Values of integration points as means over the eight nearest to a place, by weights that fall to zero at
-/// the ninth. Points whose value is not a number do not count; where none counts the mean is not a number
-/// either. Nothing is kept apart at the border of two tissues.
+/// Values of integration points as means over the eight nearest to a place, with weights that fall to zero at
+/// the ninth. Points whose value is not a number do not count; where none counts the mean is not a number.
+/// Tissues are not distinguished.
 struct PointMeans {
   Eigen::MatrixXi point;   ///< [8xM], or as many as there are
   Eigen::MatrixXd weight;  ///< [8xM]

@@ -30,20 +30,19 @@ using Triangulation = CGAL::Mesh_triangulation_3<Domain>::type;
 using Complex = CGAL::Mesh_complex_3_in_triangulation_3<Triangulation>;
 using Criteria = CGAL::Mesh_criteria_3<Triangulation>;
 
-constexpr int rim_corners = 120;  // of the polygon that stands for the circle: its area within 0.05 %
-// Bound of the circumradius of triangles and tetrahedra / wanted edge: 0.58 and 0.61 for equilateral ones,
-// and the mesher stays below its bounds.
+constexpr int rim_corners = 120;  // of the polygon for the patch's edge: its area is exact to 0.05 %
+// Bound of the circumradius of triangles and tetrahedra / requested edge: 0.58 and 0.61 for equilateral ones,
+// and the mesher is below its bounds.
 constexpr double radius_per_edge = 0.7;
-// How far triangles may be from the surface, in edges: finer would refine the rounded edges of a body more
-// than its circle.
+// Largest distance of triangles from the surface, in edges: a smaller one would refine the rounded edges of a
+// body more than the contact patch.
 constexpr double distance_per_edge = 0.12;
-// Nodes of such a mesh per node of a cloud with the same spacing: measured, 13 to 16 from a thousand nodes
-// up.
+// Nodes of such a mesh per node of a meshless model: measured, 13 to 16 from a thousand nodes up.
 constexpr double nodes_per_cloud_node = 15.0;
-// Of the spacing's edge in a body: refused above it.
+// Largest number of cubes of the spacing in a body; refused above it.
 constexpr double most_cubes = 2e5;
 
-// Length of an edge wanted at a place.
+// Requested length of an edge at a place.
 struct Field {
   using FT = Kernel::FT;
   using Point_3 = Kernel::Point_3;
@@ -51,13 +50,12 @@ struct Field {
   const Sizing* sizing;
   double scale;
   FT operator()(const Point_3& p, int, const Index&) const {
-    stop_if_asked();  // CGAL asks for the field wherever it refines
+    stop_if_asked();  // CGAL evaluates the field wherever it refines
     return scale * (*sizing)(Vec3(p.x(), p.y(), p.z()));
   }
 };
 
-// The tetrahedra of a body with edges of about `spacing_mm` times the sizing, those of the circle's rim among
-// them.
+// The tetrahedra of a body with edges of about `spacing_mm` times the sizing, along the patch's edge too.
 Complex fill(const BodySurface& body, const Boundary& boundary, const Sizing& sizing, double spacing_mm) {
   Surface surface;
   std::vector<Surface::Vertex_index> corner;
@@ -84,7 +82,7 @@ Complex fill(const BodySurface& body, const Boundary& boundary, const Sizing& si
   const Criteria criteria(p::edge_size = edges, p::facet_angle = 25.0, p::facet_size = radii,
                           p::facet_distance = distances, p::cell_radius_edge_ratio = 2.0,
                           p::cell_size = radii);
-  // To its end: by itself CGAL improves a mesh for as long as it took to refine it, which no two runs share.
+  // No time limits: CGAL improves a mesh for as long as its refinement took, which varies between runs.
   return CGAL::make_mesh_3<Complex>(domain, criteria, p::perturb(p::time_limit = 0.0),
                                     p::exude(p::time_limit = 0.0));
 }
@@ -103,7 +101,7 @@ struct Cells {
   const Vec3& place(Index a) const { return places[static_cast<std::size_t>(a)]; }
 };
 
-// Numbered by place: CGAL's containers are ordered by addresses in memory.
+// Numbers by position: CGAL's containers are ordered by addresses in memory.
 Cells numbered(const Complex& complex) {
   std::vector<Triangulation::Vertex_handle> handles;
   {
@@ -139,7 +137,7 @@ Cells numbered(const Complex& complex) {
   return mesh;
 }
 
-// The middle of each edge as a node behind the corners.
+// Numbers the middle of each edge as a node behind the corners.
 std::map<Edge, Index> number_middles(const Cells& mesh) {
   std::map<Edge, Index> middle;
   for (const auto& c : mesh.cells)
@@ -188,7 +186,7 @@ std::map<std::array<Index, 3>, Vec3> outer_faces(const Cells& mesh) {
   return outer;
 }
 
-// An edge's middle is held, or pressed, where its whole triangle is.
+// Nodes on base and patch; an edge's middle belongs to them if its whole triangle does.
 void find_base_and_circle(const Cells& mesh, const std::map<Edge, Index>& middle, const Boundary& boundary,
                           std::set<Index>& base, std::set<Index>& circle) {
   const double a2 = boundary.radius * boundary.radius * (1.0 + 1e-3);
@@ -201,7 +199,7 @@ void find_base_and_circle(const Cells& mesh, const std::map<Edge, Index>& middle
       pressed =
           pressed && from.squaredNorm() - along * along <= a2 && std::abs(along) <= 2.0 * boundary.radius;
     }
-    // On a flat base the sides that rise from it, and the cut-off edges between, are not part of it.
+    // On a flat base, sides that rise from it and the chamfers between do not belong to it.
     held = held && (!boundary.flat_base || normal.dot(boundary.down) > 0.9);
     for (std::size_t k = 0; k < 3; ++k)
       for (const Index v : {face[k], middle.at(edge(face[k], face[(k + 1) % 3]))}) {

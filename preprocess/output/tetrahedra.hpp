@@ -19,11 +19,10 @@ struct TetrahedralMesh {
   double volume_mm3 = 0.0;    ///< of all tetrahedra
 };
 
-/// Fills the body with edges of about `spacing_mm` times the sizing. The circle's rim is made of edges of the
-/// mesh, so that the circle has its area whatever the spacing. Middle nodes lie half-way: faces are flat.
-/// By CGAL's Mesh_3, some of whose steps follow addresses in memory: from one start of
-/// the program to the next the number of nodes may differ by a few per thousand. Throws ModelError: the
-/// spacing is too coarse for the body.
+/// Fills the body with edges of about `spacing_mm` times the sizing. The patch's edge is made of edges of the
+/// mesh, so that its area is independent of the spacing. Middle nodes are half-way: faces are flat. By CGAL's
+/// Mesh_3, some of whose steps follow addresses in memory: between starts of the program the number of nodes
+/// may differ by a few per thousand. Throws ModelError: the spacing is too coarse for the body.
 TetrahedralMesh make_tetrahedra(const BodySurface& body, const Boundary& boundary, const Sizing& sizing,
                                 double spacing_mm);
 

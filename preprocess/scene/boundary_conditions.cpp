@@ -16,12 +16,12 @@
 namespace dimple {
 namespace {
 
-constexpr double few_voxels = 3.0;         // across the circle
+constexpr double few_voxels = 3.0;         // across the contact patch
 constexpr double smallest_organ_mm = 1.0;  // across: the image of a smaller one may be in metres
 constexpr const char* place_option = "--indent-at (boundary.indent_at)";
-constexpr double widest_circle = 1000.0;  // mm: as wide as --indenter-diameter takes
+constexpr double widest_circle = 1000.0;  // [mm] upper limit of --indenter-diameter
 
-// The place where the tool, coming along `push` through `x`, first meets the body.
+// First point of the body that the tool meets when it moves along `push` through `x`.
 std::optional<Vec3> first_touch(const BodySurface& body, const Vec3& x, const Vec3& push) {
   const std::vector<double> t = body.crossings(x, push);
   if (t.empty()) return std::nullopt;
@@ -43,11 +43,11 @@ std::string words(const BodySurface& body, const Vec3& local) {
   return in_words(Vec3(body.to_world() * local));
 }
 
-// What --indent-at says; directions and places in LPS, mm.
+// Parsed value of --indent-at; directions and places in LPS, mm.
 struct Asked {
   std::optional<Vec3> from;   // the side that the tool comes from; none: opposite to the base
-  std::optional<Vec3> half;   // the half of the organ that it is to be on
-  std::optional<Vec3> place;  // z is not known of x,y,top
+  std::optional<Vec3> half;   // the half of the organ that was requested
+  std::optional<Vec3> place;  // z is unused for x,y,top
   bool z_is_free = false;
 };
 
@@ -87,7 +87,7 @@ Asked parse_place(const std::string& text) {
   return {.from = from, .half = half, .place = {}};
 }
 
-// How to press a place that lies on another side than the tool comes from; empty where it does not.
+// Instruction to press a place on another side than the tool's; empty if the place is on the tool's side.
 std::string from_its_side(const BodySurface& body, const Vec3& asked, const Boundary& boundary) {
   const BodySurface::Closest nearest = body.closest(asked);
   const Vec3 out = body.normal().col(nearest.triangle);
@@ -102,7 +102,7 @@ std::string from_its_side(const BodySurface& body, const Vec3& asked, const Boun
                      side_towards(lps), side_towards(-lps), along[0] + 0.0, along[1] + 0.0, along[2] + 0.0);
 }
 
-// `room`: from the place, `touch`, to an edge; `least_room`: what the tool needs [mm].
+// `room`: from the place, `touch`, to an edge; `least_room`: the least that the tool needs [mm].
 [[noreturn]] void refuse_edge(const BodySurface& body, const Vec3& asked, const Vec3& touch, double room,
                               double least_room, bool touches, const Boundary& boundary) {
   if (touches)
@@ -127,7 +127,7 @@ std::string from_its_side(const BodySurface& body, const Vec3& asked, const Boun
                  "the place to --indent-at opposite"});
 }
 
-// `least_room`: around the place, without an edge [mm]. `touches`: a tool that is not bonded.
+// `least_room`: around the place, without an edge [mm]. `touches`: a contacting tool, not a bonded one.
 void place_as_asked(const BodySurface& body, const std::string& asked_for, const Asked& place,
                     const View& view, double least_room, bool touches, Boundary& result) {
   Vec3 given = *place.place;
@@ -176,7 +176,7 @@ void place_as_asked(const BodySurface& body, const std::string& asked_for, const
   if (room.whole < least_room) refuse_edge(body, asked, *touch, room.whole, least_room, touches, result);
 }
 
-// The way that the tool goes. `known`: of the same body, for a place that does not say it.
+// Direction of the tool's motion. `known`: of the same body, for a place that does not define it.
 Vec3 push_of(const BodySurface& body, const BoundaryOptions& options, const Asked& asked,
              const Boundary* known, const Vec3& down) {
   if (options.direction == "auto")
@@ -196,7 +196,7 @@ Vec3 push_of(const BodySurface& body, const BoundaryOptions& options, const Aske
   return local_direction(body, vector->normalized());
 }
 
-// A tool that touches may be wider than the organ: its contact must find room, and not its equator.
+// Radius of the contact: a contacting tool may be wider than the organ, and only its contact must find room.
 double radius_of_touch(const BoundaryOptions& options) {
   const double radius = 0.5 * options.indenter_diameter_mm;
   return options.contact_radius_mm > 0.0 ? std::min(radius, options.contact_radius_mm) : radius;
@@ -273,8 +273,7 @@ void place_on_highest(const BodySurface& body, const Moments& moments, const Bou
                                       : "");
 }
 
-// A tool that is tilted stands where it would stand upright, `straight`, and not on what is highest along its
-// push.
+// A tilted tool keeps the place that it would have upright, `straight`, not the highest along `push`.
 void place_tilted(const BodySurface& body, const Moments& moments, const BoundaryOptions& options,
                   const Asked& asked, const Vec3& straight, Boundary& result) {
   Boundary upright = result;
@@ -291,7 +290,7 @@ void place_tilted(const BodySurface& body, const Moments& moments, const Boundar
                   180.0 / std::numbers::pi * std::acos(std::min(1.0, straight.dot(result.push))));
 }
 
-// `straight`: the push of a tool without a direction of its own.
+// `straight`: the direction of a tool without one of its own.
 void find_circle(const BodySurface& body, const Moments& moments, const BoundaryOptions& options,
                  const Asked& asked, const Vec3& straight, Boundary& result) {
   constexpr double most_tilted = 0.65;  // its cosine: beyond that the tool comes from another side
@@ -390,7 +389,7 @@ bool is_near_middle(const Boundary& boundary, const Vec3& touch) {
   return std::abs((touch - boundary.centre).dot(boundary.push)) <= 2.0 * boundary.radius;
 }
 
-// Not so deep in the gap of a cut, or through it, that the tool cannot come there.
+// False deep in or through the gap of a cut, where the tool cannot come.
 bool is_under_circle(const BodySurface& body, const Boundary& boundary, const Vec3& x) {
   const auto touch = first_touch(body, x, boundary.push);
   return touch && is_near_middle(boundary, *touch);
@@ -411,7 +410,7 @@ Vec3 touch_of_circle(const BodySurface& body, const Boundary& boundary, const Ve
        .remedy = "move it with --indent-at or make it smaller with --indenter-diameter (or --tool)"});
 }
 
-// `count` places on the surface at distance r from the circle's axis, the first half a `turn` on.
+// Adds `count` places on the surface at distance r from the patch's axis, the first rotated by half a `turn`.
 void add_ring(const BodySurface& body, const Boundary& boundary, double r, int count, double turn,
               std::vector<Vec3>& nodes) {
   const auto [e1, e2] = across(boundary.push);
@@ -423,7 +422,7 @@ void add_ring(const BodySurface& body, const Boundary& boundary, double r, int c
   }
 }
 
-// None where a cut has taken it away.
+// Middle of the patch; none if a cut has removed it.
 std::vector<Vec3> middle_of_circle(const BodySurface& body, const Boundary& boundary) {
   if (!boundary.over_cut) return {boundary.centre};
   if (!is_under_circle(body, boundary, boundary.centre)) return {};
@@ -450,7 +449,7 @@ Points circle_nodes(const BodySurface& body, const Boundary& boundary, double sp
   for (int ring = 1; ring <= rings; ++ring) {
     const double r = boundary.radius * ring / rings;
     const int count = std::max(6, static_cast<int>(std::lround(2.0 * std::numbers::pi * r / spacing_mm)));
-    // Rings are turned against each other so that their nodes do not line up.
+    // Alternate rings are rotated so that their nodes do not line up.
     add_ring(body, boundary, r, count, 0.5 * (ring % 2), nodes);
   }
   return to_points(nodes);
@@ -459,14 +458,14 @@ Points circle_nodes(const BodySurface& body, const Boundary& boundary, double sp
 Points graded_circle_nodes(const BodySurface& body, const Boundary& boundary,
                            const std::function<double(double)>& spacing) {
   std::vector<double> radii = {boundary.radius};
-  // Rings a little closer than their nodes along them, as rows of equilateral triangles are.
+  // Rings are a little closer than the nodes along them, as rows of equilateral triangles are.
   for (double r = boundary.radius;;) {
     const double step = 0.9 * spacing(std::max(0.0, r - 0.45 * spacing(r)));
     r -= step;
     if (r < 0.6 * step) break;
     radii.push_back(r);
   }
-  // The last step to the middle is whatever is left: spread it over all rings inside the rim.
+  // The remainder at the middle is distributed over all rings inside the edge.
   const double last = radii.back(), wanted = 0.9 * spacing(0.0);
   if (radii.size() > 1) {
     const double excess = last - std::max(wanted, 0.0), span = boundary.radius - last;

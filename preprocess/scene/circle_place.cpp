@@ -17,23 +17,23 @@ namespace {
 using Vec2 = Eigen::Vector2d;
 
 constexpr double finest = 1.0 / 12.0;  // radii: step of a lattice
-constexpr double price_of_room = 4.0;  // radii of height for a whole radius of margin
-// Slopes less than five degrees, such as the voxels' ripples are, decide nothing: of a plateau its middle is
-// taken, along the directions in which the body is longest and shortest.
+constexpr double price_of_room = 4.0;  // radii of height per radius of missing room, squared
+// Price of a distance from the middle of the body. Slopes below five degrees, such as the voxels' ripples,
+// decide nothing: the middle of a plateau is chosen, along the body's longest and shortest directions.
 constexpr double level = 0.08;
 constexpr double same_height = 0.0025;  // of the height
 constexpr double thick_enough = 0.5;    // of the median thickness
-// Of it, where nothing is fixed behind: vessels of a heart have 0.45 to 0.5, the crown of a shell has 0.6.
+// Fraction of the median thickness below which tissue that is free behind bends: vessels of a heart have 0.45
+// to 0.5, the crown of a shell has 0.6.
 constexpr double slender = 0.55;
-constexpr double most_bending = 0.25;     // of the disc, over such tissue
-constexpr double much_lower = 0.15;       // of the height: no room is worth that
-constexpr double most_places = 400000.0;  // of the lattice over the whole body
-constexpr std::size_t places_at_once =
-    4096;                      // that are judged before it is asked whether others can be better
-constexpr int most_domes = 8;  // that are looked at closely
+constexpr double most_bending = 0.25;         // of the disc, over such tissue
+constexpr double much_lower = 0.15;           // of the height: no room is worth more
+constexpr double most_places = 400000.0;      // of the lattice over the whole body
+constexpr std::size_t places_at_once = 4096;  // judged before the search checks if others can be better
+constexpr int most_domes = 8;                 // examined closely
 constexpr double infinite = std::numeric_limits<double>::infinity();
 
-// Where the image ends is no surface of the organ.
+// Height map without the places where the image ends, which are no surface of the organ.
 HeightMap without_image_ends(const View& view, HeightMap map) {
   for (Index j = 0; j < map.height.cols(); ++j)
     for (Index i = 0; i < map.height.rows(); ++i)
@@ -94,17 +94,17 @@ Eigen::ArrayXXd means_over_discs(const Eigen::ArrayXXd& of, double step, double 
   return mean;
 }
 
-// The rule's weighing of places: high, near the middle, and with the room that is asked for.
+// Value of places: high, near the middle, and with the requested room.
 struct Rule {
   Vec2 middle;
   double radius;
   std::optional<Vec2> half;
   std::function<bool(const Vec3&)> is_free;
-  // What is taken only where there is nothing better.
+  // Places that are used only if there is nothing better.
   bool with_little_room, with_thin_and_free, with_image_ends;
-  bool just_fits = false;  // nothing of a surface is asked for beyond the disc itself
+  bool just_fits = false;  // no surface is requested beyond the disc itself
 
-  // A place that lacks room is worth less, in the end more than any height could make good.
+  // Value of a place [mm]; the price of missing room exceeds any height in the end.
   double worth(double mean, const Vec2& p, double room) const {
     return mean - level * (p - middle).lpNorm<1>() - price(room);
   }
@@ -112,7 +112,7 @@ struct Rule {
     const double lack = std::max(0.0, wanted_room - room / radius);
     return price_of_room * lack * lack * radius;
   }
-  double thin = 0.0;  // less tissue than that is bent away where it is free [mm]
+  double thin = 0.0;  // thinner tissue bends where it is free [mm]
   bool has_room(const Room& room, double slack) const {
     return room.whole >= (just_fits ? radius : SurfaceCuts::whole_disc * radius + slack) &&
            (with_little_room || room.even >= little_room * radius);
@@ -142,7 +142,7 @@ Eigen::ArrayXXd thin_and_free(const View& view, const HeightMap& map, double thi
   return result;
 }
 
-// Whether too much of what lies beneath a circle at p is thin and free.
+// True if more than a quarter of the disc at p is over tissue that is thin and free.
 bool bends_at(const HeightMap& map, const Eigen::ArrayXXd& thin, const Rule& rule, const Vec2& p) {
   int met = 0, bending = 0;
   for (const double share : {0.0, 0.4, 0.7, 0.95})
@@ -159,7 +159,7 @@ bool bends_at(const HeightMap& map, const Eigen::ArrayXXd& thin, const Rule& rul
   return bending > most_bending * met;
 }
 
-// Keeps the better one of a dome and what is at p.
+// Replaces the best dome by the place p if that is better.
 bool consider(const HeightMap& map, const Eigen::ArrayXXd& thin, const SurfaceCuts& cuts, const Rule& rule,
               const Vec2& p, Dome& best) {
   if (!rule.allowed(p) || (!rule.with_thin_and_free && bends_at(map, thin, rule, p))) return false;
@@ -172,7 +172,7 @@ bool consider(const HeightMap& map, const Eigen::ArrayXXd& thin, const SurfaceCu
   return true;
 }
 
-// The best place within reach of one whose surroundings were sampled at `step`.
+// Best place within reach of a centre, by pattern search on maps sampled at `step`.
 Dome settle(const View& view, const Rule& rule, Vec2 centre, double step) {
   const double reach = std::max(0.5 * rule.radius, 4.0 * step);
   Dome best;
@@ -202,7 +202,7 @@ Dome settle(const View& view, const Rule& rule, Vec2 centre, double step) {
   return best;
 }
 
-// The best place near one that was found on a lattice of `step`, which is refined.
+// Best place near one that was found on a lattice of `step`: the lattice is refined, then settle().
 Dome look_closely(const View& view, const Rule& rule, Vec2 centre, double step) {
   const double fine = rule.radius * finest;
   while (step > fine) {
@@ -235,13 +235,13 @@ std::optional<double> median_thickness(const HeightMap& map) {
   return thicknesses[thicknesses.size() / 2];
 }
 
-// A place on a map, and what it is worth: its height at most.
+// A place on a map, with an upper bound of its value and its value.
 struct Place {
   Vec2 at;
   double most, worth;
 };
 
-// Those that are thick enough, by what they may be worth.
+// Places over thick tissue, sorted by the upper bound of their value.
 std::vector<Place> possible_places(const Rule& rule, const View& view, const HeightMap& map, double thin) {
   const double radius = rule.radius;
   std::vector<Place> places;
@@ -259,7 +259,7 @@ std::vector<Place> possible_places(const Rule& rule, const View& view, const Hei
   return places;
 }
 
-// From the highest down, until no other can be as good as the best: those with room, the best first.
+// Evaluates places from the highest bound down until no other can be best; keeps those with room, sorted.
 void keep_good_places(const Rule& rule, const SurfaceCuts& cuts, double slack, std::vector<Place>& places) {
   double best = -infinite;
   std::size_t judged = 0;
@@ -268,7 +268,7 @@ void keep_good_places(const Rule& rule, const SurfaceCuts& cuts, double slack, s
     const std::size_t end = std::min(judged + places_at_once, places.size());
     tbb::parallel_for(judged, end, [&](std::size_t k) {
       const Room room = cuts.at(places[k].at);
-      // A little more than looking closely asks for, so that it does not refuse what it is given.
+      // Twice the step, so that look_closely() does not refuse what it receives.
       if (rule.has_room(room, 2.0 * cuts.step())) places[k].worth = places[k].most - rule.price(room.even);
     });
     for (; judged < end; ++judged) best = std::max(best, places[judged].worth);
@@ -279,7 +279,7 @@ void keep_good_places(const Rule& rule, const SurfaceCuts& cuts, double slack, s
                    [](const Place& a, const Place& b) { return a.worth > b.worth; });
 }
 
-// One place for each dome, the highest first; what the lattice's step may hide is decided by a closer look.
+// One place for each dome, the highest first, each improved by look_closely().
 std::vector<Dome> domes_of(const Rule& rule, const View& view, const std::vector<Place>& places, double apart,
                            double slack, double step) {
   std::vector<Dome> domes;
@@ -292,7 +292,7 @@ std::vector<Dome> domes_of(const Rule& rule, const View& view, const std::vector
     if (begun.empty()) highest = place.worth;
     begun.push_back(place.at);
     const Dome dome = look_closely(view, rule, place.at, step);
-    // Two beginnings may end on the same dome.
+    // Two starts may end on the same dome.
     const auto same = std::find_if(domes.begin(), domes.end(),
                                    [&](const Dome& d) { return (d.centre - dome.centre).norm() < apart; });
     if (same == domes.end() && dome.worth > -infinite)
@@ -303,7 +303,7 @@ std::vector<Dome> domes_of(const Rule& rule, const View& view, const std::vector
   return domes;
 }
 
-// Of domes that are equally high the body's own lopsidedness decides before anything outside of it does.
+// Highest dome; among equally high ones the body's own asymmetry decides, then `prefer`.
 std::pair<const Dome*, int> highest_of(const std::vector<Dome>& domes, const View& view,
                                        const Moments& moments, double height, const Vec3& prefer) {
   const double top = std::max_element(domes.begin(), domes.end(), [](const Dome& a, const Dome& b) {
@@ -342,7 +342,7 @@ std::optional<Chosen> highest_dome_by(Rule rule, const View& view, const Moments
       domes_of(rule, view, places, std::max(2.0 * radius, 0.25 * moments.size), slack, step);
   if (domes.empty()) return std::nullopt;
   const auto [chosen, equals] = highest_of(domes, view, moments, height, prefer);
-  // A hundredth of a radius is more than the surface knows: places that differ by rounding become one.
+  // Rounded to a hundredth of a radius, finer than the surface's accuracy: rounding must not move the place.
   const double grid = radius / 100.0;
   const Vec2 centre = (chosen->centre / grid).array().round() * grid;
   return Chosen{{centre, chosen->room, equals}, chosen->mean};

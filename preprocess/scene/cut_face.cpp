@@ -11,10 +11,10 @@
 namespace dimple {
 namespace {
 
-// Of the outline: the gentle sides of organs, which nobody has cut, have 0.29 to 0.39.
+// Least fraction of the outline: gentle sides of uncut organs have 0.29 to 0.39.
 constexpr double large_share = 0.45;
 
-// The body's frame has the axes of the image.
+// True if the face is across an axis of the voxels. The body's frame has the axes of the image.
 bool runs_along_voxels(const BodySurface& body, const FlatFace& face) {
   const bool ends_with_image =
       std::any_of(body.image_ends().begin(), body.image_ends().end(), [&](const auto& end) {

@@ -6,9 +6,9 @@
 
 namespace dimple {
 
-/// In words, what base and tool are on where that is a large flat face along one plane of the image's voxels,
-/// inside the image: the segmentation may end there, and the organ not. Empty: it is no such face. Where the
-/// image itself ends find_boundary() warns.
+/// Names of base and tool sides that are large flat faces along a plane of the image's voxels, inside the
+/// image: the segmentation may end there, and the organ not. Empty: no such face. find_boundary() warns of
+/// the ends of the image itself.
 struct FacesAlongVoxels {
   std::string base, tool;
 };

@@ -14,25 +14,24 @@
 namespace dimple {
 namespace {
 
-constexpr double flat_share = 0.25;  // of the outline that must touch for a face to count as flat
-// Of the outline, for a face where an organ was cut: the gentle sides of livers, lungs and hearts have 0.29
-// to 0.39, an ellipsoid has 0.16.
+constexpr double flat_share = 0.25;  // of the outline, for a flat face
+// Least fraction of the outline of a face where an organ was cut: the gentle sides of livers, lungs and
+// hearts have 0.29 to 0.39, an ellipsoid has 0.16.
 constexpr double cut_share = 0.45;
-constexpr double same_area = 0.05;  // flat faces that differ by less are as large: few voxels leave 0.035
+constexpr double same_area = 0.05;       // flat faces are equally large within this: few voxels leave 0.035
 constexpr double bed_depth = 1.0 / 3.0;  // of the height, for an organ without a flat face
 constexpr double dome_depth = 0.2;       // of the height: the part of a side that counts as its dome
 constexpr double same_dome = 0.05;       // domes that differ by less are as broad
-constexpr double same_moment = 0.9;      // variances across two axes: from here on neither is the thinner one
-constexpr double border_share = 0.05;    // of the base: less than that at the image's border decides nothing
+constexpr double same_moment = 0.9;      // ratio of variances along two axes that count as equal
+constexpr double border_share = 0.05;    // of the base: less than that at the image's border is ignored
 constexpr const char* base_option = "--base (boundary.base)";
 
-// Which of several equal directions an organ rests on: an organ in an image lies or stands on its lower side,
-// then on its back.
+// Rank of several equal directions of the base: organs in images rest on their lower side, then their back.
 double preference(const BodySurface& body, const Vec3& down) {
   return (body.to_world().linear() * down).dot(Vec3(0.01, 0.1, -1.0));
 }
 
-// Area of what lies close to the outermost place across `down`, of the body's outline.
+// Area near the outermost place across `down` / area of the body's outline.
 double dome_of(const BodySurface& body, const Vec3& down) {
   const Eigen::VectorXd depth = body.vertex().transpose() * down;
   const double lowest = depth.maxCoeff(), height = lowest - depth.minCoeff();
@@ -56,7 +55,7 @@ Vec3 broadest_side(const BodySurface& body, const Moments& moments) {
     down = axes.eigenvectors().col(0);
     down = ((1e5 * down).array().round() * 1e-5).matrix().normalized();
   } else {
-    // As thin across two axes, or across all three: the patient's own directions, across what is longer.
+    // Equally thin across two axes or three: the patient's own directions, across the longer axis.
     const bool round = variance[1] >= same_moment * variance[2];
     const Vec3 along = axes.eigenvectors().col(2);
     const auto across = [&](const Vec3& lps) {
@@ -96,7 +95,7 @@ bool stands(const FlatFace& face) {
   return face.outermost && face.share >= flat_share;
 }
 
-// Where the image ends, no organ does.
+// True if the face is an end of the image, where the organ continues.
 bool is_image_end(const BodySurface& body, const FlatFace& face) {
   return std::any_of(body.image_ends().begin(), body.image_ends().end(), [&](const auto& end) {
     return end.out.dot(face.out) > 0.98 &&
@@ -117,7 +116,7 @@ std::optional<FlatFace> largest_face(const BodySurface& body, const Moments& mom
   return largest;
 }
 
-// On the flat face of that side, if it has one, and otherwise in a bed.
+// Base on the flat face of that side, if it has one, and otherwise a bed.
 void rest_on_side(const BodySurface& body, const Moments& moments, const Vec3& down, Boundary& result) {
   const FlatFace face = face_towards(body, moments, down);
   if (stands(face))
@@ -131,7 +130,7 @@ bool image_ends_across(const BodySurface& body, const Vec3& axis) {
                      [&](const auto& end) { return std::abs(end.out.dot(axis)) > 0.9; });
 }
 
-// The side on which the patient's axes lay the organ; `from`: what the tool is asked to come from, LPS.
+// Side of the base by the patient's axes; `from`: the requested side of the tool, LPS.
 Vec3 side_by_axes(const BodySurface& body, const std::optional<Vec3>& from, std::string& reason) {
   if (from) {
     reason = "no flat cut face, so the organ rests on the side opposite to the tool";
@@ -148,7 +147,7 @@ Vec3 side_by_axes(const BodySurface& body, const std::optional<Vec3>& from, std:
   return inferior;
 }
 
-// Sides are those of the scan, which is cut along its own axes.
+// Warns that sides are those of the scan, which has its own axes.
 void tell_of_turned_axes(const BodySurface& body, const Vec3& lps, const std::string& side,
                          Boundary& result) {
   constexpr double much_degrees = 5.0;
@@ -232,11 +231,11 @@ void find_base(const BodySurface& body, const Moments& moments, const BoundaryOp
 
 bool on_base(const Boundary& boundary, const Vec3& x, const Vec3& normal) {
   if (boundary.lowest - x.dot(boundary.down) > boundary.base_depth) return false;
-  // The sides that rise from a flat face are not part of it; a bed reaches to where the organ overhangs it.
+  // Sides that rise from a flat face do not belong to it; a bed ends where the organ overhangs it.
   return normal.dot(boundary.down) > (boundary.flat_base ? 0.5 : 1e-6);
 }
 
-// A base where the image ends holds tissue that goes on. Areas are as they are seen along `down`.
+// Warns of a base where the image ends, since the tissue continues there. Areas are projected along `down`.
 void warn_of_base_at_image_end(const BodySurface& body, Boundary& result) {
   const auto cut = [&](const Vec3& x) {
     return std::any_of(body.image_ends().begin(), body.image_ends().end(), [&](const auto& end) {

@@ -16,15 +16,15 @@ Vec3 nearest_axis(const BodySurface& body, const Vec3& lps);
 /// patient.
 std::string side_in_words(const BodySurface& body, const Vec3& down);
 
-/// The direction that BoundaryOptions::base names, LPS; nothing for auto and organ. Throws UsageError.
+/// Direction named by BoundaryOptions::base, LPS; nothing for auto and organ. Throws UsageError.
 std::optional<Vec3> base_direction(const std::string& text);
 
-/// The base as find_boundary() describes it, into `result`. `from`: the side that the tool is asked to come
-/// from, LPS. Throws UsageError.
+/// Finds the base as find_boundary() describes it, into `result`. `from`: the requested side of the tool,
+/// LPS. Throws UsageError.
 void find_base(const BodySurface& body, const Moments& moments, const BoundaryOptions& options,
                const std::optional<Vec3>& from, Boundary& result);
 
-/// Warns of a base where the image ends, which holds tissue that goes on.
+/// Warns of a base where the image ends, since the tissue continues there.
 void warn_of_base_at_image_end(const BodySurface& body, Boundary& result);
 
 }  // namespace dimple

@@ -17,16 +17,16 @@ namespace dimple {
 namespace {
 
 constexpr double flat_tolerance = 0.02;  // of the height
-// Of an edge of the surface's triangles: less than that the voxels do not say, up to this part of the height.
+// Tolerance in edges of the surface's triangles, the accuracy of the voxels, up to this part of the height.
 constexpr double edge_tolerance = 0.15, most_tolerance = 0.05;
-constexpr double facing = 0.85;      // cosine: normals of voxels on an oblique plane waver by some 20 degrees
-constexpr double outer_part = 0.1;   // of the height: where the plane across a direction is looked for
+constexpr double facing = 0.85;      // cosine: normals of voxels on an oblique plane vary by some 20 degrees
+constexpr double outer_part = 0.1;   // of the height: range of the search for a plane across a direction
 constexpr double axis_angle = 0.25;  // degrees
 constexpr int most_planes = 24;
 constexpr double least_area =
-    0.03;  // of the surface: where fewer normals agree is no face of a quarter outline
+    0.03;  // of the surface: directions with less do not reach a quarter of the outline
 
-constexpr double surely_small = 0.2;  // share of the outline: no body rests on so little
+constexpr double surely_small = 0.2;  // fraction of the outline: no body rests on less
 
 double radians(double degrees) {
   return degrees * std::numbers::pi / 180.0;
@@ -45,9 +45,9 @@ Points centres_of(const BodySurface& body) {
   return centre;
 }
 
-// Directions out of the body in which much of its surface faces; the most frequent first.
+// Directions in which much of the surface faces, the most frequent first.
 std::vector<Vec3> frequent_normals(const BodySurface& body) {
-  // Normals gathered in a cube's faces of cells, so that each is compared with a few thousand means at most.
+  // Normals are binned on the faces of a cube, so that each is compared with at most a few thousand means.
   constexpr int cells = 24;
   std::vector<Vec3> sum(6 * cells * cells, Vec3::Zero());
   std::vector<double> area(sum.size(), 0.0);
@@ -94,8 +94,7 @@ struct Plane {
   std::vector<Index> member;  // triangles
 };
 
-// Places in the order of their numbers, by boxes around each sixty-four: what lies far out in a direction is
-// found without asking all.
+// Places in the order of their numbers, with a box around each sixty-four: finds the outermost ones quickly.
 class Blocks {
  public:
   explicit Blocks(const Points& x)
@@ -114,7 +113,7 @@ class Blocks {
     for_each_beyond([&] { return most; }, out, [&](Index k) { most = std::max(most, x_.col(k).dot(out)); });
     return most;
   }
-  // Calls visit(k) for all that lie farther out than limit(), and for others of their blocks.
+  // Calls visit(k) for all places farther out than limit(), and for others of their blocks.
   template <class Limit, class Visit>
   void for_each_beyond(const Limit& limit, const Vec3& out, const Visit& visit) const {
     const Vec3 size_of_out = out.cwiseAbs();
@@ -131,7 +130,7 @@ class Blocks {
   double rounding_ = 0.0;
 };
 
-// What is looked through for each direction.
+// Surface data that every direction uses.
 struct Facets {
   explicit Facets(const BodySurface& of) : body(of), centre(centres_of(of)), edge(typical_edge(of)) {}
   Facets(const Facets&) = delete;
@@ -147,8 +146,7 @@ struct Facet {
   Index t;
 };
 
-// By depth, then by number: first into drawers between the least and the greatest depth, for all at once are
-// slow to sort.
+// Facets by depth, then by number: first into bins of depth, since sorting all together is slow.
 std::vector<Facet> sorted(const std::vector<Facet>& facets, double least, double greatest) {
   constexpr std::size_t drawers = 256;
   const auto drawer = [&](const Facet& facet) {
@@ -170,7 +168,7 @@ std::vector<Facet> sorted(const std::vector<Facet>& facets, double least, double
   return result;
 }
 
-// The slab across `out` near the outermost place that holds most of the surface that faces out.
+// Slab across `out` near the outermost place that holds most of the surface that faces out.
 Plane plane_across(const Facets& of, const Vec3& out) {
   const BodySurface& body = of.body;
   Plane plane{};
@@ -201,7 +199,7 @@ Plane plane_across(const Facets& of, const Vec3& out) {
       best_last = last + 1;
     }
   }
-  // Half of it lies above and half below: the rounded rim does not count more than it is.
+  // The median: half of it is above and half below, so that rounded edges get no extra weight.
   double below = 0.0;
   for (std::size_t k = best_first; k < best_last; ++k) {
     if (below < 0.5 * most) plane.offset = facets[k].depth;
@@ -211,8 +209,7 @@ Plane plane_across(const Facets& of, const Vec3& out) {
   return plane;
 }
 
-// The direction across the plane that lies best through the triangles; exact, so that large ones count as
-// what they are.
+// Normal of the least-squares plane through the triangles, exact: large ones count by their area.
 Vec3 fitted_normal(const Facets& of, const std::vector<Index>& member, const Vec3& out) {
   const BodySurface& body = of.body;
   Vec3 middle = Vec3::Zero();
@@ -252,7 +249,7 @@ FlatFace measured(const Facets& of, const Moments& moments, const Vec3& out, con
                                if (const double faces = body.normal().col(t).dot(out); faces > facing)
                                  face.area += faces * body.triangle_area()[t];
                              });
-  // The outline's area times the height is more than the volume.
+  // An upper bound: the outline's area times the height exceeds the volume.
   face.share = face.area * plane.height / body.volume();
   if (face.share < surely_small) return face;
   const View view(body, moments, out);
@@ -260,7 +257,7 @@ FlatFace measured(const Facets& of, const Moments& moments, const Vec3& out, con
   return face;
 }
 
-// The direction out of the face that lies about across `out`, if there is one.
+// Normal of the face near direction `out`, by iteration; nothing if there is no such face.
 std::optional<Vec3> settled(const Facets& of, Vec3 out) {
   Plane plane = plane_across(of, out);
   for (int pass = 0; pass < 20 && !plane.member.empty(); ++pass) {
@@ -271,7 +268,7 @@ std::optional<Vec3> settled(const Facets& of, Vec3 out) {
     if ((out - before).norm() < 1e-5) break;
   }
   if (plane.member.empty()) return std::nullopt;
-  // Voxels do not know a direction better than this, and a face along them is meant to be along them.
+  // Rounded to the axis: voxels determine a direction no better, and a face along them is meant so.
   Index axis = 0;
   out.cwiseAbs().maxCoeff(&axis);
   if (std::abs(out[axis]) > std::cos(radians(axis_angle)))

@@ -13,8 +13,8 @@
 namespace dimple {
 namespace {
 
-constexpr double cells = 15000.0;    // of the lattice that lie in the body
-constexpr double most_in_box = 4e6;  // and all, in a body that fills little of its box
+constexpr double cells = 15000.0;    // of the lattice in the body
+constexpr double most_in_box = 4e6;  // and in all, in a body that fills little of its box
 constexpr double most_finer = 30.0;  // times the half-space's flux
 
 // Cells of one edge that fill the body's box.
@@ -22,8 +22,8 @@ struct FlowLattice {
   std::array<Index, 3> n = {}, stride = {};
   double edge = 0.0;
   Vec3 origin = Vec3::Zero();             // the first cell's centre
-  std::vector<char> inside;               // by cell of the box: its centre lies in the body
-  std::array<std::vector<char>, 3> open;  // tissue leads to the next one along the axis
+  std::vector<char> inside;               // by cell of the box: its centre is in the body
+  std::array<std::vector<char>, 3> open;  // tissue connects it with the next one along the axis
   std::vector<int> number;                // among those inside, or -1
   std::vector<Index> cell;                // those inside
 
@@ -57,7 +57,7 @@ struct FlowLattice {
     return at(c)[d] > 0 && open[d][static_cast<std::size_t>(c - stride[d])];
   }
 
-  // What lies between neighbours along each axis: the lines say it exactly, so that no slit is too narrow.
+  // Connections of neighbours along each axis, exact along the lines through centres: no slit is too narrow.
   void look_along(const BodySurface& body, int axis) {
     const auto d = static_cast<std::size_t>(axis), e = (d + 1) % 3, f = (d + 2) % 3;
     open[d].assign(inside.size(), 0);
@@ -80,7 +80,7 @@ struct FlowLattice {
   }
 };
 
-// Where a cell's face lies on the surface beneath, low enough, it is held: half a cell's way from there.
+// Fixed potential on cell faces on the base: half a cell's distance from the centre.
 void hold(const FlowLattice& lattice, const Boundary& boundary, Index c, double& diagonal) {
   const auto [i, j, k] = lattice.at(c);
   if (boundary.lowest - lattice.place(i, j, k).dot(boundary.down) > boundary.base_depth + lattice.edge)
@@ -93,7 +93,7 @@ void hold(const FlowLattice& lattice, const Boundary& boundary, Index c, double&
     }
 }
 
-// Between cells inside: what flows from one to the next is the difference of their potentials.
+// Matrix of div grad with unit conductance between neighbouring cells inside.
 Eigen::SparseMatrix<double> conduction(const FlowLattice& lattice, const Boundary& boundary) {
   const auto rows = static_cast<Index>(lattice.cell.size());
   Eigen::VectorXd diagonal = Eigen::VectorXd::Constant(rows, 1e-9);
@@ -117,7 +117,7 @@ Eigen::SparseMatrix<double> conduction(const FlowLattice& lattice, const Boundar
   return matrix;
 }
 
-// The cell inside that is nearest to a place, of those around it; -1: none is.
+// The inside cell nearest to a place, among those around it; -1: none.
 Index cell_near(const FlowLattice& lattice, const Vec3& x) {
   const Eigen::Matrix<Index, 3, 1> near = ((x - lattice.origin) / lattice.edge).array().round().cast<Index>();
   const auto& n = lattice.n;
@@ -136,7 +136,7 @@ Index cell_near(const FlowLattice& lattice, const Vec3& x) {
   return best;
 }
 
-// [cells inside] What flows in under the circle, 1 in all; none where no cell is near it.
+// [cells inside] Flux into the body under the contact patch, 1 in all; zero if no cell is near it.
 Eigen::VectorXd inflow(const FlowLattice& lattice, const Boundary& boundary, const Points& rim) {
   Eigen::VectorXd flux = Eigen::VectorXd::Zero(static_cast<Index>(lattice.cell.size()));
   for (const double part : {0.25, 0.55, 0.75, 0.93})
@@ -149,7 +149,7 @@ Eigen::VectorXd inflow(const FlowLattice& lattice, const Boundary& boundary, con
   return flux;
 }
 
-// [cells inside]
+// [cells inside] Potential of a flux.
 Eigen::VectorXd potential(const Eigen::SparseMatrix<double>& matrix, const Eigen::VectorXd& flux) {
   Eigen::ConjugateGradient<Eigen::SparseMatrix<double>, Eigen::Lower | Eigen::Upper,
                            Eigen::IncompleteCholesky<double>>
@@ -160,7 +160,7 @@ Eigen::VectorXd potential(const Eigen::SparseMatrix<double>& matrix, const Eigen
   return solver.solve(flux);
 }
 
-// Through a cell's faces, the mean of each two.
+// Flux through a cell, the mean of opposite faces.
 Vec3 flux_through(const FlowLattice& lattice, const Eigen::VectorXd& phi, Index r) {
   const Index c = lattice.cell[static_cast<std::size_t>(r)];
   Vec3 through = Vec3::Zero();
@@ -175,7 +175,7 @@ Vec3 flux_through(const FlowLattice& lattice, const Eigen::VectorXd& phi, Index 
   return through;
 }
 
-// Nowhere steeper: `step` from a cell to the next.
+// Limits the change from a cell to the next to `step`.
 void limit_slope(const FlowLattice& lattice, double step, std::vector<double>& value) {
   for (int pass = 0; pass < 2; ++pass)
     for (Index k = 0; k < lattice.all(); ++k) {
@@ -206,13 +206,13 @@ LoadPath::LoadPath(const BodySurface& body, const Boundary& boundary, const Poin
   if (!(flux.sum() > 0.0)) return;
   const Eigen::VectorXd phi = potential(conduction(lattice, boundary), flux);
   stop_if_asked();
-  if (!phi.allFinite()) return;  // then nothing is made finer
+  if (!phi.allFinite()) return;  // then nothing is refined
 
   tbb::parallel_for(Index{0}, phi.size(), [&](Index r) {
     const Index c = lattice.cell[static_cast<std::size_t>(r)];
     const auto [i, j, k] = lattice.at(c);
     const double from_centre = (lattice.place(i, j, k) - boundary.centre).norm();
-    if (from_centre < boundary.radius + 2.0 * edge_) return;  // coarser than what changes there
+    if (from_centre < boundary.radius + 2.0 * edge_) return;  // the cells are too coarse there
     const double half_space =
         1.0 / (std::numbers::pi * (2.0 * from_centre * from_centre + boundary.radius * boundary.radius));
     const double through = flux_through(lattice, phi, r).norm();

@@ -7,23 +7,25 @@
 
 namespace dimple {
 
-/// How much finer than beneath a circle on a half-space the nodes must stand, because the load passes through
-/// less tissue: a neck, a thin layer, the place above a base.
-///
-/// Strains of a load that spreads fall with the distance as 1 / R^2, and the spacing may grow with it; what
-/// keeps a load together is known from a scalar field that spreads the same way: div grad phi = 0, with a
-/// unit flux in through the circle, phi = 0 on the base, and none through the rest of the surface. Its flux g
-/// over that of the half-space, 1 / (2 pi R^2 + pi a^2), says how much larger the strains are here, and the
-/// least sum of the errors h^2 |grad grad u|^2 for a number of nodes, the integral of h^-3, has h ~ |grad
-/// grad u|^(-2/5).
+/// Refinement of nodes where the load passes through less tissue than in a half-space: a neck, a thin layer,
+/// tissue above a base. Strains of a spreading load fall as 1 / R^2, and the spacing may grow with R. A
+/// scalar field that spreads alike shows where tissue confines the load. A method of this project.
+/// 1. Cubic cells, about 15,000 in the body; neighbours conduct if tissue connects their centres.
+/// 2. Solve div grad phi = 0: unit flux in through the contact patch, phi = 0 on the base, no flux elsewhere.
+/// 3. g = |flux| in a cell. Half-space: g0 = 1 / (2 pi R^2 + pi a^2), R from the patch's centre, a its
+///    radius.
+/// 4. f = max(1, min(30, g / g0))^(-exponent), and 1 near the patch. Minimising the sum of the errors h^2
+///    |grad grad u|^2 for a number of nodes, the integral of h^-3, gives h ~ |grad grad u|^(-2/5): exponent
+///    0.4.
+/// 5. The slope of f along each axis is limited.
 class LoadPath {
  public:
   LoadPath() = default;  ///< 1 everywhere
-  /// `rim`: places on the circle's rim; `exponent`: 0.4 as derived; `slope`: along each axis of the body by
-  /// how much the result changes at most [1/mm].
+  /// `rim`: places on the edge of the patch; `exponent`: 0.4 as derived; `slope`: largest change of the
+  /// result along each axis of the body [1/mm].
   LoadPath(const BodySurface& body, const Boundary& boundary, const Points& rim, double exponent,
            double slope);
-  double operator()(const Vec3& x) const;  ///< (0, 1], linear between the lattice's places
+  double operator()(const Vec3& x) const;  ///< (0, 1], linear between the lattice's points
   double slope() const { return slope_; }
 
  private:

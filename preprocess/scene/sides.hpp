@@ -7,13 +7,13 @@
 
 namespace dimple {
 
-/// The patient's side of that name, as the LPS unit vector out of the patient: superior, inferior, anterior,
+/// Side of the patient by name, as the LPS unit vector out of the patient: superior, inferior, anterior,
 /// posterior, left or right, 3D Slicer's letters S, I, A, P, L and R, or front and back. Nothing for any
-/// other word. Throws UsageError for up, down, top, bottom, above, below and under: which side they mean
-/// depends on how the patient lies. `where`: the option that holds the word.
+/// other word. Throws UsageError for up, down, top, bottom, above, below and under, whose side depends on the
+/// patient's position. `where`: the option that holds the word.
 std::optional<Vec3> side_named(const std::string& word, const std::string& where);
 
-/// The name of the patient's side that an LPS direction comes nearest to.
+/// The name of the patient's side nearest to an LPS direction.
 std::string side_towards(const Vec3& lps);
 
 /// The six names, in the order in which a tool is most likely to come from them.

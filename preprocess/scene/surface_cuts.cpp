@@ -13,13 +13,12 @@
 namespace dimple {
 namespace {
 
-// How much a slope, or a turn of the normal within half a radius, cuts the surface: not at all up to the
-// first angle, wholly from the second on. The room ends where the cuts within it, so weighed, make up this
-// part of the disc's area: no single voxel ends it, and nothing jumps where a fold is about as steep as a
-// limit.
+// Weight by which a slope, or a turn of the normal within half a radius, cuts the surface: 0 up to the first
+// angle, 1 from the second on. The room ends where weighted cuts reach this fraction of the disc's area. So
+// no single voxel ends it, and it is continuous where a fold is about as steep as a limit.
 constexpr double gentle_slope = 60.0, steep_slope = 80.0, gentle_turn = 25.0, sharp_turn = 60.0;  // degrees
 constexpr double negligible = 0.03;
-constexpr double smoothing = 0.25;        // radii: of the heights before they are judged
+constexpr double smoothing = 0.25;        // radii: smoothing of the heights before they are judged
 constexpr Index most_lattice_steps = 10;  // of the lattice of cuts, to a radius
 constexpr double half_disc = 0.5;         // radii
 
@@ -27,13 +26,13 @@ double degrees(double radians) {
   return radians * 180.0 / std::numbers::pi;
 }
 
-// Heights without the voxels' ripples: means weighed by a Gaussian, of the places where the body is.
+// Heights without the voxels' ripples: Gaussian means over the places where the body is.
 Eigen::ArrayXXd smoothed(const Eigen::ArrayXXd& height, double sigma) {
   if (sigma < 0.5) return height;
   const auto reach = static_cast<Index>(std::ceil(2.5 * sigma));
   Eigen::ArrayXd weight(reach + 1);
   for (Index k = 0; k <= reach; ++k) weight[k] = std::exp(-0.5 * std::pow(static_cast<double>(k) / sigma, 2));
-  // Down the columns of an array and of what counts; the transposed result is smoothed once more.
+  // Smooths along columns, with weights; the transposed result is smoothed once more.
   const auto along = [&](const Eigen::ArrayXXd& from) {
     Eigen::ArrayXXd to = Eigen::ArrayXXd::Zero(from.rows(), from.cols());
     tbb::parallel_for(Index{0}, from.cols(), [&](Index j) {
@@ -59,7 +58,7 @@ Eigen::ArrayXXd smoothed(const Eigen::ArrayXXd& height, double sigma) {
 SurfaceCuts::SurfaceCuts(const HeightMap& map, double radius)
     : radius_(radius), corner_(map.corner), step_(map.step) {
   grade(map);
-  // Of a lattice that is finer than the question needs the mean of several places.
+  // Averages several places where the lattice is finer than necessary.
   const Index merge = static_cast<Index>(radius / static_cast<double>(most_lattice_steps) / map.step);
   if (merge < 2) {
     count_missing();
@@ -89,7 +88,7 @@ void SurfaceCuts::count_missing() {
                                       missing_before_(i, j) + (missing_(i, j) > 0.0 ? 1 : 0);
 }
 
-// The places of the lattice in a square about p.
+// Places of the lattice in a square about p.
 SurfaceCuts::Window SurfaceCuts::window(const Eigen::Vector2d& p, double radii) const {
   const Eigen::Vector2d middle = (p - corner_) / step_;
   const double reach = radii * radius_ / step_;
@@ -120,7 +119,7 @@ void SurfaceCuts::grade(const HeightMap& map) {
   const auto height = [&](Index i, Index j) {
     return i < 0 || j < 0 || i >= rows || j >= columns ? std::nan("") : smooth(i, j);
   };
-  // Rise per length, from both sides where there are two.
+  // Rise per length, central where both sides exist.
   const auto rise = [&](Index i, Index j, Index di, Index dj) {
     const double before = height(i - di * slope, j - dj * slope),
                  after = height(i + di * slope, j + dj * slope), here = height(i, j),
@@ -166,8 +165,8 @@ void SurfaceCuts::grade(const HeightMap& map) {
 }
 
 Room SurfaceCuts::at(const Eigen::Vector2d& p) const {
-  // Where a fold is near, as it is at most places of a brain, no one needs to look farther; and where all of
-  // the disc is there, not even as far as its edge.
+  // Searches near first: at most places of a brain a fold is near. If the disc is complete, half of it is
+  // first.
   if (const double nearer = std::max(0.5 * sought, whole_disc + 2.0 * step_ / radius_); nearer < sought) {
     std::optional<Room> room;
     if (!any_missing(p, nearer)) room = within(p, half_disc);
@@ -177,9 +176,9 @@ Room SurfaceCuts::at(const Eigen::Vector2d& p) const {
   return within(p, sought).value_or(Room{});
 }
 
-// Nothing: what lies within so many radii does not tell.
+// Room from what is within so many radii; nothing if that does not determine it.
 std::optional<Room> SurfaceCuts::within(const Eigen::Vector2d& p, double radii) const {
-  // What is cut by distance, in rings; of what is missing the nearest place.
+  // Cut area in rings by distance, and the nearest missing place.
   constexpr int rings = 46;
   constexpr double width = sought / rings;  // radii
   std::array<double, rings> cut{};
@@ -194,7 +193,7 @@ std::optional<Room> SurfaceCuts::within(const Eigen::Vector2d& p, double radii) 
           (Eigen::Vector2d(static_cast<double>(i), static_cast<double>(j)) - middle).norm() * step_;
       if (missing_(i, j) > 0.0) room.whole = std::min(room.whole, r);
       if (r >= reach) continue;
-      // Shared between the two rings that it lies between: nothing jumps as the place moves.
+      // Divided between the two nearest rings, so that the result is continuous in the place.
       const double ring = r / (width * radius_);
       const auto k = static_cast<std::size_t>(ring);
       const double outer = ring - std::floor(ring);
@@ -203,7 +202,7 @@ std::optional<Room> SurfaceCuts::within(const Eigen::Vector2d& p, double radii) 
     }
   const double enough = negligible * std::numbers::pi * radius_ * radius_ / (step_ * step_);
   const bool all = radii >= sought;
-  const auto known = all ? std::size_t{rings} : static_cast<std::size_t>(radii / width);  // rings seen whole
+  const auto known = all ? std::size_t{rings} : static_cast<std::size_t>(radii / width);  // complete rings
   double sum = 0.0;
   for (std::size_t k = 0; k < known; ++k) {
     if (sum + cut[k] >= enough) {

@@ -6,17 +6,25 @@
 
 namespace dimple {
 
-/// What the surface is like where a circle is to be.
+/// Room of the surface around a place for the contact patch.
 struct Room {
-  double whole = 0.0;  ///< distance from the middle to where the surface ends or drops by a radius [mm]; from
-                       ///< 1.15 radii on it may be said to be larger than it is
+  double whole = 0.0;  ///< distance from the middle to where the surface ends or drops by a radius [mm];
+                       ///< beyond 1.15 radii it may be overestimated
   double even = 0.0;   ///< to where a fold, an edge or a steep slope cuts it, at most 2.3 radii [mm]
 };
 
-/// Where a height map is cut, and how far it is to there.
+/// Cuts in the surface of a height map, and the distance to them from a place. a: radius of the patch. A
+/// method of this project.
+///
+/// 1. Heights smoothed by a Gaussian of a/4; slopes by differences over a/8 to each side.
+/// 2. Missing (cut = 1): no surface, or a drop of more than a (at least three steps) to a neighbour.
+/// 3. Else cut = the larger of two ramps from 0 to 1: of the slope, from 60 to 80 degrees, and of the turn of
+///    the normal, from 25 to 60 degrees. The turn is between places a/4 to each side, in four directions.
+/// 4. Room::whole at a place: distance of the nearest missing point of the lattice.
+/// 5. Room::even: the radius within which the sum of the cuts reaches 3 % of the disc's area, at most 2.3 a.
 class SurfaceCuts {
  public:
-  static constexpr double sought = 2.3;       ///< radii: a little beyond the room that is wanted
+  static constexpr double sought = 2.3;       ///< radii: a little more than the requested room
   static constexpr double whole_disc = 1.05;  ///< radii: the disc and a little more
 
   SurfaceCuts(const HeightMap& map, double radius);
@@ -37,7 +45,7 @@ class SurfaceCuts {
   double step_ = 1.0;
   Eigen::ArrayXXd cut_;             // 0 ... 1
   Eigen::ArrayXXd missing_;         // 0 ... 1
-  Eigen::ArrayXXi missing_before_;  // how many places (i, j) with i < row and j < column miss anything
+  Eigen::ArrayXXi missing_before_;  // number of incomplete places (i, j) with i < row and j < column
 };
 
 }  // namespace dimple

@@ -70,7 +70,7 @@ void refuse_border(const Drawing& of, const TriangleMesh& mesh) {
            "close its holes in the program that drew it");
 }
 
-// All triangles facing outward; whether some did not.
+// Turns all triangles outward; true if some were not.
 bool turn_outward(TriangleMesh& mesh) {
   vtkNew<vtkPolyData> poly;
   vtkNew<vtkPoints> points;
@@ -104,7 +104,7 @@ bool turn_outward(TriangleMesh& mesh) {
   return turned;
 }
 
-// Of a mesh that faces outward and is a manifold.
+// Throws if triangles cross; the mesh faces outward and is a manifold.
 void refuse_crossing(const Drawing& of, const TriangleMesh& mesh) {
   const std::vector<std::pair<Index, Index>> crossing = crossing_triangles(mesh);
   if (crossing.empty()) return;
@@ -119,7 +119,7 @@ void refuse_crossing(const Drawing& of, const TriangleMesh& mesh) {
          "unite its parts in the program that drew it");
 }
 
-// From `low` upwards, to `height` and with a margin around.
+// Distances from `low` upwards to `height`, with a margin around.
 DistanceGrid sampled(const BodySurface& tool, double width, double height) {
   const double around = margin * std::min(width, height);
   const Vec3 low = tool.lower().array() - around;
@@ -131,7 +131,7 @@ DistanceGrid sampled(const BodySurface& tool, double width, double height) {
     grid.n[static_cast<std::size_t>(d)] =
         std::max<Index>(4, static_cast<Index>(std::ceil(size[d] / grid.step)) + 1);
   grid.value.resize(static_cast<std::size_t>(grid.n[0] * grid.n[1] * grid.n[2]));
-  // Exactly near the surface; deep inside, where no tissue comes, no deeper than that.
+  // Exact near the surface. Deep inside, where no tissue comes, distances are bounded.
   const double deep = margin * width;
   tbb::parallel_for(Index{0}, grid.n[1] * grid.n[2], [&](Index row) {
     stop_if_asked();

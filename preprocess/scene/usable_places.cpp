@@ -14,7 +14,7 @@
 namespace dimple {
 namespace {
 
-constexpr double most_looked_at = 3000.0;  // that are looked at
+constexpr double most_looked_at = 3000.0;  // examined places
 
 std::string side_of(const BodySurface& body, const Vec3& local) {
   return side_towards(body.to_world().linear() * local);
@@ -29,7 +29,7 @@ struct Judged {
   std::string reason;
 };
 
-// Of a circle that find_boundary() has let stand where it is.
+// Judgement of a patch that find_boundary() has accepted.
 Judged judged(const BodySurface& body, const Boundary& at, const Beneath& what) {
   using enum UsablePlace::Verdict;
   if (reaches_base(at, at.centre)) return {refused, "on the fixed base"};
@@ -59,7 +59,7 @@ UsablePlace described(const BodySurface& body, const Boundary& at) {
   return place;
 }
 
-// The same of a place of the survey, in few words.
+// Judgement of a place of the survey, in few words.
 Judged judged(const BodySurface& body, const Boundary& boundary, const SurveyedPlace& place) {
   using enum UsablePlace::Verdict;
   if (place.room.whole < boundary.radius) return {refused, "the circle would hang over an edge"};
@@ -104,7 +104,7 @@ Surveyed surveyed(const BodySurface& body, const Boundary& boundary) {
   return result;
 }
 
-// Adds places that are `apart` from each other and from those that are taken.
+// Adds places that are `apart` from each other and from those already chosen.
 void add_far_apart(const BodySurface& body, const Boundary& boundary,
                    const std::vector<SurveyedPlace>& places, double apart, std::size_t most,
                    std::vector<Vec3>& taken, std::vector<UsablePlace>& result) {
@@ -180,13 +180,13 @@ UsablePlaces usable_places(const BodySurface& body, const BoundaryOptions& optio
     result.sides.push_back(std::move(place));
   };
   add("", options, nullptr);
-  if (!own) result.sides.clear();  // then the sides alone, if the circle fits on one of them
+  if (!own) result.sides.clear();  // then the sides alone, if the patch fits on one of them
   for (const char* side : names_of_sides) {
     if (own && result.sides.front().from == side) continue;
     BoundaryOptions there = options;
     there.indent_at = side;
     there.direction = "auto";
-    // Where the axes decide, the base is opposite to the tool: that takes no search for cut faces.
+    // A base that the axes decide is opposite to the tool: no search for cut faces is necessary.
     if (own && own->base_by_axes) there.base = side_towards(-*side_named(side, "side"));
     add(side, there, own && !own->base_by_axes ? &*own : nullptr);
   }

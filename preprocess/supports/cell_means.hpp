@@ -6,11 +6,11 @@
 
 namespace dimple {
 
-/// Samples of a surface, each the mean over some small flat pieces of it: of their places and of the shape
-/// functions there, so that a constant pressure has the nodal forces of its integral.
+/// Samples of a surface, each the mean over some small flat pieces: of their places and of the shape
+/// functions there. So a constant pressure has the nodal forces of its integral.
 struct CellMeans {
   Points place;            ///< [3xM] at rest [m]
-  Eigen::VectorXd area;    ///< [M] of the surface that each stands for [m^2]
+  Eigen::VectorXd area;    ///< [M] of surface that each represents [m^2]
   Points normal;           ///< [3xM] outward unit vectors at rest
   Interpolation at_place;  ///< the shape functions there
 };

@@ -20,8 +20,8 @@
 namespace dimple {
 namespace {
 
-// Of the residual: where 1e-6 leaves a patch test some 1e-7 of its scale, this leaves 1e-8; and the force, at
-// 1e-6 as at 1e-12, is the same to a millionth.
+// Relative residual. With 1e-6 a patch test has errors of some 1e-7 of its scale, with this 1e-8. Forces with
+// 1e-6 and 1e-12 agree to a millionth.
 constexpr double tolerance = 1e-7;
 constexpr Index slab = 65536;  // pieces of the surface whose shape functions are held at a time
 
@@ -51,7 +51,7 @@ struct LinearFields {
     b << 1.0, (model.X.col(node) - model.point.col(q)) / size[q];
     return b;
   }
-  // Of the linear field nearest to the nodal values lambda [3xN].
+  // Coefficients of the linear field nearest to the nodal values lambda [3xN].
   Coefficients nearest(Index q, const Points& lambda) const {
     Coefficients sum = Coefficients::Zero();
     for (int k = model.support.offset[q]; k < model.support.offset[q + 1]; ++k) {
@@ -65,7 +65,7 @@ struct LinearFields {
   std::vector<Eigen::Matrix4d> inverse;
 };
 
-// Four numbers for each node: three directions and one that stays zero.
+// Four numbers for each node: three directions and one that remains zero.
 using Lanes = double __attribute__((vector_size(32), aligned(8), may_alias));
 using Nodal = Eigen::Matrix<double, 4, Eigen::Dynamic>;
 
@@ -83,14 +83,14 @@ DIMPLE_CLONES void rows_times(const int* offset, const int* column, const double
   }
 }
 
-// Row a: the cells that node a belongs to, and its place in the list of each.
+// Row a: the cells that node a belongs to, and its index in the list of each.
 struct Influence {
   explicit Influence(const Model& model) : rows(transpose(model.support, model.node_count(), &slot)) {}
   Eigen::VectorXi slot;
   CompressedRows rows;
 };
 
-// Which nodes share a cell: the columns of the variance, of all tissues.
+// Pairs of nodes in a common cell: the columns of the variance, for all tissues.
 CompressedRows columns_of(const Model& model) {
   CompressedRows result = model.variance.front().rows;
   for (std::size_t t = 1; t < model.variance.size(); ++t) {
@@ -157,17 +157,17 @@ struct Operator {
   Eigen::VectorXd value, diagonal;
 };
 
-// The operator sees only what bends within a cell's support, so smooth fields cost it next to nothing, and
-// conjugate gradients alone would look for them one by one. Linear fields over a hundred or so nodes each
-// hold nearly all that is smooth: the exact solution among them leaves a number of iterations that does not
-// grow with the nodes, up to some 131,000 of them; beyond, the groups grow. (Nicolaides, SIAM J. Numer. Anal.
-// 24, 1987, in its additive form.)
+// Coarse space of the preconditioner. The operator acts only on what bends within a cell's support: smooth
+// fields have nearly zero energy, and conjugate gradients would find them one by one. Linear fields over
+// groups of about a hundred nodes span nearly all smooth fields. With their exact solution the number of
+// iterations does not grow with the nodes, up to some 131,000; beyond, the groups grow. Source: Nicolaides,
+// SIAM J. Numer. Anal. 24 (1987), in its additive form.
 class CoarseFields {
  public:
   CoarseFields(const Model& model, const Operator& A)
       : nodes_(model.node_count()), groups_(group_count(nodes_)), field_(4, nodes_) {
-    // Nodes are in the order of a space-filling curve: a run of them lies together, and halves of halves of
-    // all nodes are boxes.
+    // Nodes are in the order of a space-filling curve: a run of them is a compact group, and repeated halves
+    // of all nodes are boxes.
     tbb::parallel_for(Index{0}, groups_, [&](Index g) {
       const auto X = model.X.middleCols(first(g), first(g + 1) - first(g));
       const Vec3 middle = X.rowwise().mean();
@@ -203,13 +203,13 @@ class CoarseFields {
             lower.emplace_back(static_cast<int>(4 * g + i), static_cast<int>(4 * h + j), block(i, j));
         if (h == g) largest = std::max(largest, block.diagonal().maxCoeff());
       }
-    // Fields that are linear all over cost nothing: the right side has no part in them.
+    // Globally linear fields have no energy, and the right side has no part in them.
     for (int i = 0; i < 4 * groups_; ++i) lower.emplace_back(i, i, 1e-9 * largest);
     Eigen::SparseMatrix<double> matrix(4 * groups_, 4 * groups_);
     matrix.setFromTriplets(lower.begin(), lower.end());
     factor_.compute(matrix);
   }
-  // x += the solution among the coarse fields for the right side r.
+  // x += the solution in the coarse space for the right side r.
   void add_solution(const Nodal& r, Nodal& x) const {
     Eigen::MatrixXd coarse(4 * groups_, 3);
     tbb::parallel_for(Index{0}, groups_, [&](Index g) {
@@ -227,9 +227,8 @@ class CoarseFields {
 
  private:
   static Index group_count(Index nodes) {
-    constexpr Index fewest = 64;  // nodes of a group: half and twice as many need a tenth less and half more
-    // Factors grow faster than the nodes: with 4096 groups, of 300,000 nodes, they took half of the supports'
-    // time.
+    constexpr Index fewest = 64;  // nodes of a group: 32 need a tenth less time, 128 half more
+    // Factors grow faster than the nodes: 4096 groups of 300,000 nodes took half of the supports' time.
     constexpr Index most = 1024;
     const auto few = static_cast<std::size_t>(std::max<Index>(1, nodes / fewest));
     return std::min(most, static_cast<Index>(std::bit_floor(few)));
@@ -241,7 +240,7 @@ class CoarseFields {
   Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> factor_;
 };
 
-// No triangle is larger than a body, and no spacing is less than a thousandth of one.
+// No triangle is larger than a body, and no spacing less than a thousandth of one.
 constexpr int deepest = 12;
 
 // A place on the surface, and the spacing of the node nearest to it.
@@ -256,7 +255,7 @@ void divide(const Corner& a, const Corner& b, const Corner& c, const Neighbours&
   const auto at = [&](const Vec3& x) { return Corner{x, spacing[nodes.nearest(x, 1).front()]}; };
   const double longest = std::max({(b.x - a.x).norm(), (c.x - b.x).norm(), (a.x - c.x).norm()});
   const Corner middle = at((a.x + b.x + c.x) / 3.0);
-  // A corner may lie where the nodes are much closer together than in the middle.
+  // Nodes at a corner may be much closer together than in the middle.
   if (depth == deepest || longest <= std::min({middle.spacing, a.spacing, b.spacing, c.spacing})) {
     piece.push_back({a.x, b.x, c.x});
     return;
@@ -316,8 +315,7 @@ Points surface_integrals(const Discretisation& cloud, const SupportOptions& opti
 
 namespace {
 
-// What the gradients' integrals lack of those over the surface, and the largest of it beside what they are
-// made of.
+// Residual of the divergence theorem, and its largest ratio to the sum of the terms' norms.
 struct Lack {
   Points residual;
   double largest;
@@ -340,8 +338,8 @@ Lack lack_of(const Model& model, const Influence& influence, const Points& wante
   return {std::move(r), largest};
 }
 
-// A surface of flat pieces may enclose another volume than the cells have, by a little: that part of the
-// residual is taken out which no change that spares linear fields can take away.
+// Removes from the residual its part in linear fields, which no admissible change of gradients can affect. It
+// is not zero since a surface of flat pieces encloses a slightly different volume than the cells.
 void spare_linear_fields(const Model& model, Points& residual) {
   Eigen::Matrix4Xd b(4, model.node_count());
   const Vec3 middle = model.X.rowwise().mean();
@@ -352,7 +350,7 @@ void spare_linear_fields(const Model& model, Points& residual) {
   residual -= (gram.ldlt().solve(b * residual.transpose())).transpose() * b;
 }
 
-// By conjugate gradients for sum_q V_q (I - P_q) lambda = r, all three directions at once.
+// Conjugate gradients for sum_q V_q (I - P_q) lambda = r, all three directions together.
 Points multipliers(const Operator& A, const CoarseFields& coarse, Nodal r, int& iterations) {
   const Index n = r.cols();
   const Eigen::RowVectorXd inverse_diagonal = A.diagonal.cwiseMax(1e-300).cwiseInverse().transpose();
@@ -369,7 +367,7 @@ Points multipliers(const Operator& A, const CoarseFields& coarse, Nodal r, int& 
     stop_if_asked();
     A.apply(p, Ap);
     const double curvature = p.cwiseProduct(Ap).sum();
-    if (!(curvature > 0.0)) break;  // rounding is all that is left
+    if (!(curvature > 0.0)) break;  // only rounding is left
     const double alpha = rz / curvature;
     lambda += alpha * p;
     r -= alpha * Ap;
@@ -382,7 +380,7 @@ Points multipliers(const Operator& A, const CoarseFields& coarse, Nodal r, int& 
   return lambda.topRows<3>();
 }
 
-// Of all gradients; the largest beside the gradients of its point.
+// Corrects all gradients. Returns the largest change relative to the largest gradient of its point.
 double change_gradients(Model& model, const LinearFields& fields, const Points& change_of) {
   Eigen::VectorXd change(model.point_count());
   tbb::parallel_for(Index{0}, model.point_count(), [&](Index q) {

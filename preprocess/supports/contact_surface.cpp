@@ -17,12 +17,12 @@
 namespace dimple {
 namespace {
 
-constexpr double faces_tool = 0.5;  // outward normal . push, at most: folds over the edge may turn to it
-constexpr double looked_at = 2.0;   // reaches from the axis: what is farther cannot come under the tool
-// Squares of the node spacing: of a sample of less surface the force is hardly determined, and its pressure
-// was up to twenty times that of its neighbours.
+constexpr double faces_tool = 0.5;  // largest cosine of outward normal and press direction: folds may turn
+constexpr double looked_at = 2.0;   // reaches from the axis: nothing farther can come under the tool
+// Least area of a sample in squares of the node spacing. Smaller samples hardly affect the force, and had
+// pressures of up to twenty times that of their neighbours.
 constexpr double least_area = 0.5;
-constexpr double farthest = 2.0;  // node spacings from a piece, of a node that it may go to
+constexpr double farthest = 2.0;  // node spacings from a piece to a node that may receive it
 constexpr int most_asked = 8;
 constexpr double hat_wide = 2.0;  // node spacings to each side
 
@@ -30,7 +30,7 @@ Vec3 across(const ToolPlace& tool, const Vec3& d) {
   return d - d.dot(tool.push) * tool.push;
 }
 
-// Where the tool's axis stands along its way, from where it first touches [m], across its push.
+// Positions of the tool's axis along its path, from the first contact [m], across the press direction.
 std::vector<Vec3> axes_along(const ToolPlace& tool, const std::vector<Vec3>& way, double apart) {
   std::vector<Vec3> axes = {Vec3::Zero()};
   for (const Vec3& come : way) {
@@ -41,7 +41,7 @@ std::vector<Vec3> axes_along(const ToolPlace& tool, const std::vector<Vec3>& way
   return axes;
 }
 
-// The surface around the tool's axis, in pieces.
+// Pieces of the surface around the tool's axis.
 SurfacePieces pieces_around(const Model& model, const ToolPlace& tool, const std::vector<Vec3>& axes,
                             double radius) {
   const Points vertex = model.surface.vertex_mm * 1e-3;
@@ -59,8 +59,8 @@ SurfacePieces pieces_around(const Model& model, const ToolPlace& tool, const std
 
 using Cells = std::map<int, std::vector<Index>>;  // the pieces that are nearest to a node
 
-// Pieces whose node has too few of them go to the nearest other node that has enough and whose pieces face
-// the same way, as the other bank of a gap does not; where one of them finds none near, all stay.
+// Moves pieces of nodes with too little area to the nearest other node that has enough. Its pieces must face
+// in the same direction, unlike the other wall of a gap. If one piece finds no such node near, all remain.
 Cells without_small(const Model& model, const Points& place, const Points& area, const Cells& cells) {
   std::vector<int> large;
   std::vector<Vec3> faces;

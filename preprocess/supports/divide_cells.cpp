@@ -17,8 +17,8 @@ namespace dimple {
 namespace {
 
 constexpr int each_way = 4;              // samples of a cell along each of its axes
-constexpr double least_of_cell = 0.125;  // of a cell
-// Of the nodes on the banks, in spacings: from each other, from nodes that are there, and from where the
+constexpr double least_of_cell = 0.125;  // least part of a cell
+// Distances of the nodes on the faces, in spacings: from each other, from existing nodes, and from where the
 // sheet ends in the tissue.
 constexpr double apart = 0.7, from_others = 0.4, from_end = 0.5;
 
@@ -28,7 +28,7 @@ struct Box {
   Vec3 half;  // of its edges
 };
 
-// The cell has a size.
+// Requires a cell of positive size.
 Box box_of(const Model& model, Index q) {
   const Mat3 about = as_matrix(model.second_moments, q);
   const double size = about.trace();
@@ -43,7 +43,7 @@ struct CellPart {
   Mat3 about = Mat3::Zero();
 };
 
-// Of some samples of a cell, which stand for boxes with the moments `of_sample`.
+// Part of a cell from some of its samples, each a box with the moments `of_sample`.
 CellPart part_of(const std::vector<Vec3>& sample, const Mat3& of_sample, std::size_t all) {
   CellPart part;
   const auto count = static_cast<double>(sample.size());
@@ -54,8 +54,8 @@ CellPart part_of(const std::vector<Vec3>& sample, const Mat3& of_sample, std::si
   return part;
 }
 
-// The two parts that a sheet makes of a cell, the larger first: a box with the cell's second moments, in
-// samples, each on the side of the first one or on the other. Nothing: it leaves it whole.
+// The two parts into which a sheet divides a cell, the larger first: samples of the box with the cell's
+// second moments are on the side of the first sample or on the other. Nothing: the cell remains whole.
 std::optional<std::array<CellPart, 2>> parts_of(const Model& model, Index q, const Sheet& sheet) {
   const Mat3 about = as_matrix(model.second_moments, q);
   const double size = about.trace();
@@ -79,7 +79,7 @@ std::optional<std::array<CellPart, 2>> parts_of(const Model& model, Index q, con
   return parts[1].share < least_of_cell ? std::nullopt : std::optional(parts);
 }
 
-// Where the way between the middles of a cell's parts passes the sheet; or none, where it goes round it.
+// Crossing of the sheet by the segment between the middles of a cell's parts; none if it passes by.
 std::optional<Vec3> place_on_sheet(const std::array<CellPart, 2>& parts, const Sheet& sheet) {
   constexpr int halvings = 30;
   Vec3 low = parts[0].middle, high = parts[1].middle;
@@ -91,7 +91,7 @@ std::optional<Vec3> place_on_sheet(const std::array<CellPart, 2>& parts, const S
   return low;
 }
 
-// Where there is tissue: in the box of the nearest point's cell.
+// Test for tissue: a place in the box of the nearest point's cell.
 class Tissue {
  public:
   explicit Tissue(const Model& model) : model_(model), points_(model.point) {}
@@ -116,7 +116,7 @@ double area_within(const Tissue& tissue, const Sheet& sheet) {
   return area;
 }
 
-// The pieces of a sheet's border that lie in the tissue.
+// The pieces of a sheet's border in the tissue.
 std::vector<std::pair<Vec3, Vec3>> ends_of(const Sheet& sheet, const Tissue& tissue) {
   std::map<std::pair<int, int>, int> times;
   for (const auto& t : sheet.triangles().colwise())
@@ -146,7 +146,7 @@ void put(Model& model, Index q, const CellPart& part, double volume) {
   set_moments(model.second_moments, q, part.about);
 }
 
-// Each divided cell's parts, the larger first, are appended to `halves`.
+// Divides the cells; the parts of each divided cell, the larger first, are appended to `halves`.
 DividedCells divide(const Model& before, const Sheet& sheet, std::vector<std::array<CellPart, 2>>& halves) {
   const Index points = before.point_count();
   std::map<Index, std::array<CellPart, 2>> parts;
@@ -185,7 +185,7 @@ double spacing_at(const Model& model, Index q) {
   return sum / static_cast<double>(nodes.size());
 }
 
-// Nodes on both banks, behind those that are there.
+// Adds nodes on both faces of the cut, behind those that are there.
 void add_nodes(const Model& before, const Sheet& sheet, const std::vector<std::array<CellPart, 2>>& halves,
                DividedCells& cut) {
   if (halves.empty()) return;

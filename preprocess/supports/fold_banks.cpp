@@ -17,16 +17,16 @@
 namespace dimple {
 namespace {
 
-constexpr double faces = -0.5;      // cosine between outward normals of two banks, at most
-constexpr double least_flat = 0.5;  // of a sample: its vector of area over its area; less lies around an edge
-// Of a sample's gap a part's, at least: less is the bank's own edge, which the way ahead grazes.
+constexpr double faces = -0.5;      // cosine between outward normals of opposing walls, at most
+constexpr double least_flat = 0.5;  // of a sample: |vector area| / area; less is around an edge
+// Least gap of a part / gap of its sample: a smaller one is the wall's own edge, which the ray grazes.
 constexpr double least_of_whole = 0.25;
 constexpr double same_wall =
     0.7;  // cosine between the normals of the places ahead of a part and of the whole
 constexpr int asked_points = 12, asked_nodes = 8;
 constexpr double enough_pieces = 12.0;  // of the surface, on a spacing of the nodes squared
 
-// The surface in the body's own axes, where lengths are in mm as SurfaceCells wants them.
+// The surface in the body's own axes, where lengths are in mm for SurfaceCells.
 class Walls {
  public:
   explicit Walls(const Model& model)
@@ -40,7 +40,7 @@ class Walls {
     Vec3 place = Vec3::Zero(), normal = Vec3::Zero();
     double gap = 0.0;
   };
-  // The first wall that is entered on the way from x [m] along a unit vector, which began outside.
+  // First wall that a ray from x [m], outside, enters along a unit vector.
   std::optional<Ahead> ahead(const Vec3& x, const Vec3& along, double length) const {
     thread_local std::vector<SurfaceCells::Crossing> crossings;
     const Vec3 from = own(x), way = 1e3 * length * (axes_.transpose() * along);
@@ -63,7 +63,7 @@ class Walls {
   Points own(const Points& x) const { return 1e3 * (axes_.transpose() * (x.colwise() - centre_)); }
 };
 
-// The nearest node that is not of the other bank, which begins `gap` in front of x: most often the nearest.
+// The nearest node on the own side of a gap that begins `gap` in front of x, usually the nearest of all.
 int own_node(const Model& model, const Neighbours& nodes, const Vec3& x, const Vec3& normal, double gap) {
   const auto is_own = [&](int a) { return (model.X.col(a) - x).dot(normal) < 0.5 * gap; };
   if (const int nearest = nodes.nearest(x, 1).front(); is_own(nearest)) return nearest;
@@ -72,8 +72,8 @@ int own_node(const Model& model, const Neighbours& nodes, const Vec3& x, const V
   return own == near.end() ? near.front() : *own;
 }
 
-// The node of each piece that has a wall straight ahead; -1: it has none. Where pieces are many beside the
-// nodes one stands for several, and has their area.
+// The node of each piece that has a wall straight ahead; -1: it has none. Where pieces are much smaller than
+// the spacing, one represents several and has their area.
 std::vector<int> nodes_before_walls(const Model& model, const Neighbours& nodes, const Walls& walls,
                                     double widest, SurfacePieces& pieces) {
   std::vector<int> result(static_cast<std::size_t>(pieces.place.cols()), -1);
@@ -92,7 +92,7 @@ std::vector<int> nodes_before_walls(const Model& model, const Neighbours& nodes,
   return result;
 }
 
-// A part of the surface that stands before a wall of the same body, and the wall.
+// A part of the surface in front of a wall of the same body, and that wall.
 struct Bank {
   int node;
   std::vector<Index> pieces;
@@ -108,7 +108,7 @@ std::vector<Bank> banks_of(const Model& model, const Neighbours& nodes, const Wa
     if (const int node = before[static_cast<std::size_t>(k)]; node >= 0) cell[node].push_back(k);
   std::vector<Bank> result;
   for (auto& [node, own] : cell) {
-    // Around the bottom of a gap a node may have some of both banks: those of the lesser one are left out.
+    // Around the bottom of a gap a node may have pieces of both walls: those of the smaller one are left out.
     Vec3 all = Vec3::Zero(), middle = all, normal = all;
     for (const Index k : own) all += pieces.area.col(k);
     std::erase_if(own, [&](Index k) { return !(pieces.area.col(k).dot(all) > 0.0); });
@@ -125,7 +125,7 @@ std::vector<Bank> banks_of(const Model& model, const Neighbours& nodes, const Wa
   return result;
 }
 
-// The bank ahead turns as its part there does, as long as that faces back: single triangles waver.
+// The wall ahead takes the mean normal of the sample there, if that faces back: normals of triangles vary.
 void take_mean_normals(const Model& model, const Neighbours& nodes, std::vector<Bank>& banks) {
   std::map<int, std::size_t> of_node;
   for (std::size_t c = 0; c < banks.size(); ++c) of_node[banks[c].node] = c;
@@ -138,7 +138,7 @@ void take_mean_normals(const Model& model, const Neighbours& nodes, std::vector<
   }
 }
 
-// The integration point whose deformation turns the bank there.
+// The integration point whose deformation rotates the wall there.
 Index point_behind(const Model& model, const Neighbours& points, const Vec3& place, const Vec3& normal) {
   const std::vector<int> near = points.nearest(place, asked_points);
   for (const int q : near)
@@ -147,7 +147,7 @@ Index point_behind(const Model& model, const Neighbours& points, const Vec3& pla
   return near.front();
 }
 
-// Some of a sample's pieces, and the wall ahead of them.
+// Some of a sample's pieces, and the opposing wall.
 struct Part {
   std::vector<Index> pieces;
   Vec3 opposite = Vec3::Zero();
@@ -163,8 +163,8 @@ Vec3 middle_of(const std::vector<Index>& own, const SurfacePieces& pieces) {
   return middle / sum;
 }
 
-// Of squares of a sixth of the spacing, 36 about its middle, those that are nearer to the wall than the
-// whole. In thirds the banks of a fissure that narrows to its floor reached 0.08 spacings into each other.
+// Parts nearer to the wall than the whole sample, among 36 squares of a sixth of the spacing about its
+// middle. With thirds, walls of a fissure that narrows to its floor penetrated each other by 0.08 spacings.
 std::vector<Part> nearer_parts(const Bank& bank, double spacing, const SurfacePieces& pieces,
                                const Walls& walls, double widest) {
   const Vec3 middle = middle_of(bank.pieces, pieces), one = bank.normal.unitOrthogonal(),

@@ -5,21 +5,27 @@
 
 namespace dimple {
 
-/// Where the surface of a body faces itself across a gap: a fold, a slit, two lobes that lie side by side.
-/// Each sample of one bank (the pieces of the surface nearest to one node, as ContactSurface has them) with
-/// the place of the other bank that lies straight ahead of it. Both banks of a gap have samples: with those
-/// of one alone the nodes of the other would wave through between them, by a tenth of their spacing.
+/// Opposing walls of a gap in a body's surface: a fold, a slit, two lobes side by side. A sample of one wall
+/// has the place of the other wall straight ahead of it. A method of this project.
+/// 1. Small flat pieces of the surface with a wall within `widest` along their normal; the cosine of both
+///    normals is below -0.5. Each piece belongs to the nearest node on its own side of the gap.
+/// 2. Sample: the pieces of one node that face in the same direction. Its place ahead: by a ray from its
+///    middle along its mean normal.
+/// 3. Normal of the place ahead: the mean normal of the sample there.
+/// 4. Parts: pieces in squares of a sixth of the spacing that are nearer to the wall than the sample. Rows
+///    from M on are parts.
+/// 5. Shape functions at samples, parts and places ahead.
 ///
-/// Rows from M on are parts of samples where a bank bulges: one that comes nearer to the bank ahead than the
-/// mean of the whole.
+/// Both walls of a gap have samples: with one wall alone, nodes of the other would penetrate between them, by
+/// a tenth of their spacing.
 struct FoldBanks {
-  /// Spacings by which a part is nearer than the whole, at rest and later: where banks are flat parts would
-  /// stand for wholes by chance.
+  /// Least difference in gap of a part and its sample, at rest and later [spacings]: parts of flat walls
+  /// would be chosen by chance.
   static constexpr double bulges = 0.02;
   CellMeans sample;         ///< [rows]
   Eigen::VectorXd spacing;  ///< [M] of the nodes there [m]
-  Points opposite;          ///< [3 x rows] the place ahead at rest [m]
-  Points opposite_normal;   ///< [3xM] outward unit vectors there, from the bank ahead towards the sample
+  Points opposite;          ///< the opposing place at rest [m]
+  Points opposite_normal;   ///< [3xM] outward unit vectors there, from the opposing wall towards the sample
   Interpolation at_opposite;
   /// [M] The integration points next to `opposite` and to the sample that see them.
   std::vector<Index> point, own_point;
@@ -28,8 +34,8 @@ struct FoldBanks {
   Index part_begin(Index s) const { return s == 0 ? count() : part_end[static_cast<std::size_t>(s - 1)]; }
 };
 
-/// Of gaps up to `widest` [m]. What lies side by side on the surface is none: banks face each other by 120
-/// degrees and more. Empty: there are no such gaps, or the model has no surface.
+/// Walls of gaps up to `widest` [m]; their normals differ by 120 degrees or more. Empty: there are no such
+/// gaps, or the model has no surface.
 FoldBanks fold_banks(const Model& model, double widest);
 
 }  // namespace dimple

@@ -12,7 +12,7 @@
 namespace dimple {
 namespace {
 
-// Where the nodes of some points occur in the points' lists.
+// Nodes of some points, and their indices in the points' lists.
 struct Influence {
   std::vector<int> nodes;  // of these points, as they are met
   std::vector<std::size_t> offset = {0};
@@ -110,7 +110,7 @@ void unfold(std::vector<LowerRow>& lower, GradientVariance& result) {
   }
   result.rows.member.resize(result.rows.offset[static_cast<Index>(n)]);
   result.K.resize(result.rows.member.size());
-  // Rows ascending: all columns below a have entered row a before those above it do.
+  // Rows ascending: all columns below a have entered row a before those above it.
   for (std::size_t a = 0; a < n; ++a) {
     const LowerRow row = std::move(lower[a]);
     for (std::size_t k = 0; k < row.column.size(); ++k) {

@@ -8,7 +8,7 @@
 
 namespace dimple {
 
-/// How a point's support was found, and why it was not: the failed moment matrix and its number of nodes.
+/// Result of the search for a point's support; if it failed, the moment matrix and the number of nodes.
 struct PointReport {
   bool grown = false, unconnected = false;
   double largest_growth = 1.0;
@@ -37,7 +37,7 @@ struct LowerRow {
 /// each row, so that the sums have one order. `slot` [nodes]: -1 before and after.
 void add_variance(const std::vector<PointSupport>& points, std::span<const int> tissue, int wanted,
                   std::vector<int>& slot, std::vector<LowerRow>& rows);
-/// The whole matrix of its lower triangle, which is used up; rows and K of `result`.
+/// Unfolds the whole matrix from its lower triangle, which is used up; sets rows and K of `result`.
 void unfold(std::vector<LowerRow>& lower, GradientVariance& result);
 
 }  // namespace dimple

@@ -115,14 +115,14 @@ Connected members_of(const CompressedRows& rows) {
   };
 }
 
-// A model that make_model() has not made has none at hand.
+// Visibility of a model that make_model() has not made is computed here.
 std::shared_ptr<const Sight> sight_of(const Model& model) {
   if (model.sight || model.support_report.unseen == 0) return model.sight;
   return sight_in(model, model.scheme.support);
 }
 
-// Of places, the nodes that they are connected with: those of the supports of the nearest points that
-// `reaches`(point, place) holds for. Good enough for pictures, and cheaper than to ask every node.
+// Nodes that each place is connected with: the supports of the nearest points for which `reaches`(point,
+// place) holds. Accurate enough for pictures, and cheaper than a test of every node.
 template <class Reaches>
 CompressedRows nodes_by_points(const Model& model, const Points& places, Reaches&& reaches) {
   constexpr int asked = 12, enough = 2;
@@ -222,7 +222,7 @@ struct FieldAnywhere::Parts {
   std::shared_ptr<const Sight> sight;
   std::optional<Neighbours> points;
 
-  // The nodes that x is connected with, by the nearest points that see it; `first` of them, or -1.
+  // Nodes that x is connected with, by the nearest points that see it; `first` of them, or -1.
   void connected_with(const Vec3& x, std::vector<int>& nodes, int& first) const {
     constexpr int asked = 12, enough = 2;
     nodes.clear();
@@ -242,8 +242,8 @@ struct FieldAnywhere::Parts {
     nodes.erase(std::unique(nodes.begin(), nodes.end()), nodes.end());
   }
 
-  // The nodes that each place is connected with, and all of them. Places of which the first one's nearest
-  // point sees all are connected with the same nodes: true.
+  // Nodes that each place is connected with, and all of them. True if the first place's nearest point sees
+  // all places: they are then connected with the same nodes.
   bool see_alike(const Points& places, std::array<std::vector<int>, most_places>& allowed,
                  std::vector<int>& all_allowed) const {
     bool alike = true;
@@ -261,7 +261,7 @@ struct FieldAnywhere::Parts {
     return alike;
   }
 
-  // One place with larger supports where it needs them; where none serves, the nearest node's value.
+  // One place with larger supports if necessary; if none serves, the nearest node's value.
   void by_itself(const Vec3& x, const Points& nodal, std::span<const int> near_x,
                  const std::vector<int>* allowed, Index k, Points& value,
                  Eigen::Matrix<double, 9, Eigen::Dynamic>* derivative) const {
@@ -290,7 +290,7 @@ FieldAnywhere::~FieldAnywhere() = default;
 
 namespace {
 
-// Of the field of values at nodes [3xN], at place k of the eight.
+// Gradient of the field of nodal values [3xN] at place k of the eight.
 Mat3 gradient_at_place(const MlsOfEight& eight, Index k, const Points& nodal) {
   Mat3 sum = Mat3::Zero();
   const double* row = eight.rows.data() + 3 * k * eight.stride;
@@ -336,7 +336,7 @@ void FieldAnywhere::at(const Points& places, const Points& nodal, Points& value,
     return;
   }
   thread_local MlsOfEight eight;
-  Points x(3, cell_places);  // places that are not there repeat the last
+  Points x(3, cell_places);  // missing places repeat the last
   for (Index k = 0; k < cell_places; ++k) x.col(k) = places.col(std::min(k, count - 1));
   value.setZero();
   mls_of_eight(x, p.model.X, reaching, p.cloud.radius, p.cloud.pinned, options.interpolation, false, eight);

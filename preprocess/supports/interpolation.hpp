@@ -4,9 +4,9 @@
 
 namespace dimple {
 
-/// Shape functions at places that are not integration points, kept for use at many times; for pictures and
-/// surfaces. A place that no support can be found for takes the nearest node's value. `connected`(node,
-/// place), if given, says who may belong to whom.
+/// Shape functions at places that are not integration points, kept for repeated use; for pictures and
+/// surfaces. A place without a possible support takes the nearest node's value. `connected`(node, place), if
+/// given, restricts which nodes belong to a place.
 struct Interpolation {
   CompressedRows rows;
   Eigen::VectorXd weight;  ///< [rows.member]

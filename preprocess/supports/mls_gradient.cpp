@@ -48,9 +48,9 @@ MlsResult mls_shape_functions(const Vec3& x, const Points& X, std::span<const in
   for (const int a : nodes) scale += radius[a];
   scale *= growth / static_cast<double>(n);
 
-  // The basis is centred at x: p(x) = e_1, and d/dx_r of p_a is minus the basis' own derivative. Keeping x
-  // inside the basis while differentiating only the weights gives the same phi: the span of p does not change
-  // with x.
+  // The basis is centred at x: p(x) = e_1, and d/dx_r of p_a is minus the basis' own derivative.
+  // Differentiating only the weights with x fixed in the basis gives the same phi, since the span of p does
+  // not change with x.
   thread_local std::vector<double> weight;
   weight.resize(static_cast<std::size_t>(n));
   Mat4 A = Mat4::Zero();

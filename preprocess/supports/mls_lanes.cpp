@@ -12,11 +12,11 @@ namespace {
 constexpr int width = 4;
 using Lanes = double __attribute__((vector_size(8 * width), aligned(8), may_alias));
 
-// A function that returned a register would depend on the processor it is compiled for.
+// No function: one that returned a register would depend on the processor it is compiled for.
 #define DIMPLE_LOAD(from) (*reinterpret_cast<const Lanes*>(from))
 #define DIMPLE_STORE(to, value) (*reinterpret_cast<Lanes*>(to) = (value))
 
-// Which nodes reach any of eight places: keeps them, counts them, and sums their radii for each place.
+// Keeps and counts the nodes that reach any of eight places, and sums their radii for each place.
 DIMPLE_CLONES void keep_reaching(const double* place, const double* X, const double* radius,
                                  const int* candidates, Index count, int* kept, Index* kept_count,
                                  double* reached, double* sum_of_radii) {
@@ -44,7 +44,7 @@ DIMPLE_CLONES void keep_reaching(const double* place, const double* X, const dou
   }
 }
 
-// Four places: two passes over the nodes for the coefficients, one for the gradients; or one and one for the
+// Four places: two passes over the nodes for the coefficients and one for the gradients, or one and one for
 // values.
 DIMPLE_CLONES void gradients_of_four(const double* place, const double* X, const double* radius,
                                      const int* nodes, Index count, const char* pinned, double e,
@@ -196,7 +196,7 @@ void mls_of_eight(const Points& x, const Points& X, std::span<const int> nodes, 
   std::array<double, cell_places> reached, scale;
   for (int k = 0; k < cell_places; ++k)
     for (int r = 0; r < 3; ++r) place[static_cast<std::size_t>(cell_places * r + k)] = x(r, k);
-  result.nodes.resize(nodes.size() + 1);  // keep_reaching() writes before it knows
+  result.nodes.resize(nodes.size() + 1);  // keep_reaching() writes before its test
   Index count = 0;
   keep_reaching(place.data(), X.data(), radius.data(), nodes.data(), static_cast<Index>(nodes.size()),
                 result.nodes.data(), &count, reached.data(), scale.data());

@@ -14,17 +14,17 @@ constexpr int cell_places = 8;
 struct MlsOfEight {
   std::vector<int> nodes;  ///< those that reach any of the places, in the order given
   Index stride = 0;        ///< from row to row: nodes.size() and a few zeros
-  /// Row `place` holds phi of each node there, or row 3 place + r holds d phi/dx_r; 0 of a node out of reach.
+  /// Row `place` holds phi of each node, or row 3 place + r holds d phi/dx_r; 0 of a node out of reach.
   std::vector<double> rows;
   std::array<int, cell_places> reached{};  ///< nodes that reach each place
-  /// Smallest over largest pivot, as of MlsResult but without the exchange of rows.
+  /// Smallest over largest pivot, as in MlsResult but without the exchange of rows.
   std::array<double, cell_places> pivot_ratio{};
   std::vector<double> weight;  // of the first pass, for the second
 };
 
-/// As mls_shape_functions(), to rounding. `x` [3x8]; `nodes`:
-/// all that may reach one of them. `pinned` [N]: 1 at prescribed nodes, whose
-/// weight is sharpened by `interpolation`. Fills the gradients or else the values.
+/// Computes mls_shape_functions() at eight places, equal to rounding: the gradients or else the values. `x`
+/// [3x8]; `nodes`: all that may reach one of them. `pinned` [N]: 1 at prescribed nodes, whose weight is
+/// sharpened by `interpolation`.
 void mls_of_eight(const Points& x, const Points& X, std::span<const int> nodes, const Eigen::VectorXd& radius,
                   std::span<const char> pinned, double interpolation, bool gradients, MlsOfEight& result);
 

@@ -11,8 +11,8 @@
 namespace dimple {
 namespace {
 
-// A moment matrix that looks worse than this beside seven others is looked at by itself; and of nodes that
-// lie on one bank of a fold, nearly in a plane, more are wanted (with 1e-5 some bodies found no equilibrium).
+// Least pivot ratio of a place computed with seven others; below it the place is computed by itself. Also the
+// bound for nodes on one wall of a fold, nearly in a plane: with 1e-5 some bodies found no equilibrium.
 constexpr double surely_conditioned = 1e-3;
 
 }  // namespace
@@ -96,7 +96,7 @@ NodesNear nodes_near(const Points& places, const SupportNodes& cloud, const Eige
   const Neighbours tree(places);
   const double largest_margin = margin.size() > 0 ? margin.maxCoeff() : 0.0;
   const Vec3 lower = places.rowwise().minCoeff(), upper = places.rowwise().maxCoeff();
-  // Only those around these places: with all nodes for every slab of points the time would grow as N^2.
+  // Only nodes around these places: with all nodes for every slab of points the time would grow as N^2.
   const double slack = 1.0 + 1e-9;
   std::vector<int> around;
   cloud.reaching(0.5 * (lower + upper), slack, around,

@@ -19,12 +19,12 @@ struct PlaceSupport {
   Eigen::VectorXd phi;
   Points dphi;
   double growth = 1.0;       ///< factor by which radii were enlarged
-  bool unconnected = false;  ///< too few nodes are connected with it: those that are near were taken
+  bool unconnected = false;  ///< too few nodes are connected with it: the nearest were taken
   MlsResult mls;
   bool ok = false;
 };
 
-/// The nodes of a model with their radii, and what finds them: shared by all its places.
+/// The nodes of a model with their radii and search trees, for all its places.
 struct SupportNodes {
   /// Both must outlive it.
   SupportNodes(const Discretisation& model, const SupportOptions& options);
@@ -33,8 +33,8 @@ struct SupportNodes {
   const SupportOptions& options;
   Neighbours tree;
   Eigen::VectorXd radius;
-  /// Nodes by the powers of two of their radii: who looks for enlarged ones would meet, in a graded cloud,
-  /// most nodes of the fine part within the largest radius of all.
+  /// Nodes by the powers of two of their radii. In graded nodes, a search with the largest radius would find
+  /// most nodes of the fine part.
   struct Octave {
     Neighbours tree;
     std::vector<int> nodes;
@@ -50,8 +50,8 @@ struct SupportNodes {
   }
 };
 
-/// Nodes that enlarged supports of places within `extent` of `middle` may take, looked for once for all of
-/// them; and whether each is connected, asked once where it is in reach.
+/// Nodes that enlarged supports of places within `extent` of `middle` may use, searched once for all of them.
+/// Each is tested for connection once, when it is in reach.
 struct NodesAround {
   Vec3 middle;
   double extent = 0.0;
@@ -65,14 +65,14 @@ struct NodesAround {
 };
 
 /// Support of the place x [m]. `near`: all nodes that reach x with their own radii and are `connected` with
-/// it by the tissue; others are ignored. `around`: a region that holds x.
+/// it by the tissue; others are ignored. `around`: a region that contains x.
 PlaceSupport support_of(const Vec3& x, const SupportNodes& cloud, std::span<const int> near,
                         NodesAround& around, const std::function<bool(int)>& connected = {});
-/// The same of a place by itself.
+/// Overload for a single place.
 PlaceSupport support_of(const Vec3& x, const SupportNodes& cloud, std::span<const int> near,
                         const std::function<bool(int)>& connected = {});
 
-/// Of each place the nodes near it, ascending.
+/// Nodes near each place, ascending.
 struct NodesNear {
   std::vector<std::size_t> offset;
   std::vector<int> node;
@@ -82,17 +82,16 @@ struct NodesNear {
   }
 };
 
-/// For each place the nodes whose radius comes within `margin` of it and that `connected`(node, place), if
-/// given, does not exclude. Nodes ask, not places: in a graded cloud a place would have to look as far as the
-/// largest radius of all.
+/// For each place the nodes whose radius comes within `margin` of it, except those that `connected`(node,
+/// place) excludes, if given. The search is by nodes: in graded nodes, a place would have to search within
+/// the largest radius of all.
 NodesNear nodes_near(const Points& places, const SupportNodes& cloud, const Eigen::VectorXd& margin,
                      const Connected& connected = {});
 
-/// Nodes that a place needs at least: twice the terms of the linear basis.
+/// Least number of nodes of a place: twice the terms of the linear basis.
 constexpr std::size_t enough_nodes = 8;
 
-/// True if mls_of_eight() has found this place's functions with enough nodes and a well-conditioned moment
-/// matrix.
+/// True if mls_of_eight() had enough nodes and a well-conditioned moment matrix for this place.
 bool surely_good(const MlsOfEight& eight, std::size_t place);
 
 }  // namespace dimple

@@ -20,14 +20,14 @@ namespace {
 constexpr double reach = 1.3;  // of a patch, in patch spacings
 constexpr int lloyd_sweeps = 4;
 constexpr double largest_growth = 1e4;  // for points in far corners
-constexpr double far_corner = 3.0;      // from this growth on the nearest patch is taken, connected or not
+constexpr double far_corner = 3.0;      // from this growth on the nearest patch is used, connected or not
 constexpr double snap =
-    1e-8;  // [m]: coordinates that differ by less are ties, broken by number; and a small share
+    1e-8;  // [m] coordinates that differ by less are ties, broken by number; and a small fraction
 
 struct PointPlaces {
   Points x;               // in the image's axes, [m]
   Eigen::VectorXd h;      // spacing of the nodes around
-  Eigen::VectorXd worth;  // in nodes
+  Eigen::VectorXd worth;  // V / h^3
 };
 
 using Groups = std::vector<std::vector<int>>;
@@ -51,7 +51,7 @@ Groups split(const PointPlaces& places, std::vector<int> group, Index count) {
   for (const int q : group) along.emplace_back(places.x(axis, q), q);
   std::sort(along.begin(), along.end());
   for (std::size_t k = 0; k < group.size(); ++k) group[k] = along[k].second;
-  for (std::size_t from = 0; from < group.size();) {  // ties: layers of a grid, but for rounding
+  for (std::size_t from = 0; from < group.size();) {  // ties within rounding: layers of a grid
     std::size_t to = from + 1;
     while (to < group.size() && along[to].first - along[to - 1].first < snap) ++to;
     std::sort(group.begin() + static_cast<std::ptrdiff_t>(from),
@@ -84,7 +84,7 @@ struct Patches {
   std::vector<int> middle;  // the point nearest to each centre
 };
 
-// Have two points a node in common? On the two banks of a gap they have none.
+// True if two points have a node in common. On opposing walls of a gap they have none.
 bool share_a_node(const CompressedRows& support, int p, int q) {
   int i = support.offset[p], j = support.offset[q];
   while (i < support.offset[p + 1] && j < support.offset[q + 1]) {
@@ -94,7 +94,7 @@ bool share_a_node(const CompressedRows& support, int p, int q) {
   return false;
 }
 
-// Groups of which all points are connected through common nodes.
+// Groups divided into parts whose points are connected through common nodes.
 Groups connected(const CompressedRows& support, const Groups& groups) {
   std::vector<Groups> parts(groups.size());
   tbb::parallel_for(std::size_t{0}, groups.size(), [&](std::size_t g) {
@@ -148,14 +148,14 @@ Patches patches_of(const PointPlaces& places, const std::vector<int>& points, In
       const Vec3 x = places.x.col(points[k]);
       const auto distance = [&](int b) { return (x - result.centre.col(b)).norm(); };
       int& mine = owner[static_cast<std::size_t>(points[k])];
-      // None is nearer than those that are as near as the last owner: as a rule one or two.
+      // None is nearer than those as near as the last owner: usually one or two.
       thread_local std::vector<int> near;
       tree.within_unordered(x, distance(mine) * (1.0 + 2e-6), near);
       if (near.empty() || near.size() > 4) near = tree.nearest(x, 4);
       std::pair<double, int> first{distance(near.front()), near.front()};
       for (const int b : near) first = std::min(first, std::pair{distance(b), b});
       mine = first.second;
-      for (const int b : near)  // of equally near ones, but for rounding, the first
+      for (const int b : near)  // among equally near ones within rounding, the first
         if (distance(b) < (1.0 + 1e-6) * first.first) mine = std::min(mine, b);
     });
     for (auto& group : groups) group.clear();
@@ -177,7 +177,7 @@ Patches patches_of(const PointPlaces& places, const std::vector<int>& points, In
   return result;
 }
 
-using Share = std::vector<std::pair<int, double>>;  // patches that a point belongs to, and how much
+using Share = std::vector<std::pair<int, double>>;  // patches that a point belongs to, with weights
 
 PointPlaces places_of(const Model& model) {
   const Index count = model.point_count();
@@ -195,25 +195,24 @@ PointPlaces places_of(const Model& model) {
   return places;
 }
 
-// The patches of one tissue, by where they are.
+// The patches of one tissue, with a search tree.
 struct Nearby {
   const Patches& patches;
   Neighbours tree{patches.centre};
   double largest_radius = patches.radius.maxCoeff();
 };
 
-// Of point q, with patches numbered from `first` on. `folded`: only those that are met through
-// common nodes.
+// Weights of the patches at point q, numbered from `first` on. `folded`: only of those with common nodes.
 Share share_of(const Model& model, const PointPlaces& places, const Nearby& nearby, int q, int first,
                bool folded) {
   const auto& [patches, tree, largest_radius] = nearby;
   const int most = static_cast<int>(std::min<Index>(40, patches.centre.cols())), few = std::min(most, 20);
-  // Half of them reach far enough, as a rule.
+  // Half of them usually reach far enough.
   std::vector<int> near = tree.nearest(places.x.col(q), few);
   if ((places.x.col(q) - patches.centre.col(near.back())).norm() < largest_radius)
     near = tree.nearest(places.x.col(q), most);
   Share list;
-  // A point in a far corner may be out of every reach: look further until one or, if there are, two are met.
+  // A point in a far corner may be out of reach: radii grow until two patches, or the only one, are met.
   const std::size_t enough = std::min<std::size_t>(2, near.size());
   double sum = 0.0;
   for (double grown = 1.0; list.size() < enough; grown *= 1.1) {
@@ -243,7 +242,7 @@ Share share_of(const Model& model, const PointPlaces& places, const Nearby& near
   return list;
 }
 
-// `patches`: how many there are.
+// `patches`: their number.
 PressurePatches in_rows(const std::vector<Share>& share, const Eigen::VectorXd& volume, Index patches) {
   const auto count = static_cast<Index>(share.size());
   PressurePatches result;
@@ -269,7 +268,7 @@ PressurePatches in_rows(const std::vector<Share>& share, const Eigen::VectorXd& 
 struct PartOfPatch {
   std::vector<int> points;  // ascending
   double volume = 0.0;      // sum of psi V
-  int patch = -1;           // that it is from now on
+  int patch = -1;           // its number after the cut
 };
 
 double psi_of(const Share& share, int patch) {
@@ -277,10 +276,10 @@ double psi_of(const Share& share, int patch) {
   return at->second;
 }
 
-// Of a patch's points those that are connected through common nodes, the largest part first.
+// Parts of a patch whose points are connected through common nodes, the largest first.
 std::vector<PartOfPatch> parts_of(const Model& model, const std::vector<Share>& share, int patch,
                                   const std::vector<int>& points) {
-  // Each point, and each node by the first point that it was met at, leads to an earlier point of its part.
+  // Union-find: each point, and each node by its first point, leads to an earlier point of its part.
   std::vector<int> first(points.size());
   std::iota(first.begin(), first.end(), 0);
   const auto root = [&](int k) {
@@ -313,7 +312,7 @@ std::vector<PartOfPatch> parts_of(const Model& model, const std::vector<Share>& 
   return parts;
 }
 
-// The patches of each point, where point q is a part of point whole[q]; and the points of each patch.
+// Weights of the patches at each point, where q is a part of point whole[q]; and each patch's points.
 std::vector<Share> shares_of(const PressurePatches& patches, const std::vector<Index>& whole,
                              std::vector<std::vector<int>>& of_patch) {
   std::vector<Share> share(whole.size());
@@ -373,7 +372,7 @@ std::vector<Index> divide_patches(Model& model, const std::vector<Index>& whole,
       if (parts[b][k].volume >= least_part * before.volume[static_cast<Index>(b)])
         make_own(parts[b][k], static_cast<int>(b));
   each_small([&](PartOfPatch& part, int b) { rename(part, b, none); });
-  // Where no other patch is, even a small part is one.
+  // A small part remains a patch where no other patch is.
   each_small([&](PartOfPatch& part, int b) {
     if (std::any_of(part.points.begin(), part.points.end(), [&](int q) {
           const Share& its = now[static_cast<std::size_t>(q)];

@@ -22,20 +22,19 @@
 namespace dimple {
 namespace {
 
-constexpr double farthest_grown = 2.5;  // radii that a support is enlarged to at most, see find_supports()
+constexpr double farthest_grown = 2.5;  // largest growth of a support, see find_supports()
 
 [[noreturn]] void refuse(const std::string& fact, const std::string& why, const std::string& remedy) {
   throw ModelError({.fact = fact, .where = "cut", .why = why, .remedy = remedy, .code = "cut"});
 }
 
-// Of a point's cell from its middle, about.
+// Approximate extent of a point's cell from its middle.
 double margin_of(const Model& model, Index q) {
   if (model.second_moments.cols() == 0) return 0.0;
   return 2.0 * std::sqrt(std::max(0.0, model.second_moments.col(q).head<3>().sum()));
 }
 
-// How far from its middle the eight places are that a cell's gradients are means over: their signs are along
-// the body's own axes.
+// Distance from a cell's middle to the eight places of its mean gradients, in the body's own axes.
 double farthest_place(const Model& model, Index q) {
   if (model.second_moments.cols() == 0) return 0.0;
   const Mat3 own = model.axes.transpose() * as_matrix(model.second_moments, q) * model.axes;
@@ -79,7 +78,7 @@ std::vector<Index> changed_points(const Model& before, const DividedCells& cut, 
   return result;
 }
 
-// Some of the points, and the nodes that any of their supports may take.
+// Some of the points, and the nodes that their supports may use.
 struct Neighbourhood {
   Model model;
   std::vector<Index> point, node;  // by their numbers in the whole, ascending
@@ -130,11 +129,11 @@ bool contains(const std::vector<Index>& ascending, Index k) {
   return std::binary_search(ascending.begin(), ascending.end(), k);
 }
 
-// `model`: the cut one, its supports not known yet.
+// `model`: the cut one, its supports not found yet.
 void find_changed(Neighbourhood& near, const Model& before, const Model& model, const Sheet& sheet,
                   const Sight& sight) {
-  // What belonged to a point before was seen by it, unless it took what it does not see, for want of others;
-  // the parts of a cell have middles of their own.
+  // A point saw its nodes before, unless it took nodes that it does not see, for want of others. The parts of
+  // a cell have middles of their own.
   std::vector<char> saw_all(near.point.size());
   for (std::size_t p = 0; p < saw_all.size(); ++p)
     saw_all[p] = near.point[p] < before.point_count() &&
@@ -147,7 +146,7 @@ void find_changed(Neighbourhood& near, const Model& before, const Model& model, 
   });
 }
 
-// The shares that points of the body before the cut had in its variance.
+// Contributions of points of the body before the cut to its variance.
 void find_shares(Neighbourhood& near, const Model& before) {
   std::vector<char> looks(near.point.size());
   for (std::size_t p = 0; p < looks.size(); ++p)
@@ -158,8 +157,8 @@ void find_shares(Neighbourhood& near, const Model& before) {
   });
 }
 
-// Rows of lists, some of them others than before: row r is row `of[r]` of `now`, or, where that is negative,
-// row `from[r]` of `before`. `copy`(to, from, count, is_now) takes what belongs to the members.
+// Lists of which some rows are replaced: row r is row `of[r]` of `now` or, where that is negative, row
+// `from[r]` of `before`. `copy`(to, from, count, is_now) copies the members' data.
 template <class Copy>
 CompressedRows put_together(const CompressedRows& before, const CompressedRows& now,
                             const std::vector<Index>& of, const std::vector<Index>& from, const Copy& copy) {
@@ -188,7 +187,7 @@ CompressedRows put_together(const CompressedRows& before, const CompressedRows& 
   return rows;
 }
 
-// Members by their numbers in the whole.
+// Renames members to their numbers in the whole.
 void name(CompressedRows& rows, const std::vector<Index>& node) {
   for (int& member : rows.member) member = static_cast<int>(node[static_cast<std::size_t>(member)]);
 }
@@ -213,13 +212,13 @@ const GradientVariance* of_tissue(const std::vector<GradientVariance>& all, int 
   return its == all.end() ? nullptr : &*its;
 }
 
-// A row of the variance, some cells' shares taken out and others put in: exact, as over_cell() rounds them.
+// A row of the variance with contributions removed and added: exact, since over_cell() rounds them.
 struct Row {
   std::vector<int> member;
   std::vector<double> K;
 
-  // `v`: of a neighbourhood in which the row's node has the number `a`, if it is in it. What becomes zero
-  // stays where it `is_shared` with another cell.
+  // `v`: of a neighbourhood in which the row's node has the number `a`, if it is in it. Entries that become
+  // zero remain if they are in another cell (`is_shared`).
   template <class IsShared>
   void add(const GradientVariance* v, Index a, double sign, const IsShared& is_shared) {
     if (!v || a < 0 || v->rows.count(a) == 0) return;
@@ -251,7 +250,7 @@ std::vector<Index> numbers_in(const Neighbourhood& near, Index nodes) {
   return result;
 }
 
-// Of the nodes of a neighbourhood, the points outside of it that they belong to.
+// For each node of a neighbourhood, the points outside of it that it belongs to.
 std::vector<std::vector<Index>> other_points(const Model& model, const Neighbourhood& near,
                                              const std::vector<Index>& number) {
   std::vector<std::vector<Index>> result(near.node.size());
@@ -264,8 +263,8 @@ std::vector<std::vector<Index>> other_points(const Model& model, const Neighbour
   return result;
 }
 
-// A row is a sum over all points of its node: those that have changed are taken out as they were and put in
-// as they are. `was`, `now`: their variances, members by their numbers in the whole.
+// A row is a sum over all points of its node: the former terms of changed points are removed, the new ones
+// added. `was`, `now`: their variances, members by their numbers in the whole.
 void take_variance(const Model& before, const Neighbourhood& was, const Neighbourhood& now, Model& model) {
   const Index nodes = model.node_count();
   const std::vector<Index> then_number = numbers_in(was, nodes), number = numbers_in(now, nodes);
@@ -313,7 +312,7 @@ void take_variance(const Model& before, const Neighbourhood& was, const Neighbou
   }
 }
 
-// Nodes that hang together through common points, each by the first of them.
+// Throws if some nodes are connected, through common points, with no held node.
 void refuse_parted(const Model& model, const std::vector<Index>& held) {
   std::vector<Index> first(static_cast<std::size_t>(model.node_count()));
   std::iota(first.begin(), first.end(), Index{0});
@@ -351,7 +350,7 @@ Points carried(const SheetCut& cut, const Points& u) {
 
 namespace {
 
-// Vertices by their places, and triangles of them.
+// Vertices by position, and triangles of them.
 struct Pieces {
   std::map<std::array<double, 3>, int> number;
   std::vector<Vec3> vertex;
@@ -368,7 +367,7 @@ struct Pieces {
   }
 };
 
-// In quarters, and these again, as often.
+// Divides a triangle into quarters, `rounds` times.
 void quarter(const std::array<Vec3, 3>& t, int rounds,
              const std::function<void(const std::array<Vec3, 3>&)>& each) {
   if (rounds == 0) return each(t);
@@ -378,9 +377,9 @@ void quarter(const std::array<Vec3, 3>& t, int rounds,
     quarter(part, rounds - 1, each);
 }
 
-// What of a sheet does not go along one that has cut the model before. Between two sheets that lie closer
-// together than the nodes there would be cells and nodes that belong to nothing: a body cut twice at one
-// place came out stiffer than cut once, and found no equilibrium.
+// The part of a sheet that does not repeat an earlier cut. Between sheets closer together than the nodes,
+// cells and nodes would belong to nothing: a body cut twice at one place was stiffer than cut once, and found
+// no equilibrium.
 std::shared_ptr<const Sheet> not_cut_yet(const Model& before, const std::shared_ptr<const Sheet>& sheet) {
   constexpr double close = 0.25;  // spacings
   constexpr int most_rounds = 5;
@@ -392,7 +391,7 @@ std::shared_ptr<const Sheet> not_cut_yet(const Model& before, const std::shared_
     return std::any_of(before.sight->sheets().begin(), before.sight->sheets().end(),
                        [&](const auto& other) { return other->reaches(x, close * h); });
   };
-  // One that crosses another lies close to it along a line alone: a spacing farther, on neither side.
+  // A crossing sheet is near along a line only: a spacing away, it is near on neither side.
   const auto goes_on = [&](const std::array<Vec3, 3>& t) {
     const Vec3 middle = (t[0] + t[1] + t[2]) / 3.0, along = (t[1] - t[0]).normalized();
     const Vec3 across = (t[1] - t[0]).cross(t[2] - t[0]).cross(along).normalized();

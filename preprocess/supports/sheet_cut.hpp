@@ -8,46 +8,45 @@
 
 namespace dimple {
 
-/// A model that a sheet has cut while its nodes stay where they are: what live cuts are made of.
+/// A model that a sheet has cut while its nodes keep their places, for live cuts.
 struct SheetCut {
   Model model;
-  Interpolation added;  ///< of the nodes behind those that were there, in the field of the model before
+  Interpolation added;  ///< of the nodes behind the former ones, in the field of the model before
   /// [patches] the patch of the model before that each is a part of.
   std::vector<Index> of_patch;
   Index divided = 0;  ///< cells that the sheet passes through, now two each
-  Index changed = 0;  ///< points with other nodes than before, the new ones among them
-  double area = 0.0;  ///< of the sheet's triangles whose middles lie in cells [m^2]
+  Index changed = 0;  ///< points with other nodes than before, new points included
+  double area = 0.0;  ///< of the sheet's triangles whose middles are in cells [m^2]
 };
 
-/// Displacements u [3xN] m of the model before, of all nodes of the cut one.
+/// Displacements u [3xN] m of the model before, extended to all nodes of the cut one.
 Points carried(const SheetCut& cut, const Points& u);
 
-/// Where a cut looks for what changes: the same result, bit for bit.
+/// Region in which a cut searches for changes: the result is the same, bit for bit.
 enum class Looked {
-  near_sheet,  ///< only there: in a time that grows with the sheet, but for packed lists that are copied
-               ///< whole
+  near_sheet,  ///< only there: in a time that grows with the sheet, except for packed lists that are
+               ///< copied
   everywhere   ///< at every point and node
 };
 
-/// Puts a sheet at rest [m, LPS] between a model's nodes.
+/// Cuts a model by a sheet at rest [m, LPS], without a new discretisation. A method of this project.
+/// 1. Parts of the sheet within a quarter of a spacing of an earlier cut, and parallel to it, are left out.
+/// 2. A cell that the sheet crosses becomes two, each with its own volume, middle and second moments. The
+///    parts are found by 64 samples of the box with the cell's moments. The cell remains whole if the smaller
+///    part is below an eighth. Second parts are behind all points.
+/// 3. Both faces get nodes, 0.7 spacings apart, behind all nodes. Without them a block found no equilibrium:
+///    gradients at the faces, from nodes up to a spacing inside, were ten times as large as elsewhere.
+/// 4. Changed points: their cell is divided, the sheet hides one of their nodes, or a new node reaches them.
+///    Their supports and gradients are found again, with sight across the sheet excluded.
+/// 5. Variance: the former contributions of changed points are subtracted and the new ones added, exactly.
+/// 6. Patches are divided (divide_patches()), masses are computed again.
 ///
-/// No node belongs to a point that it sees through the sheet alone. A cell that the sheet passes through is
-/// two, each with its own volume, middle and second moments, if the smaller part is at least an eighth of it;
-/// second parts stand behind all points. Both banks get nodes, about as far apart as those around, behind all
-/// nodes: without them gradients at the banks, from nodes that lie up to a spacing inside, were ten times as
-/// large as elsewhere, and of a block no equilibrium was found. Supports, gradients, variance and patches are
-/// found again where nodes were lost or won; a patch of which the sheet leaves parts without a common node is
-/// as many, but parts of less than a quarter of it, less than two nodes' worth, go to the patches that
-/// overlap them. All else keeps its bits: where gradients were made consistent (make_consistent()), they stay
-/// so away from the sheet.
+/// All else keeps its bits: away from the sheet, consistent gradients (make_consistent()) remain so. The
+/// surface is that of the body before: the faces of the cut are for drawing. So is the report on supports,
+/// except for what is unseen and unconnected.
 ///
-/// Where it goes along a sheet that has cut the model before, within a quarter of a spacing, it cuts nothing.
-///
-/// The surface stays that of the body before: the sheet's banks are for whoever draws them. So does the
-/// report on supports, but for what is unseen and unconnected.
-///
-/// `density`: of each tissue [kg/m^3]. `held`: nodes that anything holds. Throws ModelError ("cut"): the
-/// sheet changes nothing, or it parts nodes from all that are held; and what find_supports() throws; Stopped.
+/// `density`: of each tissue [kg/m^3]. `held`: nodes held by anything. Throws ModelError ("cut"): the sheet
+/// changes nothing, or it separates nodes from all that are held; and what find_supports() throws; Stopped.
 SheetCut cut_by_sheet(const Model& model, const std::shared_ptr<const Sheet>& sheet,
                       const std::vector<double>& density, const std::vector<Index>& held,
                       Looked looked = Looked::near_sheet);

@@ -19,7 +19,7 @@
 namespace dimple {
 namespace {
 
-// Points whose local matrices are held at a time: few enough for the processor's cache to hold them too.
+// Points whose local matrices are held at a time: few enough to fit in the processor's cache.
 constexpr Index slab = 2048;
 constexpr Index most_members = 2'000'000'000;
 
@@ -52,7 +52,7 @@ void at_point(Index q, const SupportNodes& cloud, std::span<const int> near,
   result.dphi = std::move(place.dphi);
 }
 
-// The gradients at each place, found one by one, with larger supports where they need it.
+// The gradients at each place, found one by one, with larger supports where necessary.
 bool one_by_one(const Points& x, const SupportNodes& cloud, std::span<const int> near,
                 const std::function<bool(int)>& connected, PointSupport& result, MlsOfEight& gradients) {
   std::array<PlaceSupport, cell_places> at;
@@ -114,13 +114,13 @@ void over_cell(Index q, const SupportNodes& cloud, std::span<const int> near,
   result.variance.resize(static_cast<std::size_t>(n * (n + 1) / 2));
   lower_products(gradients.rows.data() + 3 * stride, 3 * (cell_places - 1), stride, n, weight / cell_places,
                  result.variance.data());
-  // To multiples of 2^-52 m, less than a billionth of what a node has: sums of these are exact (below 2 m),
-  // so that a cut can take a cell's share out again and nothing of it is left.
+  // Rounded to multiples of 2^-52 m, less than a billionth of a node's value. Their sums are exact (below 2
+  // m), so that a cut can remove a cell's contribution without a remainder.
   constexpr double coarse = 1.5;
   for (double& k : result.variance) k = (k + coarse) - coarse;
 }
 
-// What the derivatives owe: a constant has no gradient, and the gradient of x is the identity.
+// Error for linear fields: a constant has no gradient, and the gradient of x is the identity.
 double linear_error(const Model& model, Index q, const PointSupport& s, double radius) {
   Mat3 of_position = Mat3::Zero();
   Vec3 of_one = Vec3::Zero();
@@ -133,8 +133,7 @@ double linear_error(const Model& model, Index q, const PointSupport& s, double r
                   of_one.cwiseAbs().maxCoeff() * radius);
 }
 
-// In the body's own axes: how well nodes span the basis is judged along the axes, and must not depend on how
-// the image is turned.
+// The body's own axes: pivots depend on the axes, and must not depend on how the image is turned.
 struct InOwnAxes {
   explicit InOwnAxes(Model& m)
       : model(m), axes(m.axes), X(m.X), point(m.point), second_moments(m.second_moments) {
@@ -174,7 +173,7 @@ struct InOwnAxes {
        .code = s.failed_nodes < enough_nodes ? "supports" : "conditioning"});
 }
 
-// Room in the lists for those of points [0, done), which hold so many nodes; for all, if the others have
+// Reserves room in the lists for those of points [0, done), with `members` nodes; for all, if the others have
 // about as many.
 void make_room(Model& model, Index members, Index done) {
   if (members > most_members)
@@ -204,7 +203,7 @@ void add_to(SupportReport& report, Index q, const PointSupport& s) {
   report.linear_error = std::max(report.linear_error, s.linear_error);
 }
 
-// Takes the supports of points from `first` on into the model's lists.
+// Copies the supports of points from `first` on into the model's lists.
 void take_slab(Model& model, const InOwnAxes& at_rest, Index first, const std::vector<PointSupport>& found) {
   const auto count = static_cast<Index>(found.size());
   Index members = model.support.offset[first];
@@ -225,7 +224,7 @@ void take_slab(Model& model, const InOwnAxes& at_rest, Index first, const std::v
   });
 }
 
-// From the axes that they were found in; what was left of the lists' room is given back.
+// Rotates gradients back from the body's own axes; unused room of the lists is released.
 void finish_lists(Model& model, const InOwnAxes& at_rest) {
   const Index members = model.support.offset[model.point_count()];
   model.support.member.conservativeResize(members);
@@ -258,7 +257,7 @@ void supports_of(Model& model, const Connected& sees) {
   model.support.offset.resize(model.point_count() + 1);
   model.support.offset[0] = 0;
   model.support.member.resize(0);
-  std::vector<PointSupport> found;  // one slab's after the other's, in the same memory
+  std::vector<PointSupport> found;  // one slab's after another's, in the same memory
   std::vector<int> slot(static_cast<std::size_t>(averaged ? model.node_count() : 0), -1);
   for (Index first = 0; first < model.point_count(); first += slab) {
     const Index count = std::min(slab, model.point_count() - first);

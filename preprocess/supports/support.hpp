@@ -11,50 +11,51 @@
 
 namespace dimple {
 
-/// For each integration point: its nodes (those whose radius reaches it) and their shape function gradients.
+/// For each integration point: its nodes and the gradients of their shape functions.
 ///
-/// A place is accepted when its moment matrix is well conditioned and it has at least eight nodes, twice as
-/// many as the linear basis has terms; until then all radii are enlarged for that place by a tenth, at most
-/// to 2.5 times.
+/// 1. Candidates: nodes whose radius, R_a = radius_factor h_a, reaches the point or its cell. If the scheme
+///    requires it, the point must see them through the tissue (sight.hpp).
+/// 2. Places: the point itself; with averaged gradients the eight x_q + S^(1/2) (+-1, +-1, +-1), S the cell's
+///    second moments, which integrate quadratics exactly.
+/// 3. MLS gradients at each place (mls_gradient.hpp). Accepted with at least eight nodes, twice the terms of
+///    the linear basis, and a ratio of the moment matrix's pivots above 1e-5 (above 1e-3 with sight).
+/// 4. Else all radii grow for that place in steps of 10 %, up to 2.5 times; at last hidden nodes are used.
+/// 5. Averaged: dphi_a = mean over the places; the variance gets K_ab += V_q/8 sum_k (dphi_ka - dphi_a) .
+///    (dphi_kb - dphi_b).
 ///
-/// Where the scheme averages gradients, they are means over the point's cell, by the eight places
-/// point + second_moments^(1/2) (+-1, +-1, +-1), which integrate quadratics exactly; and `variance` receives
-/// what the mean leaves out of |F|^2. Means make the sum of forces independent of where the points lie; the
-/// variance makes it independent of how many there are.
-///
-/// A step of make_model(): fills support, dphi, variance and support_report from the discretisation, the
-/// scheme and the tissues. Where the scheme wants supports connected through the tissue, a node belongs only
-/// to points that it sees (sight.hpp); a place that sees too few takes those that are near. Throws ModelError
-/// where even that is not enough: the place, the count, what to change.
+/// Source: steps 1 and 3 Horton et al. 2007, section 2. Departs: means make the sum of forces independent of
+/// the positions of the points, the variance makes it independent of their number. A step of make_model():
+/// fills support, dphi, variance and support_report. Throws ModelError where no support suffices: the place,
+/// the count, what to change.
 void find_supports(Model& model);
 void find_supports(Model& model, const Sight& sight);
-/// The same where `sees`(node, point) says what belongs to what.
+/// Overload in which `sees`(node, point) decides which nodes belong to a point.
 using Connected = std::function<bool(int, Index)>;
 void find_supports_seen(Model& model, const Connected& sees);
 
-/// What the model's nodes see, if its scheme connects supports through the tissue and something is hidden
-/// from some; else nothing. make_model() leaves it in the model.
+/// Visibility of the model's nodes, if its scheme connects supports through the tissue and something is
+/// hidden from some; else nothing. make_model() keeps it in the model.
 std::shared_ptr<const Sight> sight_in(const Discretisation& model, const SupportOptions& options);
 
 Interpolation make_interpolation(const Discretisation& cloud, const SupportOptions& options,
                                  const Points& places, const Connected& connected = {});
 
-/// At the vertices of the model's surface, at its points, at its nodes, and at other places inside of it [m],
-/// connected as its supports are.
+/// Shape functions at the vertices of the model's surface, its points, its nodes, and other places inside
+/// [m]; connected as its supports are.
 Interpolation surface_interpolation(const Model& model);
-/// At some of the vertices.
+/// Shape functions at some of the vertices.
 Interpolation surface_interpolation(const Model& model, const std::vector<Index>& vertices);
-/// At places on the surface with outward normals [3xM] of any length.
+/// Shape functions at places on the surface with outward normals [3xM] of any length.
 Interpolation surface_interpolation(const Model& model, const Points& places, const Points& normals);
 Interpolation point_interpolation(const Model& model);
 Interpolation node_interpolation(const Model& model);
 Interpolation inner_interpolation(const Model& model, const Points& places);
 
-/// The field that nodal values stand for, at any number of places in the body and no matter in which order;
-/// for images, whose places are too many to keep the shape functions of.
+/// The field of nodal values at any number of places in the body, in any order; for images, which have too
+/// many places to store the shape functions of.
 ///
-/// Where a surface lies between nodes and places it takes, as surface_interpolation() does, the nodes that
-/// the nearest integration points are connected with.
+/// If a surface separates nodes and places, it uses the nodes that the nearest integration points are
+/// connected with, as surface_interpolation() does.
 class FieldAnywhere {
  public:
   /// `model` must outlive this.
@@ -65,8 +66,7 @@ class FieldAnywhere {
 
   static constexpr Index most_places = 8;
   /// At up to eight places [3 x count, m] near each other: values [3 x count]; and `derivative`, if given:
-  /// column k holds d u_i / d x_j of place k, i fastest. Without any memory of earlier calls; several threads
-  /// may ask at once.
+  /// column k holds d u_i / d x_j of place k, i fastest. Stateless; several threads may call at once.
   void at(const Points& places, const Points& nodal, Points& value,
           Eigen::Matrix<double, 9, Eigen::Dynamic>* derivative = nullptr) const;
 

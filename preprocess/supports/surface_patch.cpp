@@ -26,7 +26,7 @@ SurfacePatch surface_patch(const Model& model, const std::vector<Index>& chosen)
   const Index count = pieces.place.cols();
   SurfacePatch patch;
   patch.triangles.resize(3, count);
-  std::map<std::array<double, 3>, int> numbers;  // neighbours share their corners to the bit
+  std::map<std::array<double, 3>, int> numbers;  // neighbours have the same corners to the bit
   std::vector<Vec3> corner, normal;
   for (Index k = 0; k < 3 * count; ++k) {
     const Vec3 x = pieces.corner.col(k);

@@ -14,7 +14,7 @@ struct SurfacePatch {
 
 double area_of(const SurfacePatch& patch);  ///< at rest [m^2]
 
-/// Of some triangles of the model's surface, by their numbers.
+/// Patch of some triangles of the model's surface, by their numbers.
 SurfacePatch surface_patch(const Model& model, const std::vector<Index>& chosen);
 
 }  // namespace dimple

@@ -15,7 +15,7 @@
 namespace dimple {
 namespace {
 
-constexpr double most_held = 0.5;  // of a sample that moves with the base: it has nothing to give
+constexpr double most_held = 0.5;  // fraction that moves with the base: a sample with more has no force
 
 using PiecesOfSamples = std::vector<std::vector<Index>>;  // the pieces of each sample
 using PiecesByNode = std::map<std::array<Index, 2>, std::vector<Index>>;
@@ -33,8 +33,7 @@ double held_share(const Model& model, const std::vector<Index>& pieces, const Po
   return held / all;
 }
 
-// By the node that is nearest to each piece; of one node two samples where its surface faces two ways, as
-// thin tissue has it.
+// Pieces by the nearest node; two samples for a node whose surface faces two directions, as in thin tissue.
 PiecesByNode by_node(const std::vector<int>& node, const Points& area) {
   PiecesByNode cell;
   std::map<Index, Vec3> first;
@@ -46,12 +45,12 @@ PiecesByNode by_node(const std::vector<int>& node, const Points& area) {
   return cell;
 }
 
-// Pieces of neighbouring nodes joined in a grid as coarse as at most `most` samples need; less what moves
-// with the base. `spacing` receives that of each sample [m].
+// Pieces of neighbouring nodes joined in a grid just coarse enough for at most `most` samples, without
+// samples that move with the base. `spacing` receives that of each sample [m].
 PiecesOfSamples samples_of(const Model& model, const PiecesByNode& of_node, const std::vector<int>& node,
                            const Points& area, const Interpolation& at_piece, Index most,
                            std::vector<double>& spacing) {
-  const Vec3 corner = model.X.rowwise().minCoeff();  // counted from there one cell holds all at last
+  const Vec3 corner = model.X.rowwise().minCoeff();  // origin of the grid: one cell holds all in the end
   for (double edge = 0.0;; edge = edge > 0.0 ? 1.2 * edge : model.spacing.minCoeff()) {
     stop_if_asked();
     std::map<std::array<Index, 5>, std::vector<Index>> joined;
@@ -102,7 +101,7 @@ ContactSurface wall_surface(const Model& model, const MayTouch& may_touch, Index
   const PiecesOfSamples cells = samples_of(model, of_node, node, area, result.at_between, most, spacing);
   static_cast<CellMeans&>(result) =
       means_of(cells, result.between, area, result.at_between, model.node_count());
-  // What the base holds is no part of it.
+  // Leaves out the pieces that the base holds.
   std::vector<Index> kept;
   for (const std::vector<Index>& own : cells) kept.insert(kept.end(), own.begin(), own.end());
   std::sort(kept.begin(), kept.end());

@@ -9,13 +9,13 @@
 namespace dimple {
 namespace {
 
-constexpr int first_sweeps = 10;    // for even triangles; terraces go by the fit to the boundary faces
+constexpr int first_sweeps = 10;    // for even triangles; the fit to the boundary faces removes terraces
 constexpr int further_sweeps = 40;  // where no fit determines the surface: edges, folds, noise
-constexpr double at_edges = 0.2;    // of the reach: how far the surface moves out there to keep its volume
+constexpr double at_edges = 0.2;    // of the reach: farthest outward motion there to keep the volume
 
-// Moves each vertex to the mean of its neighbours, over and over, but no farther than `reach` from where it
-// began (Gibson, Constrained elastic surface nets, MICCAI 1998), and only as far as `share`, in [0, 1], lets
-// it. Averaging also shrinks what is round; that part of the motion is smooth and is taken back.
+// Moves each vertex repeatedly to the mean of its neighbours, scaled by `share`, in [0, 1], and at most
+// `reach` from its start. Source: Gibson, Constrained elastic surface nets, MICCAI 1998. Averaging also
+// shrinks round shapes; that smooth part of the motion is subtracted.
 void relax_partly(TriangleMesh& surface, const CompressedRows& next, std::vector<int> order,
                   const std::vector<double>& share, int sweeps, double reach) {
   constexpr double least_share = 1e-3;
@@ -33,8 +33,8 @@ void relax_partly(TriangleMesh& surface, const CompressedRows& next, std::vector
   surface.vertex -= value.topRows<3>();
 }
 
-// Moves the surface along its normals until it encloses the given volume: first where the voxels leave it
-// `open`, at edges that smoothing has rounded, by `reach` at most; then everywhere alike.
+// Moves the surface along its normals until it encloses the given volume. First by at most `reach` where the
+// voxels leave it `open`, at edges that smoothing has rounded; then everywhere alike.
 void keep_volume(TriangleMesh& surface, double volume_mm3, const std::vector<double>& open, double reach) {
   constexpr int passes = 3;  // of each kind
   std::vector<double> moved(open.size(), 0.0);

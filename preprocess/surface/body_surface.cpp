@@ -30,7 +30,7 @@ Vec3 from_cgal(const Kernel::Point_3& x) {
 
 }  // namespace
 
-// The cells answer what is beyond doubt, and CGAL what is not: its tree is only built when it is asked.
+// SurfaceCells answers where rounding leaves no doubt, CGAL elsewhere: its tree is built only when needed.
 struct BodySurface::Tree {
   std::once_flag asked;
   std::optional<ExactSide> exact;
@@ -49,7 +49,7 @@ Kernel::Triangle_3 triangle_of(const BodySurface& surface, Index t) {
   return {corner(0), corner(1), corner(2)};
 }
 
-// Where the line passes `hits`, as multiples of direction; false if it does not pass them at clear places.
+// Places of `hits` on the line as multiples of direction; false if one of them is not clear.
 bool pass(const BodySurface& surface, const Vec3& origin, const Vec3& direction,
           const std::vector<SurfaceCells::Hit>& hits, std::vector<double>& t) {
   const Kernel::Line_3 line(to_cgal(origin), Kernel::Vector_3(direction.x(), direction.y(), direction.z()));
@@ -116,7 +116,7 @@ bool BodySurface::contains(const Vec3& x) const {
 BodySurface::Closest BodySurface::closest(const Vec3& x) const {
   thread_local std::vector<Index> candidates;
   tree_->cells->nearest(x, candidates);
-  // At an edge or a corner several are as near; of those the first.
+  // Several are equally near at an edge or a corner; the first of those is chosen.
   std::sort(candidates.begin(), candidates.end());
   Closest result{Vec3::Zero(), -1, std::numeric_limits<double>::infinity()};
   for (const Index t : candidates) {
@@ -166,7 +166,7 @@ std::vector<double> BodySurface::chord(const Vec3& origin, int axis, double leng
   return t;
 }
 
-// The part of a line, in multiples of its direction, that runs through a box a little larger than the body's.
+// The part of a line, in multiples of its direction, in a box a little larger than the body's.
 std::optional<std::pair<double, double>> BodySurface::part_in_box(const Vec3& origin,
                                                                   const Vec3& direction) const {
   const double margin = 1e-3 * (upper() - lower()).norm();
@@ -186,8 +186,8 @@ std::optional<std::pair<double, double>> BodySurface::part_in_box(const Vec3& or
 
 std::vector<double> BodySurface::crossings(const Vec3& origin, const Vec3& direction) const {
   const double size = (upper() - lower()).norm();
-  // A line through an edge or a corner meets several triangles at one place, or touches without passing. Such
-  // a line is moved sideways by a billionth of the body's size and asked again.
+  // Lines through an edge or a corner meet several triangles at one place, or graze them. They are moved
+  // sideways by a billionth of the body's size, and the query is repeated.
   const Vec3 sideways = direction.unitOrthogonal();
   const Vec3 other = direction.normalized().cross(sideways);
   Index axis = 0;

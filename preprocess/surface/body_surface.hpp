@@ -10,12 +10,12 @@
 
 namespace dimple {
 
-/// The closed surface of one body: what decides inside and outside, and how far away. Lengths in mm.
+/// The closed surface of one body: decides inside and outside, and measures distances. Lengths in mm.
 ///
-/// Coordinates are the body's own frame: the image's axes, in an order and direction that the body itself
-/// suggests (own_order), with the origin two voxels before the body's own box. `to_world` is the rigid motion
-/// to LPS. Everything that is built on the surface therefore comes out the same, bit for bit, however the
-/// image was stored and however much of it is empty, and moves with the body when the body is turned.
+/// Coordinates are the body's own frame: the image's axes in the order and directions of own_order(), with
+/// the origin two voxels before the body's own box. `to_world` is the rigid motion to LPS. Everything built
+/// on the surface is therefore the same, bit for bit, however the image was stored and cropped. It turns with
+/// the body.
 class BodySurface {
  public:
   /// Takes a closed, outward-oriented triangle surface. Throws ModelError if it is not closed.
@@ -39,14 +39,14 @@ class BodySurface {
   const Vec3& upper() const { return upper_; }
   Vec3 centroid() const { return centroid_; }  ///< of the enclosed volume
 
-  /// A plane x . out = offset [mm] on which the image ends and cuts the body off; the organ goes on.
+  /// A plane x . out = offset [mm] on which the image ends and cuts the body off, while the organ continues.
   struct ImageEnd {
     Vec3 out;  ///< unit vector out of the image
     double offset, tolerance;
   };
   void ends_with_image(std::vector<ImageEnd> where) { image_end_ = std::move(where); }
   const std::vector<ImageEnd>& image_ends() const { return image_end_; }
-  /// Whether a place of the surface lies where the image ends.
+  /// True for a place of the surface on an end of the image.
   bool at_image_end(const Vec3& x) const;
 
   bool contains(const Vec3& x) const;
@@ -57,21 +57,19 @@ class BodySurface {
     double distance;
   };
   Closest closest(const Vec3& x) const;
-  /// closest(x).distance > distance, which is cheaper to say.
+  /// closest(x).distance > distance, at lower cost.
   bool farther(const Vec3& x, double distance) const;
 
-  /// Does the straight way from x to y stay in the body? `spacing`: of the nodes there. As sees() of
+  /// Does the straight segment from x to y stay in the body? `spacing`: of the nodes there. As sees() of
   /// sight.hpp.
   bool sees(const Vec3& x, const Vec3& y, double spacing) const;
 
-  /// Does the straight way from x to y pass through the surface?
+  /// Does the straight segment from x to y cross the surface?
   bool is_between(const Vec3& x, const Vec3& y) const;
 
-  /// Where the line origin + t direction passes through the surface: ascending t, always an even number of
-  /// them.
+  /// Parameters t of the crossings of origin + t direction with the surface: ascending, an even number.
   std::vector<double> crossings(const Vec3& origin, const Vec3& direction) const;
-  /// The same along an axis, cut to the part from origin to origin + length: pairs between which it is
-  /// inside.
+  /// Crossings along an axis, clipped to the part from origin to origin + length: pairs of entry and exit.
   std::vector<double> chord(const Vec3& origin, int axis, double length) const;
 
  private:

@@ -19,21 +19,21 @@
 namespace dimple {
 namespace {
 
-// The constants were chosen by tests/bench/results/surface.csv (balls of 6 to 60 voxels, boxes, a torus).
-// Lengths are in units, the cube root of a voxel's volume or half the lattice's step, unless said otherwise.
+// Constants chosen by tests/bench/results/surface.csv (balls of 6 to 60 voxels, boxes, a torus). Lengths are
+// in units: the cube root of a voxel's volume or half the lattice's step, unless stated otherwise.
 struct Rules {
-  double smallest_window = 4.5;  // 4: a ball of 25 is off by 0.08 instead of 0.05 at its top
+  double smallest_window = 4.5;  // 4: the top of a ball of 25 is off by 0.08 instead of 0.05
   double growth = 1.4142135623730951;
   int windows = 6;      // up to 25 units: terraces of a radius of 300
-  double floor = 0.15;  // of a face's precision: the quadric itself is off by as much
+  double floor = 0.15;  // of a face's precision: the error of the quadric itself
   double slack = 0.6;   // voxel edges along the normal; 0.75 rounds the edges of boxes
   double misfit = 1.3;  // times that of positions rounded to voxels; 1.6 flattens ellipsoids
   double outside = 0.02, outside_first = 0.15;  // fraction of faces that may disagree; first: smallest window
   double wrong_side = 0.1;
-  double support = 0.75, covered = 0.4;  // windows: how far a fit moves vertices, and makes seeds needless
+  double support = 0.75, covered = 0.4;  // windows: reach of a fit, and part where it makes seeds needless
   double agreement = 0.5;                // cosine of the normals of a vertex and a fit that moves it
   double farthest = 1.2;                 // times half a voxel along the normal: no vertex moves farther
-  double undecided = 0.02;               // of the weights that a vertex's own position has
+  double undecided = 0.02;               // weight of a vertex's own position
 };
 constexpr Rules rules;
 
@@ -91,13 +91,13 @@ class PointCells {
   std::vector<int> offset_, order_;
 };
 
-// `side`: twice the axis, and one more where outside is towards lower indices.
+// `side`: twice the axis, plus one where outside is towards lower indices.
 struct BoundaryFaces {
   std::vector<Vec3> centre;  // [mm]
   std::vector<int> side;
 };
 
-// One in `every` boundary faces, spread evenly.
+// One in `every` boundary faces, chosen evenly.
 BoundaryFaces boundary_faces(const VoxelSet& body, const Mat3& voxel_to_local, std::uint32_t every) {
   BoundaryFaces faces;
   const Vec3 first(static_cast<double>(body.first[0]), static_cast<double>(body.first[1]),
@@ -108,7 +108,7 @@ BoundaryFaces boundary_faces(const VoxelSet& body, const Mat3& voxel_to_local, s
     faces.centre.push_back(voxel_to_local * (first + Vec3(i, j, k)));
     faces.side.push_back(side);
   };
-  // Voxels of one row without a neighbour in the other.
+  // Calls `each` for the voxels of one row without a neighbour in the other.
   const auto alone = [](std::span<const VoxelSet::Stretch> row, std::span<const VoxelSet::Stretch> other,
                         const auto& each) {
     auto at = other.begin();
@@ -176,7 +176,7 @@ class Fitter {
 
   double window(int size) const { return unit_ * rules.smallest_window * std::pow(rules.growth, size); }
 
-  /// The fit with the largest window with which the faces agree; none if they do not with the smallest.
+  /// The fit with the largest window that the faces agree with; none if the smallest already disagrees.
   std::optional<Fit> grow(const Vec3& x, const Vec3& normal) const {
     std::optional<Fit> result;
     Fit fit{.centre = x, .frame = frame_along(normal)};
@@ -193,7 +193,7 @@ class Fitter {
     return improve(fit, false) ? fit : result;
   }
 
-  /// Half a voxel as seen along a unit vector [mm].
+  /// Half the extent of a voxel along a unit vector [mm].
   double half_voxel(const Vec3& n) const {
     return 0.5 * (std::abs(n.dot(outward_[0])) + std::abs(n.dot(outward_[2])) + std::abs(n.dot(outward_[4])));
   }
@@ -201,11 +201,11 @@ class Fitter {
  private:
   static constexpr int lanes = 8;
   using Lanes = Eigen::Array<float, lanes, 1>;
-  // Some faces in a seed's frame, lengths in windows. Those that fill up the last have no weight.
+  // Some faces in a seed's frame, lengths in windows. Padding in the last one has no weight.
   struct Near {
     Lanes u, v, h, weight, out_u, out_v, out_h;
   };
-  // How far some faces are above the quadric, and what they count.
+  // Height of some faces above the quadric, and their weights.
   struct Compared {
     Lanes h, weight;
   };
@@ -280,7 +280,7 @@ class Fitter {
   }
 
   // The least-squares fit to the faces that agree with the fit so far; false if too few agree with it, or
-  // they disagree with each other. All but `fit` stays in windows.
+  // they disagree with each other. All lengths but those of `fit` are in windows.
   bool improve(Fit& fit, bool first) const {
     thread_local std::vector<Near> near;
     thread_local std::vector<Compared> compared;
@@ -331,7 +331,7 @@ class Fitter {
   std::array<Vec3, 6> outward_;
 };
 
-// A contour's vertices, what fits have made of them so far, and which of them a fit covers.
+// A contour's vertices, their displacement by the fits so far, and which of them a fit covers.
 struct Vertices {
   std::vector<Vec3> place, normal;
   std::vector<Vec3> moved;  // sum of weight times displacement
@@ -339,7 +339,7 @@ struct Vertices {
   std::vector<char> covered;
 };
 
-// `place`: where a contour `outward` of the boundary expects that.
+// `place`: the expected boundary of a contour that is `outward` of it.
 Vertices vertices_of(const TriangleMesh& surface, double outward) {
   const auto count = static_cast<std::size_t>(surface.vertex.cols());
   Vertices result{std::vector<Vec3>(count), std::vector<Vec3>(count, Vec3::Zero()),
@@ -354,8 +354,7 @@ Vertices vertices_of(const TriangleMesh& surface, double outward) {
   return result;
 }
 
-// Of the vertices that no fit covers one in each cell, for each of six directions of the normal: the one
-// nearest to their mean.
+// Seeds: one uncovered vertex for each cell and each of six directions of the normal, nearest the mean.
 std::vector<std::size_t> seeds_among(const Vertices& vertices, double edge) {
   struct Candidate {
     std::uint64_t cell;  // three coordinates in 20 bits each, and the direction
@@ -410,7 +409,7 @@ void move_by(const Fit& fit, const Fitter& fitter, std::size_t v, Vertices& vert
   if (r2 * rules.support * rules.support < rules.covered * rules.covered) vertices.covered[v] = 1;
 }
 
-// All vertices by all fits, those of similar windows at a time.
+// Adds the displacements of all vertices by all fits, those of similar windows at a time.
 void move_by(const std::vector<Fit>& fits, const Fitter& fitter, Vertices& vertices) {
   for (int size = 0; size < rules.windows; ++size) {
     const double least = fitter.window(size) * (1.0 - 1e-9), most = fitter.window(size + 1) * (1.0 - 1e-9);

@@ -12,7 +12,7 @@ namespace {
 
 constexpr int bits = 10;  // of an axis
 
-// Every third bit.
+// Spreads the bits of a number to every third bit.
 std::uint32_t spread_bits(std::uint32_t x) {
   x = (x | (x << 16)) & 0x030000ffu;
   x = (x | (x << 8)) & 0x0300f00fu;
@@ -20,7 +20,7 @@ std::uint32_t spread_bits(std::uint32_t x) {
   return (x | (x << 2)) & 0x09249249u;
 }
 
-// Numbers 0, 1, ... by their keys of 30 bits, of equal ones the lower first.
+// Numbers 0, 1, ... sorted by keys of 30 bits, equal keys by number.
 std::vector<int> in_order(const std::vector<std::uint32_t>& key) {
   std::vector<int> order(key.size()), other(key.size());
   for (std::size_t k = 0; k < key.size(); ++k) order[k] = static_cast<int>(k);
@@ -37,7 +37,7 @@ std::vector<int> in_order(const std::vector<std::uint32_t>& key) {
 
 }  // namespace
 
-// Morton order, packed from below: no tree is looked for, and the boxes are nearly as good.
+// Morton order, packed from below: no search for a good tree, and boxes that are nearly as good.
 BoxTree::BoxTree(const Points& vertex, const Triangles& triangles) {
   const auto count = static_cast<std::size_t>(triangles.cols());
   if (count == 0) return;

@@ -8,17 +8,17 @@
 
 namespace dimple {
 
-/// The boxes of a surface's triangles, eight to a node and eight nodes to the next above, in the order of a
-/// space-filling curve: which triangles may lie within a distance of a place.
+/// Boxes of a surface's triangles, eight to a node and eight nodes to the next above, in the order of a
+/// space-filling curve. Finds the triangles within a distance of a place.
 ///
-/// Boxes are kept in single precision and a little larger than they are, so that none is ever missed.
+/// Boxes are in single precision and slightly enlarged, so that none is missed.
 class BoxTree {
  public:
   BoxTree() = default;
   BoxTree(const Points& vertex, const Triangles& triangles);
 
-  /// Calls visit.triangle(t) for every triangle whose box lies within visit.reach() of x [mm]; that may fall
-  /// on the way. What is near comes first, about.
+  /// Calls visit.triangle(t) for every triangle whose box is within visit.reach() of x [mm]; the reach may
+  /// shrink during the search. Near triangles come first, approximately.
   template <class Visit>
   void around(const Vec3& x, Visit&& visit) const;
 
@@ -28,7 +28,7 @@ class BoxTree {
   struct Node {
     std::array<Lanes, 3> low, high;
   };
-  // From a place relative to the origin, squared.
+  // Squared distances of a place relative to the origin.
   static Lanes distances2(const Node& node, const std::array<float, 3>& x) {
     Lanes sum = Lanes::Zero();
     for (std::size_t d = 0; d < 3; ++d)
@@ -49,7 +49,7 @@ void BoxTree::around(const Vec3& x, Visit&& visit) const {
   const std::array<float, 3> at = {static_cast<float>(there.x()), static_cast<float>(there.y()),
                                    static_cast<float>(there.z())};
   const double rounding = 1e-6 * (size_ + there.cwiseAbs().maxCoeff());
-  // Only a falling reach is asked for again: roots and squares are dear here.
+  // Only a shrinking reach is read again: roots and squares are costly here.
   double reach = -1.0;
   float reach2 = -1.0f;
   const auto look = [&] {
@@ -62,7 +62,7 @@ void BoxTree::around(const Vec3& x, Visit&& visit) const {
     float distance2;
     int level, node;
   };
-  std::array<Entry, 128> stack;  // at most seven more on each level than the one that is looked at
+  std::array<Entry, 128> stack;  // at most seven more on each level than the current one
   std::size_t count = 0;
   stack[count++] = {0.0f, static_cast<int>(level_.size()) - 1, 0};
   look();
@@ -83,7 +83,7 @@ void BoxTree::around(const Vec3& x, Visit&& visit) const {
     const std::size_t before = count;
     for (int k = 0; k < width; ++k) {
       if (distance2[k] > reach2) continue;
-      // The nearest is to lie on top.
+      // Keeps the nearest on top.
       std::size_t place = count++;
       for (; place > before && stack[place - 1].distance2 < distance2[k]; --place)
         stack[place] = stack[place - 1];

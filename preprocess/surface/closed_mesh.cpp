@@ -14,7 +14,7 @@
 namespace dimple {
 namespace {
 
-constexpr int most_passes = 32;  // each takes every edge that has not yet two triangles, but neighbours
+constexpr int most_passes = 32;  // each pass halves all crowded edges except neighbours
 
 // An edge of a triangle, from its corner to the next one.
 struct Side {
@@ -24,7 +24,7 @@ struct Side {
   bool ascends;  // runs from low to high
 };
 
-// By their ends and then by triangle: first into places by the lower end, for all at once are slow to sort.
+// Sides by their ends and then by triangle, first binned by the lower end: sorting all together is slow.
 std::vector<Side> sides_of(const TriangleMesh& mesh) {
   std::vector<std::size_t> offset(static_cast<std::size_t>(mesh.vertex.cols()) + 1, 0);
   const auto each = [&](const auto& with) {
@@ -52,10 +52,10 @@ Vec3 area_of(const TriangleMesh& mesh, Index t) {
   return (mesh.vertex.col(mesh.triangles(1, t)) - a).cross(mesh.vertex.col(mesh.triangles(2, t)) - a);
 }
 
-// Two triangles at each edge: where more meet, those that lie most nearly in one plane.
+// Pairs of triangles at each edge: where more than two meet, those most nearly in one plane.
 struct Pairs {
   std::vector<std::pair<Side, Side>> pair;
-  std::vector<std::size_t> crowded;  // of those, at an edge that has others too
+  std::vector<std::size_t> crowded;  // pairs at an edge with further triangles
 };
 
 Pairs pairs_of(const TriangleMesh& mesh) {
@@ -107,7 +107,7 @@ void separate_fans(TriangleMesh& mesh, const Pairs& pairs) {
     const Index x = root(a), y = root(b);
     parent[static_cast<std::size_t>(std::max(x, y))] = std::min(x, y);
   };
-  for (const auto& [one, other] : pairs.pair) {  // the other runs the other way
+  for (const auto& [one, other] : pairs.pair) {  // the other runs in the opposite direction
     join(3 * one.triangle + one.corner, 3 * other.triangle + (other.corner + 1) % 3);
     join(3 * one.triangle + (one.corner + 1) % 3, 3 * other.triangle + other.corner);
   }
@@ -133,7 +133,7 @@ void separate_fans(TriangleMesh& mesh, const Pairs& pairs) {
     mesh.vertex.col(before + static_cast<Index>(v)) = mesh.vertex.col(copied[v]);
 }
 
-// Halves crowded edges, one copy of the middle for each pair of triangles; false if there was none.
+// Halves crowded edges, with one copy of the middle for each pair of triangles; false if there was none.
 bool halve_crowded_edges(TriangleMesh& mesh) {
   const Pairs pairs = pairs_of(mesh);
   std::vector<Vec3> vertex;
@@ -195,7 +195,7 @@ bool is_closed(const Triangles& triangles, Index vertices) {
     for (int c = 0; c < 3; ++c)
       opposite[at[static_cast<std::size_t>(t[c])]++] = {t[(c + 1) % 3], t[(c + 2) % 3]};
   }
-  // One fan: from triangle to triangle it comes back to where it began after all of them, and not before.
+  // One fan: the walk over triangles returns to its start after all of them, and not before.
   for (std::size_t v = 0; v + 1 < offset.size(); ++v) {
     const auto begin = opposite.begin() + static_cast<std::ptrdiff_t>(offset[v]),
                end = opposite.begin() + static_cast<std::ptrdiff_t>(offset[v + 1]);
@@ -211,7 +211,7 @@ bool is_closed(const Triangles& triangles, Index vertices) {
 }
 
 void separate_touching_sheets(TriangleMesh& mesh) {
-  if (is_closed(mesh.triangles, mesh.vertex.cols())) return;  // most are, and this is the faster test
+  if (is_closed(mesh.triangles, mesh.vertex.cols())) return;  // true for most, and the faster test
   for (int pass = 0; pass < most_passes; ++pass) {
     stop_if_asked();
     const Pairs pairs = pairs_of(mesh);

@@ -68,9 +68,9 @@ TriangleMesh from_mesh(const Mesh& mesh) {
   return result;
 }
 
-// CGAL's order of what it has made of two meshes hangs on addresses in memory. Here: the vertices of the
-// first as they stood there, those of the second, then new ones by their places; triangles where that stood
-// of which they are a part, then new ones by their vertices.
+// Canonical order, since CGAL's order depends on addresses in memory. Vertices: those of the first mesh in
+// their order, those of the second, then new ones by position. Triangles: in the order of the triangles that
+// they are parts of, then new ones by their vertices.
 TriangleMesh in_order(const TriangleMesh& mesh, const TriangleMesh& first, const TriangleMesh& second) {
   using Place = std::array<double, 3>;
   const auto place_of = [](const Points& vertex, Index v) {
@@ -81,7 +81,7 @@ TriangleMesh in_order(const TriangleMesh& mesh, const TriangleMesh& first, const
   for (Index v = 0; v < second.vertex.cols(); ++v)
     stood.try_emplace(place_of(second.vertex, v), first.vertex.cols() + v);
   const Index none = first.vertex.cols() + second.vertex.cols();
-  const auto nearly = [](double mm) { return std::floor(1e5 * mm + 0.3); };  // whatever the last digits are
+  const auto nearly = [](double mm) { return std::floor(1e5 * mm + 0.3); };  // independent of the last digits
   std::vector<std::tuple<Index, Place, Place>> key;
   for (Index v = 0; v < mesh.vertex.cols(); ++v) {
     const Place place = place_of(mesh.vertex, v);
@@ -137,7 +137,7 @@ Vec3 normal_of(const TriangleMesh& mesh, Index t) {
   return (Vec3(mesh.vertex.col(its[1])) - a).cross(Vec3(mesh.vertex.col(its[2])) - a);
 }
 
-// The sheet twice, half a gap before and behind itself, and walls along its border.
+// The sheet twice, half a gap before and behind itself, with walls along its border.
 TriangleMesh thickened(const TriangleMesh& sheet, double gap) {
   const Index count = sheet.vertex.cols(), faces = sheet.triangles.cols();
   Points normal = Points::Zero(3, count);
@@ -179,7 +179,7 @@ void refuse_folded(const Mesh& solid, bool is_region, double gap) {
          "give a smoother sheet, or a narrower gap with --set image.cut_gap");
 }
 
-// A closed surface's pieces; those that face inward are hollows.
+// A piece of a closed surface; pieces that face inward are hollows.
 struct Shell {
   Mesh mesh;
   double volume;  // signed
@@ -262,7 +262,7 @@ TriangleMesh swept_sheet(const Vec3& x, const Vec3& y, const Vec3& into, double 
 
 namespace {
 
-// What a sheet takes away: the region that it encloses, or the sheet itself, as thick as the gap.
+// Solid that a sheet removes: the region that it encloses, or the sheet itself, as thick as the gap.
 Mesh solid_of(const TriangleMesh& sheet, double gap, bool& is_region) {
   Mesh solid = to_mesh(sheet.vertex, sheet.triangles);
   is_region = CGAL::is_closed(solid);
@@ -320,7 +320,7 @@ CutBody cut(const BodySurface& body, const std::vector<TriangleMesh>& sheets, do
     const double away = pieces.back().contains(keep) ? 0.0 : pieces.back().closest(keep).distance;
     if (away < nearest) nearest = away, kept = pieces.size() - 1;
   }
-  // Hollows stay in the piece around them.
+  // Hollows remain in the piece around them.
   Mesh result = shells[*kept].mesh;
   std::vector<CutPiece> parted;
   for (std::size_t k = 0; k < shells.size(); ++k) {

@@ -7,7 +7,7 @@
 namespace dimple {
 namespace {
 
-// Of the four points around a place in the second of their three intervals, `t` of its length on.
+// Weights of the four points around a place at the fraction `t` of the second of their three intervals.
 struct Weights {
   std::array<double, 4> value, slope;
 };

@@ -8,9 +8,9 @@
 
 namespace dimple {
 
-// What CGAL answers about closed surfaces. Its headers are in one file, because they take long to compile.
+// Exact predicates of CGAL for closed surfaces; its headers are in one file, since they compile slowly.
 
-/// Whether points are inside of a closed surface, exactly. Source: CGAL's Side_of_triangle_mesh.
+/// Exact test of points inside a closed surface. Source: CGAL's Side_of_triangle_mesh.
 class ExactSide {
  public:
   ExactSide(const Points& vertex, const Triangles& triangles);

@@ -50,7 +50,7 @@ View::View(const BodySurface& the_body, const Moments& moments, const Vec3& alon
   across << e1, e2;
   const Eigen::Matrix2d second = across.transpose() * moments.second * across;
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> axes(second);
-  // A body that is as long as it is wide has no such direction; neither does it matter then.
+  // A body as long as it is wide has no longest direction, and the choice is arbitrary.
   const bool round = axes.eigenvalues()[0] > 0.999 * axes.eigenvalues()[1];
   u = round ? e1 : Vec3((across * axes.eigenvectors().col(1)).normalized());
   v = push.cross(u);
@@ -76,7 +76,7 @@ double HeightMap::between(const Eigen::Vector2d& p) const {
 
 namespace {
 
-// Where lines along the push meet the body, or leave it: the highest of each.
+// Highest crossing of the lines along the approach direction, on entry (`met`) or on exit.
 void highest(const View& view, bool met, const HeightMap& map, Eigen::ArrayXXd& sheet) {
   const Triangles& triangles = view.body->triangles();
   for (Index t = 0; t < triangles.cols(); ++t) {
@@ -103,7 +103,7 @@ void highest(const View& view, bool met, const HeightMap& map, Eigen::ArrayXXd& 
                           double_area,
                      wc = ((b.x() - a.x()) * (p.y() - a.y()) - (b.y() - a.y()) * (p.x() - a.x())) /
                           double_area;
-        // A place on an edge belongs to both triangles: the highest of two equal heights is the same.
+        // A place on an edge belongs to both triangles: the higher one is kept, and equal heights agree.
         if (wb < -1e-9 || wc < -1e-9 || wb + wc > 1.0 + 1e-9) continue;
         const double w = a.z() + wb * (b.z() - a.z()) + wc * (c.z() - a.z());
         if (!(sheet(i, j) >= w)) sheet(i, j) = w;
@@ -117,15 +117,15 @@ HeightMap height_map(const View& view, const Eigen::Vector2d& corner, double ste
                      Index columns) {
   HeightMap map{corner, step, Eigen::ArrayXXd::Constant(rows, columns, none),
                 Eigen::ArrayXXd::Constant(rows, columns, none)};
-  Eigen::ArrayXXd& leaves = map.thickness;  // at first the height at which the line leaves the body
+  Eigen::ArrayXXd& leaves = map.thickness;  // first the height at which the line leaves the body
   side_by_side([&] { highest(view, true, map, map.height); }, [&] { highest(view, false, map, leaves); });
   map.thickness = (map.height - leaves).max(0.0);
   return map;
 }
 
 HeightMap height_map(const View& view, double step) {
-  // The place in the body's middle is one of the lattice's, so that its phase belongs to the body; all around
-  // it misses the body.
+  // The body's middle is a point of the lattice, so that the phase belongs to the body; the lattice's border
+  // misses the body.
   const Eigen::Vector2d middle = view.flat(view.body->centroid());
   const auto before = [&](int d) { return std::ceil((middle[d] - view.low[d]) / step) + 1.0; };
   const auto after = [&](int d) { return std::ceil((view.high[d] - middle[d]) / step) + 1.0; };

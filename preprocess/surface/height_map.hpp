@@ -14,10 +14,9 @@ struct Moments {
 };
 Moments moments_of(const BodySurface& body);
 
-/// A surface as it is seen along `push`: u and v across it, w the height against it.
+/// A surface in projection along `push`, the approach direction: u and v across it, w the height against it.
 ///
-/// `u` is the direction across the push in which the body is longest, so that what is sampled turns with the
-/// body.
+/// `u` is the body's longest direction across `push`, so that samples turn with the body.
 struct View {
   View(const BodySurface& body, const Moments& moments, const Vec3& push);
   const BodySurface* body;
@@ -28,25 +27,24 @@ struct View {
   Vec3 at(const Eigen::Vector2d& p, double w) const { return p.x() * u + p.y() * v - w * push; }
 };
 
-/// What someone meets who comes along the push, on a square lattice of places.
+/// First surface met along the approach direction, on a square lattice of places.
 struct HeightMap {
   Eigen::Vector2d corner;     ///< of the place (0, 0) [mm]
   double step = 1.0;          ///< [mm]
   Eigen::ArrayXXd height;     ///< w of the surface that is met first [mm]; not a number: none is met
-  Eigen::ArrayXXd thickness;  ///< of the tissue beneath it, to where the line first leaves it [mm]
+  Eigen::ArrayXXd thickness;  ///< of the tissue beneath it, to the first exit of the line [mm]
   Eigen::Vector2d place(Index i, Index j) const {
     return corner + step * Eigen::Vector2d(static_cast<double>(i), static_cast<double>(j));
   }
-  /// Between four places; not a number where one of them misses the body, or outside of the map.
+  /// Height between four places; not a number where one of them misses the body, or outside of the map.
   double between(const Eigen::Vector2d& p) const;
   /// Area of the outline [mm^2].
   double outline() const { return step * step * static_cast<double>(height.isFinite().count()); }
 };
 
-/// The map of `rows` x `columns` places from `corner` on. Costs one look at each triangle and one for each
-/// place in it.
+/// The map of `rows` x `columns` places from `corner` on. Visits each triangle, and each place in it, once.
 HeightMap height_map(const View& view, const Eigen::Vector2d& corner, double step, Index rows, Index columns);
-/// Of the whole outline.
+/// The map of the whole outline.
 HeightMap height_map(const View& view, double step);
 
 }  // namespace dimple

@@ -22,16 +22,15 @@ namespace dimple {
 namespace {
 
 constexpr double smoothing_voxels = 0.7;
-constexpr double leash =
-    0.5;  // lattice steps or voxels: the voxels do not say more about where the surface is
+constexpr double leash = 0.5;                      // lattice steps or voxels: the accuracy of the voxels
 constexpr double cavity_share = 1.0 / 500.0;       // of the organ's volume: smaller cavities are filled
 constexpr double half_way = 0.5, at_level = 1e-3;  // lattice values nearer to the level count as inside
 constexpr double most_lattice_points = 64e6;
-constexpr double most_triangles = 1e6;  // a coarser lattice is taken before there are more
+constexpr double most_triangles = 1e6;                        // beyond it a coarser lattice is used
 constexpr double most_lost = 1.0 / 3.0, lost_to_tell = 0.03;  // of the volume, to smoothing
 
-// The lattice: as fine as the voxels, but no finer than the force can feel. The phantom brain in voxels of
-// 0.5 mm gives 0.03 % more with 64 steps across than with 89, 0.4 % less with 45.
+// Lattice: as fine as the voxels, but no finer than affects the force. The phantom brain in voxels of 0.5 mm
+// gives 0.03 % more with 64 steps across than with 89, 0.4 % less with 45.
 constexpr double steps_across_organ = 100.0, steps_across_circle = 7.0, most_steps_across_organ = 250.0;
 
 VoxelSet chosen_voxels(const LabelImage& image, const std::vector<int>& labels) {
@@ -51,7 +50,7 @@ bool touches_border(const VoxelSet& set, const LabelImage& image) {
   return false;
 }
 
-// Labels that were asked for, and of which nothing is in the piece that is kept.
+// Reports requested labels of which nothing is in the piece that is kept.
 void tell_of_dropped_labels(const LabelImage& image, const VoxelSet& kept, SegmentReport& report) {
   std::set<int> left;
   for (Index k = 0; k < kept.size[2]; ++k) {
@@ -76,7 +75,7 @@ void tell_of_dropped_labels(const LabelImage& image, const VoxelSet& kept, Segme
                     dropped.size() > 1 ? "are" : "is", dropped.size() > 1 ? "one" : "it", dropped.front()));
 }
 
-// The largest piece, with its small cavities filled, in a box of its own: what is dropped decides nothing.
+// The largest piece, with its small cavities filled, in a box of its own: dropped voxels have no influence.
 VoxelSet one_body(const LabelImage& image, const VoxelSet& set, double voxel_volume, SegmentReport& report) {
   const Pieces pieces = face_connected(set);
   const std::size_t body = largest(pieces);
@@ -146,11 +145,11 @@ void tell_of_cavities(SegmentReport& report) {
 // A rigid frame along the voxels' axes, and voxel -> that frame. Both count from the same place.
 struct Frame {
   Eigen::Isometry3d to_world = Eigen::Isometry3d::Identity();
-  Mat3 voxel_to_local;  // diagonal, but for sheared images
+  Mat3 voxel_to_local;  // diagonal, except for sheared images
 };
 
-// To a picometre: headers in other formats, or of an image with another corner, hold the same numbers with
-// other last digits, and the body must not depend on those.
+// Rounds to a picometre: headers in other formats, or of an image with another corner, differ in the last
+// digits, and the body must not depend on those.
 template <class Matrix>
 Matrix rounded(const Matrix& mm) {
   return (mm.array() * 1e9).round() / 1e9;
@@ -169,7 +168,7 @@ Frame frame_of(const Mat3& A, const Vec3& spacing) {
   return frame;
 }
 
-// Voxel -> world, of voxels counted in another order.
+// Voxel -> world for voxels counted in another order.
 Eigen::Affine3d reordered(const LabelImage& image, const AxisOrder& order) {
   Eigen::Affine3d old_voxel = Eigen::Affine3d::Identity();
   for (std::size_t d = 0; d < 3; ++d) {
@@ -181,9 +180,8 @@ Eigen::Affine3d reordered(const LabelImage& image, const AxisOrder& order) {
   return image.to_world * old_voxel;
 }
 
-// The body's own frame, and the body's voxels as they count in it. It begins at the body and not at the
-// image's corner: how many empty voxels are around the body is no property of it. Two voxels before it, as in
-// a phantom.
+// The body's own frame, and the body's voxels in its order. The origin is two voxels before the body, as in a
+// phantom, and not the image's corner: the empty voxels around the body are no property of it.
 Frame own_frame(const LabelImage& image, const AxisOrder& order, VoxelSet& body) {
   const Eigen::Affine3d to_world = reordered(image, order);
   Frame frame = frame_of(to_world.linear(), image.spacing()(order.axis));
@@ -207,9 +205,9 @@ Index voxels_in_slice(const VoxelSet& set, std::size_t axis, Index at) {
   return count;
 }
 
-// Where the image cuts the body off, in the body's frame: the body is about as wide in the last voxels as in
-// those before them. Where it just touches the border a sphere has a third of them, a lying cylinder 0.58.
-// The surface lies half a voxel beyond the last voxels.
+// Planes on which the image cuts the body off, in the body's frame. There the body is about as wide in the
+// last voxels as in those before them. A sphere that just meets the border has a third of them, a horizontal
+// cylinder 0.58. The surface is half a voxel beyond the last voxels.
 std::vector<BodySurface::ImageEnd> image_ends(const LabelImage& image, const VoxelSet& body,
                                               const Eigen::Isometry3d& to_world) {
   constexpr double tolerance = 0.75;  // voxels
@@ -235,7 +233,7 @@ std::vector<BodySurface::ImageEnd> image_ends(const LabelImage& image, const Vox
   return ends;
 }
 
-// Finer than the voxels there is nothing to see, and memory has a bound.
+// Lower bound of the step: the voxels' edge, and the memory.
 double finest_step(const VoxelSet& body, const Vec3& spacing) {
   double box = 1.0;
   for (std::size_t d = 0; d < 3; ++d)
@@ -277,9 +275,9 @@ void set_values(Lattice& lattice, const VoxelSet& set, float to) {
       }
 }
 
-// Leaves one piece above the level, and no small cavity below it: smoothing cuts off specks and closes
-// pockets. Values at the level move off it, so that no triangle of the contour is a point or a line. Returns
-// how many cavities there are.
+// Leaves one piece above the level, and no small cavity below it, since smoothing cuts off specks and closes
+// pockets. Values at the level are moved off it, so that no triangle of the contour is degenerate. Returns
+// the number of cavities.
 int keep_one_body(Lattice& lattice, double level, double smallest_cavity_points) {
   const VoxelSet inside = inside_of(lattice, level);
   if (inside.stretch.empty()) return 0;
@@ -327,8 +325,8 @@ SurfaceDrawing draw(const VoxelSet& body, const Frame& frame, double step, const
   };
   double level = half_way;
   if (options.outward_mm != 0.0) {
-    // What the Gaussian has made of a flat border, that far outside of it: a level, unlike a way along
-    // normals, closes what grows together.
+    // The level of the smoothed indicator at that distance from a flat border. Unlike offsets along normals,
+    // a level set merges parts that grow together.
     Lattice unmoved = lattice;
     keep_one_body(unmoved, level, smallest_cavity_points);
     drawing.added_mm3 = -enclosed_volume(in_frame(contour(unmoved, level)));
@@ -342,7 +340,7 @@ SurfaceDrawing draw(const VoxelSet& body, const Frame& frame, double step, const
   return drawing;
 }
 
-// Refuses what smoothing takes away: sheets and strands of a voxel or less of the lattice.
+// Refuses a body of which smoothing removes a third: sheets and strands of a voxel or lattice step or less.
 void check_lost_volume(double enclosed_mm3, double step, SegmentReport& report) {
   const double lost = 1.0 - enclosed_mm3 / report.voxel_volume_mm3;
   const double thickness = std::max(2.0 * report.smoothing_mm, 1.5 * step);
@@ -378,8 +376,8 @@ SegmentedBody make_body_surface(const LabelImage& image, const std::vector<int>&
   const VoxelSet in_image = one_body(
       image, chosen, frame_of(image.to_world.linear(), image.spacing()).voxel_to_local.determinant(), report);
   tell_of_cavities(report);
-  // The organ's own frame: what is built in it comes out the same however the organ was turned in the
-  // scanner, and wherever it lies in the image.
+  // The organ's own frame: the result does not depend on how the organ was turned in the scanner, or on its
+  // place in the image.
   const AxisOrder order = own_order(in_image, image.spacing());
   VoxelSet body = reordered(in_image, order, image.size);
   const Frame frame = own_frame(image, order, body);

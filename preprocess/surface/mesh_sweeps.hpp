@@ -12,7 +12,7 @@
 
 namespace dimple {
 
-/// The next corner in each triangle around a vertex: each edge is seen once from either side.
+/// The next corner in each triangle around a vertex: each edge occurs once from either side.
 inline CompressedRows next_corners(const TriangleMesh& surface) {
   CompressedRows result;
   result.offset = Eigen::VectorXi::Zero(surface.vertex.cols() + 1);
@@ -36,7 +36,7 @@ inline Quads quads_of(const Points& vertex) {
   return result;
 }
 
-/// Vertices in blocks of so many, in each by how many neighbours they have: a loop that mostly ends after as
+/// Vertices in blocks of this size, each sorted by the number of neighbours: a loop that mostly ends after as
 /// many steps as the last one is predicted well.
 inline constexpr Index block_of_vertices = 1024;
 inline std::vector<int> by_neighbours(const CompressedRows& next) {
@@ -48,7 +48,7 @@ inline std::vector<int> by_neighbours(const CompressedRows& next) {
   return order;
 }
 
-/// The mean of a vertex's neighbours. A call takes half as long again.
+/// The mean of a vertex's neighbours. Inlined, since a call takes half as long again.
 [[gnu::always_inline]] inline Eigen::Vector4d mean_around(const Quads& value, const CompressedRows& next,
                                                           Index v) {
   Eigen::Vector4d sum = Eigen::Vector4d::Zero();
@@ -56,7 +56,7 @@ inline std::vector<int> by_neighbours(const CompressedRows& next) {
   return sum / static_cast<double>(next.count(v));
 }
 
-/// Calls change(v) for all vertices of `order`, in that order within each block. Hears a stop.
+/// Calls change(v) for all vertices of `order`, in that order within each block. Can be stopped.
 template <class Change>
 void for_each_vertex(const std::vector<int>& order, const Change& change) {
   const auto count = static_cast<Index>(order.size());
@@ -67,12 +67,12 @@ void for_each_vertex(const std::vector<int>& order, const Change& change) {
   });
 }
 
-/// Sweeps over the vertices of `order`, each of which replaces all values at once by next_value(value, v),
-/// but none by one farther than `reach` from where it began.
+/// Sweeps over the vertices of `order`: each sweep replaces all values at once by next_value(value, v), at
+/// most `reach` from their start.
 template <class NextValue>
 void sweep_on_leash(Quads& value, const std::vector<int>& order, int sweeps, double reach,
                     const NextValue& next_value) {
-  const double surely = reach * reach * (1.0 - 1e-12);  // roots are dear
+  const double surely = reach * reach * (1.0 - 1e-12);  // roots are costly
   const Quads start = value;
   Quads other = value;
   for (int sweep = 0; sweep < sweeps; ++sweep) {
@@ -88,7 +88,7 @@ void sweep_on_leash(Quads& value, const std::vector<int>& order, int sweeps, dou
   }
 }
 
-/// The vector areas of the triangles, summed up at their vertices and over all.
+/// The vector areas of the triangles, summed at their vertices and over all.
 struct AreaNormals {
   Points normal;                ///< [3xV] of the triangles around a vertex, whole
   Eigen::VectorXd vertex_area;  ///< [V] a third of the triangles around it

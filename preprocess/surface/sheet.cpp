@@ -10,11 +10,11 @@
 namespace dimple {
 namespace {
 
-// Of its size: what counts as on it, and how far from it that is looked for.
+// Tolerances in sizes of the sheet: distance that counts as on it, and of the search around it.
 constexpr double on_sheet = 1e-9, beside_sheet = 1e-6;
 
 // On which side of an edge a line passes: by the edge's ends in the order of their numbers, so that the two
-// triangles at an edge are told the same.
+// triangles at an edge agree.
 bool left_of(const Points& vertex, int a, int b, const Vec3& x, const Vec3& way) {
   const bool turned = a > b;
   const Vec3 u = vertex.col(turned ? b : a) - x, v = vertex.col(turned ? a : b) - x;
@@ -38,7 +38,7 @@ Sheet::Sheet(Points vertex, Triangles triangles)
     normal_.col(t) = twice.normalized();
     sum += twice;
   }
-  across_ = sum.normalized();  // of a sheet that closes any direction, or none
+  across_ = sum.normalized();  // any direction, or none, for a closed sheet
   const Eigen::VectorXd along = vertex_.transpose() * across_;
   lowest_ = along.minCoeff() - beside_sheet * size_;
   highest_ = along.maxCoeff() + beside_sheet * size_;
@@ -61,7 +61,7 @@ bool Sheet::between(const Vec3& x, const Vec3& y) const {
   if ((x.cwiseMin(y).array() > upper_.array() + slack).any() ||
       (x.cwiseMax(y).array() < lower_.array() - slack).any())
     return false;
-  // Blades are nearly plane: of the way only what lies within their thickness may meet them.
+  // Blades are nearly plane: only the part of the segment within their thickness can meet them.
   const double from = across_.dot(x), to = across_.dot(y);
   if (std::max(from, to) < lowest_ || std::min(from, to) > highest_) return false;
   double first = 0.0, last = 1.0;

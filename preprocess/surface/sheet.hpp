@@ -9,9 +9,8 @@ class Sheet {
  public:
   Sheet(Points vertex, Triangles triangles);
 
-  /// Does the straight way from x to y pass through it? A place on the sheet itself, within a billionth of
-  /// its size, counts to the side that its triangles' normals point to; where two triangles meet one of them
-  /// is passed.
+  /// Does the straight segment from x to y pass through it? A place on the sheet itself, within a billionth
+  /// of its size, is on the side of its triangles' normals; where two triangles meet one of them is crossed.
   bool between(const Vec3& x, const Vec3& y) const;
   /// Is some of it within d of x?
   bool reaches(const Vec3& x, double d) const;

@@ -11,20 +11,19 @@
 namespace dimple {
 namespace {
 
-constexpr double narrowest = 0.02;      // half of the least gap that divides, in spacings
-constexpr double shallow = 0.1;         // depth of a hollow that does not, in spacings
-constexpr double slope = 0.2;           // and in the length of the way across it
+constexpr double narrowest = 0.02;      // half of the least gap that hides, in spacings
+constexpr double shallow = 0.1;         // largest depth of a hollow that does not, in spacings
+constexpr double slope = 0.2;           // and as a fraction of the length across it
 constexpr double facing = -0.3;         // cosine between the normals of two walls that face each other
-constexpr double beyond = 1e-4;         // of the way: its ends may lie on the surface
-constexpr double looked_within = 1.25;  // radii of a support: cells reach a little farther than their middles
+constexpr double beyond = 1e-4;         // of the segment: its ends may be on the surface
+constexpr double looked_within = 1.25;  // radii of a support: cells extend a little beyond their middles
 
 double distance_to_surface(const SurfaceCells& surface, const Vec3& x) {
   thread_local std::vector<Index> nearest;
   return surface.nearest(x, nearest);
 }
 
-// Of the wall that a way crosses. Where it begins or ends without a crossing: of the nearest wall that it
-// leaves.
+// Outward normal of the wall that a segment crosses; at an end without a crossing, of the nearest wall.
 Vec3 outer_normal(const SurfaceCells& surface, const Vec3& x, std::optional<Index> triangle,
                   const Vec3& way) {
   if (triangle) return surface.normal().col(*triangle);
@@ -51,8 +50,7 @@ bool sees(const SurfaceCells& surface, const Vec3& x, const Vec3& y, double spac
     if (cosine < facing) return depth > narrowest * spacing;
     return depth > std::max(shallow * spacing, slope * (in - out) * length);
   };
-  // An end that lies on an edge of the body can leave it with no crossing: then it is left where the way
-  // begins.
+  // An end on an edge of the body can leave it with no crossing: it then leaves at the start of the segment.
   double out = 0.0;
   std::optional<Index> left;
   for (const SurfaceCells::Crossing& crossing : crossings) {
@@ -71,7 +69,7 @@ bool sees_all_within(const SurfaceCells& surface, const Vec3& x, double radius, 
   return !surface.any_above(x, radius, narrowest * spacing);
 }
 
-// In the body's own axes and to a tenth of a nanometre: what is seen does not hang on how the image is
+// Places in the body's own axes, to a tenth of a nanometre: visibility is independent of how the image is
 // turned.
 Points Sight::own(const Points& x) const {
   return ((axes_.transpose() * (x.colwise() - centre_)).array() * 1e10).round() * 1e-7;
@@ -145,7 +143,7 @@ bool Sight::sees(Index node, Index point) const {
                                                           : of_surface_->point_sees(whole, x));
   }
   const double away = 1e-3 * (point_.col(point) - X_.col(node)).norm();
-  // Around each of the two a ball lies in the tissue: if both together reach, there is no need to look.
+  // Balls around both ends are in the tissue: if together they cover the segment, no search is necessary.
   if (away <= std::max(clear_radius_[node], depth_[node] + point_depth_[point])) return true;
   return dimple::sees(*surface_, X_.col(node), point_.col(point), 1e3 * spacing_[node]);
 }

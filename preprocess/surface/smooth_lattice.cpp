@@ -21,7 +21,7 @@ constexpr double left_out = 1e-4;  // of the Gaussian's weight, beyond its last 
 constexpr Index border = 4;        // voxels around the body; more where the lattice is coarser
 
 // Coefficients 0, 1, ... of the Gaussian of a discrete line, exp(-t) I_n(t) (Lindeberg, Scale-space for
-// discrete signals, IEEE PAMI 1990), by recurrence from above, which is stable.
+// discrete signals, IEEE PAMI 1990), by downward recurrence, which is stable.
 std::vector<double> discrete_gaussian(double variance) {
   const auto highest = static_cast<std::size_t>(std::ceil(20.0 + 8.0 * std::sqrt(variance)));
   std::vector<double> g(highest + 2, 0.0);
@@ -41,7 +41,7 @@ std::vector<double> discrete_gaussian(double variance) {
   return g;
 }
 
-// What each voxel along one axis of the box weighs at each lattice point.
+// Weights of the voxels along one axis of the box at each lattice point.
 struct AxisWeights {
   double origin = 0.0;      // of the lattice, in voxels of the box
   std::vector<int> first;   // [l] voxel of the first weight
@@ -135,7 +135,7 @@ Lattice smoothed(const VoxelSet& set, const Vec3& sigma, const Vec3& step) {
   lattice.value.assign(n0 * n1 * static_cast<std::size_t>(lattice.n[2]), 0.0f);
   const RowSmoother along_row(axis[0], set.size[0]);
 
-  // Some planes of voxels at a time, in their order: each lattice value is always summed alike.
+  // Some planes of voxels at a time, in order: each lattice value is always summed alike.
   constexpr Index planes_at_once = 16;
   std::vector<std::vector<float>> plane(planes_at_once);
   for (Index begin = 0; begin < set.size[2]; begin += planes_at_once) {
@@ -145,7 +145,7 @@ Lattice smoothed(const VoxelSet& set, const Vec3& sigma, const Vec3& step) {
       std::vector<float>& sum = plane[static_cast<std::size_t>(k - begin)];
       sum.assign(n0 * n1, 0.0f);
       std::vector<float> row(n0);
-      int first = 0;  // lattice rows before it lie too far back
+      int first = 0;  // earlier lattice rows are out of reach
       for (Index j = 0; j < set.size[1]; ++j) {
         if (set.row(j, k).empty()) continue;
         std::fill(row.begin(), row.end(), 0.0f);

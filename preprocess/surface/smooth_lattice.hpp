@@ -14,13 +14,13 @@ struct Lattice {
   std::vector<float> value;  ///< [n[0]*n[1]*n[2]], i fastest; 0 on the border
 };
 
-/// The voxels, smoothed by a discrete Gaussian of sigma [voxels] along each axis and interpolated linearly
-/// between voxel centres, at lattice points `step` [voxels] apart. One axis after the other and straight from
-/// the stretches: no array of all voxels is made, however much finer they are than the lattice.
+/// The indicator of the voxels, smoothed by a discrete Gaussian of sigma [voxels] along each axis, at lattice
+/// points `step` [voxels] apart. Between voxel centres it is linear. One axis after the other and directly
+/// from the stretches: no array of all voxels is made, however fine they are.
 Lattice smoothed(const VoxelSet& set, const Vec3& sigma, const Vec3& step);
 
 /// The contour of a lattice at a level, facing outward, in lattice coordinates: flying edges by VTK. Needs
-/// values on the border that lie below the level.
+/// values below the level on the border.
 TriangleMesh contour(const Lattice& lattice, double level);
 
 }  // namespace dimple

@@ -16,12 +16,12 @@ namespace {
 
 constexpr double cell_edges = 1.2;  // of a cell, in edges of the mean triangle
 constexpr double most_cells = 4e6;
-constexpr double doubt = 1e-10;    // of the body's size: what lies nearer is not told apart
-constexpr double one_side = 1e-6;  // of the body's size: of a plane, far beyond rounding, a sliver's too
+constexpr double doubt = 1e-10;    // of the body's size: smaller distances are not distinguished
+constexpr double one_side = 1e-6;  // of the body's size: from a plane, far beyond rounding, even for slivers
 constexpr int farthest_ring = 32;  // cells: clear_ is a lower bound beyond
 
-// From 0 in some cells and the farthest ring in all others to each cell's ring around the nearest 0: one pass
-// onwards and one back, each looking at the half of the neighbours that it has been to.
+// Changes 0 in some cells and the farthest ring in all others to each cell's ring around the nearest 0. One
+// pass forward and one back, each using the neighbours it has visited.
 void count_rings(std::vector<unsigned char>& ring, const Eigen::Array3i& n) {
   const auto length = static_cast<std::size_t>(n[0]);
   std::vector<unsigned char> least(length + 2, farthest_ring);  // of the rows passed, one more at either end
@@ -60,7 +60,7 @@ void count_rings(std::vector<unsigned char>& ring, const Eigen::Array3i& n) {
 
 }  // namespace
 
-// Ericson, Real-Time Collision Detection, 5.1.5.
+// Closest point on a triangle: Ericson, Real-Time Collision Detection, 5.1.5.
 double distance2_to_triangle(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c) {
   const Vec3 ab = b - a, ac = c - a, ap = p - a;
   const double d1 = ab.dot(ap), d2 = ac.dot(ap);
@@ -128,7 +128,7 @@ void SurfaceCells::sort_into_cells(const Points& vertex, const Triangles& triang
   std::vector<int> next(offset_.begin(), offset_.end() - 1);
   each([&](std::size_t c, int t) { member_[static_cast<std::size_t>(next[c]++)] = t; });
 
-  // How many cells it is to the next one with a triangle, the longest of the three directions counting.
+  // Number of cells to the next one with a triangle, in the maximum norm.
   clear_.assign(cells, farthest_ring);
   for (std::size_t c = 0; c < cells; ++c)
     if (offset_[c + 1] > offset_[c]) clear_[c] = 0;
@@ -176,7 +176,7 @@ void SurfaceCells::mark_clear_cells(const std::function<bool(const Vec3&)>& is_i
   }
 }
 
-// Of a place in a cell without triangles: how often the surface is passed on the way out of the grid.
+// Inside test for a cell without triangles: counts the crossings of the surface on a line out of the grid.
 std::optional<bool> SurfaceCells::inside_by_lines(const Vec3& x) const {
   std::vector<Hit> hits;
   for (int d = 0; d < 3; ++d)
@@ -191,7 +191,7 @@ std::optional<bool> SurfaceCells::contains(const Vec3& x) const {
   const Cell at = cell_of(x);
   if (!in_grid(at)) return false;
   if (side_[number(at)] != Side::mixed) return side_[number(at)] == Side::inside;
-  // Along the axis on which a cell without triangles is nearest: how often the surface is passed on the way.
+  // Along the axis on which a cell without triangles is nearest: counts the crossings of the surface.
   thread_local std::vector<Hit> hits;
   for (int away = 1; away < farthest_ring; ++away)
     for (int d = 0; d < 3; ++d)
@@ -203,7 +203,7 @@ std::optional<bool> SurfaceCells::contains(const Vec3& x) const {
         const double end = origin_[d] + edge_ * (there[d] + (step > 0 ? 0.0 : 1.0));
         const double from = std::min(x[d], end), to = std::max(x[d], end);
         const double slack = 2.0 * doubt * size_;
-        if (!line(x, d, from - slack, to + slack, hits)) continue;  // past an edge: another way may be clear
+        if (!line(x, d, from - slack, to + slack, hits)) continue;  // past an edge: another axis may be clear
         bool inside = !beyond && side_[number(there)] == Side::inside;
         for (const Hit& hit : hits) {
           if (std::abs(hit.at - x[d]) <= doubt * size_) return std::nullopt;
@@ -270,7 +270,7 @@ double SurfaceCells::nearest(const Vec3& x, std::vector<Index>& candidates) cons
       found.push_back({distance, t});
     }
   };
-  // Whoever asks asks about places near each other: what was nearest last time bounds how far to look.
+  // Queries are near each other: the last nearest triangle bounds the search.
   thread_local std::size_t last = 0;
   thread_local std::vector<std::pair<double, Index>> found;
   found.clear();
@@ -289,7 +289,7 @@ std::optional<bool> SurfaceCells::farther(const Vec3& x, double d) const {
     const SurfaceCells& surface;
     const Vec3& x;
     double limit, least = std::numeric_limits<double>::infinity();
-    double reach() const { return least > limit ? limit : -1.0; }  // found: nothing more to look for
+    double reach() const { return least > limit ? limit : -1.0; }  // found: the search ends
     void triangle(int t) { least = std::min(least, surface.distance_to(x, t)); }
   };
   const double slack = doubt * size_;
@@ -309,7 +309,7 @@ void SurfaceCells::pass(const Vec3& from, const Vec3& to, std::vector<Crossing>&
   const Vec3 way = to - from;
   const double length = way.norm();
   if (!(length > 0.0)) return;
-  const double least = 1e-6 * edge_ / length;  // of progress: what rounding could undo
+  const double least = 1e-6 * edge_ / length;  // of progress: more than rounding
   double t = 0.0;
   while (t <= 1.0) {
     const Vec3 x = from + t * way;
@@ -321,7 +321,7 @@ void SurfaceCells::pass(const Vec3& from, const Vec3& to, std::vector<Crossing>&
       for (int m = offset_[c]; m < offset_[c + 1]; ++m) {
         const int triangle = member_[static_cast<std::size_t>(m)];
         const Corners& corner = corner_[static_cast<std::size_t>(triangle)];
-        // Both ends on one side of its plane, surely: most are.
+        // For most triangles both ends are surely on one side of the plane.
         const Vec3 normal = normal_.col(triangle);
         const double above = normal.dot(from - corner.a), later = above + normal.dot(way);
         if (above * later > 0.0 && std::min(std::abs(above), std::abs(later)) > one_side * size_) continue;
@@ -344,7 +344,7 @@ void SurfaceCells::pass(const Vec3& from, const Vec3& to, std::vector<Crossing>&
           crossings.push_back({triangle, place, determinant < 0.0});
       }
     }
-    // To where the way leaves the cells that are known.
+    // Exit of the segment from the known cells.
     const Vec3 low = origin_ + edge_ * (at - free).cast<double>().matrix(),
                high = origin_ + edge_ * (at + free + 1).cast<double>().matrix();
     double next = 2.0;

@@ -10,23 +10,23 @@
 
 namespace dimple {
 
-/// Of p from a triangle.
+/// Squared distance of p from a triangle.
 double distance2_to_triangle(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c);
 
-/// The triangles of a closed surface sorted into cubic cells. Answers in plain floating point what is beyond
-/// doubt, and says so where it is not: an exact answer is then needed only there.
+/// The triangles of a closed surface sorted into cubic cells. Answers in plain floating point where rounding
+/// leaves no doubt, and reports where it does: only there an exact answer is necessary.
 class SurfaceCells {
  public:
   SurfaceCells(const Points& vertex, const Triangles& triangles);
 
-  /// Which side the cells without a triangle are on. `is_inside` is asked once at most for each connected
+  /// Finds the side of each cell without a triangle. `is_inside` is called at most once for each connected
   /// group of them, where lines along all axes meet edges.
   void mark_clear_cells(const std::function<bool(const Vec3&)>& is_inside);
 
-  /// Is x inside? Nothing: too near to the surface, or to a triangle's edge along the way, to say.
+  /// Is x inside? Nothing: too near to the surface, or to a triangle's edge on the line, to decide.
   std::optional<bool> contains(const Vec3& x) const;
 
-  /// The triangles that may be the nearest to x, but for rounding: as a rule one. Returns how far they are.
+  /// Triangles that may be the nearest to x within rounding, usually one. Returns their distance.
   double nearest(const Vec3& x, std::vector<Index>& candidates) const;
 
   /// Is every triangle farther from x than d? Nothing: rounding decides.
@@ -45,16 +45,15 @@ class SurfaceCells {
     double t;    ///< place: from + t (to - from)
     bool leave;  ///< outwards through the triangle, otherwise inwards
   };
-  /// Triangles that the straight way between two places passes through, in its order. Where it passes an edge
-  /// or a corner, one or several of those that meet there. `to_first_entry`: none need be told of that lie
-  /// behind the first inwards.
+  /// Triangles that the straight segment between two places passes through, in order. At an edge or a corner:
+  /// one or several of those that meet there. `to_first_entry`: those behind the first entry may be left out.
   void pass(const Vec3& from, const Vec3& to, std::vector<Crossing>& crossings,
             bool to_first_entry = false) const;
 
-  /// Is there a triangle, some of it within d of x, above whose plane x lies by more than `height`?
+  /// Is there a triangle within d of x above whose plane x is by more than `height`?
   bool any_above(const Vec3& x, double d, double height) const;
 
-  /// Of x above the plane of a triangle, outwards.
+  /// Height of x above the plane of a triangle, outwards.
   double height(const Vec3& x, Index triangle) const {
     return normal_.col(triangle).dot(x - corner_[static_cast<std::size_t>(triangle)].a);
   }
@@ -85,7 +84,7 @@ class SurfaceCells {
   Vec3 origin_;
   Cell n_;
   std::vector<int> offset_, member_;  // the triangles whose boxes overlap each cell
-  std::vector<unsigned char> clear_;  // how many cells it is to the next one with a triangle, at least
+  std::vector<unsigned char> clear_;  // least number of cells to the next one with a triangle
   std::vector<Side> side_;
   std::vector<Corners> corner_;
   Points normal_;
