@@ -1,5 +1,5 @@
-# Scripts that install packages, with an apt-get that only records its arguments: they remove no package of the user,
-# and `make wheel` requests all packages that its build imports. Run as
+# Tests the scripts that install packages with an apt-get that only records its arguments: they remove nothing that a
+# user has, and `make wheel` requests all that its build imports.
 #   cmake -D SOURCE=<root> -D FOLDER=<scratch> -P bootstrap.cmake
 file(REMOVE_RECURSE ${FOLDER})
 file(MAKE_DIRECTORY ${FOLDER}/bin)

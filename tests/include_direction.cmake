@@ -1,13 +1,13 @@
-# Allowed includes: io <- preprocess <- solver (its plain headers only) <- apps; and within apps scene <- run <- studies
-# <- commands. Run as
+# Direction of includes: io <- preprocess <- solver (its plain headers only) <- apps; and within apps
+# scene <- run <- studies <- commands. Run as
 #   cmake -D SOURCE=<root> -P include_direction.cmake
 set(forbidden_io "^(preprocess|solver|apps)/")
 set(forbidden_preprocess "^(solver|apps)/")
 set(forbidden_solver "^(apps/|itk|vtk|CGAL/|nanoflann|fmt/|toml|nlohmann/|CLI/)")
-# The solver uses Model and patches of its surface, errors, and the macro with which both clone their hot loops; nothing
-# else of the other folders.
+# The solver receives a Model and patches of its surface, and throws errors. It includes nothing else of the other
+# folders, except for the macro by which both clone their hot loops.
 set(allowed_solver "^(solver/.*|preprocess/(model|scheme|clones|supports/interpolation|scene/tool_mesh|supports/(surface_patch|contact_surface|fold_banks|wall_surface))\\.hpp|io/(digits|error|stop|types)\\.hpp)$")
-# Computing parts print nothing: only the commands include the log and the command line.
+# Computations print nothing: only the commands include the log and the command line.
 set(forbidden_apps/scene "^(apps/(run|studies|commands|ending|examples)|CLI/)")
 set(forbidden_apps/run "^(apps/(studies|commands|ending|examples)|CLI/)")
 set(forbidden_apps/studies "^(apps/(commands|examples)/|CLI/)")
@@ -39,7 +39,7 @@ foreach(folder io preprocess solver apps/scene apps/run apps/studies apps/comman
     endforeach()
   endforeach()
 endforeach()
-# Names given by others are printed only through functions that remove control characters.
+# External names reach a terminal through one function that removes control characters.
 file(GLOB files ${SOURCE}/apps/*.cpp ${SOURCE}/apps/commands/*.cpp ${SOURCE}/apps/scene/*.cpp ${SOURCE}/apps/run/*.cpp ${SOURCE}/apps/studies/*.cpp)
 foreach(file IN LISTS files)
   file(RELATIVE_PATH name ${SOURCE} ${file})

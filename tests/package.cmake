@@ -19,7 +19,7 @@ foreach(folder io preprocess solver)
   endif()
 endforeach()
 file(GLOB_RECURSE headers ${FOLDER}/prefix/include/dimple/*.hpp)
-# One file that includes all headers.
+# All libraries in one file.
 set(every "")
 foreach(header ${headers})
   file(RELATIVE_PATH name ${FOLDER}/prefix/include ${header})
@@ -34,7 +34,7 @@ add_executable(with_static indent.cpp every.cpp)
 target_link_libraries(with_static PRIVATE Dimple::dimple)
 add_executable(with_shared indent.cpp)
 target_link_libraries(with_shared PRIVATE Dimple::shared)
-# The project has headers with the same names as in this tree.
+# The project has headers with the same names as those of our tree.
 foreach(target with_static with_shared)
   target_include_directories(\${target} BEFORE PRIVATE own)
 endforeach()
@@ -42,7 +42,7 @@ endforeach()
 foreach(name io/error.hpp io/types.hpp preprocess/model.hpp solver/march.hpp)
   file(WRITE ${FOLDER}/project/own/${name} "#error \"a header of the project was taken for one of Dimple's\"\n")
 endforeach()
-# Without the headers of ITK, VTK and CGAL, which the package only recommends.
+# The headers of ITK, VTK and CGAL, which the package only recommends, are hidden.
 file(WRITE ${FOLDER}/shared_alone/CMakeLists.txt "cmake_minimum_required(VERSION 3.25)
 project(SharedAlone CXX)
 foreach(other ITK VTK CGAL)

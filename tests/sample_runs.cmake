@@ -1,5 +1,5 @@
 # Runs every line of SOURCE that starts with "//   $ dimple" with the program PROGRAM, in order, in the fresh folder
-# FOLDER, so that the documented commands work.
+# FOLDER. The documented commands are thereby tested.
 file(REMOVE_RECURSE ${FOLDER})
 file(MAKE_DIRECTORY ${FOLDER})
 file(STRINGS ${SOURCE} lines REGEX "^//   \\$ dimple ")

@@ -7,12 +7,12 @@
 
 namespace dimple {
 
-/// Each adds its benchmarks; names are kind/what/size/threads.
+/// Functions that register benchmarks; names are kind/what/size/threads.
 void register_roofs();
 void register_forces();
 void register_stages();
 
-/// Sizes that roof/read_* reads: of all threads together, or each.
+/// Sizes that roof/read_* reads: of all threads together, or of each.
 struct Memory {
   const char* name;
   std::size_t bytes;
@@ -25,14 +25,14 @@ inline std::string threads_word(int count) {
   return std::to_string(count) + (count == 1 ? "_thread" : "_threads");
 }
 
-/// Medians and their spread, shown as they come and kept as CSV in the end.
+/// Medians and their spread, printed as they are measured and written as CSV at the end.
 class Results : public benchmark::ConsoleReporter {
  public:
   Results();
   bool ReportContext(const Context& context) override;
   void ReportRuns(const std::vector<Run>& runs) override;
-  /// Into folder/<name of the processor>.csv; `version` of the program and `facts`, lines that begin with #,
-  /// go into the header. Returns the file.
+  /// Writes folder/<name of the processor>.csv and returns its path. The header has the program's `version`
+  /// and `facts`, lines that begin with #.
   std::string write(const std::string& folder, const std::string& version, const std::string& facts) const;
 
  private:

@@ -1,18 +1,19 @@
-// What the band of a force is made from: how far forces of coarse clouds are from those of clouds many times
-// finer, on scenes drawn at random.
+// Calibration of the error bounds of a force. Measures how far forces of coarse discretisations are from
+// those of discretisations many times finer, on scenes drawn at random.
 //
 //   dimple_calibrate FOLDER --data DIR [--atlases DIR] [--scenes 285] [--from 1] [--finer 32000] [--points]
 //   [--again]
 //
 // Writes band_scenes.csv, a row for each scene, number of nodes and depth. Scenes 51 to 120 and 166 to 225
-// prove the band, and from the others its multipliers are taken: no organ is in both. From 256 on they are
-// folded brains of atlases, such as Debian's mricron-data has in /usr/share/mricron/templates. Scenes from
-// 2001 on have large bodies and those from 3001 on thin ones (--from 2001 --scenes 2016). A scene that
-// the file holds is not computed again, so that a study that was stopped goes on. --finer adds a cloud of so
-// many nodes to scenes that hold one of half as many, --points writes band_points.csv: where a random place
-// of each scene's body goes, --bodies writes band_bodies.csv, what each scene's circle sees of its body.
-// Three tables follow from these, and --again makes them alone: band_coverage.csv, how often the bounds hold
-// the truth; band_goals.csv, what a requested accuracy costs; band_misses.csv, each bound that does not hold.
+// are held out to test the bounds; the others give the multipliers. No organ is in both. Scenes from 256 on
+// are folded brains of atlases, such as Debian's mricron-data has in /usr/share/mricron/templates. Scenes
+// from 2001 on have large bodies and those from 3001 on thin ones (--from 2001 --scenes 2016). A scene that
+// the file holds is not computed again, so an interrupted study continues. --finer adds a discretisation of
+// so many nodes to scenes that have one of half as many. --points writes band_points.csv, the displacements
+// of a random point of each scene's body. --bodies writes band_bodies.csv, the dimensions of each body under
+// the patch. Three tables follow from these, and --again makes them alone. band_coverage.csv: how often the
+// bounds contain the truth; band_goals.csv: the cost of a requested accuracy; band_misses.csv: each bound
+// that fails.
 
 #include <fmt/format.h>
 
@@ -58,7 +59,7 @@ constexpr const char* header =
 constexpr const char* points_header =
     "scene,set,body,facing_share,nodes,x_mm,y_mm,z_mm,indentation_mm,u_x_mm,u_y_mm,u_z_mm\n";
 
-// A place inside the body, not far from the circle: what somebody would ask after.
+// Random point inside the body near the bonded patch, such as a user's target.
 Vec3 random_place(const CalibrationScene& scene, const BodySurface& body, const Vec3& circle) {
   Draw draw{std::mt19937_64(static_cast<std::uint64_t>(scene.number) + 1'000'000)};
   const double near = 3e-3 * scene.boundary.indenter_diameter_mm;
@@ -73,8 +74,8 @@ Vec3 random_place(const CalibrationScene& scene, const BodySurface& body, const 
   return place;
 }
 
-// What the clouds of these sizes give: a row for each depth in `forces`, and in `points`, where those are
-// wanted. Nothing where the first cloud is refused: without it the others are of no use.
+// Results of one scene for each of these numbers of nodes: a row for each depth in `forces`, and in `points`
+// if requested. Empty if the first discretisation is refused, since the others are then of no use.
 struct Rows {
   std::string forces, points;
 };
@@ -102,7 +103,7 @@ Rows measure(const CalibrationScene& scene, const std::vector<Index>& sizes, boo
                                            labels ? label_finder(*labels, body.surface) : LabelAt{});
       const double built_s = building.seconds();
       const Stopwatch solving;
-      // A march that guards have sent back goes on in short steps, some for ten minutes.
+      // After guards have intervened a march continues in short steps, some for ten minutes.
       Observer observer{
           .sample = [](const ForceSample&, const History& h) { return h.evaluations < most_evaluations; }};
       if (with_points) {
@@ -120,7 +121,7 @@ Rows measure(const CalibrationScene& scene, const std::vector<Index>& sizes, boo
       const Loading loading{.depth = 1e-3 * scene.depth_mm};
       const ForceSystem system(built.model, materials_of_points, Precision::single_);
       History history;
-      // Where dynamics is chosen a run has no band, so that scenes drawn later do not ask.
+      // A run has no error bounds if dynamics is chosen, so scenes drawn later are always quasi-static.
       const TimeMode time = scene.number >= first_large
                                 ? TimeMode::quasi_static
                                 : choose_time(built.model, materials_of_points, loading);
@@ -131,7 +132,7 @@ Rows measure(const CalibrationScene& scene, const std::vector<Index>& sizes, boo
                           .why = "a guard has shortened its steps",
                           .remedy = "leave this scene out"});
       const double solved_s = solving.seconds();
-      int frame = 1;  // between the frames each cloud has equilibria of its own
+      int frame = 1;  // between frames each discretisation has its own equilibria
       for (const ForceSample& sample : history.force)
         if (std::abs(1e3 * sample.depth - frame * scene.depth_mm / frames) < 1e-6 && frame++ > 0)
           rows.forces +=
@@ -157,15 +158,15 @@ double median(std::vector<double> values) {
   return values[values.size() / 2];
 }
 
-// As a reader wants them apart: the second proof was drawn later.
+// Group of a scene in the tables; the second proof was drawn later and is listed apart.
 std::string group_of(const BandScene& scene) {
   return scene.set != "proof" ? scene.set : scene.number < second_proof ? "first proof" : "second proof";
 }
 const std::vector<std::string> groups = {"calibration", "first proof", "second proof", "aside"},
                                extending = {"large", "thin"};
 
-// Rows of band_coverage.csv: the bounds against the truth, with each number of nodes. Bounds hold if all that
-// the truth may be lies between them. `misses`: rows of band_misses.csv.
+// Rows of band_coverage.csv: the error bounds compared with the truth, for each number of nodes. Bounds hold
+// if they contain all possible values of the truth. `misses`: rows of band_misses.csv.
 std::string coverage_of_bands(const std::vector<BandScene>& scenes, const std::vector<std::string>& of_groups,
                               std::string& misses) {
   std::string table;
@@ -223,13 +224,13 @@ std::map<int, std::string> rows_by_scene(const fs::path& file) {
   return rows;
 }
 
-// What the circle of each scene of the file sees of its body. A row that the file holds stays: its image need
-// not be there. Other scenes without their image are left out.
+// Writes band_bodies.csv: dimensions of each scene's body under the bonded patch. A row that the file holds
+// is kept without reading its image. Other scenes without their image are left out.
 void write_bodies(const fs::path& folder, const fs::path& data, const fs::path& atlases) {
   std::map<int, std::string> rows = rows_by_scene(folder / "band_bodies.csv");
   std::string csv =
       "scene,set,body,diameter_mm,thickness_radii,size_radii,voxel_radii,nu,tissues,stiffness_ratio\n";
-  std::map<std::string, SegmentedBody> organs;  // which many scenes share
+  std::map<std::string, SegmentedBody> organs;  // common to many scenes
   const auto add = [&](const CalibrationScene& scene) {
     const std::string key =
         scene.image.empty() && !scene.core ? fmt::format("scene {}", scene.number) : scene.body;
@@ -253,8 +254,8 @@ void write_bodies(const fs::path& folder, const fs::path& data, const fs::path& 
   write_file(folder / "band_bodies.csv", csv);
 }
 
-// Rows of band_goals.csv: the program's refinement for a requested accuracy over the recorded clouds, up to a
-// quarter of the truth's nodes, on the proof's scenes from `first` on.
+// Rows of band_goals.csv: the program's refinement for a requested accuracy, replayed with the recorded
+// forces. Uses up to a quarter of the truth's nodes, on the proof's scenes from `first` on.
 std::string cost_of_goals(const std::vector<BandScene>& scenes, int first, std::string& misses) {
   std::string table;
   std::map<int, double> seconds_for_5, seconds_for_2;  // of scenes
@@ -317,7 +318,7 @@ std::string cost_of_goals(const std::vector<BandScene>& scenes, int first, std::
   return table;
 }
 
-// The same rows of displacements, with the error at most.
+// Rows of band_coverage.csv for displacements, with the largest possible error.
 std::string coverage_of_points(const std::vector<PointScene>& scenes, double multiplier,
                                std::string& misses) {
   std::string table;
@@ -406,11 +407,11 @@ int main(int argc, char** argv) try {
     std::reverse(sizes.begin(), sizes.end());
   else
     sizes.insert(sizes.begin(), dimple::finest);
-  if (first >= dimple::first_large)  // the truth, and those that the default's number lies between
+  if (first >= dimple::first_large)  // the truth, and the numbers around the default
     sizes = {dimple::finest, dimple::finest / 2, 500, 1000, 2000};
   if (bodies) dimple::write_bodies(folder, data, atlases);
   again = again || bodies;
-  std::set<int> done;  // also by the finer cloud
+  std::set<int> done;  // also with the finer nodes
   if (finer > 0) {
     sizes = {finer};
     for (const dimple::BandScene& scene : dimple::band_scenes(file))

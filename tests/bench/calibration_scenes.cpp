@@ -31,8 +31,8 @@ constexpr std::array<Organ, 3> organs_to_prove = {{{"heart", "heart_ct_1.5mm.nii
                                                    {"human_brain", "human_brain_mri_2mm.nrrd", 0},
                                                    {"right_lung", "lung_ct_aniso.mha", 0}}};
 
-// Of two people and a macaque: other brains than the one that proves. The second is its tracts of white
-// matter alone.
+// Brains of two people and a macaque, none of them among the held-out organs. The second has its tracts of
+// white matter alone.
 constexpr std::array folded = {"brodmann.nii.gz", "natbrainlab.nii.gz", "inia19-NeuroMaps.nii.gz"};
 
 void set_organ(Draw& draw, CalibrationScene& scene, const Organ& organ, const fs::path& data) {
@@ -50,7 +50,7 @@ CalibrationScene first_scene_of(int number, const fs::path& data, const fs::path
   scene.number = number;
   const double diameter = draw.between(6.0, 20.0);
   double thickness = 30.0, reach_x = 0.0,
-         reach_y = 0.0;  // of the body, and how far from its middle the circle may be
+         reach_y = 0.0;  // of the body, and largest offset of the patch from its middle
   const auto exactly = [](auto make) { return [make] { return SegmentedBody{make(), {}}; }; };
   constexpr int an_organ = 7;
   switch (number < first_folded ? number % 7 : an_organ) {
@@ -125,14 +125,14 @@ double log_between(Draw& draw, double low, double high) {
   return low * std::pow(high / low, draw.between(0.0, 1.0));
 }
 
-// Place of the circle on the top of a body, at most so far from the middle of its outline.
+// Places the bonded patch on the top of a body, at most so far from the middle of its outline.
 void place_on_top(Draw& draw, CalibrationScene& scene, double reach_x, double reach_y) {
   scene.boundary.base = "inferior";
   scene.boundary.indent_at =
       fmt::format("{:.2f},{:.2f},top", draw.between(-reach_x, reach_x), draw.between(-reach_y, reach_y));
 }
 
-// A solid whose volume has about this cube root and which is about so high.
+// Makes a solid with about this cube root of volume and about this height.
 void set_solid(Draw& draw, CalibrationScene& scene, int kind, double size, double height) {
   const auto exactly = [](auto make) { return [make] { return SegmentedBody{make(), {}}; }; };
   const double area = size * size * size / height;
@@ -154,7 +154,7 @@ void set_solid(Draw& draw, CalibrationScene& scene, int kind, double size, doubl
   }
 }
 
-// A lump that is so many times larger than drawn and, in addition, so many times higher.
+// Makes a lump so many times larger than drawn and, in addition, so many times higher.
 void set_lump(CalibrationScene& scene, double larger, double higher) {
   const RandomBody body = random_body(scene.number);
   const double diameter = scene.boundary.indenter_diameter_mm,
@@ -171,7 +171,7 @@ void set_lump(CalibrationScene& scene, double larger, double higher) {
   scene.surface = [image] { return make_body_surface(image, {}); };
 }
 
-// A body of the two groups that extend the range: a solid, or an organ or a lump.
+// Scene of the two groups that extend the range: a solid, or an organ or a lump.
 CalibrationScene extension_scene(int number, const fs::path& data) {
   Draw draw{std::mt19937_64(static_cast<std::uint64_t>(number))};
   CalibrationScene scene{.number = number, .body = {}, .surface = {}};
@@ -226,8 +226,8 @@ CalibrationScene scene_of(int number, const fs::path& data, const fs::path& atla
 std::string set_of(const CalibrationScene& scene) {
   if (scene.number >= first_large) return scene.number < first_thin ? "large" : "thin";
   if (proves(scene.number)) return "proof";
-  // The tracts of white matter are no body that anybody can touch: as thin as their own nodes, so that 8000
-  // of these are not enough.
+  // The tracts of white matter cannot be indented in practice: they are as thin as their own node spacing,
+  // and 8000 nodes are not enough.
   return scene.body == folded[1] ? "aside" : "calibration";
 }
 

@@ -1,4 +1,4 @@
-# The script `compare` on small files: ratios, their order and mean, and refusals. Run as
+# Tests the script `compare` on small files: ratios, their order and mean, and refusals. Run as
 #   cmake -D COMPARE=<script> -D FOLDER=<scratch> -P compare_test.cmake
 file(MAKE_DIRECTORY ${FOLDER})
 file(WRITE ${FOLDER}/old.csv "# machine: A\n# version: 1\nbenchmark,time_us,spread\na/1,100,0.01\nb/1,50,0\nold/1,7,0\n")

@@ -1,13 +1,13 @@
-"""A rigid sphere of 5 mm pressed 4 mm into a bonded cylinder, without friction: Dimple beside GetFEM, error against time.
+"""A rigid sphere of 5 mm pressed 4 mm into a bonded cylinder, without friction: Dimple and GetFEM, error against time.
 
     python3 tests/bench/contact_peer.py build/release OUT     (apt install python3-getfem gmsh; a quarter of an hour)
     python3 tests/bench/contact_peer.py --draw OUT            the picture and the table again, from OUT/contact_peer.csv
 
-Writes contact_peer.csv and contact_peer.svg. Ours goes from a label image of the cylinder (1 mm) to the force at eight depths. The others
+Writes contact_peer.csv and contact_peer.svg. Dimple computes from a label image of the cylinder (1 mm) the force at eight depths. The others
 know the exact cylinder. GetFEM: gmsh's tetrahedra, quadratic displacement and linear pressure, contact by an augmented Lagrangian with a
 multiplier on the surface, Newton, MUMPS, from one depth to the next along the line through the last two.
-The reference is axisymmetric (tests/verification/reference/contact.csv, known to 0.1 to 0.4 %). Leave the machine alone meanwhile: they
-run in turn.
+The reference is axisymmetric (tests/verification/reference/contact.csv, known to 0.1 to 0.4 %). Both run in turn; the machine
+must be otherwise idle.
 """
 
 import csv
@@ -35,7 +35,7 @@ def other(mesh, folder):
 
 
 def one(fine, growth, far, folder):
-    """The other's run: prints the number of its unknowns and the forces."""
+    """Runs the other program; prints the number of its unknowns and the forces."""
     import getfem
     import numpy as np
 

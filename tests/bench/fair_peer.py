@@ -1,13 +1,13 @@
-"""Dimple beside a finite-element code that does not lock, whole way from a label image to the force at 1, 2, 3 and 4 mm.
+"""Dimple and a finite-element code that does not lock, from a label image to the force at 1, 2, 3 and 4 mm.
 
     python3 tests/bench/fair_peer.py IMAGES build/release OUT      IMAGES: heart_ct_1.5mm.nii.gz, abdomen_mr_3mm.nii.gz,
                                                                    human_brain_mri_2mm.nrrd; the block is made
     python3 tests/bench/fair_peer.py --draw OUT                    the picture and the table again, from OUT/fair_peer.csv
 
-Writes fair_peer.csv, fair_peer.svg, and prints how many times faster which is at several errors. The other code is
+Writes fair_peer.csv, fair_peer.svg, and prints the ratio of their times at several errors. The other code is
 tests/verification/reference/tetrahedra.cpp: Taylor-Hood tetrahedra (quadratic displacement, linear pressure), CGAL's mesh of the
-body's surface, Newton, MUMPS; surface, base and circle are found by Dimple's library in both. Leave the machine alone meanwhile: the
-two run in turn. Each row is one run: of ours three clouds of each size, of the other each grading of the mesh.
+body's surface, Newton, MUMPS; Dimple's library finds surface, base and patch for both. Both run in turn; the machine must be
+otherwise idle. Each row is one run: of Dimple three node sets of each size, of the other each grading of the mesh.
 """
 
 import csv
@@ -18,7 +18,7 @@ import tempfile
 import time
 
 REFERENCE = os.path.join(os.path.dirname(__file__), "..", "verification", "reference")
-SCENES = {  # image, label, where the circle is and what else the references took, see their README
+SCENES = {  # image, label, place of the patch and other settings of the references, see their README
     "block": ("block.nrrd", None, None, []),
     "heart": ("heart_ct_1.5mm.nii.gz", None, "26.308587,-165.268872,714.798895", []),
     "liver": ("abdomen_mr_3mm.nii.gz", 5, "-95.399296,-33.354610,27.513709", []),
@@ -27,7 +27,7 @@ SCENES = {  # image, label, where the circle is and what else the references too
 NODES = [250, 300, 400, 500, 600, 800, 1000, 1500, 2000, 3000, 4000]
 SEEDS = [1, 2, 3]
 FINEST_NODES = 16000
-# rim and largest edge [mm], growth, and how far the mesh may lie from the surface, as its `near` and `farthest`
+# edge at the patch and largest edge [mm], growth, and largest distance of the mesh from the surface, as `near` and `farthest`
 MESHES = [(rim, growth, far, near, farthest)
           for near, farthest in [(0.3, 3), (0.15, 1)]
           for rim in [0.8, 1.2, 1.6, 2, 2.5, 3]
@@ -55,7 +55,7 @@ def read_rows(path):
 
 
 def run_to_depths(build, image, options, depths, nodes, seed, folder):
-    """Our forces at equal depths to 4 mm, and how long they took; nothing where the run ends without them."""
+    """Forces of Dimple at equal depths to 4 mm, and its time; None if the run ends without them."""
     out = os.path.join(folder, "out")
     wall, done = timed([os.path.join(build, "dimple"), "run", image, "-o", out, "--force", "-q", "--write", "force", "--band", "off",
                         "--depth", "4mm", "--frames", str(len(depths)), "--nodes", str(nodes), "--set", f"cloud.seed={seed}", *options])
@@ -116,7 +116,7 @@ def measure(images, build, out):
 
 
 def fastest(rows, scene, program, column, level):
-    """Of one run, and of a setting of which every run is as good: ours has three clouds, of the other each is alone."""
+    """Shortest time of a run, and of a setting whose runs are all as accurate: Dimple has three node sets, the other each mesh alone."""
     of = [row for row in rows if row["scene"] == scene and row["program"] == program and row[column] and float(row[column]) > 0]
     alone = [float(row["wall_s"]) for row in of if float(row[column]) <= level]
     sizes = {}
@@ -140,7 +140,7 @@ def table(rows):
 
 
 def pyplot():
-    """Whose pictures come out the same each time."""
+    """matplotlib.pyplot with reproducible output."""
     import matplotlib
 
     matplotlib.use("svg")

@@ -11,16 +11,16 @@
 namespace dimple {
 namespace {
 
-/// What one evaluation of the force asks for at least, whoever does it: counted from the model, the same for
-/// every implementation, so that rates may be compared. Lists pass as often as there are sums over them;
-/// nodal and patch values are taken to stay in cache. r bytes a number, 4 an index:
+/// Least work of one force evaluation [bytes, flops], counted from the model. It is the same for every
+/// implementation, so rates are comparable. Lists are read once for each sum over them; nodal and patch
+/// values are assumed to stay in cache. r bytes a number, 4 an index:
 ///
 ///     bytes = pairs 2 (3 r + 4) + shares 4 (r + 4) + variance (r + 4) + points 42 r + nodes 6 r
 ///     flops = pairs 2 x 18      + shares 4 x 2     + variance 6       + points 160
 ///
-/// Pairs: F from u, then f from P. Shares: J_b from J, J~ from J_b, and back again for their forces. Points:
-/// F and V P written and read (36), J - 1 likewise (2), pressure likewise (2), volume and what J - J~ leaves
-/// (2); and as operations det 29, pressures 10, J^(-2/3) 35, the rest of P 86. Without patches, as in the
+/// Pairs: F from u, then f from P. Shares: J_b from J, J~ from J_b, and the transposed sums for their forces.
+/// Points: F and V P written and read (36), J - 1 written and read (2), pressure too (2), volume and the term
+/// of J - J~ (2); operations: det 29, pressures 10, J^(-2/3) 35, the rest of P 86. Without patches, as in the
 /// paper's scheme: 38 r.
 struct Work {
   double bytes, flops;
@@ -94,7 +94,7 @@ void quasi_static_depth(benchmark::State& state, int threads) {
 }
 
 /// One of the steps between the first sample of the force and one at least 100 steps later: force, update,
-/// and the share of what is looked at now and then. Finding the stable step is not part of it.
+/// and a fraction of the periodic checks. Finding the stable step is excluded.
 void dynamic_step(benchmark::State& state, const std::string& scheme, int threads) {
   using Clock = std::chrono::steady_clock;
   const MeasuredBlock& s = scene(scheme, 4250);

@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""Random minutes of a live tool against runs at the poses that were asked for.
+"""Random minutes of a live tool against runs at the requested poses.
 
     python3 live_minutes.py PROGRAM IMAGE OUT.csv [--minutes 20] [--nodes 500] [--seed 1] [options of dimple ...]
 
-A sphere is moved in all directions: in and out, aside by less and by more than a quarter of its radius, to and fro, and
-off the organ. Of each minute some frames are taken at random. The reference is a run of `dimple run` at the place below
-the tip that was asked for, with as many nodes, its force taken at the depth of that tip.
+A sphere is moved in all directions: in and out, sideways by less and by more than a quarter of its radius, back and forth, and
+off the organ. Some frames of each minute are drawn at random. The reference is the force of `dimple run` at the place
+below the requested tip, with as many nodes, at the depth of that tip.
 OUT.csv has a row for each such frame; the last lines printed count the forces outside of their stated error by status.
 """
 import argparse
@@ -19,7 +19,7 @@ import tempfile
 
 WORDS = ("there", "lags", "stopped", "elsewhere", "beyond")
 RADIUS_MM = 5.0
-OFF_MM = 100.0  # aside of the first touch: off the organ
+OFF_MM = 100.0  # sideways from first contact: off the organ
 FPS = 10
 
 
@@ -56,7 +56,7 @@ def random_way(hand, touch, push, across):
 
 
 def reference(program, image, folder, tip, push, nodes, options, known):
-    """Force [N] at a tip [mm]: from a run at the place below it. None: no run is possible there."""
+    """Force [N] at a tip [mm], by a run at the place below it. None if no run is possible there."""
     key = tuple(round(t - sum(a * b for a, b in zip(tip, push)) * p, 3) for t, p in zip(tip, push))
     if key not in known:
         ran = dimple(program, "run", image, "-o", folder, "--force", "-q", "--write", "force", "--band", "off",

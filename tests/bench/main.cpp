@@ -1,11 +1,11 @@
-// How long each stage takes, on a block of 60 x 60 x 30 mm, beside a plain reference of the force and what
-// the processor can do at most.
+// Time of each stage on a block of 60 x 60 x 30 mm. A plain reference of the force and the limits of the
+// processor are measured for comparison.
 //
 //   dimple_bench                                     five repetitions of all
 //   dimple_bench --benchmark_filter=force/           some
 //   dimple_bench --results=tests/bench/results --version=$(git describe --always --dirty)
 //
-// All options of Google Benchmark are taken.
+// All options of Google Benchmark are accepted.
 
 #include <fmt/format.h>
 

@@ -1,13 +1,12 @@
-// How far the force is from its limit, body by body: real organs, odd bodies and slits, and not only the
-// block.
+// Errors of the force for real organs, odd bodies and slits, in addition to the block.
 //
 //   dimple_organs FOLDER [--data DIR] [--bodies A,B] [--nodes 1000,2000] [--seeds N] [--depth MM] [--frames
 //   N]
 //                 [--sensitivity]
 //
-// Writes organs_forces.csv: a row for each body, number of nodes, seed and depth; and organs.csv: how far the
-// means over the seeds are from the finite elements of tests/verification/reference at 2 and 4 mm. Bodies
-// whose images are not there are left out, in words. --sensitivity halves and doubles each constant of the
+// Writes organs_forces.csv: a row for each body, number of nodes, seed and depth. Writes organs.csv: errors
+// of the means over the seeds against the finite elements of tests/verification/reference at 2 and 4 mm.
+// Bodies without an image are left out with a message. --sensitivity halves and doubles each constant of the
 // scheme instead, and writes sensitivity.csv.
 
 #include <fmt/format.h>
@@ -42,8 +41,8 @@ struct Body {
   double depth_mm = 4.0;
   std::string image = {};  // below --data
   bool two_tissues = false;
-  // Its rows in a table of tests/verification/reference: their first fields; depth, force and, if it is
-  // there, the uncertainty follow.
+  // First fields of its rows in a table of tests/verification/reference; depth, force and, if available, the
+  // uncertainty follow.
   std::string reference = {}, rows = {};
   double known_to_percent = 0.0;
 };
@@ -92,7 +91,7 @@ std::vector<Body> bodies(const fs::path& data) {
   two_labels.two_tissues = true;
   list.push_back(compared(two_labels, "two_labels.csv", "", 2.0));
   list.push_back({"phantom_brain", [] { return make_body_surface(make_phantom({}), {}); }, {}});
-  // As the reference forces were computed: on the organ's own flat or broadest side.
+  // Same position of the tool as in the reference computations: on the organ's own flat or broadest side.
   const auto add_file = [&](const std::string& name, const std::string& file, std::vector<int> labels,
                             const std::string& at = "opposite") {
     const std::string in_table = name == "right_lung" ? "lung" : name == "human_brain" ? "brain" : name;
@@ -222,8 +221,8 @@ struct Known {
   double force, percent;
 };
 
-// Depth in mm -> what the finite elements give. Fields of text stand in these tables, so read_csv() does not
-// serve.
+// Forces of the finite elements by depth in mm. These tables have fields of text, which read_csv() does not
+// accept.
 std::map<double, Known> reference_of(const Body& body) {
   std::map<double, Known> result;
   if (body.reference.empty()) return result;
@@ -275,7 +274,7 @@ void compare(const std::vector<std::pair<Body, Forces>>& measured, const Options
   write_file(wanted.folder / "organs.csv", table);
 }
 
-// What each constant, halved and doubled, does to the mean force over the seeds.
+// Changes of the mean force over the seeds when each constant is halved and doubled.
 void measure_sensitivity(const std::vector<Body>& list, const Options& wanted) {
   std::vector<Variation> runs = {{"none", 1.0}};
   for (const Constant& constant : constants())

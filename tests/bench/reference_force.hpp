@@ -9,10 +9,10 @@
 
 namespace dimple {
 
-/// The converging scheme's internal force written down plainly, as one would first: one contiguous array for
-/// each number, lists in compressed rows, one thread, loop after loop. What the product's kernel is measured
-/// against, and an independent check of it. The energy is that of solver/terms/projected_kernel.hpp; one
-/// elastic neo-Hookean tissue.
+/// Plain implementation of the converging scheme's internal force: one contiguous array for each number,
+/// lists in compressed rows, one thread, loop after loop. The product's kernel is measured and independently
+/// checked against it. The energy is that of solver/terms/projected_kernel.hpp, for one elastic neo-Hookean
+/// tissue.
 ///
 ///     ReferenceForce<double> reference(model, material);
 ///     set_displacement(reference, u);
@@ -28,8 +28,8 @@ struct ReferenceForce {
   ReferenceForce(const Model& model, const Material& material);
 
   Real mu, ks, bulk;  // [Pa]; bulk = kappa - ks
-  /// The kernel's two choices, typed here a second time so that changing one of them there is noticed. Where
-  /// strains are small neither counts, and what is left is theory.
+  /// The kernel's two chosen constants, repeated here so that a change of one there is noticed. At small
+  /// strains neither has an effect, and only theory remains.
   Real beta = Real(1), smallest_J = Real(0.05);
   std::vector<std::int32_t> offset, node;    // row q: the nodes of point q
   std::vector<Real> dphi_x, dphi_y, dphi_z;  // [pairs] 1/m
@@ -46,11 +46,11 @@ struct ReferenceForce {
   std::vector<Real> patch_dilation, patch_unresolved;  // [patches]
 };
 
-/// f_x, f_y, f_z from u_x, u_y, u_z.
+/// Computes f_x, f_y, f_z from u_x, u_y, u_z.
 void evaluate(ReferenceForce<float>& reference);
 void evaluate(ReferenceForce<double>& reference);
 
-/// From and to [4xN] as ForceSystem has it.
+/// Conversions from and to [4xN] as in ForceSystem.
 template <class Real>
 void set_displacement(ReferenceForce<Real>& reference, const Eigen::Matrix4Xd& u);
 template <class Real>

@@ -65,7 +65,7 @@ void Results::ReportRuns(const std::vector<Run>& runs) {
   for (const Run& run : runs) {
     if (run.error_occurred) continue;
     const bool only =
-        run.run_type == Run::RT_Iteration;  // one repetition, or all are shown before their median
+        run.run_type == Run::RT_Iteration;  // one repetition; otherwise all are printed before their median
     Line& now = line(run.run_name.function_name);
     if (run.aggregate_name == "cv") now.spread = run.real_accumulated_time;
     if (!only && run.aggregate_name != "median") continue;

@@ -39,7 +39,7 @@ std::vector<Memory> memories() {
   const std::size_t L2 = cache(2, 1 << 20), L3 = cache(3, 8 << 20);
   return {{"L2", L2 / 2, true},
           {"L3", std::min(4 * L2, L3 / 2), false},
-          {"quarter_L3", L3 / 4, false},  // a virtual machine may have less of it than it says
+          {"quarter_L3", L3 / 4, false},  // a virtual machine may have less of it than it reports
           {"half_L3", L3 / 2, false},
           {"DRAM", 4 * L3, false}};
 }

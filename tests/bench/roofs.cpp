@@ -20,7 +20,7 @@ template <class Real, int bytes>
 #pragma GCC unroll 10
   for (int i = 0; i < chains; ++i) {
     x[i] = b * Real(i);
-    asm volatile("" : "+x"(x[i]));  // the compiler may not work out the result beforehand
+    asm volatile("" : "+x"(x[i]));  // keeps the compiler from computing the result beforehand
   }
   for (std::int64_t r = 0; r < rounds; ++r) {
 #pragma GCC unroll 10
@@ -49,7 +49,7 @@ template <int bytes>
 }
 
 #if defined(__x86_64__)
-// Not target_clones: the width of the registers differs, and with it the number of chains that fit.
+// target_clones cannot be used: register widths differ, and with them the number of chains that fit.
 #define DIMPLE_WIDTHS(Result, name, call, Argument)                     \
   __attribute__((target("avx512f,fma"))) Result name##_64(Argument n) { \
     return call(64);                                                    \

@@ -1,9 +1,9 @@
-"""How run time and memory grow with the number of nodes, on a block of 60 x 60 x 30 mm at 1 mm: whole runs of the program, one
+"""Growth of run time and memory with the number of nodes, on a block of 60 x 60 x 30 mm at 1 mm: whole runs of the program, one
 after the other.
 
     python3 tests/bench/scaling.py build/release/dimple tests/bench/results [NODES ...]
 
-Writes scaling.csv and scaling.svg there. Leave the machine alone meanwhile: some five minutes.
+Writes scaling.csv and scaling.svg there. Takes some five minutes on an otherwise idle machine.
 """
 
 import csv

@@ -12,7 +12,7 @@
 namespace dimple {
 namespace {
 
-// Down by 2 mm under the tool, less around it, and nothing at the base. Smooth, so every J stays positive.
+// Displacement: 2 mm under the tool, less around it, zero at the base. Smooth, so every J stays positive.
 ForceSystem::Nodal dent(const Model& model) {
   const Vec3& push = model.tool.push;
   const Eigen::VectorXd along = model.X.transpose() * push;

@@ -10,27 +10,27 @@
 
 namespace dimple {
 
-/// What is measured: a block of 60 x 60 x 30 mm from a label image of 1 mm, with all options as the program
-/// has them unless given here.
+/// Measured scene: a block of 60 x 60 x 30 mm from a label image of 1 mm, with the program's defaults for all
+/// options not given here.
 struct MeasuredBlock {
   Scene run;
   LabelImage image;
   Material material;
   Model model;
-  ForceSystem::Nodal u;  ///< [N] m: a dent as under the tool, for force evaluations
+  ForceSystem::Nodal u;  ///< [N] m: a dent like that under the tool, for force evaluations
 };
 
-/// From the image to a model that a solver can take.
+/// Complete model from an image, ready for a solver.
 Model whole_model(const LabelImage& image, const Scene& run);
 
-/// Made when first asked for and kept. In the converging scheme's, the product's force has been compared with
-/// the reference's; if they differ, the program ends and says so.
+/// Scene of this scheme and size, made on first use and kept. For the converging scheme the product's force
+/// is compared with the reference's; if they differ, the program ends with a message.
 const MeasuredBlock& scene(const std::string& scheme, Index nodes);
 
-/// A line for each scene made so far: how large it is.
+/// One line for each scene made so far, with its size.
 std::string scene_facts();
 
-/// While it lives, so many threads.
+/// Limits the number of threads during its lifetime.
 class Threads {
  public:
   explicit Threads(int count)

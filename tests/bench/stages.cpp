@@ -14,7 +14,7 @@ namespace {
 
 constexpr Index nodes = 4250;
 
-// What the stages before the one that is measured have made; made when first asked for.
+// Results of the stages before the measured one; computed on first use.
 struct Before {
   const MeasuredBlock& final = scene("converging", nodes);
   ModelOptions options = model_options(final.run);
@@ -59,7 +59,7 @@ void grid(benchmark::State& state) {
         make_graded_grid(b.body.surface, b.options.grid, nodes, b.sizing, b.cloud.far_spacing).point.data());
 }
 
-// A stage that changes a model starts from a fresh copy each time, which is not part of it.
+// Runs a stage that changes a model on a fresh copy each time; copying is not measured.
 template <class Stage>
 void on_copy(benchmark::State& state, const Model& start, const Stage& stage) {
   for (auto _ : state) {
@@ -109,7 +109,7 @@ void register_stages() {
       {"node_cloud", &node_cloud},    {"grid", &grid},       {"supports", &supports},
       {"consistency", &consistency},  {"patches", &patches}, {"complete_model", &complete_from_image},
       {"force_system", &force_system}};
-  for (const auto& stage : stages)  // with as many threads as the program takes
+  for (const auto& stage : stages)  // with as many threads as the program uses
     benchmark::RegisterBenchmark(fmt::format("stage/{}/{}/all_threads", stage.name, nodes).c_str(),
                                  stage.body)
         ->UseRealTime()

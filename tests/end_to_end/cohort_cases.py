@@ -1,6 +1,6 @@
-"""Twenty cases for the tests of cohorts, three of them broken, and what must not differ between two ways of running them.
+"""Twenty cases for the tests of cohorts, three of them broken, and the comparison of two runs of them.
 
-Used by cohort_slurm and cohort_snakemake. Each prints a sentence that begins with "Skipped:" where what it needs is not
+Used by cohort_slurm and cohort_snakemake. Each prints a sentence that begins with "Skipped:" if a program is not
 installed.
 """
 
@@ -10,7 +10,7 @@ import subprocess
 import sys
 import time
 
-SLOW = "sub-07"  # it marches for seconds, so that it can be killed half-way
+SLOW = "sub-07"  # marches for seconds, so that it can be killed half-way
 BROKEN = {"sub-04": "No such file", "sub-09": "soft", "sub-15": "sub-15.nrrd"}
 ROWS = 20
 DEPTHS = "2mm,3mm"
@@ -25,7 +25,7 @@ def skip_without(*programs):
 
 
 def run(arguments, folder, limit_s=120, code=0, **how):
-    """Runs a program to its end; `code`: what it must return, None: anything."""
+    """Runs a program to its end; `code`: required exit code, None: any."""
     done = subprocess.run(arguments, cwd=folder, timeout=limit_s, text=True, capture_output=True, **how)
     if code is not None and done.returncode != code:
         sys.exit(f"{' '.join(arguments)} returned {done.returncode}, not {code}:\n{done.stdout}\n{done.stderr}")
@@ -43,7 +43,7 @@ def wait_for(what, condition, limit_s=60):
 
 
 def make(dimple, folder):
-    """images/ and cases.csv in the folder."""
+    """Makes images/ and cases.csv in the folder."""
     os.makedirs(os.path.join(folder, "images"))
     run([dimple, "phantom", "images/brain.nrrd", "--spacing", "3", "-q"], folder)
     run([dimple, "phantom", "images/block.nrrd", "--shape", "block", "--size", "60,60,30", "--spacing", "3", "-q"], folder)
@@ -60,7 +60,7 @@ def make(dimple, folder):
 
 
 def collected(dimple, folder, out):
-    """The table of a folder without the times, by id."""
+    """Table of a folder without the times, by id."""
     text = run([dimple, "collect", out, "--cases", "cases.csv", "--depths", DEPTHS, "-q"], folder).stdout
     rows = {}
     for row in csv.DictReader(text.splitlines()):
@@ -70,7 +70,7 @@ def collected(dimple, folder, out):
 
 
 def expect_same(dimple, folder, ours, theirs):
-    """Two folders hold the same: 17 results, bit for bit, and 3 errors with their reasons."""
+    """Expects equal contents of two folders: 17 results, bit for bit, and 3 errors with their reasons."""
     here, there = collected(dimple, folder, ours), collected(dimple, folder, theirs)
     wrong = [f"{id}: {here.get(id)}\n   {there.get(id)}" for id in sorted({*here, *there}) if here.get(id) != there.get(id)]
     finished = [id for id, row in there.items() if row["status"] == "finished"]

@@ -1,4 +1,4 @@
-// Many cases by one command: a table of them, their results, and one table of all.
+// Batch runs: a table of cases, their results, and one table of all.
 
 #include <map>
 #include <tuple>
@@ -13,7 +13,7 @@ class Batch : public InFolder {
  protected:
   void SetUp() override { make_block(); }
 
-  /// Row of the table by id, column -> field.
+  /// Rows of the table of results by id: column -> field.
   std::map<std::string, std::map<std::string, std::string>> collected(const std::string& arguments) const {
     const Ran ran = good("collect " + arguments);
     write("collected.csv", ran.out);
@@ -24,7 +24,7 @@ class Batch : public InFolder {
     return rows;
   }
 
-  /// Nothing runs: what is wrong is the table.
+  /// Expects that no case runs because the table itself is wrong.
   void expect_refused(int code, const std::string& content, const std::vector<std::string>& words) const {
     SCOPED_TRACE(content.substr(0, 200));
     write("bad.csv", content);
@@ -37,8 +37,8 @@ class Batch : public InFolder {
 };
 
 TEST_F(Batch, GivesEachCaseTheBitsOfARunOfItsOwn) {
-  // Semicolons, CRLF, a byte order mark, a path from the table's folder, a list in quotes, a name that is not
-  // English.
+  // The table has semicolons, CRLF, a byte order mark, a path relative to it, a list in quotes and a name
+  // that is not English.
   write("tables/cases.csv",
         "\xEF\xBB\xBFid;image;mu_Pa;indent-at;output.write;image.label\r\n"
         "a;../block.nrrd;300;;\"force,nodes\";\r\n"
@@ -83,7 +83,7 @@ TEST_F(Batch, GoesOnAfterCasesThatFailAndTellsWhyEachDid) {
         "also_good,block.nrrd,300,1\n");
   const std::string line = "batch cases.csv -o out --nodes 400 --frames 2 --write force";
   const Ran ran = dimple(folder, line);
-  EXPECT_EQ(ran.code, 3) << ran.err;  // of the first that failed
+  EXPECT_EQ(ran.code, 3) << ran.err;  // code of the first failure
   EXPECT_THAT(ran.out, HasSubstr("2 finished, 0 skipped, 5 failed of 7 cases"));
   const std::vector<std::tuple<std::string, int, std::string>> failures = {{"missing", 3, "nowhere.nrrd"},
                                                                            {"soft", 2, "soft is not allowed"},
@@ -107,7 +107,7 @@ TEST_F(Batch, GoesOnAfterCasesThatFailAndTellsWhyEachDid) {
   EXPECT_FALSE(summary("out/no_image").contains("image"));
   EXPECT_FALSE(fs::exists(folder / "out/good.log"));
 
-  // The same words from an array job of each row, for which a failure is the task's.
+  // An array job of each row reports the failure in the same words, with the exit code of its own task.
   for (std::size_t k = 0; k < failures.size(); ++k) {
     const auto& [id, code, word] = failures[k];
     const Json before = summary("out/" + id);
@@ -118,7 +118,7 @@ TEST_F(Batch, GoesOnAfterCasesThatFailAndTellsWhyEachDid) {
     EXPECT_EQ(summary("out/" + id).value("image", ""), before.value("image", ""));
   }
 
-  // Mended, they run, and the others do not.
+  // Corrected cases run, and the others do not.
   write("words.nrrd", text_of(folder / "block.nrrd"));
   write("cases.csv",
         "id,image,mu,depth\n"
@@ -145,7 +145,7 @@ TEST_F(Batch, SkipsWhatIsFinishedAndSaysSoOfWhatIsAnotherRun) {
   EXPECT_EQ(ran.code, 0) << ran.err;
   EXPECT_THAT(ran.out, HasSubstr("0 finished, 2 skipped, 0 failed"));
 
-  // Another option in one row, another image in the other.
+  // One row has another option, the other row another image.
   write("cases.csv", "id,image,mu\none,block.nrrd,300\ntwo,a.nrrd,200\n");
   good("phantom a.nrrd --shape block --size 60,60,24 --spacing 3");
   ran = dimple(folder, line);
@@ -154,14 +154,14 @@ TEST_F(Batch, SkipsWhatIsFinishedAndSaysSoOfWhatIsAnotherRun) {
                          "the image or model is another one, or has changed", "--force", "[other-run]"});
   EXPECT_EQ(text_of(folder / "out/one/summary.json"), before);
 
-  // With --force that is made anew which would be another, and no more.
+  // With --force a changed case is computed again, and no other.
   write("cases.csv", "id,image,mu\none,block.nrrd,200\ntwo,a.nrrd,200\n");
   ran = dimple(folder, line + " --force");
   EXPECT_EQ(ran.code, 0) << ran.err;
   EXPECT_THAT(ran.out, HasSubstr("1 finished, 1 skipped, 0 failed"));
   EXPECT_EQ(text_of(folder / "out/one/summary.json"), before);
 
-  // What is not ours stays.
+  // Files of others are kept.
   fs::remove_all(folder / "out/one");
   write("out/one/thesis.txt", "years of work");
   ran = dimple(folder, line + " --force");
@@ -185,7 +185,7 @@ TEST_F(Batch, TakesOneRowOfAnArrayJob) {
   EXPECT_EQ(dimple(folder, line + "0").code, 2);
   ends_with(folder, 2, "batch cases.csv -o out --id tow", {"did you mean 'two'?"});
 
-  // The table shows what has not been run, if it knows of it.
+  // The table shows cases without a run if it has their list.
   EXPECT_EQ(collected("out").size(), 1u);
   const auto rows = collected("out --cases cases.csv");
   EXPECT_EQ(rows.at("one").at("status"), "missing");
@@ -284,7 +284,7 @@ TEST_F(Batch, IsStoppedWithinTwoSecondsAndGoesOnFromThere) {
   EXPECT_EQ(text_of(folder / "out/slow_2/force.csv"), text_of(folder / "alone/force.csv"));
 }
 
-// By kill -9, as the system does where memory is short.
+// The process ends by kill -9, as when the system is short of memory.
 TEST_F(Batch, LosesNoOtherCaseWhenTheProcessOfOneDies) {
   write("cases.csv", "id,image,frames\nslow,block.nrrd,400\nquick,block.nrrd,2\n");
   const std::string command = "batch cases.csv -o out --nodes 400 --depth 2mm --write force --jobs 1 -v";
@@ -341,7 +341,7 @@ TEST_F(Batch, IsCollectedAsOneTableWithForcesAtDepths) {
   EXPECT_EQ(b.at("nodes"), std::to_string(summary("out/b").at("counts").at("nodes").get<int>()));
   EXPECT_EQ(b.at("volume_mm3"), shortest(summary("out/b").at("volume_mm3").get<double>()));
   EXPECT_EQ(b.at("warnings"), std::to_string(summary("out/b").at("warnings").size()));
-  EXPECT_EQ(rows.at("a & b's").at("force_at_1.7mm_N"), "");  // it does not go so deep
+  EXPECT_EQ(rows.at("a & b's").at("force_at_1.7mm_N"), "");  // it is not that deep
   EXPECT_NE(rows.at("a & b's").at("force_at_1mm_N"), "");
   EXPECT_EQ(rows.at("c").at("status"), "failed");
   EXPECT_EQ(rows.at("c").at("code"), "input");
@@ -349,7 +349,7 @@ TEST_F(Batch, IsCollectedAsOneTableWithForcesAtDepths) {
   EXPECT_EQ(rows.at("d").at("status"), "failed");
   EXPECT_THAT(rows.at("d").at("fact"), HasSubstr("damaged"));
 
-  // The page: failures first, pictures by links that lead somewhere, names as text.
+  // The page has failures first, pictures by valid links, and names as text.
   const std::string page = text_of(folder / "out/index.html");
   EXPECT_LT(page.find("nowhere.nrrd"), page.find("src=\"a%20%26%20b%27s/overview.png\""));
   EXPECT_THAT(page, HasSubstr("<b>a &amp; b's</b>"));

@@ -1,4 +1,4 @@
-// `dimple compare` through the real program.
+// Tests of `dimple compare` through the real program.
 
 #include "io/file.hpp"
 #include "tests/end_to_end/in_folder.hpp"
@@ -87,10 +87,10 @@ TEST_F(Compare, SaysHowManyNodesAnAccuracyHasTakenAndNotHowManyWereNotAskedFor) 
 }
 
 TEST_F(Compare, BandsOverlapWhereTheyTouchAndNotBeyond) {
-  // The modulus moves the second band by its own width at most where it is given so.
+  // A larger modulus moves the second interval up; the bounds meet at this ratio of moduli.
   const Json own = compared("a", "a")["at_depth"][3];
   const double share = own["a_high_N"].get<double>() / own["a_force_N"].get<double>() - 1.0;
-  const double touching = (1.0 + share) / (1.0 - share);  // of the moduli
+  const double touching = (1.0 + share) / (1.0 - share);
   run("body.nrrd", "near", " --mu " + std::to_string(210.0 * (1.0 + 0.95 * (touching - 1.0))));
   run("body.nrrd", "far", " --mu " + std::to_string(210.0 * (1.0 + 1.05 * (touching - 1.0))));
   EXPECT_EQ(compared("a", "near")["at_depth"][3]["bands_overlap"], true);
@@ -104,11 +104,11 @@ TEST_F(Compare, NeverTakesDifferentImagesForOneWithoutAWord) {
   EXPECT_THAT(ran.out, HasSubstr("DIFFERENT images"));
   EXPECT_THAT(dimple(folder, "compare a b").err, HasSubstr("warning: the runs are of DIFFERENT images"));
   EXPECT_EQ(compared("a", "b")["same_image"], false);
-  // The same file under another name is the same image.
+  // A copy under another name is the same image.
   fs::copy_file(folder / "body.nrrd", folder / "renamed.nrrd");
   run("renamed.nrrd", "c", "");
   EXPECT_EQ(compared("a", "c")["same_image"], true);
-  // Where one does not say which image it was, it is not known.
+  // A summary without the image's hash leaves `same_image` null.
   Json summary = Json::parse(text_of(folder / "c/summary.json"));
   summary.erase("image_sha256");
   write_file(folder / "c/summary.json", summary.dump());

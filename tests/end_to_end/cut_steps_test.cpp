@@ -1,4 +1,4 @@
-// Steps of a scene that cut the body, at rest and in deformed states, through the program itself.
+// Scenes with steps that cut the body, at rest and deformed, through the real program.
 
 #include <iostream>
 
@@ -7,7 +7,7 @@
 namespace dimple {
 namespace {
 
-const std::string block = DIMPLE_SAMPLE_DATA "/block_3mm.nrrd";  // 60 x 60 x 30 mm, the circle at (0, 0, 30)
+const std::string block = DIMPLE_SAMPLE_DATA "/block_3mm.nrrd";       // 60 x 60 x 30 mm, patch at (0, 0, 30)
 const std::string two = DIMPLE_SAMPLE_DATA "/two_labels_3mm.nii.gz";  // the lower half and the upper half
 const std::string disc = "plane:10,0,15,1,0,0.2,radius=12mm";
 const std::string press = " --set step.press.move=2mm ", deeper = " --set step.deeper.move=1mm ";
@@ -47,8 +47,8 @@ TEST_F(StepsThatCut, BeforeAnythingHasMovedAreTheBodyCutAtRestToTheBit) {
   EXPECT_GT(step["scene"][0]["area_mm2"], 400.0);
 }
 
-// Elastic tissue under a bonded tool is where it is whatever the way there. The blade as it lies in the body
-// at rest is in the run's folder.
+// The state of elastic tissue under a bonded tool does not depend on the load path. The run's folder holds
+// the blade in the body at rest.
 TEST_F(StepsThatCut, InADeformedStateAreTheBodyThatHasThatSlitFromTheStart) {
   const Json step = quick("step", press + "--set step.slit.cut=" + disc + "" + deeper);
   const Json& cut = step["scene"][1];
@@ -59,7 +59,7 @@ TEST_F(StepsThatCut, InADeformedStateAreTheBodyThatHasThatSlitFromTheStart) {
   EXPECT_LT(force, 0.97 * cut["force_before_N"].get<double>());
   const double deep = quick("deep", " --cut step/cuts/cut_0001.vtp" + press + deeper)["force_N"];
   EXPECT_NEAR(step["force_N"], deep, 0.001 * deep);
-  // What it releases is what the two bodies differ by, and the books of energy know it.
+  // The released energy is the difference of the two bodies, and the energy balance contains it.
   const double apart =
       last(curve("whole", "energy.csv"), "stored_J") - last(curve("slit", "energy.csv"), "stored_J");
   EXPECT_NEAR(cut["released_J"], apart, 0.01 * apart);
@@ -67,7 +67,7 @@ TEST_F(StepsThatCut, InADeformedStateAreTheBodyThatHasThatSlitFromTheStart) {
   EXPECT_LT(step["energy_error"], 0.002);
   EXPECT_NEAR(cut["released_J_per_m2"], 1e6 * cut["released_J"].get<double>() / cut["area_mm2"].get<double>(),
               1e-12);
-  // Another blade than one at the same place of the body at rest.
+  // This blade differs from one at the same place of the body at rest.
   const Json at_rest = quick("at_rest", " --cut " + disc + "" + press);
   EXPECT_GT(std::abs(at_rest["force_N"].get<double>() - force), 0.002 * force);
 }
@@ -111,7 +111,7 @@ TEST_F(StepsThatCut, OneAfterTheOtherAreAllInTheBodyThatIsLeft) {
               step["model"]["cut"]["area_mm2"], 1e-6);
 }
 
-// What CGAL makes of two blades it makes in an order that hangs on addresses in memory.
+// CGAL intersects two blades in an order that depends on addresses in memory.
 TEST_F(StepsThatCut, ThatCrossAreTheSameBitsEachTime) {
   if (!all_scenes()) GTEST_SKIP() << "DIMPLE_ALL_SCENES=1 runs it";
   const std::string scene = press +
@@ -144,7 +144,7 @@ TEST_F(StepsThatCut, ShowTheCutBodyInEachFrameFromThenOnAtATimeOfItsOwn) {
   const auto size = [&](int frame) {
     return fs::file_size(folder / "out" / "surface" / ("surface_000" + std::to_string(frame) + ".vtp"));
   };
-  EXPECT_NE(size(3), size(4));  // of other triangles
+  EXPECT_NE(size(3), size(4));  // other triangles
   const Table force = curve("out");
   for (std::size_t k = 1; k < force.column[0].size(); ++k)
     EXPECT_GT(force.find("time_s")->at(k), force.find("time_s")->at(k - 1));
@@ -167,7 +167,7 @@ TEST_F(StepsThatCut, TakeOutALabelWhereverItHasGone) {
             {"step.out.cut"});
 }
 
-// At rest again the second blade lies in the gap of the first, but for rounding.
+// At rest the second blade is in the gap of the first, up to rounding.
 TEST_F(StepsThatCut, WhereAnotherHasGoneSayThatTheyOpenHardlyAnythingAndChangeNothing) {
   if (!all_scenes()) GTEST_SKIP() << "DIMPLE_ALL_SCENES=1 runs it";
   const std::string first = press + "--set step.a.cut=" + disc;

@@ -1,5 +1,5 @@
-// dimple run --cut: a body that is cut, or a part of it taken out, before the load, through the program
-// itself.
+// Tests of dimple run --cut: a body is cut, or a part of it taken out, before the load, through the real
+// program.
 
 #include "tests/end_to_end/in_folder.hpp"
 
@@ -7,7 +7,7 @@ namespace dimple {
 namespace {
 
 constexpr const char* quick = " -q --write force --nodes 1000 --depth 2mm --frames 2 --band off ";
-const std::string block = DIMPLE_SAMPLE_DATA "/block_3mm.nrrd";  // 60 x 60 x 30 mm, the circle at (0, 0, 30)
+const std::string block = DIMPLE_SAMPLE_DATA "/block_3mm.nrrd";  // 60 x 60 x 30 mm, patch at (0, 0, 30)
 const std::string two = DIMPLE_SAMPLE_DATA "/two_labels_3mm.nii.gz";
 
 Json run_of(const fs::path& folder, const std::string& image, const std::string& options, const char* out) {
@@ -75,7 +75,7 @@ TEST(Cut, ThatPartsTheBodySaysWhatIsLeftOutAndRefusesAToolOnWhatNothingHolds) {
   EXPECT_NEAR(cut["parted"][0]["volume_mm3"], 17.75 * 1800.0, 0.02 * 17.75 * 1800.0);
   EXPECT_NEAR(cut["parted"][0]["centre_mm"][0], 21.1, 0.3);
   EXPECT_THAT(summary_of(folder / "out")["warnings"].dump(), HasSubstr("it is left out"));
-  const Json image = summary_of(folder / "out")["verdict"]["image"];  // what was asked for is no doubt
+  const Json image = summary_of(folder / "out")["verdict"]["image"];  // a requested cut is no doubt
   EXPECT_EQ(image["word"], "good") << image;
   EXPECT_THAT(image["of"].get<std::string>(), HasSubstr("cut away"));
   ends_with(folder, 4, "run " + block + " -o falls --cut plane:0,0,12,0,0,1" + quick,
@@ -92,7 +92,7 @@ TEST(Cut, ThatReachesToWhereNodesAreTooFarApartToKeepItOpenSaysSo) {
   EXPECT_FALSE(warned(run_of(folder, block, far + "--set image.cut_gap=1mm", "wide")));
 }
 
-// A square sheet and a closed cube, as another program may have drawn them.
+// The test uses a square sheet and a closed cube, as another program may have drawn them.
 TEST(Cut, ByADrawnSheetIsThatByTheSamePlaneAndAClosedOneIsTakenOutWhole) {
   const fs::path folder = fresh_folder();
   std::ofstream(folder / "sheet.obj") << "v 9 -20 10\nv 9 20 10\nv 9 20 40\nv 9 -20 40\nf 1 2 3 4\n";

@@ -1,7 +1,7 @@
-// Honest label images of many sizes, types, encodings and places, written by ITK and by nibabel, read here
-// and compared voxel by voxel and affine by affine with what ITK's own reader or nibabel says that they hold.
+// Valid label images of many sizes, types, encodings and placements, written by ITK and by nibabel. Voxels
+// and affines are compared with those that ITK's own reader or nibabel reports.
 //
-// DIMPLE_SEED draws other images, DIMPLE_FILES says how many; a failure names the seed and keeps the file.
+// DIMPLE_SEED and DIMPLE_FILES set seed and number of images; a failure names the seed and keeps the file.
 
 #include <gtest/gtest.h>
 #include <itkImage.h>
@@ -83,10 +83,10 @@ Mat3 drawn_direction(Random& random) {
   return axes;
 }
 
-/// Bodies, plates, rods and specks of a few labels up to `largest`.
+/// Draws bodies, plates, rods and specks of a few labels up to `largest`.
 Drawn drawn(Random& random, std::int64_t largest, std::size_t bytes_per_voxel) {
   Drawn image;
-  if (random() % 16 == 0) {  // bytes that fill the buffers of any reader to the brim
+  if (random() % 16 == 0) {  // fills the buffers of any reader
     image.size = {64, 64, static_cast<Index>(64 / bytes_per_voxel * (1 + random() % 2))};
     std::shuffle(image.size.begin(), image.size.end(), random);
   } else {
@@ -168,7 +168,7 @@ void write_as(const Drawn& drawn, itk::ImageIOBase& io, const fs::path& file, bo
   writer->Update();
 }
 
-/// The bytes deflated in pieces of random lengths, perhaps in several members.
+/// Compresses the bytes in pieces of random lengths, perhaps in several members.
 std::string gzipped_in_pieces(const std::string& plain, Random& random) {
   std::string packed;
   std::vector<char> out(1 << 16);
@@ -194,7 +194,7 @@ std::string gzipped_in_pieces(const std::string& plain, Random& random) {
   return packed;
 }
 
-/// The same image with its voxels written in another way than ITK's writer knows.
+/// Writes the image's voxels in an encoding that ITK's writer does not have.
 void encode_anew(const fs::path& nrrd, const std::string& encoding, Random& random) {
   std::string bytes = text_of(nrrd);
   const std::size_t end = bytes.find("\n\n") + 2;
@@ -211,7 +211,7 @@ void encode_anew(const fs::path& nrrd, const std::string& encoding, Random& rand
   write_bytes(nrrd, header + text);
 }
 
-/// The same image with the bytes of each number turned round; ITK's writers change the header only.
+/// Reverses the bytes of each number; ITK's writers change the header only.
 void turn_bytes(const fs::path& file, const std::string& little, const std::string& big, std::size_t voxels,
                 std::size_t width) {
   std::string bytes = text_of(file);
@@ -223,7 +223,7 @@ void turn_bytes(const fs::path& file, const std::string& little, const std::stri
   write_bytes(file, bytes);
 }
 
-/// Draws an image, writes it, and says in what file; nothing if ITK does not write that type in that format.
+/// Draws an image, writes it and returns the file; empty if ITK does not write that type in that format.
 template <class T>
 fs::path write_one(Random& random, const fs::path& folder) {
   const std::int64_t largest =
@@ -268,7 +268,7 @@ fs::path write_one(Random& random, const fs::path& folder) {
 
 // ------------------------------------------------------------------------------------------------- comparing
 
-/// What somebody else says that a file holds.
+/// Content of a file as another library reads it.
 struct Told {
   std::array<Index, 3> size{};
   Eigen::Affine3d to_world = Eigen::Affine3d::Identity();  // LPS [mm]
@@ -302,11 +302,11 @@ Told told_by_itk(const fs::path& file) {
   return told;
 }
 
-/// `slack`: how far places may lie apart, in parts of the diagonal. Spacings are snapped to five digits.
+/// `slack`: largest distance of positions, relative to the diagonal. Spacings are snapped to five digits.
 void expect_agree(const LabelImage& ours, const Told& told, double slack = 5e-5) {
   EXPECT_EQ(ours.stored_size, told.size);
   EXPECT_GT(ours.to_world.linear().determinant(), 0.0);
-  // From their voxels to ours: a turn by right angles and whole numbers.
+  // The map from their voxels to ours is a rotation by right angles and a shift by whole numbers.
   const Eigen::Affine3d map = ours.to_world.inverse() * told.to_world;
   const Eigen::Matrix<Index, 3, 3> turn = map.linear().array().round().cast<Index>();
   const Eigen::Matrix<Index, 3, 1> shift = map.translation().array().round().cast<Index>();
@@ -334,7 +334,7 @@ void expect_agree(const LabelImage& ours, const Told& told, double slack = 5e-5)
   EXPECT_EQ(wrong, 0u);
 }
 
-// Bytes twice as often as the others.
+// Types of one byte appear twice as often as the others.
 fs::path (*const write_a_type[])(Random&, const fs::path&) = {
     write_one<signed char>,    write_one<unsigned char>, write_one<unsigned char>, write_one<short>,
     write_one<unsigned short>, write_one<int>,           write_one<unsigned>,      write_one<long long>,
@@ -408,8 +408,7 @@ TEST(Differential, FilesOfNibabelHoldHereWhatTheyHoldThere) {
   EXPECT_EQ(count, files);
 }
 
-// ------------------------------------------------------------------------------------------------- large
-// ones
+// ---------------------------------------------------------------------------------------- large images
 
 /// An ellipsoid in n x n x n voxels of 0.4 mm, written slice by slice.
 void write_large(const fs::path& file, Index n, std::size_t width, const std::string& header) {

@@ -1,11 +1,11 @@
-// `dimple export` through the real program.
+// Tests of `dimple export` through the real program.
 
 #include "tests/end_to_end/in_folder.hpp"
 
 namespace dimple {
 namespace {
 
-// [N] along -z, of the lines of CalculiX's FILE.dat that follow each "total force" [mN].
+// Forces [N] along -z, from the lines of CalculiX's FILE.dat that follow each "total force" [mN].
 std::vector<double> forces_in(const fs::path& dat) {
   std::vector<double> forces;
   std::ifstream in(dat);
@@ -69,7 +69,7 @@ TEST(Export, CalculixGivesTheForceOfTissueThatDoesNotLock) {
   const std::string scene =
       "export block.nrrd -o block.inp --nodes 2000 --frames 2 --depth 1mm --indent-at 0,0,top --base "
       "inferior";
-  // At nu 0.3 ten-node tetrahedra do not lock; hexahedra: 0.00721 N at 1 mm, tests/verification/reference.
+  // At nu 0.3 ten-node tetrahedra do not lock. Hexahedra: 0.00721 N at 1 mm (hexahedra.csv).
   good(folder, scene + " --nu 0.3");
   ASSERT_EQ(std::system(("cd '" + folder.string() + "' && ccx block > words.txt 2>&1").c_str()), 0);
   const auto forces = forces_in(folder / "block.dat");

@@ -1,5 +1,5 @@
-// Names, folders and files as others may have made them: none is written through, believed or repeated to a
-// terminal without a look.
+// Names, folders and files made by others: none is written through, trusted or printed to a terminal
+// unchecked.
 
 #include <fmt/ranges.h>
 #include <sys/stat.h>
@@ -56,11 +56,10 @@ TEST_F(Files, AWindowEndsWhenItsTimeIsUp) {
   EXPECT_EQ(ran.code, 130) << ran.err << ran.out;
 }
 
-// ------------------------------------------------------------------------------------------- where results
-// go
+// ------------------------------------------------------------------------------------ folders of results
 
 TEST_F(Files, APlaceThatCannotBeWrittenToIsRefusedBeforeTheInputIsRead) {
-  write("broken.nrrd", "no image");  // which would be the reason if it were read first
+  write("broken.nrrd", "no image");  // would be the reason if it were read first
   write("a_file", "a file");
   write("curve.csv", "indentation_mm,force_N\n1,0.01\n2,0.02\n3,0.03\n");
   write("path.csv", "time_s,depth_mm\n0,0\n1,1\n");
@@ -93,18 +92,18 @@ TEST_F(Files, ForceRemovesWhatARunHasMadeAndNothingElse) {
   make_block();
   const std::string line = "run block.nrrd -o out" + few + "all,images";
   good(line);
-  // Its own list has all of it.
+  // The list in the folder names all files of the run.
   std::set<std::string> listed;
   std::istringstream lines(text("out/.dimple_files"));
   for (std::string name; std::getline(lines, name);) listed.insert(name);
   for (const std::string& name : files_in(folder / "out"))
     EXPECT_TRUE(name == ".dimple_files" || listed.count(name) == 1) << name;
   const Words of_the_run = files_in(folder / "out");
-  // Of others, under names that a run might have used.
+  // Files of others, with names that a run might have used.
   const Words of_others = {"out/nodes/nodes_9999.vtu", "out/images/labels_0099.nrrd", "out/explain.md",
                            "out/notes.txt", "out/model/mine.txt"};
   for (const std::string& name : of_others) write(name, "mine");
-  write("out/nodes/.77-3-nodes_0001.vtu", "half a fi");  // as a kill leaves it
+  write("out/nodes/.77-3-nodes_0001.vtu", "half a fi");  // as after a kill
   good("run block.nrrd -o out --force" + fewer + "all,images");
   EXPECT_FALSE(fs::exists(folder / "out/nodes/.77-3-nodes_0001.vtu"));
   for (const std::string& name : of_others) EXPECT_EQ(text(name), "mine") << name;
@@ -128,7 +127,7 @@ TEST_F(Files, ForceTakesNothingFromAFolderThatNeverHeldARun) {
     EXPECT_EQ(files_in(folder / "holiday").size(), 1u);
     fs::remove_all(folder / "holiday");
   }
-  // Nor does a list that somebody else has written lead out of the folder.
+  // A list written by others cannot lead out of the folder.
   write("elsewhere/force.csv", "mine");
   write("list/.dimple_files", "../elsewhere/force.csv\n/etc/hostname\nmodel/../../elsewhere/force.csv\n");
   write("list/notes.txt", "mine");
@@ -224,7 +223,7 @@ TEST_F(Files, ANumberOfTheMaterialCountsMoreThanThePresetAndIsListed) {
   EXPECT_EQ(text("file/force.csv"), text("beside/force.csv"));
   EXPECT_THAT(option("file", "nu"), HasSubstr("nu = 0.45"));
 
-  // What a preset says alone is listed too, and a flag outdoes a file.
+  // An option that only a preset sets is listed too, and a flag overrides a file.
   EXPECT_THAT(good(line + "whole --config given.toml --preset miller_chinzei_2002").err,
               Not(HasSubstr("in place of")));
   EXPECT_THAT(option("whole", "mu_Pa"), HasSubstr("mu_Pa = 842.0"));
@@ -245,7 +244,7 @@ TEST_F(Files, AShearModulusBesideAPresetOfOgdensLawScalesItsTerms) {
     good(line + "again --force --config " + out + "/config.resolved.toml");
     EXPECT_EQ(text("again/force.csv"), text(std::string(out) + "/force.csv")) << "bit by bit";
   }
-  // What an older version has left: the defaults beside a preset that was taken whole.
+  // File written by an older version: defaults in addition to a preset that was applied as a whole.
   write("older.toml",
         "[material]\nmu_Pa = 210.0\nnu = 0.499\npreset = \"miller_chinzei_2002\"\nogden_mu_Pa = "
         "[]\nogden_alpha = []\n"
@@ -273,8 +272,7 @@ TEST_F(Files, ARowOfATableCountsMoreThanWhatIsGivenForAllRows) {
   EXPECT_THAT(option("by_mu/preset", "mu_Pa"), HasSubstr("mu_Pa = 210.0"));
 }
 
-// ----------------------------------------------------------------------------------------- what others have
-// written
+// ------------------------------------------------------------------------------------- files of others
 
 const std::string summary_of_others =
     R"({"status": "finished", "image": "=cmd|' /C calc'!A0", "force_N": -0.5, "volume_mm3": "=1+1", "version": "+1",
@@ -302,7 +300,7 @@ TEST_F(Files, ATableOfCasesHoldsNoFormula) {
   EXPECT_EQ(ids, (std::set<std::string>{"'=1+1", "'@SUM(1)", "'+1", "'-1", "'\tt", "'\rr", "plain"}));
 }
 
-/// Nothing that moves a cursor, changes colours or rings, in one byte or in two.
+/// Expects no bytes that move a cursor, change colours or ring, in one byte or in two.
 void expect_plain(const Ran& ran) {
   for (const std::string* stream : {&ran.out, &ran.err})
     for (std::size_t k = 0; k < stream->size(); ++k) {
@@ -369,7 +367,7 @@ TEST_F(Files, CollectReadsFilesAloneAndNoneWithoutEnd) {
   ASSERT_FALSE(program.running()) << "still reading";
   const Ran ran = program.wait();
   EXPECT_EQ(ran.code, 0) << ran.err;
-#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)  // whose shadows are as large
+#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)  // their shadows are as large
   EXPECT_LT(ran.peak_MB, 200.0);
 #endif
   const TextTable table = read_text_csv(folder / "table.csv");
@@ -406,8 +404,7 @@ TEST_F(Files, TheDoctorNamesATemporaryFolderThatIsNotThere) {
   EXPECT_THAT(ran.err, Not(HasSubstr("mistake of ours")));
 }
 
-// --------------------------------------------------------------------------------------------------- command
-// line
+// ---------------------------------------------------------------------------------------- command line
 
 TEST_F(Files, TheResolvedConfigurationRepeatsAnyName) {
   make_block();
@@ -464,7 +461,7 @@ TEST_F(Files, ATinyDepthHasTheStiffnessOfEquilibrium) {
   }
   EXPECT_THAT(good(line + "-o fast --depth 0.3mm --rate 1m/s").err, HasSubstr("time     explicit dynamics"))
       << "a fast tool still has inertia";
-  // So large that shear takes long to cross it: a tilted push had the wrong sign, by inertia.
+  // In so large a block shear needs long to cross it; a tilted load once had the wrong sign, by inertia.
   good("phantom large.nrrd --shape block --size 100,100,60 --spacing 4");
   good(
       "run large.nrrd -o tilted --direction 0.5,0,-1 --nodes 600 --frames 1 --band off --write force -q "
@@ -485,7 +482,7 @@ TEST_F(Files, AMillionRowsOfACurveAreAveraged) {
   EXPECT_THAT(text("fit/summary.json"), HasSubstr("the curve has 1000000 rows: means of"));
   EXPECT_LE(read_csv(folder / "fit/fit.csv").rows(), 4000u);
   EXPECT_GE(read_csv(folder / "fit/fit.csv").rows(), 2000u);
-  // The same modulus as of a hundred rows.
+  // A curve of a hundred rows gives the same modulus as the averaged million.
   std::string thin = "indentation_mm,force_N\n";
   for (int k = 1; k <= 100; ++k) thin += fmt::format("{:.6f},{:.8f}\n", 1e-2 * k, 0.0098e-2 * k);
   write("thin.csv", thin);

@@ -1,4 +1,4 @@
-// `dimple fit` and `dimple run --compare` through the real program.
+// Tests of `dimple fit` and `dimple run --compare` through the real program.
 
 #include "tests/end_to_end/in_folder.hpp"
 
@@ -29,7 +29,7 @@ TEST_F(Fit, FindsTheModulusOfACurveMadeWithAnotherCloud) {
   const Table table = read_csv(folder / "out" / "fit.csv");
   EXPECT_THAT(table.header, testing::ElementsAre("indentation_mm", "measured_N", "model_N", "residual_N"));
 
-  // What was fitted runs again and gives the curve that was fitted.
+  // A run with the fitted options reproduces the fitted curve.
   good("run --config out/fitted.toml -o again --write force --band off --compare made/force.csv");
   EXPECT_NEAR(read_csv(folder / "again" / "force.csv").find("force_N")->back(), table.find("model_N")->back(),
               1e-3 * table.find("model_N")->back());
@@ -37,17 +37,17 @@ TEST_F(Fit, FindsTheModulusOfACurveMadeWithAnotherCloud) {
   good("fit " + block + " -o out --curve made/force.csv -q --force");
 }
 
-// ------------------------------------------------------------------------------------ a tool that touches
+// ---------------------------------------------------------------------------------------- contacting tool
 
-// The force of a sphere [N] on a half-space of 231 Pa and nu 0.499 (Sneddon 1965, by its series), or on a
-// layer that is stiffer by a factor.
+// Force of a sphere [N] on a half-space of 231 Pa and nu 0.499 (Sneddon 1965, by its series), or on a layer
+// that is stiffer by a factor.
 double on_half_space(double radius, double depth) {
   const double x = depth / radius, plane_modulus = 2.0 * 231.0 / (1.0 - 0.499);
   return 4.0 / 3.0 * plane_modulus * std::sqrt(radius) * std::pow(depth, 1.5) *
          (1.0 - x / 10.0 - x * x / 840.0);
 }
 
-// The contact is a hundredth as wide as the block is thick: forces on such are within 2 % of finite elements.
+// The contact is a hundredth as wide as the block is thick; such forces are within 2 % of finite elements.
 TEST_F(Fit, OfASphereGivesTheModulusOfSneddonsHalfSpaceBack) {
   good("phantom big.nrrd --shape block --size 100,100,50 --spacing 2 -q");
   std::ofstream curve(folder / "curve.csv");
@@ -65,13 +65,13 @@ TEST_F(Fit, OfASphereGivesTheModulusOfSneddonsHalfSpaceBack) {
   EXPECT_NEAR(s["mu_Pa"], 231.0, 0.02 * 231.0);
   EXPECT_NEAR(s["half_space_check"]["mu_Pa"], 231.0, 1e-3 * 231.0);
   EXPECT_GT(s["half_space_check"]["thickness_in_contact_radii"], 80.0);
-  // Before the first equilibrium too the force falls as the depth to the power of 1.5, and not as the depth.
+  // Before the first equilibrium, too, the force grows as depth^1.5 and not linearly.
   const Table rows = read_csv(folder / "out" / "fit.csv");
   EXPECT_NEAR(rows.find("model_N")->front() / rows.find("measured_N")->front(), 1.0, 0.3);
 }
 
-// Bonded to its base, of a tenth to three tenths of its thickness of contact radius; the factors are those of
-// the integral equation (contact_test). The curve's strain is small, the model's is not: that is 3 % here.
+// The layer is bonded to its base; the contact radius is 0.1 to 0.3 of its thickness. The factors are those
+// of the integral equation (contact_test). The curve assumes small strains and the model does not: 3 % here.
 TEST_F(Fit, OnALayerGivesItsModulusWhereTheFormulaOfAHalfSpaceIsFarTooHigh) {
   good("phantom layer.nrrd --shape block --size 80,80,10 -q");
   std::ofstream curve(folder / "curve.csv");
@@ -94,11 +94,11 @@ TEST_F(Fit, OfATouchingToolFindsTheModulusThatItsOwnRunWasGivenWithFrictionAndWi
     good("run " + block + " -o made --force --write force --mu 1Pa --depth 2mm --band off" + scene);
     good("fit " + block + " -o out --force --curve made/force.csv" + scene);
     const Json s = summary("out");
-    // The fit's own run has another modulus, no power of two of this one: its equilibria are others, within
+    // The fit's own run has another modulus, not a power of two times this one. Its equilibria differ within
     // their tolerance.
     EXPECT_NEAR(s["mu_Pa"], 1.0, 1e-5);
     EXPECT_EQ(s["runs"], 1);
-    // The force grows as the depth to the power of 1.5, so that a tenth of 2 mm is some 7 %.
+    // The force grows as depth^1.5, so a tenth of 2 mm changes it by some 7 %.
     EXPECT_NEAR(s["first_touch"]["mu_if_earlier_Pa"], 0.92, 0.03);
     EXPECT_NEAR(s["first_touch"]["mu_if_later_Pa"], 1.09, 0.03);
     EXPECT_THAT(s["not_in_the_band"].get<std::string>(), HasSubstr("its first touch"));
@@ -127,7 +127,7 @@ TEST_F(Fit, FindsWhereASphereFirstTouchedWhereItIsAskedForAndElseSaysHowMuchThat
   EXPECT_NEAR(with["numbers"]["touch"]["value"], -0.1, 0.05);
   EXPECT_EQ(with["runs"], 1);
   EXPECT_FALSE(with.contains("first_touch")) << "it was looked for";
-  const std::string fitted = text_of(folder / "touch" / "fitted.toml");  // to where the tool has really come
+  const std::string fitted = text_of(folder / "touch" / "fitted.toml");  // up to the depth reached
   EXPECT_NEAR(std::stod(fitted.substr(fitted.find("\ndepth_mm = ") + 12)), 3.0, 0.05);
 }
 
@@ -142,7 +142,7 @@ TEST_F(Fit, OfATouchingToolHasABandWhereItsForceHasOne) {
   EXPECT_LT(s["discretisation_share"], 0.15) << "as much as the depths say that bear the force";
 }
 
-// The same curve with half, once and twice its force, in micrometres and millinewtons; the third is deeper
+// The curve with half, once and twice its force, in micrometres and millinewtons; the third is cut off deeper
 // cut off.
 TEST_F(Fit, OfManySamplesGivesEachItsModulusAndTheLimitOfGentsLaw) {
   const std::string scene = " --nodes 400 --time quasi-static --tool sphere:8mm";

@@ -1,4 +1,4 @@
-// Results that cannot be written: exit code 6, in words, and no broken file under a final name.
+// Results that cannot be written: exit code 6, a message, and no broken file under a final name.
 
 #include <fcntl.h>
 #include <sched.h>
@@ -13,7 +13,7 @@
 namespace dimple {
 namespace {
 
-/// No file may grow beyond `bytes` while this lives, by this process and those that it starts.
+/// Limits the size of each file to `bytes` during its lifetime, for this process and those that it starts.
 struct SmallFiles {
   rlimit before{};
   explicit SmallFiles(rlim_t bytes) {
@@ -28,7 +28,7 @@ struct SmallFiles {
   }
 };
 
-/// Mounts of this process's own, which end with it and need no rights where the kernel lets users have them.
+/// True if the process can have mounts of its own, which end with it; no rights needed with user namespaces.
 bool own_mounts() {
   static const bool granted = [] {
     const uid_t user = getuid();
@@ -65,7 +65,7 @@ class FullDisk : public InFolder {
     good("phantom brain.nrrd --spacing 3 -q");
     good("model brain.nrrd -o model --nodes 500 -q");
   }
-  /// Commands that write, each with the place `out` for its results; all need at most some seconds.
+  /// Commands that write their results to the place `out`; each needs some seconds at most.
   static std::vector<std::string> writers(const std::string& out) {
     return {"phantom " + out + "/p.nrrd --spacing 3 -q",
             "phantom " + out + "/p.seg.nrrd --spacing 3 -q",
@@ -93,7 +93,7 @@ TEST_F(FullDisk, OfAnySizeLeavesWholeFilesOrNone) {
       }
       if (ran.code == 0) continue;
       ++refused;
-      // With no byte to be had not even the words arrive.
+      // Without any free byte even the message cannot be written.
       if (bytes > 1000) expect_refusal(ran, 6, {"File too large"});
       EXPECT_EQ(ran.code, 6) << ran.err;
     }

@@ -1,5 +1,4 @@
-// What guards say and do, in the real program: summary.json, the console, the exit code, and what lies on
-// disk.
+// Effects of guards in the real program: summary.json, console, exit code and files on disk.
 
 #include <map>
 
@@ -19,7 +18,7 @@ class GuardedRun : public InFolder {
     return nullptr;
   }
 
-  // What a run that did not finish has left can all be read, and ends where the summary says.
+  // All files of an unfinished run are readable and end where the summary says.
   void expect_valid(const std::string& out) const {
     const Table table = curve(out);
     ASSERT_GE(table.rows(), 1u);
@@ -37,7 +36,7 @@ class GuardedRun : public InFolder {
 };
 
 TEST_F(GuardedRun, ThatHasNoEquilibriumEndsWithItsCodeAndKeepsWhatThereIs) {
-  // 1e-8 is beyond single precision.
+  // A tolerance of 1e-8 is beyond single precision.
   const Ran ran =
       dimple(folder,
              "run block.nrrd -o out --nodes 400 --depth 2mm --frames 2 --set solver.tolerance=1e-8"
@@ -78,8 +77,8 @@ TEST_F(GuardedRun, WithALongTimeStepRecoversToTheForceOfAShortOne) {
   EXPECT_EQ(text_of(folder / "one" / "force.csv"), text_of(folder / "three" / "force.csv"));
 }
 
-// Supports of 2.5 spacings leave modes that the paper's points do not see: the force is a third of what it
-// should be, with balanced energy.
+// Supports of 2.5 spacings leave modes without resistance at the paper's points: the force is a third of the
+// true one, with balanced energy.
 TEST_F(GuardedRun, OfThePapersSchemeWithTooWideSupportsStopsWithItsCode) {
   const Ran ran = dimple(folder,
                          "run block.nrrd -o out --nodes 1000 --depth 8mm --rate 50mm/s --frames 8"
@@ -104,7 +103,7 @@ TEST_F(GuardedRun, SaysThatTheCircleHasTooFewNodes) {
     EXPECT_FALSE(found->at(part).get<std::string>().empty()) << part;
 }
 
-// Deep below the sharp rim some points are inverted with every cloud; the force is right.
+// Deep below the sharp edge of the patch some points invert with every discretisation; the force is correct.
 TEST_F(GuardedRun, SaysThatPointsAtTheRimAreInsideOutAndGoesOn) {
   const Ran ran = good("run block.nrrd -o out -v --nodes 300 --depth 18mm --frames 16");
   const Json s = summary("out");
@@ -115,8 +114,7 @@ TEST_F(GuardedRun, SaysThatPointsAtTheRimAreInsideOutAndGoesOn) {
   EXPECT_THAT(ran.err, HasSubstr("are inverted"));
 }
 
-// As deep as this a rim of the default's fineness inverts more points, and takes more evaluations, than it is
-// worth.
+// The default edge refinement is too costly at this depth: it inverts more points and needs more evaluations.
 TEST_F(GuardedRun, PressesABlockToSixtyPercentOfItsHeightAtAnyPoissonRatio) {
   double before = 0.0;
   for (const std::string nu : {"0.3", "0.499", "0.4999"}) {
@@ -137,10 +135,10 @@ TEST_F(GuardedRun, PressesABlockToSixtyPercentOfItsHeightAtAnyPoissonRatio) {
   }
 }
 
-// Each warning by a command that deserves it; apps/guide/files.md lists the codes. `inverted`,
-// `circle-nodes`, `time-step`, `no-equilibrium` and a `hourglass` that ends the run have tests of their own
-// above. `conditioning`, `non-finite` and `energy` stand behind the others: no command is known that gets
-// past those, and tests/unit/guards_test.cpp fires them.
+// Each warning is provoked by one command; apps/guide/files.md lists the codes. `inverted`, `circle-nodes`,
+// `time-step`, `no-equilibrium` and a fatal `hourglass` have tests of their own above. `conditioning`,
+// `non-finite` and `energy` are masked by the others: no known command gets past those, and
+// tests/unit/guards_test.cpp provokes them.
 TEST_F(GuardedRun, WarnsOfWhateverMakesItsForceLessExact) {
   const std::map<std::string, std::string> firing = {
       {"supports", "--nodes 400 --support 1.2 --depth 1mm --frames 2"},

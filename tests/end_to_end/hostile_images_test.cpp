@@ -1,5 +1,5 @@
-// Images that are broken, hostile or say two things at once: each is refused in words or read right. None may
-// end the program by a signal, keep it busy, or take memory beyond what an honest image of that size needs.
+// Images that are broken, hostile or inconsistent: each is refused with a message or read correctly. None may
+// end the program by a signal, stall it, or use more memory than a valid image of that size.
 
 #include <gtest/gtest.h>
 #include <sys/resource.h>
@@ -27,7 +27,7 @@ using Words = std::vector<std::string>;
 using Files = std::vector<std::pair<std::string, std::string>>;  ///< name, bytes
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-constexpr double slower = 5.0;  // and as many times the memory, which a sanitizer keeps beside the program's
+constexpr double slower = 5.0;  // a sanitizer also needs as many times the memory
 #else
 constexpr double slower = 1.0;
 #endif
@@ -35,18 +35,18 @@ constexpr double memory_limit_MB = 1000.0 * slower;
 constexpr double time_limit_s = 20.0 * slower;
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 
-/// One image, and what `dimple info` owes it.
+/// One image, and the result that `dimple info` must have.
 struct Case {
   std::string name = {};  ///< a sentence
   Files files = {};       ///< the first is the image
   int code = 0;
   Words words = {};                                   ///< of the refusal, or of each warning in order
-  std::map<int, int> counts = organ_counts;           ///< voxels of each label; empty: too many to say
-  Affine3d to_world = SmallOrgan().to_world;          ///< where voxel (i, j, k) of the small organ lies
-  std::function<void(const fs::path&)> prepare = {};  ///< makes what a list of files cannot say
+  std::map<int, int> counts = organ_counts;           ///< voxels of each label; empty: too many to list
+  Affine3d to_world = SmallOrgan().to_world;          ///< placement of voxel (i, j, k) of the small organ
+  std::function<void(const fs::path&)> prepare = {};  ///< makes files that a list cannot describe
   std::string argument = files.empty() ? "" : files.front().first;
   Words more_arguments = {};
-  std::string name_of_1 = {};  ///< of label 1, if it is looked at
+  std::string name_of_1 = {};  ///< of label 1, if it is checked
 };
 
 void PrintTo(const Case& c, std::ostream* out) {
@@ -92,7 +92,7 @@ void write(const fs::path& file, const std::string& bytes) {
   std::ofstream(file, std::ios::binary) << bytes;
 }
 
-/// Bytes too many to be made for every test at the start.
+/// Case whose bytes are too many to be made for every test at the start.
 Case large(std::string name, const std::string& file, std::function<std::string()> bytes, Words words) {
   return prepared(
       std::move(name), file, [=](const fs::path& folder) { write(folder / file, bytes()); },
@@ -112,7 +112,7 @@ std::string with_flipped_byte(std::string bytes, std::size_t place) {
   return bytes;
 }
 
-/// Bytes that do not compress.
+/// Random bytes, which do not compress.
 std::string noise(std::size_t count) {
   std::mt19937 random(5);
   std::string bytes(count, '\0');
@@ -120,7 +120,7 @@ std::string noise(std::size_t count) {
   return bytes;
 }
 
-/// The organ with one voxel of it changed.
+/// The small organ with another value in one voxel.
 SmallOrgan with_voxel(double value) {
   SmallOrgan organ;
   organ.at(4, 4, 3) = value;
@@ -165,7 +165,7 @@ Affine3d spaced(double x, double y, double z) {
 
 const std::map<int, int> doubled_counts = {{2, 206}, {4, 1}, {6, 1}, {8, 1}, {10, 1}};
 
-/// Grey values as of an MRI, in a type that a label image may have.
+/// Grey values like those of an MRI, in a type that a label image may have.
 std::string grey_values() {
   std::mt19937 random(11);
   std::vector<double> grey(20 * 20 * 20);
@@ -196,11 +196,11 @@ TEST_P(HostileImage, IsRefusedInWordsOrReadRight) {
   arguments.insert(arguments.end(), c.more_arguments.begin(), c.more_arguments.end());
   rlimit unlimited{};
   getrlimit(RLIMIT_AS, &unlimited);
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)  // whose shadows are larger
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)  // their shadows are larger
   if (c.words == Words{"memory"}) GTEST_SKIP() << "memory cannot be limited under a sanitizer";
 #else
   const rlimit limited{6'000'000'000, unlimited.rlim_max};
-  setrlimit(RLIMIT_AS, &limited);  // for the program, so that no machine is brought down
+  setrlimit(RLIMIT_AS, &limited);  // limits the program's memory, to protect the machine
 #endif
   Program program(folder, arguments);
   setrlimit(RLIMIT_AS, &unlimited);
@@ -796,7 +796,7 @@ std::vector<Case> metaimage_cases() {
   const auto with = [](const std::string& key, const std::string& value) {
     return MetaImage().set(key, value).file();
   };
-  // A key that MetaImage wants before the last line.
+  // MetaImage with a further key before the last line.
   const auto inserted = [](const std::string& key, const std::string& value) {
     return MetaImage().erase("ElementDataFile").set(key, value).set("ElementDataFile", "LOCAL");
   };
@@ -959,7 +959,7 @@ std::vector<Case> file_cases() {
   const auto pipe = [](const char* name) {
     return [=](const fs::path& folder) { mkfifo((folder / name).c_str(), 0600); };
   };
-  // Room on the disk is taken only by what is written: a gigabyte of holes costs nothing.
+  // A sparse file uses no room on the disk: a gigabyte of holes costs nothing.
   const auto holes = [](const char* name, std::string header) {
     return [=](const fs::path& folder) {
       write(folder / name, header);

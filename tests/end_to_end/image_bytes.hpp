@@ -1,6 +1,6 @@
 #pragma once
 
-// Label images byte by byte, so that a test can spoil any field; the product's writers take no part.
+// Label images byte by byte, so that a test can damage any field; the product's writers are not used.
 
 #include <Eigen/Geometry>
 #include <array>
@@ -15,8 +15,8 @@
 
 namespace dimple {
 
-/// A box of label 1 that the border does not cut, with one voxel each of labels 2 to 5: four places that are
-/// not in one plane, so that their positions tell the whole placement.
+/// A box of label 1 inside the image, with one voxel each of labels 2 to 5. These four are not in one plane,
+/// so their positions determine the whole placement.
 struct SmallOrgan {
   std::array<int, 3> size{9, 8, 7};
   std::vector<double> voxel;  ///< i fastest
@@ -45,14 +45,14 @@ std::string as_bytes(const std::vector<double>& numbers, bool big_endian = false
 std::string gzip(const std::string& plain);
 std::string zlib(const std::string& plain);
 
-/// Lines "key<separator>value" in order, then the voxels: NRRD and MetaImage.
+/// Text header of NRRD or MetaImage: lines "key<separator>value" in order, then the voxels.
 class TextImage {
  public:
-  TextImage& set(const std::string& key, const std::string& value);  ///< at its place, or at the end
+  TextImage& set(const std::string& key, const std::string& value);  ///< in its place, or at the end
   TextImage& erase(const std::string& key);
   TextImage& data(std::string bytes);
   TextImage& geometry(const Eigen::Affine3d& to_world);
-  TextImage& more(std::string lines);  ///< further lines, as they are
+  TextImage& more(std::string lines);  ///< further lines, unchanged
   std::string header() const;
   std::string file() const { return header() + data_; }
 

@@ -1,4 +1,4 @@
-// The images that a run writes, read back and used by ITK as 3D Slicer does.
+// Images written by a run, read back and used by ITK as 3D Slicer does.
 
 #include <itkDisplacementFieldTransform.h>
 #include <itkImage.h>
@@ -88,7 +88,7 @@ void for_each_voxel(Image* image, const auto& visit) {
       }
 }
 
-/// The stored axes of an image: how each runs in the patient.
+/// Directions of the stored axes of an image in the patient.
 struct Orientation {
   const char* name;
   Mat3 directions;
@@ -110,8 +110,8 @@ std::vector<Orientation> orientations() {
 
 class Images : public InFolder {
  protected:
-  /// A dome 50 mm wide and 26 mm high, whose flat side lies below, on an image with these axes; and beside it
-  /// an MRI on the same grid with a bright spot in the dome's axis, 6 mm below its top.
+  /// A dome 50 mm wide and 26 mm high with its flat side below, on an image with these axes. An MRI on the
+  /// same grid has a bright spot on the dome's axis, 6 mm below its top.
   void make_dome(const Orientation& how) const {
     const Vec3 spacing(1.5, 1.5, 1.5 * how.layers);
     const std::array<Index, 3> size{44, 44, 44 / how.layers};
@@ -131,7 +131,7 @@ class Images : public InFolder {
   const Vec3 middle{12.0, -34.0, 51.0};
   Vec3 spot() const { return middle + Vec3(0, 0, 8); }
 
-  /// Of the brightness above the background.
+  /// Centre of the brightness above the background [mm].
   Vec3 centre_of(Grey* image) const {
     Vec3 sum = Vec3::Zero();
     double all = 0.0;
@@ -180,7 +180,7 @@ TEST_F(Images, ALandmarkMovesAsTheToolPushesHoweverTheImageIsStored) {
                warped = read<Grey>(images / ("warped_mri" + suffix));
     expect_same_grid(mri.GetPointer(), warped.GetPointer());
 
-    // The spot goes down by most of the tool's way, and not aside.
+    // The spot moves down by most of the tool's displacement, and not sideways.
     const Json told = summary(out);
     const auto p = told.at("counts").at("push");
     const Vec3 push(p[0], p[1], p[2]), moved = centre_of(warped) - centre_of(mri);
@@ -188,8 +188,7 @@ TEST_F(Images, ALandmarkMovesAsTheToolPushesHoweverTheImageIsStored) {
     EXPECT_LT(moved.dot(push), 6.0);
     EXPECT_LT((moved - moved.dot(push) * push).norm(), 0.7) << moved.transpose();
 
-    // The displacement where it was says the same; the transform maps the place where it is now back to where
-    // it was.
+    // The displacement at its first place agrees; the transform maps its new place back.
     const auto forth = read<Vectors>(images / ("displacement_mm" + suffix)),
                back = read<Vectors>(images / ("transform" + suffix));
     expect_same_grid(forth.GetPointer(), mri.GetPointer());
@@ -203,10 +202,10 @@ TEST_F(Images, ALandmarkMovesAsTheToolPushesHoweverTheImageIsStored) {
       return Vec3(v[0], v[1], v[2]);
     };
     const Vec3 u = at(forth, spot()), X = spot() + u + at(back, spot() + u);
-    EXPECT_LT((u - moved).norm(), 1.0) << u.transpose();  // the spot is 6 mm wide, and u differs within it
+    EXPECT_LT((u - moved).norm(), 1.0) << u.transpose();  // the spot is 6 mm wide, and u varies within it
     EXPECT_LT((X - spot()).norm(), 0.25) << X.transpose();
 
-    // ITK, and so 3D Slicer, makes the same image with the transform.
+    // ITK, and so 3D Slicer, obtains the same image with the transform.
     const auto by_itk = resampled_by_itk(images / ("transform" + suffix), mri);
     double worst = 0.0;
     for_each_voxel(mri.GetPointer(), [&](const auto& voxel, const Vec3&) {
@@ -216,7 +215,7 @@ TEST_F(Images, ALandmarkMovesAsTheToolPushesHoweverTheImageIsStored) {
     EXPECT_LT(worst, 1.0);  // of 900; the transform is rounded to a micrometre
     RecordProperty(std::string("difference_from_itk_") + how.name, std::to_string(worst));
 
-    // As many voxels are labelled as the deformed body has volume.
+    // The number of labelled voxels agrees with the volume of the deformed body.
     const auto labels = read<Labels>(images / ("labels" + suffix));
     expect_same_grid(labels.GetPointer(), mri.GetPointer());
     std::int64_t count = 0;
@@ -228,25 +227,25 @@ TEST_F(Images, ALandmarkMovesAsTheToolPushesHoweverTheImageIsStored) {
     EXPECT_EQ(read_label_image(images / ("labels" + suffix)).format,
               read_label_image(folder / ("labels" + suffix)).format);
 
-    // Stress and det F lie where the body was.
+    // Stress and det F are given on the body at rest.
     const auto original = read<Labels>(folder / ("labels" + suffix));
     const auto mises = read<Grey>(images / ("von_mises_Pa" + suffix)),
                J = read<Grey>(images / ("jacobian" + suffix));
     std::int64_t body = 0, stressed = 0;
     for_each_voxel(original.GetPointer(), [&](const auto& voxel, const Vec3&) {
-      EXPECT_EQ(mises->GetPixel(voxel) != 0.0f, J->GetPixel(voxel) != 0.0f);  // at the rim it is no number
+      EXPECT_EQ(mises->GetPixel(voxel) != 0.0f, J->GetPixel(voxel) != 0.0f);  // not at the patch edge
       body += original->GetPixel(voxel) == 1;
       stressed += mises->GetPixel(voxel) != 0.0f;
     });
     EXPECT_NEAR(static_cast<double>(stressed) / static_cast<double>(body), 1.0, 0.03);
-    // At the sharp rim alone.
+    // Voxels without convergence are at the sharp patch edge only.
     EXPECT_LE(100 * told.at("images").at("unsettled_voxels").get<int>(),
               told.at("images").at("solved_voxels").get<int>());
     EXPECT_GT(told.at("images").at("wall_s"), 0.0);
   }
 }
 
-// Whatever the smooth surface makes of the voxels' staircase.
+// Labels at rest are kept although the surface smooths the voxels' staircase.
 TEST_F(Images, LabelsOfWhatHasHardlyMovedAreThoseAtRest) {
   make_dome({"oblique", Eigen::AngleAxisd(0.35, Vec3(1, -2, 1.5).normalized()).toRotationMatrix(), ".nrrd"});
   good("run labels.nrrd -o out -q --nodes 500 --band off --depth 0.01mm --write images");
@@ -257,7 +256,7 @@ TEST_F(Images, LabelsOfWhatHasHardlyMovedAreThoseAtRest) {
     tissue += before->GetPixel(at) > 0;
     others += before->GetPixel(at) != after->GetPixel(at);
   });
-  // Sides are the scan's, which is turned by 17 degrees; gravity is the patient's.
+  // Sides follow the scan, which is rotated by 17 degrees; gravity follows the patient.
   for (const auto& [base, said] : {std::pair{"inferior", true}, {"0,0,-1", false}}) {
     const Ran ran = dimple(folder, std::string("model labels.nrrd -o m --force --nodes 300 --base ") + base);
     EXPECT_EQ(ran.err.find("axes are turned by 17 degrees against the patient's") != std::string::npos, said)
@@ -268,7 +267,7 @@ TEST_F(Images, LabelsOfWhatHasHardlyMovedAreThoseAtRest) {
   EXPECT_LE(others, 3);
 }
 
-// What the standard asks for: vectors on the fifth axis, intent 1007, which ITK and ANTs take for LPS.
+// The NIfTI standard requires vectors on the fifth axis and intent 1007, which ITK and ANTs read as LPS.
 TEST_F(Images, AVectorImageInNiftiIsWhatItkAndAntsTakeForADisplacementField) {
   make_dome(orientations()[1]);
   good("run labels.nii.gz -o out --nodes 400 --depth 2mm --frames 2 --band off --write images -q");
@@ -300,7 +299,7 @@ TEST_F(Images, AnMriOnAGridOfItsOwnKeepsThatGridAndItsType) {
       "run labels.nrrd -o out --nodes 600 --depth 6mm --frames 2 --base inferior --indent-at 12,-34,top "
       "--band off "
       "--write force --warp mri.nii.gz --warp-labels atlas.mha -q");
-  EXPECT_FALSE(fs::exists(folder / "out/images/transform.nrrd"));  // the image was not asked for
+  EXPECT_FALSE(fs::exists(folder / "out/images/transform.nrrd"));  // the image was not requested
   const auto warped = read<itk::Image<short, 3>>(folder / "out/images/warped_mri.nii.gz");
   const auto nearest = read<itk::Image<short, 3>>(folder / "out/images/warped_atlas.mha");
   expect_same_grid(warped.GetPointer(), mri.GetPointer());
@@ -310,7 +309,7 @@ TEST_F(Images, AnMriOnAGridOfItsOwnKeepsThatGridAndItsType) {
   reader->ReadImageInformation();
   EXPECT_EQ(reader->GetComponentType(), itk::IOComponentEnum::SHORT);
 
-  // Grey values rise with z: where the tissue has come from above they are larger.
+  // Grey values rise with z: they become larger where tissue moves down.
   int brighter = 0, darker = 0, of_the_ramp = 0, voxels = 0;
   for_each_voxel(mri.GetPointer(), [&](const auto& at, const Vec3& place) {
     const Vec3 x = place - middle;
@@ -322,7 +321,7 @@ TEST_F(Images, AnMriOnAGridOfItsOwnKeepsThatGridAndItsType) {
   });
   EXPECT_GT(brighter, 9 * voxels / 10);
   EXPECT_EQ(darker, 0);
-  EXPECT_EQ(of_the_ramp, voxels);  // no number that the atlas does not have
+  EXPECT_EQ(of_the_ramp, voxels);  // no value that the atlas does not have
 }
 
 TEST_F(Images, OfEachFrameAreNumberedAndAModelsRunWarpsAnMri) {
@@ -347,12 +346,12 @@ TEST_F(Images, OfEachFrameAreNumberedAndAModelsRunWarpsAnMri) {
   EXPECT_EQ(text_of(folder / "solved/images/warped_mri.nii.gz"),
             text_of(folder / "out/images/warped_mri_0003.nii.gz"));
 
-  // A new run takes away what it does not write again.
+  // A new run removes files that it does not write again.
   good("run labels.nii.gz -o out --force --nodes 400 --depth 3mm --frames 3 --band off --write force -q");
   EXPECT_FALSE(fs::exists(folder / "out/images"));
 }
 
-// Ctrl-C amid the images: the force stays, nothing is half written, and --resume writes the images.
+// Ctrl-C while images are written: the force is kept, no file is incomplete, and --resume writes the images.
 TEST_F(Images, AreGivenUpWithinTwoSecondsAndMadeByAResumedRun) {
   good("phantom brain.nii.gz --spacing 0.8 -q");
   const std::string line =

@@ -1,6 +1,6 @@
 #pragma once
 
-// What nearly every test of the program needs.
+// Includes and fixture that nearly every test of the program needs.
 
 #include <fmt/format.h>
 #include <gmock/gmock.h>
@@ -29,12 +29,12 @@ using Json = nlohmann::json;
 using testing::HasSubstr;
 using testing::Not;
 
-/// The summary of the results in this folder.
+/// Summary of the results in this folder.
 inline Json summary_of(const fs::path& out) {
   return Json::parse(text_of(out / "summary.json"));
 }
 
-/// Its force.csv, and the last number of a column there.
+/// Table force.csv of the results, and the last number of a column in it.
 inline Table curve_of(const fs::path& out) {
   return read_csv(out / "force.csv");
 }
@@ -42,7 +42,7 @@ inline double end_of(const fs::path& out, const char* column = "force_N") {
   return curve_of(out).find(column)->back();
 }
 
-/// The object that a page holds under this name; nothing: it holds none.
+/// Object that a page holds under this name; null if there is none.
 template <class Object = Json>
 Object held_by(const std::string& page, const std::string& id) {
   const std::string head = "<script type=\"application/json\" id=\"" + id + "\">";
@@ -56,12 +56,12 @@ inline Vec3 vector_of(const Json& list) {
   return Vec3(list.at(0), list.at(1), list.at(2));
 }
 
-/// Tests of the program in a folder of their own.
+/// Fixture for tests of the program in a folder of their own.
 class InFolder : public testing::Test {
  protected:
   const fs::path folder = fresh_folder();
 
-  /// It must end well.
+  /// Runs the program; the test fails unless the exit code is 0.
   Ran good(const std::string& arguments) const { return dimple::good(folder, arguments); }
   void refused(int code, const std::string& arguments, const std::vector<std::string>& words) const {
     SCOPED_TRACE("dimple " + arguments);
@@ -76,7 +76,7 @@ class InFolder : public testing::Test {
   }
   std::string text(const fs::path& name) const { return text_of(folder / name); }
   Json summary(const std::string& out = "out") const { return summary_of(folder / out); }
-  /// A block of 60 x 60 x 30 mm, block.nrrd.
+  /// Makes a block of 60 x 60 x 30 mm, block.nrrd.
   void make_block(int spacing_mm = 3) const {
     good("phantom block.nrrd --shape block --size 60,60,30 -q --spacing " + std::to_string(spacing_mm));
   }

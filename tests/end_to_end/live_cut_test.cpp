@@ -1,4 +1,4 @@
-// A body that is cut while a tool is in it, through the program.
+// Cuts while a tool is in the body, through the real program.
 
 #include "tests/end_to_end/in_folder.hpp"
 
@@ -8,7 +8,7 @@ namespace {
 const std::string block = DIMPLE_SAMPLE_DATA "/block_3mm.nrrd";
 const char* const stroke_columns = "time_s,from_x_mm,from_y_mm,from_z_mm,to_x_mm,to_y_mm,to_z_mm,depth_mm\n";
 
-// To 2 mm, held while the strokes are made, off, and in again.
+// Path to 2 mm depth, held there during the strokes, off the body, and in again.
 void write_script(const fs::path& folder, const std::string& strokes) {
   std::ofstream(folder / "path.csv") << "time_s,depth_mm\n0,0\n0.4,2\n1,2\n1.2,-0.5\n1.6,2\n1.8,2\n";
   std::ofstream(folder / "strokes.csv") << stroke_columns << strokes;
@@ -26,7 +26,7 @@ double at_time(const Table& felt, const char* name, double time) {
   return std::nan("");
 }
 
-// The circle of the block stands at the origin, 5 mm wide.
+// The bonded patch of the block is at the origin, 5 mm wide.
 TEST(LiveCut, BesideTheToolSoftensTheBodyForGoodAndAlikeWithAnyNumberOfThreads) {
   const fs::path folder = fresh_folder();
   write_script(folder, "0.8,9,-8,29,9,8,29,12\n");
@@ -63,7 +63,7 @@ TEST(LiveCut, UnderASphereThatTouchesChangesItsForceToo) {
 TEST(LiveCut, ThatMissesTheBodyOrPartsAPieceOffIsNotMadeAndSaidSo) {
   const fs::path folder = fresh_folder();
   write_script(folder, "0.8,9,-8,80,9,8,80,5\n0.9,32,-60,22,32,60,22,90\n");
-  const Ran ran = poke(folder, "-q --tool sphere:5mm", "live");  // which holds nothing
+  const Ran ran = poke(folder, "-q --tool sphere:5mm", "live");  // holds no nodes
   ASSERT_EQ(ran.code, 0) << ran.err;
   const Table felt = read_csv(folder / "live" / "forces.csv"), cuts = read_csv(folder / "live" / "cuts.csv");
   EXPECT_EQ((*cuts.find("cut"))[0] + (*cuts.find("cut"))[1], 0.0);
@@ -82,7 +82,7 @@ TEST(LiveCut, UnderTheBondedCircleOrAfterTheEndOfTheWayIsNotMadeAndSaidSo) {
   EXPECT_EQ(read_csv(folder / "live" / "cuts.csv").rows(), 2u);
 }
 
-// Where it comes down anew the cloud there is cut too.
+// The discretisation made for a second contact place is cut too.
 TEST(LiveCut, StaysWhereTheToolComesDownAtAnotherPlace) {
   const fs::path folder = fresh_folder();
   std::ofstream(folder / "path.csv")

@@ -1,4 +1,4 @@
-// Gravity, pressures and supports, from the words of a user to the files of a run.
+// Gravity, pressures and supports, from a user's options to the files of a run.
 
 #include <vtkDataArray.h>
 #include <vtkNew.h>
@@ -16,8 +16,7 @@
 namespace dimple {
 namespace {
 
-// A block of 60 x 60 x 30 mm that stands on its inferior face, with the tool in the middle of the superior
-// one.
+// A block of 60 x 60 x 30 mm on its inferior face, with the tool in the middle of the superior one.
 class Block : public InFolder {
  protected:
   const std::string scene = " --base inferior --indent-at 0,0,top --frames 2 -q";
@@ -42,8 +41,8 @@ TEST_F(GravityInAScene, BySideAndByNumbersGivesTheSameBits) {
   EXPECT_NE(force(), by_side);
 }
 
-// The longest displacement of a node, which its parameter is not; damping has no part in it, and that is
-// told.
+// The reported settlement is the longest nodal displacement, not the largest nodal parameter. A warning says
+// that damping is not used.
 TEST_F(GravityInAScene, SettlesByWhatItsNodesAreDisplaced) {
   good("run block.nrrd --force -o out" + scene +
        " --mu 2kPa --nodes 600 --depth 0.5mm --write nodes --gravity left --damping 3");
@@ -57,7 +56,7 @@ TEST_F(GravityInAScene, SettlesByWhatItsNodesAreDisplaced) {
   EXPECT_THAT(summary["warnings"].dump(), HasSubstr("3 1/s of damping is not used"));
 }
 
-// The body sags sideways under its weight, and the tool is drawn where its circle then is.
+// The body sags sideways under its weight; files show the tool at the present place of the bonded patch.
 TEST_F(GravityInAScene, CarriesTheToolInFilesAndPicturesToWhereTheCircleIs) {
   const Json summary = run(" --nodes 600 --depth 0.5mm --write nodes,surface --gravity left");
   const PointFile nodes = read_vtu(folder / "out" / "nodes" / "nodes_0002.vtu");
@@ -75,7 +74,7 @@ TEST_F(GravityInAScene, CarriesTheToolInFilesAndPicturesToWhereTheCircleIs) {
   EXPECT_LT((vector_of(summary["loads"]["circle_moved_mm"]) - moved).head<2>().norm(), 0.1);
 }
 
-// What gravity did before the tool came is several times the tool's work, which an error is a part of.
+// Before the tool moves, gravity does several times the tool's work; the error is relative to the latter.
 TEST_F(GravityInAScene, IsNoWorkOfTheTool) {
   const Json summary = run(" --nodes 600 --depth 2mm --write force --gravity inferior", "out", "500Pa");
   const Table energy = read_csv(folder / "out" / "energy.csv");
@@ -145,7 +144,7 @@ TEST_F(Block, TakesAPressureFromAFile) {
   EXPECT_EQ(summary["loads"]["pressure_Pa"]["csf"], 50.0);
   const double borne = read_csv(folder / "out" / "force.csv").find("base_force_N")->front();
   const SurfaceFile surface = read_vtp(folder / "out" / "model" / "surface.vtp");
-  double area_mm2 = 0.0;  // of what faces up within 45 degrees, seen from above
+  double area_mm2 = 0.0;  // of faces within 45 degrees of upwards, in projection
   for (Index t = 0; t < surface.triangles.cols(); ++t) {
     const auto corner = [&](int k) { return Vec3(surface.position_mm.col(surface.triangles(k, t))); };
     const Vec3 twice = (corner(1) - corner(0)).cross(corner(2) - corner(0));
@@ -158,7 +157,7 @@ TEST_F(Block, TakesAPressureFromAFile) {
   EXPECT_EQ(force(), before);
 }
 
-// It only changes the pressure within tissue that keeps its volume, and presses the rest together a little.
+// A uniform pressure changes only the pressure in incompressible tissue and compresses other tissue slightly.
 TEST_F(Block, ThatIsPressedFromAllAroundFeelsTheToolAsWithoutThat) {
   const std::string ball = " --tool sphere:5mm --depth 3mm --nodes 1000 --nu 0.4999 --band off ";
   const double alone = run(ball + "--write force", "out", "210Pa")["force_N"];
@@ -180,7 +179,7 @@ TEST_F(Block, ThatIsPressedFromAllAroundFeelsTheToolAsWithoutThat) {
   run(ball + "--write force --set load.pressure.csf.pressure=0Pa", "none", "210Pa");
   run(ball + "--write force", "without", "210Pa");
   EXPECT_NEAR(read_csv(folder / "none" / "force.csv").find("force_N")->back() / alone, 1.0, 1e-3);
-  // With inertia too, where the tissue's pressures follow from its volumes.
+  // With inertia, too, where tissue pressures follow from volumes.
   const std::string quick = " --depth 2mm --nodes 600 --nu 0.49 --time explicit --rate 10mm/s --write force ";
   const Json in_waves = run(quick + "--set load.pressure.csf.pressure=500Pa"), waves = run(quick);
   EXPECT_NEAR(in_waves["force_N"].get<double>() / waves["force_N"].get<double>(), 1.0, 0.02);
@@ -189,13 +188,13 @@ TEST_F(Block, ThatIsPressedFromAllAroundFeelsTheToolAsWithoutThat) {
   EXPECT_LT(settled[0], 0.04e-3) << "mm per Pa";
 }
 
-// Reactions as ParaView shows them, summed by the sets that it shows.
+// Reactions in the file for ParaView, summed over its node sets.
 TEST_F(Block, IsInBalanceWithToolBaseAndSupports) {
   const Json summary = run(" --nodes 1200 --depth 2mm --write nodes --gravity inferior" + supports);
   const PointFile nodes = read_vtu(folder / "out" / "nodes" / "nodes_0002.vtu");
   const auto &set = nodes.find("node_set")->values, &reaction = nodes.find("reaction_N")->values;
   const Vec3 push = vector_of(summary["counts"]["push"]);
-  // Supports go by their names.
+  // Supports are numbered in the order of their names.
   std::map<int, Vec3> on = {{1, Vec3::Zero()}, {2, Vec3::Zero()}, {4, Vec3::Zero()}, {8, Vec3::Zero()}};
   std::map<int, int> count;
   const Vec3 normal = vector_of(summary["supports"]["plate"]["force_N"]).normalized();
@@ -242,7 +241,8 @@ TEST_F(ASupport, OnEachSideFeelsTheOppositeOfTheOther) {
   EXPECT_EQ(vector_of(drawn["supports"]["l"]["moved_mm"]), Vec3(2, 0, 0));
 }
 
-// Before each direction had its own inverse it took nine times as many, and none was found at larger depths.
+// Without an inverse for each direction it needed nine times as many, and found no equilibrium at larger
+// depths.
 TEST_F(ASupport, ThatSlidesBesideASlidingCircleTakesNoMoreEvaluationsThanTheCircleAlone) {
   const std::string alone = " --nodes 600 --depth 1mm --band off --write force --contact frictionless";
   const double of_circle = run(alone)["force_evaluations"].get<double>();
@@ -298,7 +298,7 @@ TEST_F(Block, SaysAtTheStartWhatHoldsIt) {
       "--set support.plate.on=right --set support.plate.hold=sliding --set support.strap.on=anterior");
   EXPECT_THAT(ran.err, HasSubstr("support  retractor: "));
   EXPECT_THAT(ran.err, HasSubstr(" nodes, moves (-3, 0, 0) mm"));
-  // The edges of a smooth surface around voxels are round, and not all alike.
+  // The edges of a smooth surface around voxels are rounded, and not all alike.
   double x = 0.0, y = 0.0, z = 0.0;
   const std::size_t sliding = ran.err.find(" nodes, sliding, normal (");
   ASSERT_NE(sliding, std::string::npos) << ran.err;

@@ -1,4 +1,4 @@
-// Membranes, from the words of a user to the files of a run.
+// Membranes, from a user's options to the files of a run.
 
 #include "tests/end_to_end/in_folder.hpp"
 #include "tests/end_to_end/whole_files.hpp"
@@ -50,8 +50,8 @@ TEST_F(AMembrane, WithoutTensionLeavesTheBodyWhereItIsAndWithTensionDrawsItToget
   EXPECT_GT(run(" --set membrane.skin.tension=2N/m")["loads"]["settled_mm"], 0.01);
 }
 
-// It is a thousand times as stiff within its plane as across it, along which a sphere presses: what a force
-// of the contact moves there is not what the plane's stiffness says. No equilibrium was found.
+// The membrane is a thousand times as stiff within its plane as across it, where a sphere presses. The
+// displacement by a contact force does not follow from the in-plane stiffness; once no equilibrium was found.
 TEST_F(AMembrane, AsStiffAsAPiaIsPressedInByASphere) {
   const std::string sphere = " --tool sphere:5mm", film = " --membrane 1mm:400kPa";
   const double bare = force(sphere);
@@ -63,7 +63,7 @@ TEST_F(AMembrane, AsStiffAsAPiaIsPressedInByASphere) {
   EXPECT_NEAR(force(sphere + film + " --friction 0.3"), known, 0.05 * known);
 }
 
-// Its pull does no work on tissue that does not go along with it, and with nu 0 no pressures are looked for.
+// Its tension does no work on tissue that does not move with it, and with nu 0 no pressures are solved for.
 TEST_F(AMembrane, OfWeakTensionComesToRestOnTissueOfAnyRatio) {
   const double bare = force(" --nu 0");
   EXPECT_NEAR(force(" --nu 0 --set membrane.skin.tension=0.001N/m"), bare, 0.01 * bare);

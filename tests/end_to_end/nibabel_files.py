@@ -1,6 +1,6 @@
 """nibabel_files.py SEED COUNT FOLDER: label images in NIfTI-1 and -2, single and paired, of every type and byte order,
 gzipped at every level. files.txt has a line for each: file, file of its labels (int32, first axis fastest), size, affine
-(3 x 4, RAS mm) as nibabel reads it back, how far ours may be from it in parts of the image's diagonal. Ends with 77 where nibabel is not installed."""
+(3 x 4, RAS mm) as nibabel reads it back, tolerance relative to the image's diagonal. Ends with 77 if nibabel is not installed."""
 import sys
 
 try:
@@ -38,7 +38,7 @@ def one(n, random, out):
             (2, False): nibabel.Nifti2Image, (2, True): nibabel.Nifti2Pair}[version, bool(pair)]
     header = kind.header_class(endianness=random.choice(["<", ">"]))
     header.set_data_dtype(type)
-    # nibabel scales an array of floats into whole numbers, perhaps so coarsely that the labels are lost.
+    # nibabel scales an array of floats into whole numbers, perhaps so coarsely that labels are lost.
     steps = 2.0 ** min(8 * np.dtype(type).itemsize, 32) - 2
     if random.integers(3) == 0 and np.dtype(type).kind in "iu" and labels.max() / steps < 0.015:
         image = kind(labels.astype(np.float64), affine, header)
@@ -65,7 +65,7 @@ def one(n, random, out):
         name = name.replace(".img", ".hdr")
     loaded = nibabel.load(f"{folder}/{name}")
     numbers = loaded.affine[:3].ravel()
-    # Of a turn by nearly a half, a quaternion in single precision says the rest to 6e-4 only: libnifti takes none.
+    # For rotations near a half turn, a quaternion in single precision is accurate to 6e-4 only: libnifti refuses it.
     b, c, d = (float(loaded.header[f"quatern_{x}"]) for x in "bcd")
     slack = 1e-3 if forms == 0 and version == 1 and 1 - b * b - c * c - d * d < 1.1e-7 else 5e-5
     out.write(" ".join([name, f"{n}.labels", *map(str, size), *(repr(float(x)) for x in numbers), str(slack)]) + "\n")

@@ -1,6 +1,6 @@
-// A number that stands in two places is the same number: on the terminal, in summary.json, in force.csv, on
-// the page, in explain.md. The picture's strings are made by the same functions (io/digits.hpp), which
-// picture_test tries.
+// A number that appears in several places is the same: on the terminal, in summary.json, in force.csv, on the
+// page, in explain.md. The picture's strings are made by the same functions (io/digits.hpp), which
+// picture_test checks.
 
 #include "io/digits.hpp"
 #include "tests/end_to_end/in_folder.hpp"
@@ -8,9 +8,9 @@
 namespace dimple {
 namespace {
 
-using Ordered = nlohmann::ordered_json;  // as the page has it
+using Ordered = nlohmann::ordered_json;  // in the order of the page
 
-/// "75.4 mN at 8.00 mm, 69.3 to 81.5 (discretisation)", from the summary.
+/// Headline from the summary: "75.4 mN at 8.00 mm, 69.3 to 81.5 (discretisation)".
 std::string headline(const Ordered& summary) {
   const double force = summary.at("force_N");
   const Written as = force_written(force);
@@ -64,8 +64,7 @@ class OneTruth : public testing::Test {
                 100.0 * band.at("half_N").get<double>() / summary.at("force_N").get<double>(), 1e-9);
   }
 
-  // Each number that the page takes from the program's words is the summary's, in the terminal's unit and
-  // digits.
+  // Expects that numbers on the page are those of the summary, in the terminal's unit and digits.
   void expect_the_page_to_say_what_the_summary_holds() const {
     EXPECT_EQ(held_by<Ordered>(page, "dimple-summary"), summary);
     const Ordered words = held_by<Ordered>(page, "dimple-words");
@@ -94,7 +93,7 @@ class OneTruth : public testing::Test {
         ++shares;
       }
       EXPECT_EQ(said.find('e'), std::string::npos);
-      // Rounded to the last digit that is written: an error beside its force has fewer than three.
+      // Numbers are rounded to their last written digit; an error after its force has fewer than three.
       const std::string number = word[0];
       const std::size_t point = number.find('.'),
                         decimals = point == std::string::npos ? 0 : number.size() - point - 1;
@@ -121,8 +120,8 @@ class OneTruth : public testing::Test {
     expect_on_stderr(model.at("circle_reason").get<std::string>());
   }
 
-  // The parts are the whole, and the terminal's parts are the summary's but for what comes after the
-  // summary.
+  // Expects that the parts add up to the total, and that the terminal shows the summary's parts except for
+  // later ones.
   void expect_times_to_be_of_one_clock() const {
     const Ordered& parts = summary.at("parts_wall_s");
     const double total = summary.at("total_wall_s");

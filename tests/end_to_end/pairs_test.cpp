@@ -1,6 +1,6 @@
-// The table of what does not go together (apps/scene/compatibility.hpp): each pair of features, and of a
-// feature and a driver, is computed or refused in the table's words. Drivers, and what acts on files, run as
-// the real program; other pairs run in memory, on an organ that is read once.
+// Test of the table of incompatible features (apps/scene/compatibility.hpp). Each pair of features, and of a
+// feature and a driver, is computed or refused in the table's words. Drivers and features with files use the
+// real program; other pairs run in memory, on an organ that is read once.
 
 #include <algorithm>
 #include <cctype>
@@ -20,8 +20,7 @@ namespace {
 
 using Options = std::vector<std::pair<std::string, std::string>>;
 
-// A block of 60 x 60 x 30 mm that stands on its inferior face, with the tool in the middle of the superior
-// one.
+// A block of 60 x 60 x 30 mm on its inferior face, with the tool in the middle of the superior one.
 const Options block_scene = {{"boundary.base", "inferior"}, {"boundary.indent_at", "0,0,top"},
                              {"cloud.nodes", "400"},        {"solver.frames", "1"},
                              {"load.depth_mm", "1"},        {"material.mu_Pa", "2000"},
@@ -36,7 +35,7 @@ Options with(Options options, const Options& more) {
   return options;
 }
 
-// What asks for a feature. None: it is there where another is not, or it is a driver.
+// Options that request a feature. Empty if the feature is a default or a driver.
 Options asking_for(Feature feature) {
   switch (feature) {
     case Feature::circle:
@@ -159,12 +158,12 @@ const OfValues of_values[] = {
     {Feature::uncertain_mu, Feature::fit, "follows from the curve"},
 };
 
-// How a command begins, and what becomes of it.
+// Beginning of a command, and properties of its results.
 struct Driver {
   Feature feature;
   const char* command;
   bool has_force;
-  bool is_quick;  // else only what the table refuses is asked for
+  bool is_quick;  // otherwise only what the table refuses is requested
   Options needs = {};
 };
 const Driver drivers[] = {
@@ -180,7 +179,7 @@ const Driver drivers[] = {
     {Feature::shift, "shift block.nrrd -o out --force -q --opening 0,0,30,15 --up superior", false, false},
 };
 
-// Sets each option once; nothing: two of them differ, and one feature leaves no room for the other.
+// Combines the options; empty if they contradict each other.
 std::optional<Options> together(const Options& one, const Options& other) {
   Options all = one;
   for (const auto& [key, text] : other) {
@@ -194,7 +193,7 @@ std::optional<Options> together(const Options& one, const Options& other) {
   return all;
 }
 
-// The scene's own options, but for those that these say otherwise or that follow from them.
+// Options of the block scene without those that `asked` replaces or determines.
 Options on_the_block(const Options& asked, Feature driver) {
   const auto asks = [&](const std::string& beginning) {
     return std::any_of(asked.begin(), asked.end(),
@@ -220,7 +219,7 @@ Scene described(const Options& options) {
   return resolve(description);
 }
 
-// That the values of two features contradict each other, such as the numbers of two laws.
+// Report of a contradiction between the values of two features, such as the numbers of two laws.
 std::optional<Report> values_say(const Options& options) {
   try {
     (void)described(options);
@@ -230,20 +229,20 @@ std::optional<Report> values_say(const Options& options) {
   return std::nullopt;
 }
 
-// The first words of the table that refuse this, if any. Some drivers are asked as two.
+// First row of the table that refuses this scene, if any. Some drivers count as two features.
 std::optional<Report> table_says(const Scene& scene, Feature driver) {
   if (std::optional<Report> clash = clash_of(scene, driver)) return clash;
   if (driver == Feature::model) return clash_of(scene, Feature::model_in_memory);
   if (driver == Feature::by_hand && features_of(scene).has(Feature::touching_tool))
     return clash_of(scene, Feature::touching_by_hand);
   if (driver == Feature::explain) return clash_of(scene, Feature::run);
-  // A model has a scheme of its own, here the converging one, like the configuration.
+  // A model has its own scheme, here the converging one, like the configuration.
   if (driver == Feature::solve && features_of(scene).has(Feature::printed_stress))
     return clash_of(scene, Feature::run);
   return std::nullopt;
 }
 
-// Files are read and written by the program alone; the surface of a body follows the circle's width.
+// Files are read and written by the program alone; the surface of a body depends on the patch diameter.
 bool needs_program(Feature feature) {
   switch (feature) {
     case Feature::chosen_diameter:
@@ -258,8 +257,8 @@ bool needs_program(Feature feature) {
   }
 }
 
-// Relative error of the trapezoidal rule in the work of a Hertzian force, which grows as depth^1.5, over so
-// many load steps.
+// Relative error of the trapezoidal rule with so many load steps in the work of a Hertzian force, which grows
+// as depth^1.5.
 double trapezoidal_error(std::size_t steps) {
   double sum = 0.5;
   for (std::size_t k = 1; k < steps; ++k)
@@ -273,7 +272,7 @@ class Pairs : public testing::TestWithParam<Feature> {
 
   void SetUp() override {
     ASSERT_EQ(dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3 -q").code, 0);
-    // As many nodes as a further tool takes where no model was made for it; its points know their label.
+    // The number of nodes is the default for a further tool without a model; points have their label.
     ASSERT_EQ(dimple(folder,
                      "model block.nrrd -o model --base inferior --indent-at 0,0,top --nodes 800 -q "
                      "--set tissue.1.mu=3kPa")
@@ -308,7 +307,7 @@ class Pairs : public testing::TestWithParam<Feature> {
     EXPECT_TRUE(summary.at("force_N").is_number()) << "a force that is not finite is null";
   }
 
-  // Throws as simulate() does.
+  // Computes the scene in memory; throws like simulate().
   static Result solved_in_memory(const Scene& now) {
     static const LabelImage image =
         make_phantom({.shape = "block", .size_mm = {60.0, 60.0, 30.0}, .spacing_mm = 3.0});
@@ -316,9 +315,9 @@ class Pairs : public testing::TestWithParam<Feature> {
     return simulate({.scene = now, .image = &image, .organ = &organ});
   }
 
-  // The energy balance closes to what its guard allows, or to what few load steps can show. The balance of
-  // tissue that relaxes counts no dissipation, and the paper's printed stress follows from no energy: the
-  // verdict must report that.
+  // Expects that the energy balance closes within the guard's limit or the error of few load steps. The
+  // balance of relaxing tissue counts no dissipation, and the paper's printed stress follows from no energy:
+  // the verdict must report that.
   static void expect_closed_books(const Scene& now, const Result& result) {
     const auto energy = verdict_of(now, result, "finished").at("energy");
     const double value = 0.01 * energy.at("value").get<double>();
@@ -330,7 +329,7 @@ class Pairs : public testing::TestWithParam<Feature> {
     EXPECT_LE(value, std::max(energy_to_check, trapezoidal_error(result.history.force.size() - 1))) << energy;
   }
 
-  // What is refused by the table is refused in its words. What is not has a finite force and closed books.
+  // A pair in the table is refused in its words. Any other has a finite force and a closed energy balance.
   void expect_in_memory(const Scene& now, const std::optional<Report>& refused) const {
     try {
       const Result result = solved_in_memory(now);
@@ -346,7 +345,7 @@ class Pairs : public testing::TestWithParam<Feature> {
     }
   }
 
-  // One feature, or two of them, with a driver; the second feature is the driver where there is one.
+  // Tests one or two features with a driver; a driver may itself be the second feature.
   void expect_together(Feature one, Feature other, const Driver& driver) const {
     const auto asked = together(asking_for(one), is_driver(other) ? driver.needs : asking_for(other));
     if (!asked) return;
@@ -401,7 +400,7 @@ INSTANTIATE_TEST_SUITE_P(Each, Pairs, testing::ValuesIn(all_that_can_be_asked_fo
 TEST(TableOfPairs, IsListedByTheProgramWithItsReasons) {
   const Ran ran = dimple(fresh_folder(), "options --pairs");
   EXPECT_EQ(ran.code, 0) << ran.err;
-  std::string words;  // as they stand in lines of whatever width
+  std::string words;  // without line breaks
   for (const char c : ran.out)
     if (const bool blank = c == ' ' || c == '\n'; !blank || !words.ends_with(' ')) words += blank ? ' ' : c;
   for (const Clash& row : clashes()) EXPECT_THAT(words, HasSubstr(row.why));

@@ -8,12 +8,12 @@
 
 namespace dimple {
 
-/// Part of a picture, in shares of its width and height from the upper left.
+/// Part of a picture: fractions of its width and height from the upper left.
 struct Part {
   double left = 0.0, top = 0.0, right = 1.0, bottom = 1.0;
 };
 
-/// The share of the pixels of a picture's part for which `is`(red, green, blue), each from 0 to 255, holds.
+/// Fraction of the pixels in a picture's part for which `is`(red, green, blue), each from 0 to 255, holds.
 template <class Is>
 double share_of_pixels(const std::filesystem::path& png, const Is& is, const Part& part = {}) {
   vtkNew<vtkPNGReader> reader;
@@ -33,8 +33,7 @@ double share_of_pixels(const std::filesystem::path& png, const Is& is, const Par
   return static_cast<double>(count) / static_cast<double>(all);
 }
 
-/// Lines of grey letters, one above the other and apart, down to the first row with colours; white is around
-/// them.
+/// Number of separate lines of grey letters above the first row with colours, on white.
 inline int lines_above_colours(const std::filesystem::path& png) {
   vtkNew<vtkPNGReader> reader;
   reader->SetFileName(png.c_str());

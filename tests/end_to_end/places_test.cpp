@@ -1,4 +1,4 @@
-// Where the tool may stand, as the program lists it, and what it says of places that make no sense.
+// Places for the tool as the program lists them, and its messages about impossible places.
 
 #include "io/label_image.hpp"
 #include "tests/end_to_end/in_folder.hpp"
@@ -29,7 +29,7 @@ TEST_F(Places, OfThePhantomAreListedInWordsAndAsJsonAndARunTakesThem) {
   expect_words(table, {"tool from", "superior", "anterior", "posterior", "left", "right", "inferior",
                        "refused: on the fixed base", "places looked at on the superior side are good"});
 
-  // The first is what a run does by itself; the others are taken as they are given.
+  // The first place is the default of a run; the others are accepted as printed.
   good("model brain.nrrd -o own --nodes 500 -q");
   EXPECT_THAT(text_of(folder / "own" / "model.toml"), HasSubstr("superior side, opposite to the base"));
   ASSERT_FALSE(listed.at("others").empty());
@@ -54,7 +54,7 @@ TEST_F(Places, OnEachSideAreTakenWithTheBaseBesideThemAndTheWayFromThere) {
                                         push[2].get<double>());
     EXPECT_THAT(good(place + base + way).err, HasSubstr("asked for; moved 0.0 mm"));
     if (side.at("from") == "superior") continue;
-    // From above it stands on a slope that is too steep, or nearly so.
+    // From above the slope there is too steep, or nearly so.
     const Ran ran = dimple(folder, place);
     if (ran.code == 0) {
       EXPECT_THAT(ran.err, HasSubstr("little room"));
@@ -103,7 +103,7 @@ TEST_F(Places, OnAPieceThatWasDroppedAreRefusedWithThatReason) {
             {"the labels form 2 pieces, and all but the largest were dropped"});
 }
 
-// A column that is pressed on its end yields in all of its length.
+// A column pressed on its end deforms over its whole length.
 TEST_F(Places, AnOrganThatMovesAsABodyFarFromTheToolIsWarnedOf) {
   good("phantom tall.nrrd --shape block --size 30,30,90 --spacing 2");
   good("phantom low.nrrd --shape block --size 60,60,40 --spacing 2");
@@ -115,7 +115,7 @@ TEST_F(Places, AnOrganThatMovesAsABodyFarFromTheToolIsWarnedOf) {
   EXPECT_THAT(good("run low.nrrd -o low" + scene).err, Not(HasSubstr(moves)));
 }
 
-// A post of 12 mm with an arm of 9 mm thickness that hangs over nothing: pushed down, the arm bends.
+// A post of 12 mm has an arm of 9 mm thickness over empty space: the arm bends under a load from above.
 TEST_F(Places, OnAPartThatSwingsAreWarnedOfWithNumbersAndABetterPlace) {
   const auto of_both = [](Index i, Index j, Index k) {
     const bool inside = i >= 2 && j >= 2 && k >= 2 && i < 42 && j < 22 && k < 32;
@@ -143,7 +143,7 @@ TEST_F(Places, OnAPartThatSwingsAreWarnedOfWithNumbersAndABetterPlace) {
   EXPECT_LT(std::stod(said[1]), 105.0);
   const Ran block = good("run arm.nrrd -o block --indent-at " + better + scene);
   EXPECT_THAT(block.err, Not(HasSubstr("bend")));
-  // By itself the tool stands on the block too.
+  // The tool's default place is on the block too.
   const Ran own = good("run arm.nrrd -o own" + scene);
   EXPECT_THAT(own.err, Not(HasSubstr("bend")));
 }

@@ -65,7 +65,7 @@ double seconds_of(const timeval& t) {
   return static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_usec);
 }
 
-// proc(5): what it and its children that have ended have used is in fields 14 to 17, in ticks.
+// CPU time of the process and its ended children: fields 14 to 17 of proc(5), in ticks.
 double cpu_seconds_of(const std::string& pid) {
   const fs::path proc = fs::path("/proc") / pid;
   const std::string stat = text_of(proc / "stat");

@@ -1,4 +1,4 @@
-"""The Python module as its users have it: run by python_test in a fresh virtual environment with its wheel."""
+"""Tests of the Python module as users install it: run by python_test in a fresh virtual environment with its wheel."""
 
 import ast
 import copy
@@ -32,7 +32,7 @@ FAST = {"nodes": 300, "depth_mm": 0.5, "frames": 2}
 
 
 def half_ellipsoid():
-    """Labels 0 and 1, of no symmetry along any axis, and their affine to LPS mm."""
+    """Labels 0 and 1 without symmetry along any axis, and their affine to LPS mm."""
     i, j, k = np.indices((24, 19, 11))
     labels = (((i - 11.5) / 9) ** 2 + ((j - 9.5) / 7) ** 2 + ((k - 1) / 7) ** 2 < 1) & (k >= 1) & (i + 2 * j < 45)
     return labels.astype(np.uint8), np.array([[3.0, 0, 0, -20], [0, 3.0, 0, 10], [0, 0, 3.0, 7], [0, 0, 0, 1]])
@@ -58,7 +58,7 @@ class InAFolder(unittest.TestCase):
         self.addCleanup(shutil.rmtree, self.folder)
 
     def raised(self, kind, *arguments, **keywords):
-        """The error that a call ends with, whose five parts are all there."""
+        """Error of a call; its five parts must not be empty."""
         call, *rest = arguments
         with self.assertRaises(kind) as caught:
             call(*rest, **keywords)
@@ -202,7 +202,7 @@ class Images(InAFolder):
         self.raised(wrong, run, self.with_fault(LABELS.astype(float), 0.5), **HERE)
         self.raised(wrong, run, self.with_fault(LABELS.astype(float), np.nan), **HERE)
         self.raised(wrong, run, self.folder / "none.nrrd")
-        # What would be ignored is refused.
+        # Options without effect are refused.
         self.raised(usage, run, np.ma.masked_less(np.ones((9, 9, 9), np.uint8), 2), **HERE)
         self.raised(usage, run, SAMPLE, overwrite=True, **FAST)
 
@@ -259,7 +259,7 @@ class Arrays(InAFolder):
         result = pydimple.run(SAMPLE, **scene)
         model, moved = result.model, result.displacement_m[-1]
         self.assertGreater(np.abs(result.nodal_parameter_m[-1] - moved).max(), 5e-5)
-        # The surface at a node's place goes as the node does.
+        # The surface at a node's place moves like the node.
         corner = np.linalg.norm(model.surface_mm[:, None] - 1e3 * model.positions_m[None], axis=2).argmin(0)
         near = np.linalg.norm(model.surface_mm[corner] - 1e3 * model.positions_m, axis=1) < 0.05
         self.assertGreater(near.sum(), 5)
@@ -287,7 +287,7 @@ class Program(InAFolder):
         result = pydimple.run(SAMPLE, out=by_module, **options)
         files = sorted(file.relative_to(by_program) for file in by_program.rglob("*") if file.is_file())
         self.assertEqual(files, sorted(file.relative_to(by_module) for file in by_module.rglob("*") if file.is_file()))
-        # Times and where options were given differ, and the picture and the page show them.
+        # Times and the places of options differ, and so do picture and page that show them.
         for file in files:
             if file.name not in ("summary.json", "config.resolved.toml", "overview.png", "report.html"):
                 self.assertEqual((by_program / file).read_bytes(), (by_module / file).read_bytes(), file)
@@ -484,7 +484,7 @@ class Accuracies(InAFolder):
 
 
 def force_of(model):
-    """In another process: what is said of a model that came there, and its force."""
+    """Summary and force of a model in another process."""
     return repr(model), pydimple.solve(model, depth_mm=0.5, frames=1)
 
 
@@ -536,7 +536,7 @@ class Pickles(InAFolder):
         self.assertEqual(sessions[0].forces_N.tobytes(), sessions[1].forces_N.tobytes())
 
     def test_a_result_comes_out_of_a_pickle_with_all_its_bits(self):
-        for nodes in (300, 1000):  # without and with a band
+        for nodes in (300, 1000):  # without and with error bounds
             result = pydimple.run(SAMPLE, nodes=nodes, depth_mm=0.5, frames=2)
             for there in (pickle.loads(pickle.dumps(result)), copy.deepcopy(result)):
                 self.assert_the_same_result(result, there)
@@ -592,7 +592,7 @@ class Following(InAFolder):
     def test_the_tool_lags_catches_up_is_lifted_and_goes_no_deeper_than_the_body(self):
         session = pydimple.Session(self.model)
         frame = session.follow(depth_mm=3, evaluations=3)
-        self.assertEqual((frame.status, frame.error_N), ("lags", float("inf")))  # of the depth that was asked for
+        self.assertEqual((frame.status, frame.error_N), ("lags", float("inf")))  # of the requested depth
         self.assertIn("error unknown, lags", repr(frame))
         self.assertLess(frame.error_at_depth_N, float("inf"))
         self.assertLess(frame.depth_mm, 3)
@@ -707,7 +707,7 @@ NOT_IN_PYTHON = {
 
 
 def flags_of_messages():
-    """Flag -> string literals of the library's sources that name it, with numbers for what is put in."""
+    """Flag -> string literals of the library's sources that name it, with numbers for inserted values."""
     found = {}
     for folder in ("io", "preprocess", "solver", "apps/run"):
         for file in (SOURCE / folder).rglob("*.[ch]pp"):
@@ -733,7 +733,7 @@ class Words(InAFolder):
             for message in messages if flag in known else ():
                 said = re.sub("`[^`]*`", "", _errors.in_keywords(message))
                 left = set(re.findall(r"(?<![\w!<-])(--[a-z][a-z-]*|-o\b)", said)) - set(NOT_IN_PYTHON)
-                # what is the flag alone is put beside others, or is looked for, and never said
+                # a bare flag is combined with others or searched for, and is no message
                 self.assertTrue(not left or message in ("--", "--set"), f"{message}\n{said}")
 
     def test_flags_become_keywords_as_they_are_written_in_python(self):
@@ -955,7 +955,7 @@ class Stopping(InAFolder):
 
         other = threading.Thread(target=compute)
 
-        # At a line of this computation another one begins, and ends before this one goes on.
+        # At a line of this computation another one begins, and ends before this one continues.
         def begin():
             other.start()
             other.join()
@@ -999,7 +999,7 @@ class Stubs(unittest.TestCase):
                 self.assertEqual(said[said[:1] != own[:1] and said[0] == "self":], own, f"{name}.{method.name}")
 
     def words_of(self, annotation):
-        """The words of all Literals of a type."""
+        """Words of all Literals of a type."""
         literals = [n for n in ast.walk(annotation) if isinstance(n, ast.Subscript) and getattr(n.value, "id", "") == "Literal"]
         return [c.value for n in literals[:1] for c in ast.walk(n.slice) if isinstance(c, ast.Constant)]
 

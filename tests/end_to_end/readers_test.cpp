@@ -1,4 +1,4 @@
-// Results in VTK's own readers, those of ParaView and 3D Slicer: what they show lies where the organ is.
+// Results in VTK's own readers, those of ParaView and 3D Slicer, have the position of the organ.
 
 #include <vtkCellArray.h>
 #include <vtkCellData.h>
@@ -81,7 +81,7 @@ TEST(ResultFiles, OpenInVtksOwnReadersAndLieOverTheLabels) {
       EXPECT_LT(bounds[2 * d + 1], box[2 * d + 1]);
     }
 
-    vtkNew<vtkXMLUnstructuredGridReader> points;  // of the last depth alone
+    vtkNew<vtkXMLUnstructuredGridReader> points;  // of the last depth
     read(*points, folder / "out" / "points" / "points_0000.vtu");
     expect_finite(points->GetOutput(), "displacement_mm", 3, "mm");
     expect_finite(points->GetOutput(), "cauchy_stress_Pa", 6, "Pa");
@@ -124,7 +124,7 @@ TEST(ResultFiles, OpenInVtksOwnReadersAndLieOverTheLabels) {
     EXPECT_NEAR((*forces.find("force_N"))[row], fact("force_N"), 1e-3 * forces.find("force_N")->back());
   }
 
-  // What is prescribed are the nodes' parameters: the circle went down by what was asked, the base stayed.
+  // Nodal parameters are prescribed: the bonded patch moved by the requested depth, the base did not move.
   vtkNew<vtkXMLUnstructuredGridReader> last;
   read(*last, folder / "out" / "nodes" / "nodes_0002.vtu");
   vtkPointData* data = last->GetOutput()->GetPointData();

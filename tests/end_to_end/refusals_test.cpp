@@ -1,4 +1,4 @@
-// What the program refuses: the exit code, and the words that tell its user what to do.
+// Refusals of the program: the exit code, and the words that state the remedy.
 
 #include <unistd.h>
 
@@ -13,8 +13,8 @@ class Refusal : public InFolder {
  protected:
   void SetUp() override { good("phantom brain.nrrd --spacing 3 -q"); }
 
-  /// All four parts of a message, on stderr, with these words; nothing on stdout; no result left behind, and
-  /// at most one word of what went wrong.
+  /// Expects all four parts of a message on stderr with these words and nothing on stdout. No result is left
+  /// behind, at most a summary of the failure.
   void expect(int code, const std::string& arguments, const std::vector<std::string>& words) const {
     SCOPED_TRACE("dimple " + arguments);
     const Ran ran = dimple(folder, arguments);
@@ -53,7 +53,7 @@ TEST_F(Refusal, OfAPathWhereNothingIs) {
   expect(3, "solve nomodel -o out", {"nomodel", "dimple model"});
 }
 
-// As the label image of 20 x 20 x 20 voxels of 2 mm, moved to the left.
+// The image is the label image of 20 x 20 x 20 voxels of 2 mm, moved to the left.
 TEST_F(Refusal, OfAnImageToBeWarpedThatLiesMostlyBesideTheBodyAndAWarningWhereItIsMoved) {
   good("phantom body.nrrd --shape block --size 30,30,30 --spacing 2");
   const std::string labels = text_of(folder / "body.nrrd");
@@ -119,7 +119,7 @@ TEST_F(Refusal, OfADamagedModel) {
   fs::resize_file(copy("cut") / "points.vtu", 900);
   expect(3, "solve cut -o out", {"points.vtu"});
 
-  // Names as earlier versions wrote them: another array would stand in silently.
+  // Names of earlier versions are refused; otherwise another array would be used silently.
   const fs::path before = copy("before") / "nodes.vtu";
   PointFile nodes = read_vtu(before);
   for (Field& field : nodes.fields)
@@ -170,7 +170,7 @@ TEST_F(Refusal, OfAModelWhoseNumbersNoBodyCanHave) {
   expect_without(points, points, same, "points.csv", {"points.csv", "lie on one place"});
 }
 
-// A pair of each kind of clash, in the table's words and with nothing left behind; all pairs: pairs_test.cpp.
+// One pair of each kind is refused in the table's words, and nothing is left behind. All: pairs_test.cpp.
 TEST_F(Refusal, OfAPairOfFeaturesSaysBothAndWhatToLeaveOut) {
   for (const auto& [options, words] : std::vector<std::pair<std::string, std::string>>{
            {"--friction 0.3", "and the tool is the circle"},
@@ -221,7 +221,7 @@ TEST_F(Refusal, OfATissueThatIsNotThere) {
   run(2, "--set tissue.2.colour=900", {"no option 'material.colour'"});
 }
 
-// A reason that does not hold sends the reader to the wrong place.
+// A wrong reason would mislead the reader.
 TEST_F(Refusal, NamesTheFactAndTheReasonThatHold) {
   run(2, "--nodes 400 --gravity=0,0,-1e6", {"gravity '0,0,-1e6' is out of range", "100000 m/s2"});
   run(2, "--nodes 400 --set wall.w.shape=plane:0,0,-90,0,0,1 --set wall.w.friction=-1",
@@ -270,7 +270,7 @@ TEST_F(Refusal, OfWordsItDoesNotKnow) {
   expect(2, "run brain.nrrd", {"--out"});
   for (const std::string flag :
        {"--depth 3", "--rate 3", "--time explicit", "--damping 3", "--frames 3", "--safety 0.5"})
-    expect(2, "poke brain.nrrd " + flag, {flag.substr(0, flag.find(' '))});  // of a load, and there is none
+    expect(2, "poke brain.nrrd " + flag, {flag.substr(0, flag.find(' '))});  // there is no load
 }
 
 TEST_F(Refusal, OfPhysicsThatIsNotModelledSaysWhatIs) {
@@ -292,7 +292,7 @@ TEST_F(Refusal, OfPhysicsThatIsNotModelledSaysWhatIs) {
   expect(2, "model brain.nrrd -o out --tool sphere:5mm",
          {"an option of `dimple run`, `fit`, `places` and `poke` alone", "not-modelled"});
   run(2, "--gravity", {"--gravity is given without its value", "usage of the command"});
-  // An option that the command has is not what is wrong with its line.
+  // The missing --out is reported, not the valid option.
   expect(2, "run brain.nrrd --tool sphere:5mm", {"--out", "usage of the command"});
 }
 
@@ -342,7 +342,7 @@ TEST_F(Refusal, OfOneOptionWithTwoValues) {
   refuses("[tissue.2]\nmu=300\nmu_Pa=100\n", "tissue.2.mu_Pa" + twice);
   refuses("[tissue.1]\nmu=300\n[tissue.left_hemisphere]\nmu=100\n", "label 1 is given two tissues");
   refuses("[step.press]\n# move = 2\n", "the section [step.press] is empty");
-  write("same.toml", "[material]\nmu = 100\nmu_Pa = 100\n");  // which leaves no doubt
+  write("same.toml", "[material]\nmu = 100\nmu_Pa = 100\n");  // no contradiction
   good("model brain.nrrd -o same --nodes 400 -q --config same.toml");
 }
 
@@ -356,7 +356,7 @@ TEST_F(Refusal, OfAToolThatMissesTheOrganPassesItOrHangsOverItsEdge) {
       {"over an edge", "not modelled", "--tool sphere:1000mm"});
 }
 
-// The image says nothing of a surface finer than its voxels, whoever asks.
+// An image has no information on a surface finer than its voxels, for any command.
 TEST_F(Refusal, OfACircleThatIsSmallerThanAVoxel) {
   write("path.csv", "time_s,depth_mm\n0,0\n0.1,1\n");
   const std::vector<std::string> words = {"2 mm diameter is smaller than a voxel of 3 mm",
@@ -380,7 +380,7 @@ TEST_F(Refusal, OfACircleThatIsSmallerThanAVoxel) {
   EXPECT_THAT(wide.err, Not(HasSubstr("voxels across")));
 }
 
-// Two layers of voxels, or one, or a speck, in an image of their own.
+// The body is two layers of voxels, or one, or a speck, in an image of its own.
 TEST_F(Refusal, OfABodyThatIsNoneOrTooThin) {
   const auto plate = [&](const char* name, Index layers, Index width) {
     const auto within = [](Index at, Index count) { return at >= 5 && at < 5 + count; };
@@ -398,7 +398,7 @@ TEST_F(Refusal, OfABodyThatIsNoneOrTooThin) {
   expect(4, "run speck.nrrd -o out --nodes 400", {"27 voxels", "at least 64"});
 }
 
-// Each is a way to ask for a model that there is none of: the options, the code, a word of the reason.
+// Each row requests an impossible model: the options, the exit code, a word of the reason.
 TEST_F(Refusal, OfPlacesAndNumbersThatNoModelCanHave) {
   struct Row {
     int code;

@@ -1,5 +1,5 @@
-// report.html as a browser shows it: its numbers are the summary's, it asks nobody for anything, and where
-// nothing can be turned or the page is printed, pictures and numbers are still there.
+// Content of report.html in a browser: its numbers are the summary's, and it loads nothing from elsewhere.
+// Without 3D graphics, or in print, pictures and numbers are still there.
 
 #include "tests/end_to_end/in_folder.hpp"
 #include "tests/end_to_end/picture_pixels.hpp"
@@ -7,7 +7,7 @@
 namespace dimple {
 namespace {
 
-// Empty: there is none.
+// Path of a program; empty if there is none.
 std::string program_named(const std::string& name) {
   std::istringstream path(std::getenv("PATH") ? std::getenv("PATH") : "");
   for (std::string folder; std::getline(path, folder, ':');)
@@ -21,7 +21,7 @@ std::string replaced(std::string text, const std::string& from, const std::strin
   return text;
 }
 
-/// What stands at "counts.circle_centre_mm.0".
+/// Value of a key such as "counts.circle_centre_mm.0".
 const Json& found(const Json& summary, const std::string& key) {
   return summary.at(Json::json_pointer("/" + replaced(key, ".", "/")));
 }
@@ -64,7 +64,7 @@ class Report : public InFolder {
   }
 };
 
-// Each number that the page marks is the summary's; the keys of those that it shows.
+// Keys of the numbers that the page shows; each marked number must be the summary's.
 std::set<std::string> keys_shown(const std::string& page, const Json& numbers) {
   const std::regex mark("<span([^>]*) ?data-key=\"([^\"]+)\"(?: data-scale=\"([^\"]+)\")?>([^<]*)</span>");
   std::set<std::string> keys;

@@ -1,4 +1,4 @@
-// Nothing is lost: what stands in a folder already, and a run that is stopped or killed half-way.
+// No loss of data: neither in a folder with results, nor when a run is stopped or killed.
 
 #include <iostream>
 #include <random>
@@ -13,13 +13,13 @@ using Clock = std::chrono::steady_clock;
 
 class Resume : public InFolder {
  protected:
-  // Some seconds: long enough to be interrupted.
+  // The slow run takes some seconds, long enough to be interrupted.
   const std::string slow = "run brain.nrrd -o out --nodes 500 --depth 4mm --rate 0.02mm/s --frames 100 -q";
   const std::string quick = "run brain.nrrd -o out --nodes 400 --depth 0.5mm --frames 2 -q";
 
   void SetUp() override { good("phantom brain.nrrd --spacing 3 -q"); }
 
-  /// The slow run, stopped by `signal` when it has left a checkpoint and gone on for a while.
+  /// The slow run, stopped by `signal` some time after its first checkpoint.
   Ran stopped(int signal) const {
     Program program(folder, words_of(slow));
     while (program.running() && !fs::exists(folder / "out" / "checkpoint.cbor"))
@@ -45,7 +45,7 @@ TEST_F(Resume, IsOneOfTwoThingsThatMayBeDoneWithResultsThatAreThere) {
   good("model brain.nrrd -o model --nodes 400 -q");
   refused(6, "model brain.nrrd -o model --nodes 500 -q", {"model holds a model already", "--force"});
   good("model brain.nrrd -o model --nodes 450 -q --force");
-  good("solve model -o model --depth 0.5mm --frames 2 -q");  // beside the model: no results are there yet
+  good("solve model -o model --depth 0.5mm --frames 2 -q");  // a model alone: no results are there yet
   refused(6, "solve model -o model --depth 0.5mm --frames 2 -q", {"model holds the results of a run"});
   good("solve model -o model --depth 0.5mm --frames 3 -q --force");
 }
@@ -117,7 +117,7 @@ TEST_F(Resume, OfACheckpointThatIsDamagedIsRefused) {
 TEST_F(Resume, OfNothingBeginsAtTheBeginning) {
   good(quick + " --resume");
   fs::rename(folder / "out", folder / "one");
-  fs::create_directories(folder / "out" / "model");  // as a kill at the first file leaves it
+  fs::create_directories(folder / "out" / "model");  // as after a kill at the first file
   std::ofstream(folder / "out" / ".dimple_files") << "";
   std::ofstream(folder / "out" / "model" / ".12-0-nodes.vtu") << "<VTKF";
   refused(6, quick, {"unfinished run"});
@@ -126,7 +126,7 @@ TEST_F(Resume, OfNothingBeginsAtTheBeginning) {
 }
 
 TEST_F(Resume, OrAnythingElseInAFolderWhereARunIsAtWorkIsRefused) {
-  // Longer than three others wait for it to end.
+  // The run takes longer than three others wait for it to end.
   const std::string longer = "run brain.nrrd -o out --nodes 500 --depth 4mm --rate 0.02mm/s --frames 600 -q";
   Program program(folder, words_of(longer));
   while (program.running() && !fs::exists(folder / "out" / "nodes" / "nodes_0002.vtu"))
@@ -138,8 +138,8 @@ TEST_F(Resume, OrAnythingElseInAFolderWhereARunIsAtWorkIsRefused) {
 
 // ----------------------------------------------------------------------------------------------- kill -9
 
-/// Runs are killed at random, some of them several times, then resumed to their end. DIMPLE_KILLS: how often,
-/// in all.
+/// Runs are killed at random, some of them several times, then resumed to their end. DIMPLE_KILLS is the
+/// total number of kills.
 TEST_F(Resume, OfRunsThatWereKilledAtAnyMomentEndsWithTheSameBits) {
   struct Scene {
     std::string name, arguments;
@@ -169,7 +169,7 @@ TEST_F(Resume, OfRunsThatWereKilledAtAnyMomentEndsWithTheSameBits) {
   for (; kills < wanted && !HasFailure(); ++rounds) {
     const int laps = rounds / static_cast<int>(scenes.size());
     const Scene& scene = scenes[static_cast<std::size_t>(rounds) % scenes.size()];
-    // Every second run gets as far as its first checkpoint: what is left from there is a small part of a run.
+    // Every second run reaches its first checkpoint; the remainder from there is a small part of a run.
     const bool while_it_marches = (rounds + laps) % 2 == 1;
     SCOPED_TRACE(scene.name + ", round " + std::to_string(rounds));
     const std::string line = "run brain.nrrd -o out " + scene.arguments + " --resume";
@@ -184,7 +184,7 @@ TEST_F(Resume, OfRunsThatWereKilledAtAnyMomentEndsWithTheSameBits) {
       if (!again) break;
       program.send(SIGKILL);
       const int code = program.wait().code;
-      if (code == 0) break;  // it ended in the meantime
+      if (code == 0) break;  // it ended meanwhile
       ASSERT_EQ(code, 128 + SIGKILL);
       ++kills;
       if (fs::exists(folder / "out")) expect_whole_files(folder / "out", false);

@@ -1,4 +1,4 @@
-// What the program does when all is well: its files, its words, and the same bits each time.
+// Successful runs of the program: files, output, and the same bits each time.
 
 #include <cstring>
 
@@ -9,11 +9,11 @@
 namespace dimple {
 namespace {
 
-// Coarse and fast, so that each takes a second or so; 400 and 500 nodes in a swine brain are 6 to 7 mm apart.
+// Coarse and fast, about a second each; 400 and 500 nodes in a swine brain are 6 to 7 mm apart.
 const std::string cloud = " --nodes 500";
-// Slow enough for the wave of the sudden start, which is proportional to the rate, to stay below the force.
+// Slow enough to keep the wave of the sudden start, proportional to the rate, below the force.
 const std::string load = " --depth 0.5mm --rate 5mm/s --frames 4";
-const std::string tables_alone = load + " --write force";  // where nothing else is looked at
+const std::string tables_alone = load + " --write force";  // for tests of the tables alone
 
 class Run : public InFolder {
  protected:
@@ -24,7 +24,7 @@ class Run : public InFolder {
     EXPECT_THAT(curve, testing::StartsWith("time_s,indentation_mm,force_N"));
     return curve;
   }
-  /// force.csv without the column of the image, which a model's files do not hold.
+  /// Content of force.csv without the column of the image, which a model's files do not hold.
   std::string without_image_error(const std::string& out) const {
     std::istringstream lines(force(out));
     std::string result;
@@ -44,7 +44,7 @@ class Run : public InFolder {
   double last_force(const std::string& out) const { return end_of(folder / out); }
 };
 
-/// The frames that a .pvd lists, as paths; each must be there.
+/// Paths of the frames that a .pvd lists; each must exist.
 std::vector<fs::path> frames_of(const fs::path& pvd) {
   const std::string text = text_of(pvd);
   const std::regex file("file=\"([^\"]+)\"");
@@ -110,7 +110,7 @@ TEST_F(Run, IsRepeatedBitForBitByTheConfigurationItWrote) {
   EXPECT_NEAR(last_force("third") / last_force("first"), 2.0, 0.5);
 }
 
-// What follows is in equilibrium, for which the band was measured.
+// The load is slow enough for equilibrium, for which the error bounds are calibrated.
 const std::string slow_load = " --depth 1mm --frames 4 --write force,picture";
 
 TEST_F(Run, TellsItsForceWithItsBand) {
@@ -156,7 +156,7 @@ TEST_F(Run, SaysWhyItsBandIsUnknown) {
   }
 }
 
-// Deeper than 1.7 radii no band was measured; at 1.6 it was.
+// Error bounds are calibrated up to 1.7 radii; 1.6 is within.
 TEST_F(Run, HasNoBandDeeperThanItWasMeasured) {
   const std::string scene = "run brain.nrrd --nodes 1000 --indenter-diameter 8 --frames 4 --write force -q";
   good(scene + " -o within --depth 6.4mm");
@@ -167,7 +167,7 @@ TEST_F(Run, HasNoBandDeeperThanItWasMeasured) {
   EXPECT_EQ(read_csv(folder / "deeper" / "force.csv").find("low_N"), nullptr);
 }
 
-// Metres per second in place of millimetres: few rows and a force of inertia alone went without a word.
+// Metres per second in place of millimetres: few rows and a force of inertia alone once gave no warning.
 TEST_F(Run, TooFastForEquilibriumIsSampledAndWarnsWhereTheBaseDoesNotBearTheForce) {
   const Ran ran =
       good("run brain.nrrd -o out --nodes 400 --depth 1mm --rate 1m/s --frames 2 --write force --band off");
@@ -193,7 +193,7 @@ TEST_F(Run, AsksForTheUnitOfNumbersThatLookLikeMetresOrKilopascals) {
   ends_with(folder, 2, "run brain.nrrd -o small --tool sphere:0.005 --depth 1", {question + "--tool"});
 }
 
-// What the tool gives the base takes: in equilibrium to the residual, otherwise but for what sways.
+// The base bears the tool's force: up to the residual in equilibrium, up to vibrations otherwise.
 TEST_F(Run, RestsOnItsBaseWithTheForceThatTheToolFeels) {
   const std::string scene =
       "run brain.nrrd --nodes 400 --depth 1mm --frames 2 --write force,nodes,surface -q";
@@ -209,7 +209,7 @@ TEST_F(Run, RestsOnItsBaseWithTheForceThatTheToolFeels) {
     if (way == "--time quasi-static") {
       EXPECT_LE(json.at("residual"), 1e-4);
     }
-    // The nodes' own reactions say so too.
+    // Nodal reactions agree.
     const std::vector<fs::path> frames = frames_of(folder / "out" / "nodes.pvd");
     const PointFile nodes = read_vtu(frames.back());
     const Field &reaction = *nodes.find("reaction_N"), &set = *nodes.find("node_set");
@@ -221,7 +221,7 @@ TEST_F(Run, RestsOnItsBaseWithTheForceThatTheToolFeels) {
       if (set.values(0, a) == 1.0) on_base -= along;
     }
     EXPECT_NEAR(on_tool, force, 1e-4 * force);
-    // The tool is drawn where it is, and the body weighs what its volume does.
+    // The tool's file has its displacement, and the body's weight follows from its volume.
     const std::vector<fs::path> tools = frames_of(folder / "out" / "tool.pvd");
     const Vec3 way =
         (read_vtp(tools.back()).position_mm - read_vtp(tools.front()).position_mm).rowwise().mean();
@@ -231,7 +231,7 @@ TEST_F(Run, RestsOnItsBaseWithTheForceThatTheToolFeels) {
   }
 }
 
-// The number at the head of README.md.
+// README.md shows this number at its head.
 TEST_F(Run, OfTheDefaultPhantomGivesTheForceThatTheReadmeShows) {
   good("phantom default.nrrd");
   const Ran ran = good("run default.nrrd -o out --band off --write force");
@@ -307,7 +307,7 @@ TEST_F(Run, TellsWhatItsForceDependsOn) {
     EXPECT_GT(fs::file_size(folder / "out" / name), 0u) << name;
   EXPECT_THAT(ran.err, HasSubstr("explain  "));
 
-  // choice -> least and largest effect [%], in the order of the lines
+  // Values: choice -> least and largest effect [%], in the order of the lines.
   std::istringstream lines(text_of(folder / "out/explain.csv"));
   std::string row;
   std::getline(lines, row);
@@ -337,7 +337,7 @@ TEST_F(Run, TellsWhatItsForceDependsOn) {
   EXPECT_LT(effect["far tissue"].second, 0.0) << "and what has less around it";
   for (const char* what : {"equilibrium", "steps of the load"}) EXPECT_LT(size(what), 0.1) << what;
 
-  // The force itself is the run's own, and a run without the flag leaves no word of an older one.
+  // The force is that of the plain run, and a run without the flag removes older explanations.
   good(line + " --force -q");
   EXPECT_FALSE(fs::exists(folder / "out/explain.md"));
 }
@@ -360,7 +360,7 @@ TEST_F(Run, WritesTheSameFilesBesideTheMarchAsWithOneThread) {
   for (const auto& entry : fs::recursive_directory_iterator(folder / "threads1")) {
     const std::string file = entry.path().filename().string();
     if (!entry.is_regular_file() || file == "summary.json" || file == "overview.png" || file == "report.html")
-      continue;  // these tell times
+      continue;  // these report times
     const fs::path name = entry.path().lexically_relative(folder / "threads1");
     frames += name.string().find("_000") != std::string::npos;
     for (const char* other : {"threads2", "threads3"})
@@ -412,7 +412,7 @@ TEST_F(Run, WritesWhatIsAskedForAndTheSameForce) {
   EXPECT_EQ(files("all"), always) << "an earlier run's files are gone";
 }
 
-/// A block of 60 x 60 x 30 mm in voxels of 1.5 mm; three slits 3 mm wide go 18 mm into its left side.
+/// Writes a block of 60 x 60 x 30 mm in voxels of 1.5 mm; three slits 3 mm wide go 18 mm into its left side.
 void write_comb(const fs::path& file) {
   const auto label = [](Index i, Index j, Index k) {
     const bool block = i >= 2 && i < 42 && j >= 2 && j < 42 && k >= 2 && k < 22;
@@ -423,7 +423,7 @@ void write_comb(const fs::path& file) {
 
 TEST_F(Run, HasTheFoldsOfAFoldedBodyTouchUnlessTheyAreToPassOrInertiaTakesPart) {
   write_comb(folder / "comb.nrrd");
-  const std::string scene = " --depth 2mm --frames 2";  // gaps up to twice the depth are watched
+  const std::string scene = " --depth 2mm --frames 2";  // gaps up to twice the depth are checked
   good("run comb.nrrd -o touching --nodes 4000 --write model" + scene);
   const Json touching = summary("touching");
   EXPECT_GT(touching.at("self_contact").at("places"), 100);
@@ -438,7 +438,7 @@ TEST_F(Run, HasTheFoldsOfAFoldedBodyTouchUnlessTheyAreToPassOrInertiaTakesPart) 
          " --nodes 1000 --band off --write force --depth 0.1mm --frames 1 " + otherwise);
     EXPECT_FALSE(summary(out).contains("self_contact")) << otherwise;
   }
-  // A phantom has one fissure, of which a body is not folded.
+  // A phantom has a single fissure, which does not count as a folded body.
   good("phantom fissure.nrrd --spacing 1.5");
   good("run fissure.nrrd -o phantom --nodes 600 --band off --write force --depth 4mm --frames 1");
   EXPECT_FALSE(summary("phantom").contains("self_contact"));
@@ -446,7 +446,7 @@ TEST_F(Run, HasTheFoldsOfAFoldedBodyTouchUnlessTheyAreToPassOrInertiaTakesPart) 
 
 TEST_F(Run, TellsOfNarrowFoldsAndClosesThemOnRequest) {
   write_comb(folder / "comb.nrrd");
-  // With 600 nodes every second or third cloud of the open comb finds no equilibrium.
+  // With 600 nodes every second or third discretisation of the open comb finds no equilibrium.
   const std::string scene = " --nodes 1000 --depth 1mm --frames 2 --write model";
   const Ran open = good("run comb.nrrd -o open" + scene);
   const auto warns = [](const Ran& ran) {
@@ -498,14 +498,14 @@ TEST_F(Run, SolvesTwoPlainListsOfLocations) {
   toml = std::regex_replace(toml, std::regex("points.vtu"), "points.csv");
   toml = std::regex_replace(toml, std::regex("surface = [^\n]*"), "");
 
-  fs::create_directories(folder / "full");  // all that the .vtu files say: the same bits
+  fs::create_directories(folder / "full");  // with all fields of the .vtu files: the same bits
   write_csv(folder / "full" / "nodes.csv", list(nodes, {"spacing_mm", "node_set"}));
   write_csv(folder / "full" / "points.csv", list(points, {"volume_mm3"}));
   std::ofstream(folder / "full" / "model.toml") << toml;
   good("solve full -o from_full" + tables_alone);
   EXPECT_EQ(force("from_full"), force("from_vtu"));
 
-  fs::create_directories(folder / "plain");  // places alone: what is missing is assumed, and said
+  fs::create_directories(folder / "plain");  // positions alone: missing data are assumed, with a warning
   write_csv(folder / "plain" / "nodes.csv", list(nodes, {}));
   write_csv(folder / "plain" / "points.csv", list(points, {}));
   std::ofstream(folder / "plain" / "model.toml") << toml;
@@ -521,7 +521,7 @@ TEST_F(Run, SaysEveryTenthWithoutATerminalIfDetailIsWanted) {
   EXPECT_THAT(run.err, Not(HasSubstr("\r")));
   EXPECT_THAT(run.err, Not(HasSubstr("\033")));
   for (int tenth = 1; tenth <= 10; ++tenth) {
-    // What has been done, not the tenth below it.
+    // The line reports progress rounded down.
     std::ostringstream line;
     line << "solving  " << tenth << "[0-9] %";
     EXPECT_TRUE(std::regex_search(run.err, std::regex(line.str()))) << line.str() << '\n' << run.err;
@@ -529,7 +529,7 @@ TEST_F(Run, SaysEveryTenthWithoutATerminalIfDetailIsWanted) {
 }
 
 TEST_F(Run, TakesALabelByNameOrByNumberAndNamesFromATable) {
-  good("phantom brain.nii.gz --spacing 3");  // NIfTI has no names: they lie beside it
+  good("phantom brain.nii.gz --spacing 3");  // NIfTI has no names: they are in a file next to it
   const std::string few = " --nodes 400" + tables_alone;
   good("run brain.nrrd -o by_name --label Right_Hemisphere" + few);  // case does not matter
   good("run brain.nrrd -o by_number --label 2" + few);
@@ -578,8 +578,8 @@ TEST_F(Run, OfTwoLabelsWithATissueEachIsABodyOfTwoTissuesAndHasABand) {
   EXPECT_TRUE(summary("far").at("band").contains("unknown")) << "nine times as stiff";
 }
 
-// A bonded disc of radius a on an incompressible half-space bears 8 G a across its plane and 16/3 G a along
-// it; on a body of ten diameters some per cent more.
+// A bonded disc of radius a on an incompressible half-space has stiffness 8 G a across its plane and 16/3 G a
+// along it; on a body of ten diameters some per cent more.
 TEST_F(Run, ATiltedPushFeelsAlongTheSurfaceTwoThirdsOfWhatItFeelsAcross) {
   good("phantom large.nrrd --shape block --size 100,100,60 --spacing 4");
   good(
@@ -610,7 +610,7 @@ TEST_F(Run, SaysWhatWasAskedOfItAndEveryWarning) {
   EXPECT_EQ(material.at("points"), json.at("counts").at("integration_points"));
   for (const char* part : {"kappa_Pa", "density_kg_per_m3"}) EXPECT_GT(material.at(part), 0.0);
 
-  // As many on stderr as in the summary, and the guards among them.
+  // All warnings of the summary are on stderr, guards among them.
   std::size_t printed = 0;
   for (std::size_t at = 0; (at = ran.err.find("warning: ", at)) != std::string::npos; ++at) ++printed;
   EXPECT_EQ(json.at("warnings").size(), printed);
@@ -624,7 +624,7 @@ TEST_F(Run, SaysWhatWasAskedOfItAndEveryWarning) {
   }
   EXPECT_THAT(ran.err, HasSubstr("labels   all: 1 (left_hemisphere), 2 (right_hemisphere)"));
   EXPECT_THAT(ran.err, HasSubstr("2 labels form one body of one material"));
-  // A part that lasts longer than the line's last digit is named there; on a quiet machine some are shorter.
+  // A part that takes longer than the line's last digit is listed; on a quiet machine some are shorter.
   std::smatch line;
   ASSERT_TRUE(std::regex_search(ran.err, line, std::regex("time     ([0-9.]+) s: ([^\n]*)"))) << ran.err;
   const double last_digit_s = std::stod(line.str(1)) < 10.0 ? 0.01 : 0.1;

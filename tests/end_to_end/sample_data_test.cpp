@@ -1,5 +1,5 @@
-// The images of sample_data: the program still makes them, voxel for voxel, and they still give what is
-// written about them in expected.json.
+// Images of sample_data: the program still makes them, voxel for voxel, and they still give the results in
+// expected.json.
 
 #include "io/label_image.hpp"
 #include "tests/end_to_end/in_folder.hpp"

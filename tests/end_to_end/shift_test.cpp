@@ -1,4 +1,4 @@
-// dimple shift: brain shift after a craniotomy, through the program itself, on a block that stands for a
+// Tests of dimple shift: brain shift after a craniotomy, through the real program, on a block in place of a
 // brain.
 
 #include <map>
@@ -30,7 +30,7 @@ TEST(Shift, GrowsWithTheFluidThatIsLostAndFallsAlongGravity) {
   }
 }
 
-// Also where the opening is narrower than the surface's triangles; where it opens nothing it is refused.
+// Openings narrower than the surface's triangles work; an opening that opens nothing is refused.
 TEST(Shift, SaysTheShiftAtTheMiddleOfTheOpeningFirstAndTheLargestThere) {
   const fs::path folder = fresh_folder();
   expect_refusal(dimple(folder, "shift " + block_of_brain +
@@ -49,7 +49,7 @@ TEST(Shift, SaysTheShiftAtTheMiddleOfTheOpeningFirstAndTheLargestThere) {
   }
 }
 
-// One point as numbers, and as 3D Slicer writes it in either space.
+// The point is given as numbers, and as 3D Slicer writes it in either space.
 TEST(Shift, RepeatsOpeningAndTargetsWithTheirSidesAndReadsMarkups) {
   const fs::path folder = fresh_folder();
   std::ofstream(folder / "t.fcsv") << "# Markups fiducial file version = 4.11\n# CoordinateSystem = RAS\n"
@@ -77,7 +77,7 @@ TEST(Shift, RepeatsOpeningAndTargetsWithTheirSidesAndReadsMarkups) {
   refused("# CoordinateSystem = LPS\n", "no point is in the file");
 }
 
-// 0.00 mm was reported, with exit code 0.
+// A shift of 0.00 mm was once reported, with exit code 0.
 TEST(Shift, AtAnOpeningBetweenTheSurfacesVerticesIsThatOfTheNearestOne) {
   const fs::path folder = fresh_folder();
   good(folder, "phantom head.nrrd --shape cut-ellipsoid --size 140,170,120 --spacing 4");
@@ -99,7 +99,7 @@ TEST(Shift, AtAnOpeningBetweenTheSurfacesVerticesIsThatOfTheNearestOne) {
   EXPECT_FALSE(narrow["at_mm"].is_null());
 }
 
-// There is no tool that could pass through the skull.
+// No tool could pass through the skull.
 TEST(Shift, BesideAnOpeningOnTheSideSaysNothingOfATool) {
   const fs::path folder = fresh_folder();
   const Ran ran =
@@ -148,7 +148,7 @@ TEST(Shift, WritesTablesImagesPictureAndPageWithTheSameBytesForAnyThreadsAndTabl
   }
 }
 
-// Its label's name is one that a shell would run.
+// The label's name is one that a shell would run.
 TEST(Shift, IsRepeatedByTheCommandOnItsPageFromAnyFolder) {
   const fs::path folder = fresh_folder();
   std::ofstream(folder / "names.txt") << "1 255 0 0 1 1 1 \"my brain $(touch ran)\"\n";
@@ -226,7 +226,7 @@ TEST(Shift, IsExplainedByOneDoubtAtATimeInMillimetres) {
   std::string row;
   std::getline(rows, row);
   EXPECT_EQ(row, "choice,instead,kind,change_mm,elsewhere_mm,wall_s,verdict");
-  std::map<std::string, double> of;  // by choice and what it is instead
+  std::map<std::string, double> of;  // by choice and its alternative
   while (std::getline(rows, row)) {
     std::smatch cell;
     const std::regex cells("\"([^\"]*)\",\"([^\"]*)\",[a-z]+,([^,]*),.*");
@@ -255,7 +255,7 @@ TEST(Shift, IsRefusedBeforeAnythingIsBuiltWhereItIsNotUnderstood) {
     EXPECT_THAT(ran.err, HasSubstr(fact)) << options;
   };
   refused("--up superior", "--opening");
-  refused("--opening 0,0,90,15 --up 0,0,1e300", "from the brain's surface");  // a direction is of any length
+  refused("--opening 0,0,90,15 --up 0,0,1e300", "from the brain's surface");  // direction of any length
   refused("--opening 0,0,30 --up superior", "has 3 numbers");
   refused("--opening 0,0,30,0 --up superior", "radius = 0 is not allowed");
   refused("--opening 0,0,30,15 --up 0,0,0", "no direction");

@@ -1,4 +1,4 @@
-// Ctrl-C, SIGTERM and a limit of time: an answer within two seconds, exit code 130, and only valid files.
+// Ctrl-C, SIGTERM and a time limit: an answer within two seconds, exit code 130, and only valid files.
 
 #include <sys/stat.h>
 
@@ -17,13 +17,13 @@ double seconds_since(Clock::time_point start) {
 
 class Stop : public InFolder {
  protected:
-  // Ten seconds or more, if nobody ends it.
+  // Takes ten seconds or more if not interrupted.
   const std::string slow = "run brain.nrrd -o out --nodes 500 --depth 8mm --rate 0.02mm/s --frames 400 -q";
 
   void SetUp() override { good("phantom brain.nrrd --spacing 2 -q"); }
 
-  /// Sends the signal after that time, counted from its start or from when it has said `word` that often.
-  /// Every command ends soon, as if nothing had been, or with code 130.
+  /// Sends the signal after that time, counted from the start or from the `often`-th output of `word`. Every
+  /// command ends soon, either normally or with code 130.
   Ran expect_end(const std::string& line, milliseconds after, int signal, const std::string& word = "",
                  int often = 0) const {
     SCOPED_TRACE("dimple " + line + ", signal " + std::to_string(signal) + " after " +
@@ -70,12 +70,12 @@ TEST_F(Stop, IsAnsweredWithinTwoSecondsByEveryCommand) {
   EXPECT_GT(interrupted, static_cast<int>(commands.size())) << "of twice as many";
 }
 
-// The finest cloud until then, as if it alone had been asked for.
+// The result is that of the finest discretisation so far, as if requested alone.
 TEST_F(Stop, OfARefinementKeepsItsBestForceWithItsBand) {
   const std::string line =
       "run brain.nrrd -o out --accuracy 0.5% --depth 2mm --frames 4 --write force,picture";
   int with_band = 0;
-  for (int stop = 0; stop < 6; ++stop) {  // amid the first three clouds
+  for (int stop = 0; stop < 6; ++stop) {  // during the first three discretisations
     SCOPED_TRACE(stop);
     fs::remove_all(folder / "out");
     const Ran ran = expect_end(line, milliseconds(100 + 300 * (stop % 2)), SIGINT, "refine ", stop / 2);
@@ -91,7 +91,7 @@ TEST_F(Stop, OfARefinementKeepsItsBestForceWithItsBand) {
   EXPECT_GT(with_band, 0);
 }
 
-// What was compared until then, and the force that the run had found before.
+// Rows computed before the signal, and the force that the run had found before, are kept.
 TEST_F(Stop, OfAnExplanationKeepsTheForceAndTheLinesBeforeIt) {
   int with_lines = 0;
   for (const int said : {0, 1, 2, 5}) {
@@ -119,7 +119,7 @@ TEST_F(Stop, BeforeThereIsAResultLeavesTheFolderAsItWas) {
 }
 
 TEST_F(Stop, OfWorkThatDoesNotListenIsDoneForIt) {
-  ASSERT_EQ(mkfifo((folder / "pipe").c_str(), 0600), 0);  // nobody ever writes to it
+  ASSERT_EQ(mkfifo((folder / "pipe").c_str(), 0600), 0);  // no writer
   const Ran ran = expect_end("run brain.nrrd -o out --config pipe", milliseconds(300), SIGINT);
   EXPECT_EQ(ran.code, 130);
   EXPECT_THAT(ran.err, HasSubstr("does not listen"));
@@ -139,7 +139,7 @@ TEST_F(Stop, AskedForTwiceIsAtOnce) {
 }
 
 TEST_F(Stop, ByALimitOfTimeKeepsTheBestStateSoFarAndMayBeResumedWithAnother) {
-  // As long as this machine needs, at work on other things, to have some result.
+  // The limit doubles until this machine, busy with other work, has some result.
   int limit = 2;
   Ran ran;
   for (; limit < 100 && ran.out.empty(); limit *= 2) {

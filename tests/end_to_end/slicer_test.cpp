@@ -7,8 +7,8 @@
 
 #include "tests/end_to_end/in_folder.hpp"
 
-// As 3D Slicer runs a module: it reads what --xml prints, makes a panel of it, and calls the program with all
-// values.
+// These tests act as 3D Slicer: it reads the output of --xml, makes a panel of it, and calls the program with
+// all values.
 
 namespace dimple {
 namespace {
@@ -20,7 +20,7 @@ class Slicer : public testing::Test {
   vtkSmartPointer<vtkXMLDataElement> root =
       vtkSmartPointer<vtkXMLDataElement>::Take(vtkXMLUtilities::ReadElementFromString(xml.c_str()));
 
-  // Each parameter of each group.
+  // All parameters of all groups.
   std::vector<vtkXMLDataElement*> parameters() const {
     std::vector<vtkXMLDataElement*> all;
     for (int g = 0; g < root->GetNumberOfNestedElements(); ++g) {
@@ -38,7 +38,7 @@ class Slicer : public testing::Test {
     return data ? std::regex_replace(data, std::regex("^\\s+|\\s+$"), "") : "";
   }
 
-  // The values that a panel gives which nobody has touched, but for those of `chosen`, by flag.
+  // Values of a panel with all defaults, except for those of `chosen`, by flag.
   std::vector<std::string> command_line(const std::map<std::string, std::string>& chosen) const {
     std::vector<std::string> words;
     for (vtkXMLDataElement* parameter : parameters()) {
@@ -58,9 +58,9 @@ class Slicer : public testing::Test {
   }
 };
 
-// The elements of the Slicer Execution Model, as its documentation and ModuleDescription.xsd name them. That
+// Elements of the Slicer Execution Model, as its documentation and ModuleDescription.xsd name them. That
 // schema itself describes less than 3D Slicer reads (no channel of a directory, no hidden point), so it is
-// not what is compared with.
+// not the reference here.
 TEST_F(Slicer, TheDescriptionHasTheElementsOfTheExecutionModel) {
   ASSERT_TRUE(root) << xml;
   ASSERT_EQ(std::string(root->GetName()), "executable");
@@ -99,7 +99,7 @@ TEST_F(Slicer, TheDescriptionHasTheElementsOfTheExecutionModel) {
     if (!flag.empty()) {
       EXPECT_TRUE(flags.insert(flag).second) << flag;
     }
-    // Only what has a place on the command line, or comes back in a file, has no flag.
+    // Only parameters with a place on the command line, or returned in a file, have no flag.
     if (flag.empty()) {
       EXPECT_TRUE(kind == "image" || text(parameter, "channel") == "output");
     }
@@ -117,7 +117,7 @@ TEST_F(Slicer, TheDescriptionHasTheElementsOfTheExecutionModel) {
       EXPECT_STREQ(parameter->GetAttribute("coordinateSystem"), "lps");
     }
   }
-  // All options of the command line are there, but those that make no sense in a panel.
+  // The panel has all options of the command line except those without sense in a panel.
   const std::string help = dimple(folder, "run --help-all").out;
   const std::set<std::string> elsewhere = {"--help",   "--output",  "--resume",    "--explain",
                                            "--config", "--set",     "--quiet",     "--verbose",
@@ -145,7 +145,6 @@ TEST_F(Slicer, APanelThatNobodyTouchedIsTheDefaultRunAndItsValuesAreObeyed) {
   const Ran plain = dimple(folder, "run block.nrrd -o plain --nodes 300 --depth 1 --frames 4 --write force");
   EXPECT_EQ(text_of(folder / "panel/force.csv"), text_of(folder / "plain/force.csv"));
 
-  // Its progress, and what the panel shows afterwards.
   EXPECT_THAT(ran.out, testing::StartsWith("<filter-start>\n<filter-name>dimple</filter-name>\n"));
   EXPECT_THAT(ran.out, testing::EndsWith("</filter-end>\n"));
   const std::regex progress("<filter-progress>([0-9.]+)</filter-progress>");
@@ -162,7 +161,7 @@ TEST_F(Slicer, APanelThatNobodyTouchedIsTheDefaultRunAndItsValuesAreObeyed) {
   EXPECT_THAT(text_of(folder / "returned.txt"),
               testing::MatchesRegex("force_N = 0\\.0[0-9]+\nindentation_mm = 1\nlow_N = -1\nhigh_N = -1\n"));
 
-  // A point and other values.
+  // Second run: a point and other values.
   std::map<std::string, std::string> chosen = small;
   chosen["--young"] = "900.0";
   chosen["--indent-at"] = "-10,5,30";

@@ -1,4 +1,4 @@
-// Scenes of several steps, from the words of a user to the files of a run.
+// Scenes of several steps, from a user's options to the files of a run.
 
 #include "io/types.hpp"
 #include "tests/end_to_end/in_folder.hpp"
@@ -20,7 +20,7 @@ class SceneOfSteps : public InFolder {
   }
 };
 
-// Steps are done in the order of their lines, whatever their names.
+// Steps are done in the order of their lines, not of their names.
 constexpr const char* press_and_pull = R"([support.retractor]
 on = "20,0,30,8"
 
@@ -88,7 +88,7 @@ TEST_F(SceneOfSteps, SaysItsLargestForceWhereTheToolHasLeftTheBodyAgain) {
   const std::string page = text_of(folder / "out" / "report.html");
   EXPECT_THAT(page, HasSubstr("\"lateral_N\":["));
   EXPECT_THAT(page, Not(HasSubstr("[\"\\u003c 1\",\"N\""))) << "no force is less than 1 N but nothing";
-  // The picture is of the frame with the largest force: displacements have their colours.
+  // The picture shows the frame with the largest force, with colours of displacements.
   const auto is_dark = [](int r, int g, int b) { return r > 55 && r < 160 && g < 60 && b > 70 && b < 125; };
   EXPECT_GT(share_of_pixels(folder / "out" / "overview.png", is_dark), 1e-4);
 }
@@ -111,7 +111,7 @@ TEST_F(SceneOfSteps, StepsOfOneLineAreDoneInItsOrder) {
   EXPECT_EQ(scene[0]["name"], "press");
 }
 
-// What bounds the search for equilibrium grows with the scene.
+// The limit of force evaluations grows with the length of the scene.
 TEST_F(SceneOfSteps, ALongSceneEndsAsItsFirstStepsDo) {
   std::string steps = " --write force --set solver.evaluations=100";
   for (const char* name : {"1", "2", "3", "4", "5", "6"})
@@ -122,8 +122,8 @@ TEST_F(SceneOfSteps, ALongSceneEndsAsItsFirstStepsDo) {
   EXPECT_NEAR(last, first, 1e-3 * first);
 }
 
-// Lee and Radok 1960: while the depth stands so does the contact, and the force falls as the modulus. The
-// first push is so quick that nothing has relaxed in it.
+// Lee and Radok 1960: at constant depth the contact is constant, and the force relaxes like the modulus. The
+// first step is so fast that nothing relaxes during it.
 TEST_F(SceneOfSteps, AToolThatIsHeldLosesItsForceAsTheTissuesModulusDoes) {
   const std::string held =
       " --write force --band off --set step.press.move=2mm --set "
@@ -152,7 +152,7 @@ TEST_F(SceneOfSteps, AToolThatIsHeldLosesItsForceAsTheTissuesModulusDoes) {
   }
 }
 
-// A step's own time is what its speed would be; the summary tells when it ended.
+// A step's own time has the effect of the corresponding speed; the summary reports its end.
 TEST_F(SceneOfSteps, LastAsLongAsTheySayAndRelaxMeanwhile) {
   const std::string tissue =
       " --write force --band off --set material.prony_g=0.5 --set material.prony_tau_s=5";
@@ -170,14 +170,14 @@ TEST_F(SceneOfSteps, LastAsLongAsTheySayAndRelaxMeanwhile) {
   EXPECT_THAT(said(" --set step.quick.move=1mm --set step.quick.time=0.001s"),
               HasSubstr("'quick' lasts 0.001 s"));
   EXPECT_THAT(said(" --set step.slow.move=1mm --set step.slow.time=100s"), Not(HasSubstr("' lasts")));
-  // A hold may name what stands.
+  // A hold may name a tool that does not move.
   const Json named =
       run(" --write force --band off --tool sphere:5mm --set tool.o.shape=sphere:4mm --set "
           "tool.o.at=20,0,30 --set step.a.move=1mm --set step.b.moves=o --set step.b.time=5s");
   EXPECT_NEAR(named["scene"][1]["time_s"], 6.0, 1e-9);
 }
 
-// Of a tool in the air nothing is felt, and nothing does work.
+// A tool in the air has no force and does no work.
 TEST_F(SceneOfSteps, AToolThatHasLeftDoesNoWork) {
   run(" --tool sphere:5mm --friction 0.3 --write force --band off --set step.press.move=2mm --set "
       "step.slide.move=2,0,0 "

@@ -1,5 +1,5 @@
-// One organ, stored in every way that files allow, gives one model and one force; a turned organ the turned
-// ones.
+// One organ, stored in every form that files allow, gives one model and one force. A rotated organ gives the
+// rotated ones.
 
 #include <iostream>
 
@@ -12,8 +12,8 @@
 namespace dimple {
 namespace {
 
-/// A cut ellipsoid with a bump off its middle: no turn and no mirror maps it to itself, all extents differ,
-/// and so do the voxel's edges, which like the origin are exact in NIfTI's single precision.
+/// A cut ellipsoid with a bump off its middle, so that no rotation or mirror maps it to itself. All extents
+/// differ, and so do the voxel's edges, which like the origin are exact in NIfTI's single precision.
 LabelImage organ() {
   const Eigen::Affine3d place = Eigen::Translation3d(-30.25, 12.5, -101.75) * Eigen::Scaling(1.5, 1.75, 2.0);
   const Vec3 middle(-30.25 + 0.5 * 47 * 1.5, 12.5 + 0.5 * 33 * 1.75, -101.75 + 16.0);
@@ -62,8 +62,7 @@ void expect_same(const Result& a, const Result& b, double tolerance_mm = 1e-6) {
 
 const Mat3 turn = Eigen::AngleAxisd(0.35, Vec3(0.3, -0.5, 1.0).normalized()).toRotationMatrix();
 
-// The last digits of a header, and none of its decisions: what is inside, the base, the circle, where nodes
-// stand.
+// Only the last digits of a header differ; they change none of its decisions: tissue, base, patch, nodes.
 TEST(Storage, WithHeadersThatDifferByAMillionthOfAMillimetreGivesOneModelAndOneForce) {
   const fs::path folder = fresh_folder();
   LabelImage image = organ();
@@ -84,7 +83,7 @@ TEST(Storage, WithHeadersThatDifferByAMillionthOfAMillimetreGivesOneModelAndOneF
   write(folder / "d.nii", NiftiFile(moved({0, 1, 2}, {true, true, false}, 4e-7)).file());
   for (const char* name : {"a.nrrd", "b.nrrd", "c.mha", "d.nii"}) {
     SCOPED_TRACE(name);
-    // Where the organ lies follows the header, and a turn by a millionth moves its far end by 1e-4 mm.
+    // The organ's position follows the header; a rotation by a millionth moves its far end by 1e-4 mm.
     expect_same(run(folder, name), exact, 1e-3);
   }
 }
@@ -114,7 +113,7 @@ void expect_within(const std::vector<double>& forces, double part, const char* w
   EXPECT_LT(*most / *least - 1.0, part);
 }
 
-// In the scanner, with its voxels: any rotation, as the header says it.
+// The brain is rotated in the scanner together with its voxels, through the header.
 TEST(Storage, OfABrainTurnedInTheScannerGivesTheSameForce) {
   const fs::path folder = fresh_folder();
   std::mt19937 random(7);
@@ -128,9 +127,9 @@ TEST(Storage, OfABrainTurnedInTheScannerGivesTheSameForce) {
   expect_within(forces, 0.005, "with its voxels");
 }
 
-// In the lattice of another scan its voxels are others; they have to show its fissure, which is 4 mm wide.
-// Ten forces lay within 0.39 %. At 8 mm, deeper than the circle's radius, they lay within 5.7 %: the tissue
-// gives way at the sharp rim in some of them, of which the run warns.
+// In the lattice of another scan the voxels differ, but must resolve the fissure, which is 4 mm wide. Ten
+// forces were within 0.39 %. At 8 mm, deeper than the patch radius, they were within 5.7 %. In some of them
+// the tissue collapses at the sharp patch edge, and the run warns.
 TEST(Storage, OfABrainTurnedWithinItsVoxelsGivesTheSameForceUpToThreeMillimetres) {
   const fs::path folder = fresh_folder();
   std::mt19937 random(7);

@@ -1,4 +1,4 @@
-"""The studies, as those who develop Dimple start them: run by python_test, in a fresh environment with the wheel."""
+"""Tests of the studies as developers start them: run by python_test, in a fresh environment with the wheel."""
 
 import contextlib
 import csv
@@ -107,7 +107,7 @@ class Converge(Study):
         rows = self.table("out/convergence.csv")
         self.assertEqual(list(rows[0]), list(self.table(SOURCE / "tests/verification/results/convergence_block.csv")[0]))
         self.assertEqual(len(rows), 2 * 2 * 2 * 2)  # sizes, densities, seeds, depths
-        # Coarse clouds against the verification block's reference, known to 1 %: hundreds of nodes are a few per cent off.
+        # Coarse discretisations against the verification block's reference, known to 1 %: hundreds of nodes are a few per cent off.
         for row in rows:
             known = float(row["reference_N"])
             self.assertAlmostEqual(float(row["force_N"]), known, delta=0.15 * known)
@@ -123,7 +123,7 @@ class Converge(Study):
             given = case.having({"grid.ratio": converge._POINTS_PER_NODE[scheme]}).run()
             np.testing.assert_array_equal(usual.force_N, given.force_N)
 
-    # A run in time has a sample for each hundredth of a second and not for each depth. Pushed so slowly, waves hardly count.
+    # A dynamic run has a sample for each hundredth of a second, not for each depth. At this low speed waves are small.
     def test_runs_in_time_are_compared_at_their_depths(self):
         self.block()
         self.good(converge, "block.nrrd -o out --sizes 300,600 --densities 1 --seeds 1 --depth 1mm --rate 2mm/s --frames 2 --scheme horton2007")
@@ -170,7 +170,7 @@ def cpu_s(pid):
 
 
 def interrupted(process):
-    """What is said from a Ctrl-C on, and the CPU seconds used: the machine may be busy with other things."""
+    """Output after a Ctrl-C, and the CPU seconds used: the machine may be busy with other things."""
     before = cpu_s(process.pid)
     process.send_signal(signal.SIGINT)
     said = process.stderr.read()
@@ -181,7 +181,7 @@ def interrupted(process):
 
 class Stop(Study):
     def stopped(self, words, after_s):
-        """Exit code after a Ctrl-C at that CPU time, which is answered within 2 s of a free machine, and what was said."""
+        """Exit code and output after a Ctrl-C at that CPU time; the answer must come within 2 s of a free machine."""
         script, *words = words.split()
         process = subprocess.Popen([sys.executable, str(STUDIES / script), *words], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
         with process:
@@ -204,7 +204,7 @@ class Stop(Study):
             self.assertIn("interrupted", said)
             self.assertEqual([p.name for p in pathlib.Path("out").rglob(".*")], [], "parts of files")
 
-    # Within one of its runs: of a part of a curve it must not make numbers of the whole.
+    # The interrupt is within one run: a part of a curve must not become numbers of the whole.
     def test_a_study_amid_a_run_keeps_the_runs_before_it(self):
         self.block()
         kept = []
@@ -245,7 +245,7 @@ def stiffening(factor=1.0, nodes=1000):
 
 
 class Verdict(unittest.TestCase):
-    """What a cell of a map is worth: judged from numbers made up here."""
+    """Tests of a map's verdicts, on synthetic numbers."""
 
     def code(self, run, last=10):
         return atlas.judge(run, [stiffening(1.0, 4000)], last, True, CIRCLE_MM).code
@@ -377,7 +377,7 @@ class Atlas(Study):
     )
 
     def counted(self, out):
-        """Runs, and how many of them now."""
+        """Number of runs, and of those computed now."""
         return tuple(int(n) for n in re.search(r"(\d+) runs, (\d+) of them now", out).groups())
 
     def test_a_map_of_a_tool_is_refused_for_the_scheme_of_2007_alone(self):
@@ -418,10 +418,10 @@ class Atlas(Study):
         csv_text = pathlib.Path("out/stress_own.csv").read_text()
         self.assertEqual(self.counted(self.good(atlas, self.SMALL)[0]), (runs, 0))
         self.assertEqual(pathlib.Path("out/stress_own.csv").read_text(), csv_text)
-        # One more column: its runs only.
+        # One more column requires its runs only.
         wider = self.counted(self.good(atlas, self.SMALL.replace("0.3,0.499", "0.3,0.45,0.499"))[0])
         self.assertEqual(wider[1], wider[0] - runs)
-        # Other settings: what is there belongs to others.
+        # With other settings the present files belong to others.
         others = self.counted(self.good(atlas, self.SMALL + " --set material.mu=300")[0])
         self.assertEqual(others[0], others[1])
 
@@ -448,9 +448,9 @@ class Atlas(Study):
 
     def test_a_run_without_time_or_without_a_model_is_a_cell_with_its_code(self):
         self.assertIn("0 of   4 survive: time-out 4", self.good(atlas, self.SMALL + " --limit 0.001")[0])
-        # With more time they are run again.
+        # With more time these cells run again.
         self.assertNotIn("time-out", self.good(atlas, self.SMALL)[0])
-        # A circle larger than the block has no model.
+        # A patch larger than the block has no model.
         self.good(
             atlas,
             "-o none --x boundary.indenter_diameter=10,90 --y cloud.nodes=150,200 --schemes converging --finest 300 "
@@ -514,7 +514,7 @@ class Atlas(Study):
 
 
 class Front(unittest.TestCase):
-    """Which points no other one beats, and what the scenes are compared with."""
+    """Tests of the Pareto front, and of the references of scenes."""
 
     def test_the_front_holds_what_no_other_beats(self):
         nan = math.nan

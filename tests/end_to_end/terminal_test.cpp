@@ -4,7 +4,7 @@
 #include "io/digits.hpp"
 #include "tests/end_to_end/in_folder.hpp"
 
-// What a person reads: on a terminal, in a log, in the help.
+// Output for a person: on a terminal, in a log, in the help.
 
 namespace dimple {
 namespace {
@@ -15,7 +15,7 @@ const std::vector<std::string> commands = {"phantom", "info",    "places",  "mod
 
 class Terminal : public InFolder {};
 
-// A container may have none.
+// True if there are terminals; a container may have none.
 bool has_terminals() {
   const int terminal = posix_openpt(O_RDWR | O_NOCTTY);
   const bool has = terminal >= 0 && grantpt(terminal) == 0 && unlockpt(terminal) == 0 &&
@@ -35,7 +35,7 @@ std::vector<std::string> lines_of(const std::string& text) {
   return lines;
 }
 
-// What a terminal shows in the end: a line that was begun anew has taken the place of what stood there.
+// Final lines on a terminal: a carriage return overwrites the line before it.
 std::vector<std::string> shown(const std::string& sent) {
   const std::string plain = std::regex_replace(sent, std::regex("\033\\[[0-9;]*m"), "");
   std::vector<std::string> lines(1);
@@ -77,7 +77,7 @@ TEST_F(Terminal, ANovicesRunIsATwelveLinesAtMost) {
               testing::MatchesRegex("[0-9.]+ mN at 8\\.00 mm, [0-9.]+ to [0-9.]+ \\(discretisation\\), \\+- "
                                     "[0-9.]+ \\(image resolution\\)\tout\n"));
   expect_times_add_up(run.err);
-  // What the person has waited for: all of it, and no more than passed.
+  // The reported total covers the whole run and is not more than the elapsed time.
   std::smatch total;
   ASSERT_TRUE(std::regex_search(run.err, total, std::regex("time     ([0-9.]+) s")));
   const Json summary = summary_of(folder / "out");
@@ -107,7 +107,7 @@ TEST_F(Terminal, OneLineRenewsItselfAndIsGoneInTheEnd) {
   const std::vector<std::string> lines = shown(run.out);
   EXPECT_LE(lines.size(), 12u) << run.out;
   for (const std::string& line : lines) EXPECT_THAT(line, Not(HasSubstr(" left")));
-  // The line itself fits into one of the terminal.
+  // Progress lines fit into one line of the terminal.
   for (const int columns : {40, 60}) {
     const Ran narrow = dimple_on_terminal(
         folder, words_of("run block.nrrd -o out --force --nodes 300 --depth 1 --frames 4 --write force"),
@@ -219,7 +219,7 @@ TEST_F(Terminal, CitesWhatTheCitationFileSays) {
 
 TEST_F(Terminal, TheDoctorTellsWhetherTheProgramWorksHere) {
   const Ran well = good("doctor");
-  const std::string said = std::regex_replace(well.out, std::regex("\\s+"), " ");  // wherever lines end
+  const std::string said = std::regex_replace(well.out, std::regex("\\s+"), " ");  // without line breaks
   expect_words(said, {"ITK", "VTK", "oneTBB", "threads", "SIMD", "memory", "self test", "by finite elements",
                       "temporary", "output", "locale"});
   EXPECT_THAT(well.out, Not(HasSubstr("wrong")));
@@ -231,12 +231,12 @@ TEST_F(Terminal, TheDoctorTellsWhetherTheProgramWorksHere) {
   const auto told = nlohmann::json::parse(good("doctor --json").out);
   EXPECT_GE(told.at("checks").size(), 8U);
   for (const auto& check : told.at("checks")) EXPECT_TRUE(check.at("ok").get<bool>()) << check;
-  const Ran ill = dimple(folder, "doctor -o /proc");  // where nobody can make a file
+  const Ran ill = dimple(folder, "doctor -o /proc");  // where no file can be made
   EXPECT_EQ(ill.code, 6);
   EXPECT_THAT(ill.out, HasSubstr("/proc cannot be written"));
 }
 
-// What a shell says to a script; empty if there is no such shell.
+// Output of a script in a shell; empty if there is no such shell.
 std::string said_by(const std::string& shell, const std::string& script) {
   if (std::system(("command -v " + shell + " > /dev/null 2>&1").c_str()) != 0) return {};
   const fs::path out = test_folder() / "said_by_a_shell";
@@ -244,7 +244,7 @@ std::string said_by(const std::string& shell, const std::string& script) {
   return text_of(out) + (code == 0 ? "" : "\nended with an error");
 }
 
-// `make demo` builds it so.
+// `make demo` builds such a program.
 TEST_F(Terminal, AProgramOfOneRunSaysHowTheOtherCommandsAreBuilt) {
   const fs::path alone = folder / "alone";
   fs::copy_file(DIMPLE_PROGRAM, alone);
@@ -271,7 +271,7 @@ TEST_F(Terminal, PagesOfTheManualAreWholeAndRight) {
     EXPECT_THAT(page, HasSubstr(".SH NAME"));
   }
   EXPECT_THAT(text_of(folder / "pages" / "dimple-run.1"), HasSubstr("\\-\\-safety"));
-  // What whatis(1) shows stands alone.
+  // The line for whatis(1) is complete in itself.
   EXPECT_THAT(text_of(folder / "pages" / "dimple-run.1"),
               HasSubstr("dimple\\-run \\- model and solve in one:"));
   EXPECT_THAT(text_of(folder / "pages" / "dimple.1"), HasSubstr("Exit codes"));
@@ -306,7 +306,7 @@ TEST_F(Terminal, ShellsCompleteCommandsOptionsAndWords) {
       return said_by("fish",
                      "source " + (folder / "dimple.fish").string() + "; complete -C \"" + line + "\"");
     };
-    // Each word alone: what describes the flag is true of one of them at most.
+    // Each word alone: a description of the flag fits one of them at most.
     EXPECT_EQ(completed("dimple run brain.nrrd --write-frames "), "all\nlast\n");
     EXPECT_EQ(completed("dimple phantom --shape b"), "block\nbrain\n");
     EXPECT_EQ(completed("dimple completion "), "bash\nfish\nzsh\n");

@@ -1,4 +1,4 @@
-// The force on the tool as a vector, in all files of a run.
+// Force vector on the tool, in all files of a run.
 
 #include <Eigen/Geometry>
 
@@ -7,12 +7,12 @@
 namespace dimple {
 namespace {
 
-// The reactions of the nodes as ParaView shows them, summed here.
+// Nodal reactions in the file for ParaView are summed here.
 TEST(ToolForce, TheVectorAndTheMomentAreTheSumOfTheReactionsInTheNodesFile) {
   const fs::path folder = fresh_folder();
   good(folder, "phantom brain.nrrd --spacing 2 -q");
   for (const char* contact : {"bonded", "frictionless"}) {
-    // Off the dome's middle, so that the tissue pushes sideways.
+    // The place is off the dome's middle, so that the tissue presses sideways.
     good(folder, std::string("run brain.nrrd -o out --force -q --nodes 600 --depth 3mm --frames 2 --band off "
                              "--write nodes --indent-at 20,8,top --direction 0,0,-1 --contact ") +
                      contact);

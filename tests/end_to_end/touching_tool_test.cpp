@@ -1,4 +1,4 @@
-// dimple run --tool: a rigid tool that touches without friction, through the program itself.
+// Tests of dimple run --tool: a rigid tool in frictionless contact, through the real program.
 
 #include <numbers>
 
@@ -42,7 +42,7 @@ TEST(ToolThatTouches, ARodIsSofterThanASphereAndASphereThanTheBondedCircle) {
   }
 }
 
-// Beside the curve, of which it is another witness.
+// The contact files must agree with the force curve.
 TEST(ToolThatTouches, SaysAtEachFrameWhatItDoesToEachPartOfTheSurface) {
   const fs::path folder = with_phantom();
   for (const bool rubs : {false, true}) {
@@ -68,7 +68,7 @@ TEST(ToolThatTouches, SaysAtEachFrameWhatItDoesToEachPartOfTheSurface) {
       EXPECT_EQ((of("contact").array() == 2.0).any(), rubs && frame > 0);
       EXPECT_EQ(file.find("slid_mm") != nullptr, rubs);
       if (rubs) {
-        const double slid = of("slid_mm").sum();  // what slid most may be held by now
+        const double slid = of("slid_mm").sum();  // a point that slid farthest may be held by now
         EXPECT_EQ(slid > slid_before + 1e-3, frame > 0) << slid;
         EXPECT_LT(of("slid_mm").maxCoeff(), frame + 1e-9) << "than the tool's own way";
         slid_before = slid;
@@ -90,7 +90,7 @@ TEST(ToolThatTouches, SaysAtEachFrameWhatItDoesToEachPartOfTheSurface) {
           << "the middle of a contact bears some twice its mean";
     }
   }
-  // A run of the circle leaves nothing of it.
+  // A later run with the bonded patch removes these files.
   good(folder, std::string("run brain.nrrd -o out --force --write surface --band off") + quick);
   EXPECT_FALSE(fs::exists(folder / "out" / "contact.pvd"));
   EXPECT_FALSE(fs::exists(folder / "out" / "contact"));
@@ -122,7 +122,7 @@ TEST(ToolThatTouches, IsNeverWhereAnotherOneIs) {
   const std::string other = " --set tool.o.shape=sphere:5mm --set tool.o.at=";
   ends_with(folder, 2, two + "1mm" + other + "6,0,30", {"would both be at"});
   ends_with(folder, 5, two + "1mm" + other + "11,0,30 --set tool.o.move=-4,0,-1", {"tools-overlap"});
-  // What is left is of the last equilibrium that was taken.
+  // The remaining results are those of the last accepted equilibrium.
   const auto until_then = summary_of(folder / "out");
   const Table curve = read_csv(folder / "out" / "force.csv");
   EXPECT_EQ(until_then.at("force_N"), curve.find("force_N")->back());
@@ -134,7 +134,7 @@ TEST(ToolThatTouches, IsNeverWhereAnotherOneIs) {
   EXPECT_GT(beside.at("friction_heat_J"), 0.0);
   EXPECT_NEAR(beside.at("slipping_area_mm2").get<double>() + beside.at("sticking_area_mm2").get<double>(),
               beside.at("contact_area_mm2"), 1e-6);
-  // About the tip, with the friction that acts a little above it: no more than the force times its radius.
+  // The moment about the tip: friction acts a little above it, so it is at most the force times the radius.
   double force = 0.0, moment = 0.0;
   for (const int k : {0, 1, 2}) {
     force += std::pow(beside.at("force_on_tool_N")[k].get<double>(), 2);
@@ -144,7 +144,7 @@ TEST(ToolThatTouches, IsNeverWhereAnotherOneIs) {
   EXPECT_LT(std::sqrt(moment), 5e-3 * std::sqrt(force));
 }
 
-// Its rim meets a slope, and the nodes are too far apart for so small an edge.
+// The edge of the punch meets a slope, and the nodes are too far apart for so small an edge.
 TEST(ToolThatTouches, APunchThatTheSurfaceComesIntoEndsWithAReasonAndNotWithAForce) {
   const fs::path folder = with_phantom();
   ends_with(folder, 5, std::string("run brain.nrrd -o out --write force --tool punch:5mm,edge=0.5mm") + quick,
@@ -166,10 +166,10 @@ TEST(ToolThatTouches, GoesInByAShareOfItsRadiusWhereNoDepthIsGivenAndSaysSo) {
       good(folder, "run brain.nrrd -o out --write force --tool sphere:2mm --nodes 800 --frames 2");
   expect_words(ran.err, {"1.60 mm, 0.8 of its radius, as no --depth was given"});
   EXPECT_NEAR(summary_of(folder / "out")["requested"]["depth_mm"].get<double>(), 1.6, 1e-12);
-  // Its file states every option, the usual way of the circle among them.
+  // The file of options states all of them, among them the default displacement of the bonded patch.
   good(folder, "run brain.nrrd --config out/config.resolved.toml -o again -q");
   EXPECT_EQ(text_of(folder / "out" / "force.csv"), text_of(folder / "again" / "force.csv"));
-  // A depth that is given counts, also where it is the circle's usual one.
+  // A given depth is used even if it is the default of the bonded patch.
   EXPECT_EQ(dimple(folder, "run brain.nrrd -o deep --tool sphere:2mm --depth 8mm -q").code, 2);
 }
 
@@ -189,7 +189,7 @@ TEST(ToolThatTouches, HasABandThatLiesAroundItsForceAtEveryDepth) {
   EXPECT_GT(share.front(), share.back()) << "where fewer nodes touch less is known";
 }
 
-// Clouds in which the first touch fell on a node that is much stiffer than those around it.
+// Node sets in which first contact was at a node much stiffer than its neighbours.
 TEST(ToolThatTouches, FindsItsFirstTouchOfALiverWithFewNodes) {
   if (!shared_data) GTEST_SKIP() << without_shared_data;
   good(fresh_folder(), run_of_shared("abdomen_mr_3mm.nii.gz",
@@ -202,7 +202,7 @@ TEST(ToolThatTouches, MayBeWiderThanTheOrganAsItsContactFindsRoom) {
        "run brain.nrrd -o out --write force --tool sphere:100mm --depth 0.5mm --nodes 800 --frames 2 -q");
 }
 
-// A ball as text STL, 10 mm wide, without its last triangles.
+// Writes a ball as text STL, 10 mm wide, without its last triangles.
 void write_ball(const fs::path& file, int without = 0, bool inward = false) {
   constexpr int sides = 60, rings = sides / 2;
   const auto at = [&](int r, int k) {
@@ -239,7 +239,7 @@ TEST(ToolThatTouches, MayBeDrawnAndABallThatWasIsASphere) {
     EXPECT_NE(summary["band"]["unknown"].get<std::string>(), "");
   }
   EXPECT_NEAR(force[0], force[1], 0.02 * force[1]);
-  // The sphere's curve, fitted with the ball, of which no formula for a half-space is known.
+  // The sphere's curve is fitted with the ball, for which no half-space formula is available.
   const Ran fit = good(folder,
                        "fit brain.nrrd -o fit --curve out/force.csv --tool ball.stl --nodes 800 -q "
                        "--time quasi-static");
@@ -298,7 +298,7 @@ TEST(ToolThatTouches, GoesInStepsAsItsConfigurationSaysAndGivesTheSameBytesAgain
     EXPECT_EQ(text_of(folder / "out" / file), text_of(folder / "again" / file));
 }
 
-// At rest the body is an equilibrium where the tool is outside of it, and none needs to be looked for.
+// A body at rest with the tool outside is in equilibrium, and no search is needed.
 TEST(ToolThatTouches, APunchThatIsLiftedLeavesABlockWithoutALimitPoint) {
   const fs::path folder = fresh_folder();
   good(folder, "phantom block.nrrd --shape block --size 40,40,20 --spacing 1.5 -q");
@@ -322,7 +322,6 @@ TEST(ToolThatTouches, APunchThatIsLiftedLeavesABlockWithoutALimitPoint) {
   EXPECT_LT(std::abs(energy.find("error_J")->back()), 0.02 * most);
 }
 
-// What first comes to touch slips from where it does so: no step of the load is so long that this is lost.
 TEST(ToolThatTouches, ThatIsOnlyPulledAwayIsSaidNeverToTouch) {
   const fs::path folder = fresh_folder();
   good(folder, "phantom block.nrrd --shape block --size 40,40,20 --spacing 2 -q");
@@ -332,6 +331,7 @@ TEST(ToolThatTouches, ThatIsOnlyPulledAwayIsSaidNeverToTouch) {
   EXPECT_THAT(ran.err, HasSubstr("the tool never touches the body"));
 }
 
+// A point slips from its place of first contact; load steps are short enough to resolve this.
 TEST(ToolThatTouches, HasTheFrictionOfShorterStepsFromItsFirstTouchOn) {
   const fs::path folder = with_phantom();
   std::vector<double> force;
@@ -352,8 +352,8 @@ TEST(ToolThatTouches, HasTheFrictionOfShorterStepsFromItsFirstTouchOn) {
             {"steps of the load of 0.0001 radii"});
 }
 
-// At the end of the first increment, where friction and normal force are tiny and what they lack looked worse
-// than that nothing touched.
+// At the end of the first increment, friction and normal force are tiny; their residual looked worse than
+// that of a state without contact.
 TEST(ToolThatTouches, ThatHasComeInByHardlyAnythingFindsItsFirstForce) {
   if (!shared_data) GTEST_SKIP() << without_shared_data;
   const fs::path folder = fresh_folder();
@@ -362,7 +362,7 @@ TEST(ToolThatTouches, ThatHasComeInByHardlyAnythingFindsItsFirstForce) {
   EXPECT_TRUE(summary_of(folder / "out")["retries"].empty());
 }
 
-// A small sphere slides over a liver of 3 mm voxels, away from where the nodes are fine.
+// A small sphere slides over a liver of 3 mm voxels, away from the fine nodes.
 TEST(ToolThatTouches, WhoseForceJumpsAsItSlidesSaysSo) {
   if (!shared_data) GTEST_SKIP() << without_shared_data;
   const fs::path folder = fresh_folder();
@@ -396,8 +396,7 @@ TEST(ToolThatTouches, FrictionAndShapesThatAreNoneAreRefused) {
   expect_refusals(fresh_folder(), "run nowhere.nrrd -o out --tool", lines);
 }
 
-// A block that its weight bends to a side by a sixth of its height: what it feels there it feels upright too.
-// Beneath what presses as hard to both sides it feels no side.
+// A block that its weight bends sideways by a sixth of its height has the force of the upright block.
 TEST(ToolThatTouches, StandsWhereLoadsHaveMovedThePlaceBeneathItAndFeelsThemOnlyAsTheyChangeTheTissue) {
   const fs::path folder = fresh_folder();
   const std::string scene =
@@ -423,7 +422,7 @@ TEST(ToolThatTouches, StandsWhereLoadsHaveMovedThePlaceBeneathItAndFeelsThemOnly
   EXPECT_TRUE(aside["band"].contains("unknown"));
 }
 
-// Each choice is a run of its own: half a minute in all.
+// Each choice is a separate run: half a minute in all.
 TEST(ToolThatTouches, IsExplainedByItsOwnChoicesAndNoneOfTheCircles) {
   const fs::path folder = fresh_folder();
   const std::string tool = " --tool punch:5mm,edge=2mm --depth 1.5mm";
@@ -442,7 +441,7 @@ TEST(ToolThatTouches, IsExplainedByItsOwnChoicesAndNoneOfTheCircles) {
                                             "tool's place", "tool's radius", "voxels"}));
 }
 
-// A wall of tissue, 16 mm thick, that stands on its base; two spheres that come from its two sides.
+// A wall of tissue, 16 mm thick, on its base; two spheres approach it from both sides.
 struct Pinched {
   fs::path folder = fresh_folder();
   Pinched() { good(folder, "phantom wall.nrrd --shape block --size 16,60,40 --spacing 2 -q"); }
@@ -467,16 +466,16 @@ TEST(SeveralTools, ThatPinchAWallPressItAlikeFromBothSidesAndHarderThanOneByItse
   EXPECT_NEAR(on_other[0].get<double>() / both["force_on_tool_N"][0].get<double>(), -1.0, 0.03);
   EXPECT_NEAR(both["base_force_N"], 0.0, 0.03 * force);
   EXPECT_TRUE(both["band"].contains("unknown"));
-  // One that stands is pressed by the wall that comes towards it, and less than one that comes.
+  // A tool at rest is pressed by the wall that moves towards it, less than a moving one.
   const auto stands = wall.run(std::string("--depth 2mm ") + other);
   const double on_it = stands["other_tools"]["other"]["force_on_tool_N"][0];
   EXPECT_GT(on_it, 0.01 * force);
   EXPECT_LT(on_it, 0.9 * force);
   EXPECT_GE(stands["force_N"], 0.99 * alone);
-  // Warned of by the same rule as of the tool that is measured, whose warning names its own force.
+  // Its warning follows the rule for the measured tool, whose warning names its own force.
   ASSERT_GT(both["other_tools"]["other"]["largest_penetration_mm"], 5e-3) << "a thousandth of its radius";
   expect_words(both["guards"].dump(), {"tool-penetration"});
-  // Without friction they come to the same forces one after the other.
+  // Without friction, one tool after the other gives the same forces.
   const auto steps =
       wall.run(std::string(other) + "--set step.a.moves=other --set step.a.move=2mm --set step.b.move=2mm");
   const double last = steps["other_tools"]["other"]["force_on_tool_N"][0];
@@ -484,7 +483,7 @@ TEST(SeveralTools, ThatPinchAWallPressItAlikeFromBothSidesAndHarderThanOneByItse
   EXPECT_NEAR(steps["force_N"].get<double>() / force, 1.0, 5e-3);
 }
 
-// Nodes are as fine there as anywhere: the surface between them is in the tool, and nothing has touched.
+// Without refined nodes there, the surface penetrates the tool between them while no sample is in contact.
 TEST(SeveralTools, ThatNoNodesWereMadeForEndARun) {
   const fs::path folder = fresh_folder();
   const std::string block = DIMPLE_SAMPLE_DATA "/block_3mm.nrrd";
@@ -495,7 +494,7 @@ TEST(SeveralTools, ThatNoNodesWereMadeForEndARun) {
             {"made with all of its tools"});
 }
 
-// In ParaView's file; the page has their forces.
+// The ParaView file shows the tools; the page has their forces.
 TEST(SeveralTools, AreDrawnEachWhereItIs) {
   const fs::path folder = fresh_folder();
   const std::string scene =
@@ -517,7 +516,7 @@ TEST(SeveralTools, AreDrawnEachWhereItIs) {
   }
 }
 
-// The table, the summary and the surface's parts are three witnesses of the same forces.
+// Table, summary and surface files must give the same forces.
 TEST(SeveralTools, AndWallsHaveTheirForcesAtEachDepthInTheTableAndAtEachPartOfTheSurface) {
   const fs::path folder = fresh_folder();
   good(folder,
@@ -559,7 +558,7 @@ TEST(SeveralTools, AndWallsHaveTheirForcesAtEachDepthInTheTableAndAtEachPartOfTh
               other["moment_on_tool_Nm"][static_cast<std::size_t>(*axis - 'x')]);
 }
 
-// The circle holds nodes; what else touches still stands in the files.
+// The bonded patch holds nodes; other contacts are still in the files.
 TEST(SeveralTools, BesideTheCircleHaveFilesOfTheirContactToo) {
   const fs::path folder = fresh_folder();
   good(folder, "run " DIMPLE_SAMPLE_DATA

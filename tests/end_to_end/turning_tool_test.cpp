@@ -1,4 +1,4 @@
-// A tool that turns in a step of a scene, through the program itself.
+// Rotation of a tool in a step of a scene, through the real program.
 
 #include <Eigen/Geometry>
 #include <numbers>
@@ -19,7 +19,7 @@ fs::path with_block() {
   return folder;
 }
 
-// Of the scene under the rod, run into out/.
+// Summary of the scene under the rod, run into out/.
 Json summary_with(const fs::path& folder, const std::string& options) {
   good(folder, scene + rod + " -o out --force --write force" + options);
   return summary_of(folder / "out");
@@ -40,7 +40,7 @@ TEST(SceneWithATurn, IsSaidInEachStepAndDrawnAsItStandsAndGivesTheSameBytesAgain
   EXPECT_EQ(curve.find("turned_y_deg")->front(), 0.0);
   EXPECT_NEAR(curve.find("turned_x_deg")->back(), 0.0, 1e-9);
 
-  // Its upper end leans towards the patient's left; its tip is where it was pressed to.
+  // The upper end leans towards the patient's left; the tip is where it was pressed to.
   const Json tip = summary["tool"]["first_touch_mm"];
   const SurfaceFile first = read_vtp(folder / "out" / "tool" / "tool_0000.vtp"),
                     last = read_vtp(folder / "out" / "tool" / "tool_0002.vtp");
@@ -60,7 +60,7 @@ const std::string posed =
     "run block.nrrd -q --base inferior --indent-at 0,0,top --nodes 500 --mu 2kPa --band off "
     "--frames 2 --write force -o posed --force --poses poses.csv";
 
-// Wherever the table's own origin is: the first row is the tool where it first touches.
+// The origin of the table is arbitrary: its first row is the tool at first contact.
 TEST(PosesOfATool, AreTheStepsFromEachToTheNext) {
   const fs::path folder = with_block();
   const double half = 0.5 * 15.0 * std::numbers::pi / 180.0;
@@ -118,7 +118,7 @@ TEST(PosesOfATool, AreRefusedWhereTheySayNoWay) {
   refused(way, {2, "--depth 2mm", {"poses, which are steps"}});
 }
 
-// Farther than the samples of a tool that goes straight down reach, which is 4.5 mm.
+// The motion is longer than the range of the samples for a straight tool, 4.5 mm.
 TEST(SceneWithATurn, AboutAPlaceSinksAndGoesAsideAsThatSays) {
   const fs::path folder = with_block();
   const Json summary = summary_with(folder,

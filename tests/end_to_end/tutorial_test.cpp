@@ -1,5 +1,5 @@
-// The user's guide: the commands of its tutorials work in the order in which a reader types them, print what
-// the page shows, and leave the files that it names; what the pages of how-to show is understood.
+// The user's guide: commands of its tutorials work in the reader's order, print the lines that the page
+// shows, and leave the files that it names. Commands of the how-to pages are accepted.
 
 #include "tests/end_to_end/in_folder.hpp"
 
@@ -9,7 +9,7 @@ namespace {
 const fs::path guide_folder = fs::path(DIMPLE_SOURCE) / "apps" / "guide";
 
 struct Step {
-  std::string command;             ///< after the word dimple
+  std::string command;             ///< without the word dimple
   std::vector<std::string> shown;  ///< lines that the page shows of its output
 };
 
@@ -18,7 +18,7 @@ struct CodeBlock {
   std::vector<std::string> lines;
 };
 
-// A line that ends with a backslash is one with the next.
+// Code blocks of a page; a line that ends with a backslash continues in the next.
 std::vector<CodeBlock> blocks(const std::string& page) {
   std::vector<CodeBlock> all;
   std::istringstream in(page);
@@ -57,15 +57,13 @@ std::vector<Step> steps(const std::string& page) {
   return all;
 }
 
-// Times are other ones on other machines, and lines end anywhere. All else is as the page has it, to the
-// digit.
+// Replaces times, which differ between machines, and line breaks. All other text must agree to the digit.
 std::string without_times(const std::string& text) {
   return std::regex_replace(std::regex_replace(text, std::regex("[0-9]+(\\.[0-9]+)? s\\b"), "# s"),
                             std::regex("\\s+"), " ");
 }
 
-// The commands that were tried, by their first word. --explain takes a minute, its lines are tried by
-// runs_test.
+// First words of the commands that were run. --explain takes a minute; runs_test checks its lines.
 std::set<std::string> tried_of(const std::string& page, const fs::path& folder) {
   std::set<std::string> tried;
   for (const Step& step : steps(page)) {
@@ -80,7 +78,7 @@ std::set<std::string> tried_of(const std::string& page, const fs::path& folder) 
   return tried;
 }
 
-// How many files the page names; each is there.
+// Number of files that the page names; each must exist.
 int files_named(const std::string& page, const fs::path& folder) {
   const std::regex named("[ `(=\"]((out|fit|paper|shift|slide|cut)/[0-9a-z_./]*[a-z])");
   int there = 0;
@@ -126,7 +124,7 @@ TEST(Guide, GettingStartedSaysWhatThePageShows) {
   EXPECT_GE(files_named(page, folder), 4);
 }
 
-// A command of a page without its files: it is understood, and then a file is missing (3).
+// Expects that a command of a page, without its files, is accepted and then misses a file (3).
 void expect_understood(const fs::path& folder, const std::string& command) {
   SCOPED_TRACE(command);
   if (command.starts_with("poke") && command.find("--s") == std::string::npos) return;  // opens a window

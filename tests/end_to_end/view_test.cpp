@@ -1,5 +1,5 @@
-// What ParaView shows of a result. Its package cannot be installed together with libvtk9-dev;
-// tests/end_to_end/ paraview_root puts it beside the system, and DIMPLE_PVPYTHON names its pvpython.
+// ParaView's view of a result. Its package cannot be installed together with libvtk9-dev;
+// tests/end_to_end/paraview_root installs it next to the system, and DIMPLE_PVPYTHON names its pvpython.
 
 #include <string>
 
@@ -14,10 +14,10 @@ std::string pvpython() {
   return std::system("command -v pvpython >/dev/null 2>&1") == 0 ? "pvpython" : "";
 }
 
-/// Shares of a picture's pixels.
+/// Fractions of a picture's pixels.
 struct Shares {
   double paper = 0.0;  ///< white
-  double dark = 0.0;   ///< as the largest displacement and stress are drawn
+  double dark = 0.0;   ///< colour of the largest displacement and stress
 };
 
 Shares shares_of(const fs::path& picture) {
@@ -38,7 +38,7 @@ TEST(ParaView, ShowsTheLastFrameOfAResultByOneFileWhereverTheFolderLies) {
   fs::create_directories(folder / "elsewhere");
   fs::rename(folder / "out", folder / "elsewhere" / "moved here");
 
-  // A number of its own: a display that was just given up is taken and then gone.
+  // A random display number, because a display that was just closed is found and then vanishes.
   const std::string display = std::getenv("DISPLAY") ? "" : "xvfb-run -a -n $((100 + $$ % 900)) ";
   const auto draw = [&] {
     return Program(folder,
@@ -47,7 +47,7 @@ TEST(ParaView, ShowsTheLastFrameOfAResultByOneFileWhereverTheFolderLies) {
         .wait();
   };
   Ran drawn = draw();
-  // On a busy machine the display is not always there; that says nothing of the picture.
+  // On a busy machine the display may be missing, which says nothing about the picture.
   for (int again = 0; again < 3 && drawn.err.find("bad X server connection") != std::string::npos; ++again)
     drawn = draw();
   ASSERT_EQ(drawn.code, 0) << drawn.err;

@@ -1,4 +1,4 @@
-// dimple run --wall: what is rigid beside or around the body, through the program itself.
+// Tests of dimple run --wall: rigid walls around the body, through the real program.
 
 #include "io/label_image.hpp"
 #include "tests/end_to_end/in_folder.hpp"
@@ -7,7 +7,7 @@ namespace dimple {
 namespace {
 
 constexpr const char* quick_wall = " --write force --nodes 600 --depth 3mm --frames 1 --band off ";
-const std::string body = DIMPLE_SAMPLE_DATA "/block_3mm.nrrd";  // 60 x 60 x 30 mm, the circle at (0, 0, 30)
+const std::string body = DIMPLE_SAMPLE_DATA "/block_3mm.nrrd";  // 60 x 60 x 30 mm, patch at (0, 0, 30)
 const std::string halves = DIMPLE_SAMPLE_DATA "/two_labels_3mm.nii.gz";
 
 Json walled(const fs::path& folder, const std::string& image, const std::string& options, const char* out) {
@@ -46,7 +46,7 @@ TEST(Wall, ThatIsNotReachedChangesNothingAndSaysSo) {
   EXPECT_NEAR(far["force_N"], alone["force_N"], 1e-3 * alone["force_N"].get<double>());
 }
 
-// It holds the body alone.
+// A wall holds the body alone.
 TEST(Wall, ThatTheToolGoesThroughIsWarnedOfUnlessItIsOpenThere) {
   const fs::path folder = fresh_folder();
   const auto said = [&](const std::string& options) {
@@ -75,7 +75,7 @@ TEST(Wall, ThatTheToolGoesThroughIsWarnedOfUnlessItIsOpenThere) {
   EXPECT_THAT(said(lid + "20"), Not(HasSubstr(through)));
 }
 
-// The body lies around the origin, where cells of a grid counted from there never join to fewer than eight.
+// The body is around the origin; cells of a grid counted from there never join to fewer than eight.
 TEST(Wall, MayTouchInAsFewPlacesAsAreAskedFor) {
   const fs::path folder = fresh_folder();
   const Json summary = walled(folder, body, "-q --wall around:0.2mm --set wall.wall.places=10", "few");
@@ -86,7 +86,7 @@ TEST(Wall, MayTouchInAsFewPlacesAsAreAskedFor) {
 
 TEST(Wall, OfALabelHoldsBackItsNeighbourThatIsPressedFromTheSide) {
   const fs::path folder = fresh_folder();
-  const std::string lower = "-q --label 1 --base left ";  // label 2 lies on label 1
+  const std::string lower = "-q --label 1 --base left ";  // label 2 is above label 1
   const Json free = walled(folder, halves, lower, "free"),
              beside = walled(folder, halves, lower + "--wall label:2", "beside");
   const Json& wall = beside["walls"]["wall"];
@@ -190,7 +190,7 @@ TEST(Bed, CarriesABodyUnderTheToolAndGivesWayMoreThanAHeldBase) {
   EXPECT_LT(sticks, 1.01 * held) << "and its rim may still come off";
 }
 
-// Where the base is not held it is as free for a support as the rest.
+// A part of the base that is not held may be held by a support.
 TEST(Bed, MayBeWhereTheBodyIsHeldTooByASupport) {
   const fs::path folder = fresh_folder();
   const Json lies =

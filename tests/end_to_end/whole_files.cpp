@@ -44,7 +44,7 @@ void read_whole(const fs::path& file) {
   } else if (suffix == ".json") {
     EXPECT_TRUE(Json::accept(text)) << file << text;
   } else if (suffix == ".cbor") {
-    const std::size_t length = text.size() - 64;  // its checksum is behind it
+    const std::size_t length = text.size() - 64;  // its checksum follows
     EXPECT_EQ(sha256(text.substr(0, length)), text.substr(length)) << file;
     EXPECT_TRUE(Json::from_cbor(text.substr(0, length)).is_object()) << file;
   } else if (suffix == ".png") {
@@ -66,7 +66,7 @@ void read_whole(const fs::path& file) {
     EXPECT_NE(text.rfind("</febio_spec>"), std::string::npos) << file;
   } else if (name == "model.toml") {
     EXPECT_NE(text.find("[made_from]"), std::string::npos) << file;
-    for (const char* part : {"nodes.vtu", "points.vtu", "surface.vtp"})  // it comes last
+    for (const char* part : {"nodes.vtu", "points.vtu", "surface.vtp"})  // it is written last
       EXPECT_TRUE(fs::exists(file.parent_path() / part)) << file;
   } else if (suffix == ".nrrd" || suffix == ".gz" || suffix == ".mha") {
     EXPECT_GT(read_label_image(file).run.size(), 0u) << file;
@@ -109,7 +109,7 @@ void expect_same_results(const fs::path& a, const fs::path& b) {
   EXPECT_EQ(files_in(a), files_in(b));
   for (const std::string& name : files_in(a)) {
     if (!fs::exists(b / name) || name == "overview.png" || name == "report.html")
-      continue;  // these say how long it took
+      continue;  // these depend on the wall time
     std::string one = text_of(a / name), other = text_of(b / name);
     if (name == "summary.json") {
       Json first = Json::parse(one), second = Json::parse(other);

@@ -9,12 +9,12 @@ namespace dimple {
 /// All files below `folder`, relative to it, sorted.
 std::vector<std::string> files_in(const std::filesystem::path& folder);
 
-/// Every file below `folder` is whole: it reads as what its suffix says, and lists only frames that are
-/// there. Leftovers of a killed run (names that start with a dot) may be anything; `without_leftovers`: there
-/// are none.
+/// Expects that every file below `folder` is complete: it reads as its suffix says, and lists only existing
+/// frames. Leftovers of a killed run (names that start with a dot) may be anything; with `without_leftovers`
+/// there must be none.
 void expect_whole_files(const std::filesystem::path& folder, bool without_leftovers);
 
-/// Two runs have left the same: the same files, bit for bit but for pictures and the wall times in
+/// Expects that two runs have left the same files, bit for bit except for pictures and the wall times in
 /// summary.json.
 void expect_same_results(const std::filesystem::path& a, const std::filesystem::path& b);
 

@@ -1,4 +1,4 @@
-// The live organ. Windows are opened under Xvfb, and moved by xdotool as a hand would.
+// The live organ. Windows are opened under Xvfb and moved by xdotool in place of a hand.
 
 #include <sys/socket.h>
 #include <sys/un.h>
@@ -15,7 +15,7 @@
 namespace dimple {
 namespace {
 
-// What is missing here, or nothing.
+// Name of the program that is missing here; empty if there is none.
 std::string missing_for_windows() {
   for (const char* program : {"xvfb-run", "xdotool"})
     if (std::system(fmt::format("command -v {} >/dev/null 2>&1", program).c_str()) != 0)
@@ -23,8 +23,8 @@ std::string missing_for_windows() {
   return {};
 }
 
-// A number of its own: a display that was just given up is taken and then gone. Without -noreset the server
-// starts anew when xdotool, for a moment its only client, leaves, and refuses the program.
+// A random display number, because a display that was just closed is found and then vanishes. Without
+// -noreset the server restarts when xdotool, for a moment its only client, leaves, and refuses the program.
 Ran under_xvfb(const fs::path& folder, const std::string& script) {
   Ran ran;
   for (int again = 0; again < 3; ++again) {
@@ -41,7 +41,7 @@ Ran under_xvfb(const fs::path& folder, const std::string& script) {
   return ran;
 }
 
-// Two of them may run side by side: one phantom each.
+// Each test makes a phantom of its own, since two of them may run in parallel.
 fs::path folder_with_brain() {
   const fs::path folder = fresh_folder();
   good(folder, "phantom brain.nrrd --spacing 2 -q");
@@ -55,7 +55,7 @@ fs::path folder_with_block(int spacing_mm) {
   return folder;
 }
 
-// What is felt along a way, which is the rows of a table of depths or of places of the tip.
+// Forces along a path, given as rows of a table of depths or of tip positions.
 Table felt_along(const fs::path& folder, const std::string& way, const std::string& options) {
   const bool is_of_depths =
       std::count(way.begin(), way.begin() + static_cast<long>(way.find('\n')), ',') == 1;
@@ -107,7 +107,7 @@ TEST(Poke, FeelsAtEachStopTheForceOfARun) {
   EXPECT_TRUE(fs::exists(folder / "live" / "surface.pvd"));
 }
 
-// Options that decide a force decide it under a hand as well.
+// Options that determine a force do so during live contact as well.
 TEST(Poke, SlidesUnderTheToolWhereThatIsAskedFor) {
   const fs::path folder = folder_with_brain();
   double force[2];
@@ -135,7 +135,7 @@ TEST(Poke, RecordedAnewLeavesNothingOfTheRecordBefore) {
 
 TEST(Poke, FollowsATipThroughTheAirToAnotherPlace) {
   const fs::path folder = folder_with_brain();
-  // Into the dome of one half, out, across, and into that of the other, which is its mirror image.
+  // The path goes into the dome of one half, out, across, and into the other, which is its mirror image.
   const Table felt = felt_along(folder,
                                 "0,13.9,0,27.6\n0.4,13.9,0,23.6\n0.8,13.9,0,23.6\n1.2,13.9,0,31\n"
                                 "1.6,-13.9,0,31\n2.4,-13.9,0,23.6\n2.8,-13.9,0,23.6\n",
@@ -152,7 +152,7 @@ TEST(Poke, FollowsATipThroughTheAirToAnotherPlace) {
   EXPECT_NEAR(there, here, 0.1 * here);
 }
 
-// The window on the brain, as a hand moves it by xdotool's `gesture`, until its key closes it.
+// Runs the window on the brain, moved by xdotool's `gesture`, until its key closes it.
 Ran poked_by_hand(const fs::path& folder, const char* options, const char* gesture) {
   return under_xvfb(folder, fmt::format(R"(
 '{}' poke brain.nrrd --nodes 800 {} --record rec --fps 20 --force >told 2>said &
@@ -176,7 +176,7 @@ wait $poke
 TEST(Poke, PressesTheToolInWhereTheMouseTouchesTheBody) {
   if (const std::string what = missing_for_windows(); !what.empty()) GTEST_SKIP() << what;
   const fs::path folder = folder_with_brain();
-  // Down in the middle of the body, drawn downwards, held, let go; then the window is closed by its key.
+  // The gesture: press in the middle of the body, draw downwards, hold, release; a key closes the window.
   const Ran ran = poked_by_hand(folder, "", R"(xdotool mousemove --window "$window" 420 360 mousedown 1
 sleep 1
 for y in $(seq 362 2 400); do xdotool mousemove --window "$window" 420 $y; sleep 0.05; done
@@ -189,12 +189,12 @@ sleep 1)");
   EXPECT_GT(*std::max_element(force.begin(), force.end()), 0.0);
   EXPECT_GT(*std::max_element(depth.begin(), depth.end()), 0.5);
   EXPECT_EQ(force.front(), 0.0);
-  EXPECT_EQ(force.back(), 0.0);  // let go
+  EXPECT_EQ(force.back(), 0.0);  // released
   EXPECT_EQ(lines_above_colours(folder / "rec" / "window" / "window_0001.png"), 2)
       << "what the colours are, and their numbers, apart";
 }
 
-// On the flank, away from the circle; the tool itself stays in the air.
+// The stroke is on the flank, away from the bonded patch; the tool itself stays in the air.
 TEST(Poke, AScalpelInTheHandCutsTheBodyAlongItsStroke) {
   if (const std::string missing = missing_for_windows(); !missing.empty())
     GTEST_SKIP() << "skipped: " << missing;
@@ -213,7 +213,7 @@ sleep 2)");
   EXPECT_GT((*cuts.find("area_mm2"))[0], 10.0);
 }
 
-// A device's side of the socket.
+// Client of the socket, in place of a device.
 class Device {
  public:
   explicit Device(const fs::path& at) {
@@ -236,13 +236,13 @@ class Device {
     if (send(socket_, line.data(), line.size(), MSG_NOSIGNAL) < 0) return {};
     return hear();
   }
-  // What has come, or comes next; nothing when the other side has closed.
+  // Next answer, waiting if there is none yet; empty if the other side has closed.
   std::string hear() {
     char answer[4096];
     const ssize_t got = recv(socket_, answer, sizeof answer, 0);
     return got > 0 ? std::string(answer, static_cast<std::size_t>(got)) : std::string();
   }
-  // As many bytes as go without waiting.
+  // Sends as many bytes as fit without waiting and returns their number.
   std::size_t pour(const std::string& lines) {
     const ssize_t sent = send(socket_, lines.data(), lines.size(), MSG_NOSIGNAL | MSG_DONTWAIT);
     return sent > 0 ? static_cast<std::size_t>(sent) : 0;
@@ -276,7 +276,7 @@ void sleep_ms(int ms) {
   std::this_thread::sleep_for(std::chrono::milliseconds(ms));
 }
 
-// A tool on the phantom's dome that devices move. The path of a socket has 107 characters at most.
+// A tool on the phantom's dome that devices move. A socket's path has at most 107 characters.
 struct Served {
   fs::path folder = folder_with_brain();
   fs::path at = fs::temp_directory_path() / fmt::format("dimple_{}.sock", getpid());
@@ -287,9 +287,9 @@ struct Served {
                                  " " + further)) {
     Device first(at);
     EXPECT_TRUE(first.connected()) << program.err_so_far();
-    push = -settled(first, 0.5).force.normalized();  // but for what is lateral: enough for a sign
+    push = -settled(first, 0.5).force.normalized();  // without the lateral part: enough for a sign
   }
-  // What is felt at a depth once nothing changes any more.
+  // Force at a depth once it no longer changes.
   static Felt settled(Device& device, double mm) {
     Felt felt;
     for (int k = 0; k < 150; ++k, sleep_ms(20))
@@ -334,7 +334,7 @@ TEST(Poke, TwoHundredShortLivedDevicesLeaveTheNextOnesForceRight) {
 TEST(Poke, SaysWhatIsNotFollowed) {
   Served served;
   Device device(served.at);
-  // The dome of one half of the phantom.
+  // The place is on the dome of one half of the phantom.
   for (int k = 0; k < 20; ++k, sleep_ms(50))
     EXPECT_EQ(felt_in(device.ask("13.9 0 32\n")).force.norm(), 0.0) << "in the air";
   Felt deep;
@@ -388,7 +388,7 @@ TEST(Poke, ADeviceThatTakesNoAnswersIsToldAndLeavesRoomForTheNext) {
   }
   const std::size_t error = heard.find("\nerror: the answers were not taken for 1 s");
   ASSERT_NE(error, std::string::npos) << heard.size();
-  felt_in(heard.substr(heard.rfind('\n', error - 1) + 1));  // its last answer is whole
+  felt_in(heard.substr(heard.rfind('\n', error - 1) + 1));  // the last answer is complete
   Device next(served.at);
   felt_in(next.ask("0.5\n"));
   EXPECT_EQ(served.end(), 130);
@@ -485,7 +485,7 @@ TEST(Poke, ACircleThatAScriptMovesAcrossAtDepthHasAnUnknownForceAndOffTheOrganNo
   EXPECT_EQ(felt.find("tip_x_mm")->back(), 213.9) << "in the air it is where it was asked to be";
 }
 
-// On the side of a dome: 1.2 mm across it goes deeper in, or comes out.
+// On the side of a dome a displacement of 1.2 mm across goes deeper in, or out.
 TEST(Poke, ASphereThatSlidesOnASlopeComesDownAnewWhereItRestsAndUntilThenItsErrorHolds) {
   const fs::path folder = folder_with_brain();
   const std::string sphere =
@@ -515,7 +515,7 @@ TEST(Poke, ASphereArrivesWhereARunArrives) {
   EXPECT_EQ(felt.find("tool")->back(), 0.0);
 }
 
-// Beside the block's edge: the tip is 0.7 mm outside of it, and the ball 3 mm inside.
+// The tip is 0.7 mm outside of the block's edge, and the ball 3 mm inside.
 TEST(Poke, ABallWhoseSideIsInTheBodyIsNotInTheAir) {
   const fs::path folder = folder_with_block(2);
   const Table felt = felt_along(folder, "0,21,0,30\n0.4,21,0,8\n0.8,21,0,8\n1.2,40,0,8\n1.6,40,0,8\n",

@@ -1,4 +1,4 @@
-// The kept inputs through the same entry points as the fuzzers', without clang or sanitizers.
+// Runs the kept inputs through the fuzzers' entry points, without clang or sanitizers.
 
 #include <gtest/gtest.h>
 

@@ -58,7 +58,7 @@ void require(bool holds, const char* what) {
   std::abort();
 }
 
-/// Calls `read`; a refusal must say all four things. Other exceptions pass: they are findings.
+/// Calls `read`; a refusal must have all four parts. Other exceptions pass: they are findings.
 void read_or_refuse(const auto& read) {
   try {
     read();
@@ -98,7 +98,7 @@ void image(const char* name, std::string_view bytes) {
   read_or_refuse([&] { check(read_label_image(file)); });
 }
 
-/// Header and voxels in one file; where the header speaks of two, the same bytes are both.
+/// Header and voxels in one file; if the header names two files, both have the same bytes.
 void nifti(std::string_view bytes) {
   const bool is_pair = bytes.size() > 347 && bytes.substr(344, 3) == "ni1";
   if (is_pair) file_of("image.img", bytes);
@@ -134,14 +134,14 @@ void table(std::string_view bytes) {
   });
 }
 
-/// The values in a file of options, without where each came from.
+/// Values in a file of options, without the remarks on their origin.
 std::string values_in(std::string toml) {
   for (auto at = toml.find("  # "); at != std::string::npos; at = toml.find("  # ", at))
     toml.erase(at, toml.find('\n', at) - at);
   return toml;
 }
 
-/// What was read, written out and read again, is the same.
+/// Reads the bytes as a description; reading it, writing it and reading it again gives the same.
 void config(std::string_view bytes) {
   const fs::path file = file_of("config.toml", bytes);
   read_or_refuse([&] {
@@ -166,7 +166,7 @@ void config(std::string_view bytes) {
   });
 }
 
-/// model.toml beside two lists of eight locations each.
+/// model.toml next to two lists of eight locations each.
 void model(std::string_view bytes) {
   static const bool lists_are_there = [] {
     std::string nodes = "x_mm,y_mm,z_mm,spacing_mm,node_set\n", points = "x_mm,y_mm,z_mm,volume_mm3\n";
@@ -196,7 +196,7 @@ void model(std::string_view bytes) {
   });
 }
 
-/// The same model with the bytes as its list of nodes.
+/// Reads a fixed model with the bytes as its list of nodes.
 void locations(std::string_view bytes) {
   file_of("nodes.csv", bytes);
   file_of("points.csv", bytes);

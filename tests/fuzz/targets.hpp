@@ -5,9 +5,8 @@
 
 namespace dimple {
 
-/// One reader of the product, given the bytes of a file. It returns if they are read into something valid or
-/// refused in words; anything else (a crash, another exception, a result that contradicts itself) is a
-/// finding.
+/// A reader of the product, given the bytes of a file. It returns if they are read into something valid or
+/// refused with a message. Anything else (a crash, another exception, an inconsistent result) is a finding.
 struct FuzzTarget {
   std::string_view name;
   void (*run)(std::string_view bytes);

@@ -4,9 +4,9 @@
 
 namespace dimple::testing_bodies {
 
-/// A shallow arch 39 x 7.5 x 3 mm held at both ends, `rise` higher in the middle, with a soft pad 6 mm high
-/// on its crown, on whose top the circle pushes down: tissue 0 the arch, 1 the pad. The arch snaps through
-/// while the pad lets the tool stand still: a path with a limit point, of a few hundred nodes.
+/// A shallow arch 39 x 7.5 x 3 mm held at both ends, `rise` higher in the middle. A soft pad 6 mm high on its
+/// crown is pressed by a bonded patch from above. Tissue 0 is the arch, 1 the pad. The arch snaps through
+/// while the tool does not move: a path with a limit point, with a few hundred nodes.
 inline Model arch_under_a_pad(double rise = 10e-3) {
   constexpr double h = 1.5e-3, length = 26 * h, width = 5 * h, arch = 2 * h, top = 6 * h, reach = 3 * h;
   const auto lifted = [&](Vec3 x) {

@@ -14,27 +14,27 @@
 
 namespace dimple {
 
-// The scenes of tests/verification/results/band_scenes.csv, which dimple_calibrate writes, and what follows
-// from them.
+// Scenes of tests/verification/results/band_scenes.csv, which dimple_calibrate writes, and derived
+// quantities.
 
-/// Nodes of the finest cloud of every scene, and of any scene: the finest of a scene counts as the truth.
+/// Nodes of the finest discretisation of every scene, and of any scene. A scene's finest counts as the truth.
 inline constexpr Index band_truth = 16'000, band_finest_truth = 64'000;
-/// Clouds with up to this part of the truth's nodes are compared with it for the multiplier.
+/// Discretisations with up to 1 / band_compared of the truth's nodes enter the multiplier.
 inline constexpr Index band_compared = 4;
 
 struct BandScene {
   int number = 0;
-  std::string set;  ///< "proof", "calibration", "aside": in neither, "large" or "thin": of such bodies
+  std::string set;  ///< "proof", "calibration", "aside" (in neither), "large" or "thin"
   std::string body;
   double facing_share = 0.0;
-  double radius = 0.0;  ///< of the circle [m]
+  double radius = 0.0;  ///< of the bonded patch [m]
   bool several_tissues = false;
   std::map<Index, std::vector<ForceSample>> forces;  ///< nodes -> force curve
   std::map<Index, double> seconds;                   ///< from the surface to the curve
-  Index truth = 0;                                   ///< nodes of its finest cloud
+  Index truth = 0;                                   ///< nodes of its finest discretisation
 };
 
-/// The rows of a file, without its header. read_csv() takes numbers alone, and these rows name bodies and
+/// Rows of a file, without its header. read_csv() accepts numbers alone, and these rows name bodies and
 /// places, some with commas.
 inline std::vector<std::vector<std::string>> rows_of(const std::filesystem::path& file) {
   std::vector<std::vector<std::string>> rows;
@@ -55,7 +55,7 @@ inline std::vector<std::vector<std::string>> rows_of(const std::filesystem::path
   return rows;
 }
 
-/// In the order of their numbers; those without a truth are left out.
+/// Scenes in the order of their numbers; those without a truth are left out.
 inline std::vector<BandScene> band_scenes(const std::filesystem::path& file) {
   std::map<int, BandScene> scenes;
   for (const std::vector<std::string>& field : rows_of(file)) {
@@ -87,17 +87,17 @@ inline std::vector<BandScene> band_scenes(const std::filesystem::path& file) {
   return result;
 }
 
-/// The force of `nodes` over the truth at the depth of sample k, less one.
+/// Relative error of the force with `nodes` at the depth of sample k.
 inline double band_error(const BandScene& scene, Index nodes, std::size_t k) {
   return scene.forces.at(nodes)[k].force / scene.forces.at(scene.truth)[k].force - 1.0;
 }
 
-/// How far the truth itself may be off at that depth: as far as the next coarser cloud is from it.
+/// Possible error of the truth itself at that depth: its difference from the next coarser discretisation.
 inline double truth_error(const BandScene& scene, std::size_t k) {
   return std::abs(scene.forces.at(scene.truth / 2)[k].force / scene.forces.at(scene.truth)[k].force - 1.0);
 }
 
-/// The error with the truth's own.
+/// Largest possible error: the error plus that of the truth.
 inline double error_at_most(const BandScene& scene, Index nodes, std::size_t k) {
   return std::abs(band_error(scene, nodes, k)) + truth_error(scene, k);
 }
@@ -108,8 +108,8 @@ inline std::vector<double> error_bounds(const BandScene& scene, Index nodes, Ind
   return half_widths(fine, nodes, scene.forces.at(coarse), scene.radius, scene.several_tissues);
 }
 
-/// Do the error bounds of so many nodes, against half as many, contain all that the truth may be, at all
-/// depths? Nothing where one of these has no force at all of them.
+/// True if the error bounds of so many nodes, against half as many, contain all possible values of the truth
+/// at all depths. Empty if one of these discretisations does not have all forces.
 inline std::optional<bool> contains_truth(const BandScene& scene, Index nodes) {
   const std::size_t samples = scene.forces.at(scene.truth).size();
   for (const Index of : {nodes, nodes / 2})
@@ -120,8 +120,8 @@ inline std::optional<bool> contains_truth(const BandScene& scene, Index nodes) {
   return true;
 }
 
-/// Of the calibration's scenes, nodes -> the largest error over the depths, with the truth's own, over what
-/// band_measure() makes of that cloud's change.
+/// Scores of the calibration scenes by number of nodes. A score is the largest error over the depths,
+/// including that of the truth, divided by band_measure() of that discretisation's change.
 using BandScores = std::map<Index, std::vector<double>>;
 inline BandScores band_scores(const std::vector<BandScene>& scenes) {
   BandScores scores;
@@ -146,8 +146,8 @@ inline BandScores band_scores(const std::vector<BandScene>& scenes) {
   return scores;
 }
 
-/// Where a random place of a scene's body goes: band_points.csv. The truth is the finest of these clouds, and
-/// may itself be off by as much as the one before is from it.
+/// Displacements of a random point of a scene's body: band_points.csv. The finest discretisation is the
+/// truth; its own error may be as large as its difference from the next coarser one.
 struct PointScene {
   int number = 0;
   std::string set;
@@ -158,7 +158,7 @@ inline constexpr Index point_truth = 8'000;
 
 inline std::vector<PointScene> point_scenes(const std::filesystem::path& file) {
   std::map<int, PointScene> scenes;
-  for (const std::vector<std::string>& field : rows_of(file)) {  // the last depth comes last
+  for (const std::vector<std::string>& field : rows_of(file)) {  // the last depth is in the last row
     PointScene& scene = scenes[std::stoi(field[0])];
     scene.number = std::stoi(field[0]);
     scene.set = field[1];
@@ -173,8 +173,8 @@ inline std::vector<PointScene> point_scenes(const std::filesystem::path& file) {
   return result;
 }
 
-/// Of each cloud with a coarser one and a finer one than the truth's own doubt: its error at most, with the
-/// truth's own, and what displacement_measure() makes of its change [mm].
+/// Errors of each discretisation that has a coarser one and at most a quarter of the truth's nodes. The error
+/// is an upper bound that includes the truth's own; `measure` is displacement_measure() of the change [mm].
 struct PointError {
   Index nodes;
   double error, measure, length;
@@ -192,7 +192,7 @@ inline std::vector<PointError> point_errors(const PointScene& scene) {
   return errors;
 }
 
-/// As band_scores().
+/// Scores as in band_scores(), for displacements.
 inline BandScores point_scores(const std::vector<PointScene>& scenes) {
   BandScores scores;
   for (const PointScene& scene : scenes)
@@ -201,8 +201,8 @@ inline BandScores point_scores(const std::vector<PointScene>& scenes) {
   return scores;
 }
 
-/// The least multiplier with which a new scene's band holds with that probability, with each number of nodes
-/// for which there are at least so many scenes: split conformal prediction.
+/// Smallest multiplier with which a new scene's bounds hold with that probability, by split conformal
+/// prediction. Only numbers of nodes with at least `least` scenes count.
 inline double conformal(BandScores scores, double probability, std::size_t least) {
   double multiplier = 0.0;
   for (auto& [nodes, of_scenes] : scores) {
@@ -214,7 +214,7 @@ inline double conformal(BandScores scores, double probability, std::size_t least
   }
   return multiplier;
 }
-/// Scenes with a number of nodes, for it to be counted.
+/// Fewest scenes, or points, with which a number of nodes counts.
 inline constexpr std::size_t least_scenes = 40, least_points = 20;
 inline std::string counted(const BandScores& scores, std::size_t least) {
   std::string text;

@@ -21,9 +21,9 @@ inline Surface box_surface(const Vec3& lower_mm, const Vec3& upper_mm) {
   return surface;
 }
 
-/// A block 30 x 30 x 20 mm standing on z = 0, without any image: nodes on a lattice of n cells along z, inner
-/// ones moved by up to `jitter` spacings, points in the middle of cells `cells_per_spacing` times finer, base
-/// below, a circle of 4 mm radius pushed down on top.
+/// A block 30 x 30 x 20 mm on z = 0, without any image. Nodes are on a lattice of n cells along z, inner ones
+/// moved by up to `jitter` spacings; points are in the middle of cells `cells_per_spacing` times finer. The
+/// base is below, and a bonded patch of 4 mm radius is pressed down on top.
 inline Discretisation block_places(Index n, double jitter, double cells_per_spacing, unsigned seed = 7) {
   const Vec3 size(30e-3, 30e-3, 20e-3);
   const double h = size.z() / static_cast<double>(n);
@@ -66,7 +66,7 @@ inline Discretisation block_places(Index n, double jitter, double cells_per_spac
   return places;
 }
 
-/// That block as the product makes it for the paper's scheme.
+/// Model of that block as the product makes it for the paper's scheme.
 inline Model block(Index n = 6, double jitter = 0.2, double cells_per_spacing = 1.15,
                    const SupportOptions& support = {}, unsigned seed = 7) {
   Scheme scheme = horton2007;
@@ -76,7 +76,7 @@ inline Model block(Index n = 6, double jitter = 0.2, double cells_per_spacing = 
   return make_model(std::move(places), scheme, std::move(tissue), {1000.0});
 }
 
-/// And for the converging scheme. `tissue`, if given, numbers each point by its place.
+/// Model of that block for the converging scheme. `tissue`, if given, numbers each point by its place.
 inline Model averaged_block(Index n = 6, double jitter = 0.2, double cells_per_spacing = 1.8,
                             const std::function<int(const Vec3&)>& tissue = {}) {
   Discretisation places = block_places(n, jitter, cells_per_spacing);
@@ -89,7 +89,7 @@ inline Model averaged_block(Index n = 6, double jitter = 0.2, double cells_per_s
   return make_model(std::move(places), converging, std::move(of_point), std::vector<double>(tissues, 1000.0));
 }
 
-/// Nodes on the outside of the block.
+/// True for each node on the outside of the block.
 inline std::vector<bool> on_boundary(const Model& model) {
   const Vec3 lower = model.X.rowwise().minCoeff(), upper = model.X.rowwise().maxCoeff();
   std::vector<bool> result;
@@ -98,12 +98,12 @@ inline std::vector<bool> on_boundary(const Model& model) {
   return result;
 }
 
-/// Displacements for which every node has moved by (F - I) X.
+/// Displacements by which every node moves by (F - I) X.
 inline ForceSystem::Nodal affine(const Model& model, const Mat3& F) {
   return to_nodal((F - Mat3::Identity()) * model.X);
 }
 
-/// Internal forces of a body that nothing has loaded before [N].
+/// Internal forces of a body without a load history [N].
 inline ForceSystem::Nodal forces_at(const ForceSystem& system, const ForceSystem::Nodal& u) {
   ForceSystem::Nodal f = u;
   ForceState(system).internal_force(u, f);

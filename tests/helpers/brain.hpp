@@ -14,13 +14,13 @@ namespace dimple {
 
 using Inside = std::function<bool(const Vec3&)>;
 
-/// A body within `reach` of the origin, in voxels of edge h whose lattice is turned by `grid`.
+/// Image of a body within `reach` of the origin, in voxels of edge h whose lattice is rotated by `grid`.
 inline LabelImage image_of(const Inside& inside, double reach, double h,
                            const Mat3& grid = Mat3::Identity()) {
   const auto n = static_cast<Index>(2.0 * std::ceil(reach / h)) + 2;
   Eigen::Affine3d to_world = Eigen::Affine3d::Identity();
   to_world.linear() = h * grid;
-  // No place of the lattice is special to the body.
+  // The offset gives the body no special position in the lattice.
   to_world.translation() =
       -h * grid * (Vec3::Constant(0.5 * static_cast<double>(n - 1)) + Vec3(0.13, 0.29, 0.41));
   LabelImage image = image_of({n, n, n}, Vec3::Ones(), [&](Index i, Index j, Index k) {
@@ -47,7 +47,7 @@ inline bool in_brain(const Vec3& x, double higher) {
   return x.z() < dome * (1.0 - 0.3 * std::exp(-std::pow(x.x() / 2.5, 2)));
 }
 
-/// How many random rotations a test draws: DIMPLE_ROTATIONS, or as many as `usual`.
+/// Number of random rotations in a test: DIMPLE_ROTATIONS, or `usual`.
 inline int rotations(int usual) {
   const char* asked = std::getenv("DIMPLE_ROTATIONS");
   return asked ? std::atoi(asked) : usual;

@@ -4,7 +4,7 @@
 
 namespace dimple::testing_bodies {
 
-/// Eigen is told of a processor with so many bytes of first-level cache, for as long as this lives.
+/// Makes Eigen assume so many bytes of first-level cache during its lifetime.
 struct Caches {
   explicit Caches(std::ptrdiff_t first) { Eigen::setCpuCacheSizes(first, 8 * first, 64 * first); }
   ~Caches() { Eigen::setCpuCacheSizes(own[0], own[1], own[2]); }

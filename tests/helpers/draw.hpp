@@ -8,7 +8,7 @@
 
 namespace dimple {
 
-/// The same random numbers everywhere: the standard's distributions are each library's own.
+/// Random numbers that are the same on all platforms; distributions of the standard library are not.
 struct Draw {
   std::mt19937_64 bits;
   double between(double low, double high) {
@@ -18,7 +18,7 @@ struct Draw {
   T of(const std::array<T, n>& list) {
     return list[static_cast<std::size_t>(between(0.0, static_cast<double>(n)))];
   }
-  /// Of mean 0 and standard deviation 1, by Box and Muller's transform.
+  /// Normal number of mean 0 and standard deviation 1, by the transform of Box and Muller.
   double gaussian() {
     const double u = between(0.0, 1.0), v = between(0.0, 1.0);
     return std::sqrt(-2.0 * std::log(1.0 - u)) * std::cos(2.0 * std::numbers::pi * v);

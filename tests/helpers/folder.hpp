@@ -10,8 +10,8 @@
 
 namespace dimple {
 
-/// A folder of this process alone, in TEST_TMPDIR or where gtest has temporary files: neither another test
-/// nor another checkout's shares it. It goes with the process if all tests have passed.
+/// Folder of this process alone, in TEST_TMPDIR or gtest's folder for temporary files. No other test or
+/// checkout uses it. It is removed with the process if all tests have passed.
 inline const std::filesystem::path& process_folder() {
   struct Folder {
     std::filesystem::path path;
@@ -34,7 +34,7 @@ inline const std::filesystem::path& process_folder() {
   return folder.path;
 }
 
-/// The running test's own folder there, made if need be.
+/// Folder of the running test, created if necessary.
 inline std::filesystem::path test_folder() {
   const auto* test = testing::UnitTest::GetInstance()->current_test_info();
   const std::filesystem::path folder = process_folder() / test->test_suite_name() / test->name();
@@ -42,7 +42,7 @@ inline std::filesystem::path test_folder() {
   return folder;
 }
 
-/// The same, emptied.
+/// Folder of the test, emptied.
 inline std::filesystem::path fresh_folder() {
   std::filesystem::remove_all(test_folder());
   return test_folder();

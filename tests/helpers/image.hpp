@@ -8,12 +8,12 @@
 
 namespace dimple {
 
-/// The numbers of a voxel, as a place.
+/// Indices of a voxel as coordinates.
 inline Vec3 place_of(Index i, Index j, Index k) {
   return {static_cast<double>(i), static_cast<double>(j), static_cast<double>(k)};
 }
 
-/// An image of voxels of `spacing` mm, of which each has label(i, j, k); true and false are 1 and 0.
+/// Image of voxels of `spacing` mm with labels label(i, j, k); true and false are 1 and 0.
 template <class Label>
 LabelImage image_of(std::array<Index, 3> size, const Vec3& spacing, const Label& label) {
   LabelImage image;

@@ -8,16 +8,16 @@
 
 namespace dimple {
 
-/// Where a tool touches the top of a body, and nodes that are fine around there. Lengths in mm.
+/// Contact of a tool with the top of a body, and the refinement of nodes around it. Lengths in mm.
 struct OnTop {
   Index nodes = 0;
   double contact_radius = 0.0;
   std::string at = "0,0,top";
   bool whole_circle = true;
-  std::vector<Vec3> way = {};  ///< of the tool after its steps
+  std::vector<Vec3> way = {};  ///< displacement of the tool after each step
 };
 
-/// A body that stands on its lower side.
+/// Body on its lower side as the base.
 inline Model standing(const BodySurface& body, const OnTop& wanted) {
   ModelOptions options;
   options.cloud.count = wanted.nodes;
@@ -41,7 +41,7 @@ inline std::vector<Index> triangles_facing(const Model& model, const Vec3& direc
   return chosen;
 }
 
-/// What a quasi-static march gives.
+/// Results of a quasi-static march.
 inline History marched(const ForceSystem& tissue, const Model& model, const Loading& loading,
                        const SolverOptions& how = {.frames = 1}, const Observer& observer = {},
                        const MarchState* from = nullptr) {

@@ -12,7 +12,7 @@
 
 namespace dimple {
 
-/// A lump of three ellipsoids that stands on a flat cut, as a label image, and a circle somewhere on its top.
+/// A lump of three ellipsoids on a flat cut, as a label image, with a bonded patch somewhere on its top.
 /// Nothing was tuned to these bodies.
 struct RandomBody {
   LabelImage image;

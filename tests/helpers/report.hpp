@@ -9,8 +9,8 @@
 
 namespace dimple {
 
-/// The report of the failure of type E that `action` throws. Where it throws none, the test fails and the
-/// report is empty.
+/// Report of the failure of type E that `action` throws. If it throws none, the test fails and the report is
+/// empty.
 template <class E, class Action>
 Report report_of(const Action& action) {
   try {
@@ -22,12 +22,12 @@ Report report_of(const Action& action) {
   return {};
 }
 
-/// Words that the parts of a report hold, and its code; an empty one stands for any.
+/// Words that the parts of a report contain, and its code; an empty one matches any.
 struct Says {
   std::string fact = {}, where = {}, why = {}, remedy = {}, code = {};
 };
 
-/// Fails the test unless `action` throws an E that says so.
+/// Fails the test unless `action` throws an E with these words.
 template <class E, class Action>
 void expect_error(const Action& action, const Says& says) {
   const Report report = report_of<E>(action);

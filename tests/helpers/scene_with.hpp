@@ -10,7 +10,7 @@ namespace dimple {
 /// Texts of options by key.
 using OptionTexts = std::map<std::string, std::string>;
 
-/// The scene of these options; all others have their usual values.
+/// Scene with these options; all others have their usual values.
 inline Scene scene_with(const OptionTexts& options) {
   Description description;
   for (const auto& [key, text] : options) set_option(description, key, text, "test");

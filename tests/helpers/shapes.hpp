@@ -10,11 +10,11 @@
 
 namespace dimple {
 
-// Bodies whose surface is known exactly, without the voxels of an image between them and their geometry: what
-// the scheme is compared with other solutions on. Lengths in mm, z upwards.
+// Bodies whose surface is known exactly, not through the voxels of an image: the scheme is compared with
+// other solutions on them. Lengths in mm, z upwards.
 
-// A surface of revolution in the widest sense: rings of `sides` vertices from below upwards, and a vertex in
-// the middle below the first and above the last.
+// Generalised surface of revolution: rings of `sides` vertices from below upwards, and one vertex in the
+// middle below the first and above the last.
 inline BodySurface of_rings(const std::vector<std::vector<Vec3>>& ring, const Vec3& below,
                             const Vec3& above) {
   const auto sides = static_cast<Index>(ring.front().size()), rings = static_cast<Index>(ring.size());
@@ -63,10 +63,10 @@ inline BodySurface block_surface(const Vec3& lower, const Vec3& upper) {
   return {std::move(vertex), std::move(triangles)};
 }
 
-/// A block of the given size on z = 0, centred at x = y = 0, with a slit `width` wide and `depth` deep from
-/// the top all along y, whose nearer wall lies at x = `wall`.
+/// A block of the given size on z = 0, centred at x = y = 0. A slit `width` wide and `depth` deep goes from
+/// the top all along y; its nearer wall is at x = `wall`.
 inline BodySurface slit_block_surface(const Vec3& size, double wall, double width, double depth) {
-  // Boxes, three by one by two, of which the one in the middle above is left out.
+  // Boxes, three by one by two, without the one in the middle above.
   const std::array<double, 4> x = {-0.5 * size.x(), wall, wall + width, 0.5 * size.x()};
   const std::array<double, 3> z = {0.0, size.z() - depth, size.z()};
   const auto number = [](int i, int j, int k) { return static_cast<Index>(i + 4 * (j + 2 * k)); };
@@ -100,15 +100,15 @@ inline BodySurface slit_block_surface(const Vec3& size, double wall, double widt
   return {std::move(vertex), std::move(triangles)};
 }
 
-/// A cylinder about the z axis, standing on z = 0: a prism of `sides` sides whose edges lie on the cylinder;
+/// A cylinder about the z axis, standing on z = 0: a prism of `sides` sides with its edges on the cylinder;
 /// its volume is too small by (2 pi / sides)^2 / 6.
 inline BodySurface cylinder_surface(double radius, double height, int sides = 360) {
   return of_rings({ring_of(radius, radius, 0.0, sides), ring_of(radius, radius, height, sides)}, Vec3::Zero(),
                   Vec3(0.0, 0.0, height));
 }
 
-/// An ellipsoid about the origin with the given half axes, cut flat at z = `cut`, of which the upper part is
-/// kept. All vertices lie on the ellipsoid, `sides` around and sides / 2 upwards. Needs: |cut| < half.z().
+/// Upper part of an ellipsoid about the origin with the given half axes, cut flat at z = `cut`. All vertices
+/// are on the ellipsoid, `sides` around and sides / 2 upwards. Needs: |cut| < half.z().
 inline BodySurface cut_ellipsoid_surface(const Vec3& half, double cut, int sides = 240) {
   assert(std::abs(cut) < half.z());
   const double lowest = std::asin(cut / half.z());

@@ -6,7 +6,7 @@
 
 namespace dimple {
 
-/// As on a full disk: no file may grow beyond `bytes` while this lives.
+/// Simulates a full disk: no file may grow beyond `bytes` during its lifetime.
 struct SmallDisk {
   rlimit before{};
   explicit SmallDisk(rlim_t bytes) {

@@ -5,7 +5,7 @@
 
 namespace dimple::testing_bodies {
 
-/// The step of make_model() alone, with supports of any size.
+/// Runs this step of make_model() alone, with supports of any size.
 inline SupportReport find_supports(Model& model, const SupportOptions& options) {
   model.scheme.support = options;
   if (model.tissue.size() != model.point_count()) model.tissue = Eigen::VectorXi::Zero(model.point_count());

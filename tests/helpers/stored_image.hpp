@@ -13,8 +13,7 @@
 
 namespace dimple {
 
-/// An image as some other program might store it: canonical axis stored[c] lies along axis c, perhaps
-/// reversed.
+/// An image as another program might store it: canonical axis stored[c] is along axis c, perhaps reversed.
 struct StoredImage {
   std::array<Index, 3> size;
   Eigen::Affine3d to_world;
@@ -63,7 +62,7 @@ inline std::string comma_separated(const auto& values) {
   return text.str();
 }
 
-/// Written by hand, so that the reader is not tested against a writer that shares its mistakes.
+/// NRRD file written by hand, so that the reader is not tested against a writer with the same mistakes.
 inline std::string nrrd_of(const StoredImage& raw, bool ras = false, const std::string& more = "") {
   Eigen::Affine3d world = raw.to_world;
   if (ras) world = Eigen::Scaling(-1.0, -1.0, 1.0) * world;

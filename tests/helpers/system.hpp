@@ -6,14 +6,14 @@
 
 namespace dimple::testing_bodies {
 
-/// The stable step of a body without loads.
+/// Stable step of a body without loads.
 inline StableStep stable_step(const ForceSystem& tissue, const Model& model, const Eigen::VectorXd& mass,
                               Constraints held, const Nodal& u) {
   System body(tissue, model, std::move(held));
   return stable_time_step(body, mass, u);
 }
 
-/// A march from rest to its end, of one material or of tissues.
+/// March from rest to its end, for one material or several tissues.
 template <class Matter>
 History marched(TimeMode time, const Model& model, const Matter& matter, const Loading& loading,
                 const SolverOptions& options = {}, Precision precision = Precision::double_) {

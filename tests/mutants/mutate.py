@@ -19,7 +19,7 @@ namespace { [[maybe_unused]] inline bool mutant_is(int n) {
 #endif
 """
 
-# Number: file, what stands there once, what stands there instead. {n} is the question whether it is this one.
+# Number: file, original text (found once), replacement. {n} is the condition that this mutant is active.
 MUTANTS = {
     # ---- the laws
     1: ("solver/terms/projected_kernel.cpp", "s.bulk[q] * resolved + s.unresolved[q];",
@@ -92,7 +92,7 @@ MUTANTS = {
     57: ("io/label_nifti.cpp", 'scale_to_millimetres(image, 1000.0, "metres");', 'scale_to_millimetres(image, {n} ? 100.0 : 1000.0, "metres");'),
     58: ("io/label_itk.cpp", 'if (said_space == "left-anterior-superior"', 'if ({n}) {} else if (said_space == "left-anterior-superior"'),
     59: ("io/image_axes.cpp", "if (Eigen::AngleAxisd(turn).angle() < least_turn)", "if (Eigen::AngleAxisd(turn).angle() < least_turn * ({n} ? 300.0 : 1.0))"),
-    # ---- the band
+    # ---- error bounds
     10: ("apps/run/band.cpp", "  return band_multiplier * band_measure(change, nodes, load);",
          "  return band_multiplier * band_measure(change, nodes, load) / ({n} ? 3.0 : 1.0);"),
     14: ("apps/run/band_of_run.cpp", "result.model.tool.radius, !scene.tissues.empty());",
@@ -109,7 +109,7 @@ MUTANTS = {
     70: ("apps/run/band.cpp", "why_outside(\"voxels\", body.voxel, {0.0, covered_voxel})", "why_outside(\"voxels\", body.voxel, {0.0, ({n} ? 1e3 : 1.0) * covered_voxel})"),
     71: ("solver/march/quasi_static.cpp", "system_.begin_step((increment.to - increment.from) / loading_.rate);  // and back",
          "if (!{n}) system_.begin_step((increment.to - increment.from) / loading_.rate);  // and back"),
-    # ---- forces beside the tissue's
+    # ---- forces in addition to the tissue's
     72: ("solver/terms/loads.cpp", "{ f -= now.share * force_; }", "{ f -= ({n} ? -1.0 : 1.0) * now.share * force_; }"),
     73: ("solver/terms/loads.cpp", "dead_load(padded(loads.gravity) * model.mass.transpose())", "dead_load(padded(loads.gravity) * ({n} ? 0.95 : 1.0) * model.mass.transpose())"),
     74: ("solver/terms/loads.cpp", "    return -now.share * force_.cwiseProduct(u).sum();",
@@ -160,7 +160,7 @@ MUTANTS = {
           "             ({n} ? -1.0 : 1.0) * friction_.col(s).dot(slip_.col(s) - turned_ * slid_.col(s));"),
     119: ("solver/terms/touching_tool.cpp", "    friction_.col(s) -= n * n.dot(friction_.col(s));", "    if (!{n}) friction_.col(s) -= n * n.dot(friction_.col(s));"),
     120: ("solver/equilibrium/laplace_preconditioner.cpp", "  if (!body.contacts().empty()) stiffen_single_nodes();", "  if (!body.contacts().empty() && !{n}) stiffen_single_nodes();"),
-    # ---- a tool that touches and goes in steps
+    # ---- a contacting tool, and its steps
     121: ("preprocess/supports/contact_surface.cpp", "  for (const Vec3& come : way) {", "  for (const Vec3& come : {n} ? std::vector<Vec3>() : way) {"),
     122: ("preprocess/build_model.cpp", "  for (const Vec3& world : way) {", "  for (const Vec3& world : {n} ? std::vector<Vec3>() : way) {"),
     123: ("solver/terms/touching_tool.cpp", "return along(way_.motion);", "return along({n} ? touch_.pose.points_at : way_.motion);"),
@@ -184,7 +184,7 @@ MUTANTS = {
     138: ("solver/march/steps.cpp", "way.come = moved(loading.steps, name, gone);", "way.come = {n} ? Vec3::Zero().eval() : moved(loading.steps, name, gone);"),
     139: ("preprocess/build_model.cpp", "    along.push_back(body.closest(", "    if (!{n}) along.push_back(body.closest("),
     140: ("apps/run/other_tools.cpp", "push -= surface.triangle_area()[t]", "push -= ({n} ? -1.0 : 1.0) * surface.triangle_area()[t]"),
-    # ---- walls and a fluid that is lost
+    # ---- walls and lost fluid
     141: ("solver/terms/touching_tool.cpp", "gap_[s] = here.distance + set_back(s);", "gap_[s] = here.distance + ({n} ? 0.0 : set_back(s));"),
     142: ("solver/terms/touching_tool.cpp", "(is_measured() ? 0.0 : now.share)", "(is_measured() || {n} ? 0.0 : now.share)"),
     143: ("solver/terms/touching_tool.cpp", "if (!is_measured()) gone_before_ = -1.0;", "if (!is_measured() && !{n}) gone_before_ = -1.0;"),
@@ -193,7 +193,7 @@ MUTANTS = {
     146: ("preprocess/scene/wall_field.cpp", "wall.contains(x) != hollow", "wall.contains(x) != ({n} ? false : hollow)"),
     147: ("preprocess/supports/wall_surface.cpp", "> most_held) continue;", "> ({n} ? 2.0 : most_held)) continue;"),
     148: ("solver/equilibrium/contact_coupling.cpp", "if (rubs) off = std::max", "if (rubs && !{n}) off = std::max"),
-    # ---- pressures, and loads beneath a tool that touches
+    # ---- pressures, and loads under a contacting tool
     149: ("preprocess/supports/pressure_patches.cpp", "worth * nodes_per_worth / nodes_per_patch", "worth * nodes_per_worth / ({n} ? 1.0 : nodes_per_patch)"),
     150: ("solver/terms/touching_tool.cpp", "  if (apart_) {", "  if (apart_ && !{n}) {"),
     151: ("solver/solve.cpp", "  there->pose = first_touch(", "  if (!{n}) there->pose = first_touch("),
@@ -217,7 +217,7 @@ MUTANTS = {
     158: ("apps/run/cut_scene.cpp", "    sheet = carried_back(sheet, model, places);", "    if (!{n}) sheet = carried_back(sheet, model, places);"),
     159: ("preprocess/surface/cut.cpp", "    now_is = in_order(from_mesh(left), now_is, outline);",
           "    now_is = {n} ? from_mesh(left) : in_order(from_mesh(left), now_is, outline);"),
-    # ---- a tool that turns
+    # ---- a rotating tool
     160: ("solver/terms/touching_tool.cpp", "along(way_.speed_at(now.depth)) - way_.turn", "along(way_.speed_at(now.depth)) - ({n} ? -1.0 : 1.0) * way_.turn"),
     161: ("solver/march/steps.cpp", "  if (step.turns() && step.about) way.arm", "  if (step.turns() && step.about && !{n}) way.arm"),
     162: ("solver/terms/touching_tool.cpp", "pose.tip - turned_ * anchor_.col(s);", "pose.tip - ({n} ? Mat3::Identity().eval() : turned_) * anchor_.col(s);"),
@@ -231,7 +231,7 @@ MUTANTS = {
           "  system.restore_past(settled.past);\n  if (!{n}) system.begin_step(at_last);"),
     172: ("solver/guards.cpp", "audit.penetration > 2.0 * before->worst", "audit.penetration > ({n} ? 1.0 : 2.0) * before->worst"),
     173: ("solver/guards.cpp", "if (has_edge && touch.friction == 0.0 &&", "if (has_edge && ({n} || touch.friction == 0.0) &&"),
-    # ---- a body that contact alone carries
+    # ---- a body held by contact alone
     182: ("solver/equilibrium/laplace_preconditioner.cpp", "body_.held().let_drift() ? mixed_constants",
           "body_.held().let_drift() && !{n} ? mixed_constants"),
     183: ("solver/terms/touching_tool.cpp", "mean[s] -= from(surface.place.col(s));",

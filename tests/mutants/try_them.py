@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""Runs the test of each mutant in table.txt, in a build of a tree that mutate.py has been at:
+"""Runs the test of each mutant in table.txt, in a build of a tree that mutate.py has edited:
 
     tests/mutants/try_them.py BUILD [MUTANT...]
 
-Without a mutant each test must pass; with its own it must fail. Prints what it came to, and counts.
+Without a mutant each test must pass; with its own it must fail. Prints the results, and counts.
 """
 import os
 import subprocess

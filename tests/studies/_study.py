@@ -1,4 +1,4 @@
-"""What the studies share: options of the command line, the folder of results, the program `dimple`, and pictures."""
+"""Common parts of the studies: options of the command line, the folder of results, the program `dimple`, and pictures."""
 
 import argparse
 import logging
@@ -25,7 +25,7 @@ _CODES = {
 
 
 class Refused(Exception):
-    """What a study does not do: its words, and the exit code that `dimple` has for such a mistake."""
+    """Refusal by a study: its words, and the exit code that `dimple` has for such a mistake."""
 
 
 def refuse(words, code=2):
@@ -33,7 +33,7 @@ def refuse(words, code=2):
 
 
 def key_of(word):
-    """The whole key of an option: of "mu", "--mu", "material.mu" and "material.mu_Pa". The word itself where it is none."""
+    """Full key of an option given as "mu", "--mu", "material.mu" or "material.mu_Pa"; the word itself if it is none."""
     word = word.lstrip("-").replace("-", "_")
     for key, option in _TABLE.items():
         names = {key, option["keyword"]}
@@ -45,7 +45,7 @@ def key_of(word):
 
 
 class Case:
-    """An image and the options given for it: key -> text. Nothing is computed until it is asked for."""
+    """An image and the options given for it: key -> text. Nothing is computed until requested."""
 
     def __init__(self, image="", given=None):
         self.image = str(image)
@@ -61,15 +61,15 @@ class Case:
         return settings
 
     def run(self):
-        """A pydimple.Result, in memory."""
+        """Runs the case in memory; returns a pydimple.Result."""
         return _core.run_in_memory(self.settings(), None)
 
     def values(self):
-        """key -> value, in the unit of the key. Raises UsageError: an option that is none, or a value that it does not take."""
+        """Values by key, in the unit of the key. Raises UsageError for an unknown option or an invalid value."""
         return Case("", self.given).settings().values()
 
     def arguments(self):
-        """What differs from the defaults, as arguments of `dimple run IMAGE`."""
+        """Options that differ from the defaults, as arguments of `dimple run IMAGE`."""
         order = {key: k for k, key in enumerate(_TABLE)}
         words = []
         for key in sorted(self.given, key=lambda key: (order.get(key, len(order)), key)):
@@ -87,7 +87,7 @@ def _same_number(text, default):
 
 
 def text_of(value):
-    """As the option table reads it, to the same bits: 10 and not 10.0."""
+    """Text of a value as the option table reads it, to the same bits: 10 and not 10.0."""
     if isinstance(value, (list, tuple)):
         return ",".join(text_of(part) for part in value)
     if isinstance(value, float) and value.is_integer() and abs(value) < 1e15:
@@ -104,7 +104,7 @@ def whole_numbers(text):
 
 
 def parser(name, description, flags=False):
-    """With what every study takes; with `flags` those of `dimple run` too, as --set has them."""
+    """Parser with the options of all studies; with `flags` also those of `dimple run`, as --set has them."""
     result = argparse.ArgumentParser(prog=f"python3 tests/studies/{name}.py", description=description, allow_abbrev=False)
     result.add_argument("image", nargs="?", default="", metavar="IMAGE", help="label image")
     result.add_argument("-o", "--out", default="", metavar="FOLDER", help="for the results")
@@ -140,9 +140,9 @@ def _case(options):
 
 
 def main(of, study, argv=None):
-    """Runs `study(case, options, say)` from its command line; returns the exit code that `dimple` has for such an end."""
+    """Runs `study(case, options, say)` from its command line; returns the exit code of `dimple` for such an end."""
     options = of.parse_args(argv)
-    logging.getLogger("pydimple").addHandler(logging.NullHandler())  # each run's words would hide what the study says
+    logging.getLogger("pydimple").addHandler(logging.NullHandler())  # the output of each run would hide that of the study
     say = (lambda line: None) if options.quiet else (lambda line: print(line, file=sys.stderr, flush=True))
     try:
         if options.threads:
@@ -161,7 +161,7 @@ def main(of, study, argv=None):
 
 
 def folder_for(out, own):
-    """The folder for the results, which write() makes. Refused where it cannot be, or holds files and none is `own`."""
+    """Folder of the results, which write() makes. Refused if it is impossible, or holds files and none is `own`."""
     folder = pathlib.Path(out)
     if not out:
         refuse("no folder for the results was given: -o FOLDER")
@@ -174,7 +174,7 @@ def folder_for(out, own):
 
 
 def _whole(file, make):
-    """`make(part)` writes it; it has its name when it is complete, or is not there at all."""
+    """Writes a file with `make(part)`; it appears under its name only when complete."""
     part = file.with_name(f".part.{file.name}")
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
@@ -193,17 +193,17 @@ def write(file, text):
 
 
 def quoted(text):
-    """For a field of a table: in quotes, and no formula of a spreadsheet."""
+    """Field of a table: in quotes, and not a formula of a spreadsheet."""
     return '"' + ("'" if text[:1] in ("=", "+", "-", "@") else "") + text.replace('"', '""') + '"'
 
 
 def shortest(value):
-    """Text that reads back to the same bits."""
+    """Shortest text that reads back to the same bits."""
     return text_of(float(value))
 
 
 def program():
-    """Of the command `dimple`: DIMPLE_PROGRAM, or on the path."""
+    """Path of the command `dimple`: DIMPLE_PROGRAM, or on the path."""
     name = os.environ.get("DIMPLE_PROGRAM", "dimple")
     found = shutil.which(name)
     if not found:
@@ -212,7 +212,7 @@ def program():
 
 
 def forces_at(depth_mm, force_N, at_mm):
-    """Between the samples on both sides, as many as they reach."""
+    """Forces at these depths, interpolated between samples, as far as they reach."""
     import numpy as np
 
     reached = [d for d in at_mm if len(depth_mm) and d <= depth_mm[-1] * (1 + 1e-9)]
@@ -220,7 +220,7 @@ def forces_at(depth_mm, force_N, at_mm):
 
 
 def reference_at(file, at_mm=None):
-    """force_N of a CSV at each of the depths; without them at 1, 2, ... mm, as many as it has, to 8 mm at most."""
+    """force_N of a CSV at each of the depths. Without depths: at 1, 2, ... mm, as many as it has, to 8 mm at most."""
     import csv
 
     try:
@@ -248,7 +248,7 @@ def in_words(force_N):
 
 
 def pyplot():
-    """matplotlib, without a screen; the same input gives the same bytes, and an SVG whose words are words."""
+    """matplotlib without a screen. The same input gives the same bytes, and an SVG has its texts as text."""
     try:
         import matplotlib
     except ImportError:
@@ -274,14 +274,14 @@ HUES = ["#0072b2", "#d55e00", "#009e73", "#b5588f", "#8c6d1f", "#4a4e54", "#0000
 
 
 def headed(axes, title, lines=()):
-    """A panel's title, and below it what must be known to read it."""
+    """Writes a panel's title, and below it the information needed to read it."""
     lines = [part for line in lines for part in textwrap.wrap(line, 130)]
     axes.set_title("\n".join(lines), fontsize=7, color="#555b66", loc="left")
     axes.annotate(title, (0, 1), (0, 8 + 9 * len(lines)), "axes fraction", "offset points", fontsize=11, weight="bold")
 
 
 def logarithmic(axes):
-    """Both axes, with 0.5 and 20 for ticks and no powers of ten."""
+    """Makes both axes logarithmic, with ticks such as 0.5 and 20 and no powers of ten."""
     from matplotlib import ticker
 
     axes.set(xscale="log", yscale="log")

@@ -1,13 +1,13 @@
-"""Where a scene survives and why not: maps over two options each, both schemes side by side.
+"""Maps of success and failure over two options each, with both schemes side by side.
 
     python3 tests/studies/atlas.py -o OUT [--map depth-nu,...]                  the maps of a block, or some of them
     python3 tests/studies/atlas.py [IMAGE] -o OUT --x material.nu=0.3,0.499 --y cloud.nodes=500,1000      a map of your own
 
-Per map stress_NAME.csv, .png and .svg with a panel for each scheme, and stress.csv with how many cells came to what. Each run
-is a process of `dimple run` on one thread, as many at once as there are threads; what is left of it goes to runs/NAME.json as
-soon as it ends, and a later call takes it from there if options, image and program are the same. Tables and pictures depend on
-these alone: same input, same bytes, however often it was interrupted. A run that was out of time is taken again if the limit is
-another one.
+Per map stress_NAME.csv, .png and .svg with a panel for each scheme, and stress.csv with the number of cells for each outcome. Each run
+is a process of `dimple run` on one thread, as many at once as there are threads. Its results go to runs/NAME.json as
+soon as it ends, and a later call reuses them if options, image and program are the same. Tables and pictures depend on
+these alone: same input, same bytes, however often it was interrupted. A run that was out of time runs again if the limit has
+changed.
 """
 
 import base64
@@ -33,14 +33,14 @@ from _study import Case, refuse
 
 SCHEMES = ["converging", "horton2007"]
 
-# What a cell has to fulfil besides having finished.
-# The largest change of the force curve's slope that comes suddenly, as a part of its mean slope:
-# |F(k+1) - 3 F(k) + 3 F(k-1) - F(k-2)| / (F(k+1) / (k+1)), k counting frames from F(0) = 0. A smooth curve, however much it
-# stiffens, makes this small as frames come closer; a bend or a drop does not.
+# Criteria for a cell in addition to a finished run.
+# Largest sudden change of the force curve's slope, relative to its mean slope:
+# |F(k+1) - 3 F(k) + 3 F(k-1) - F(k-2)| / (F(k+1) / (k+1)), k counting frames from F(0) = 0. For a smooth curve, even a
+# stiffening one, this decreases with the distance of frames; for a bend or a drop it does not.
 KINK = 0.25
 ENERGY = 0.02  # unbalanced, as a part of the tool's work
-# Inverted volume, as a part of the half ball under the circle, where the strain at the sharp rim of a bonded circle is
-# unbounded and no cloud keeps every point upright.
+# Inverted volume, relative to the half ball under the bonded patch. The strain at its sharp edge is
+# unbounded, and no discretisation keeps every point upright.
 INVERTED = 0.01
 ERROR = 0.05  # of the force against the finest stable run
 
@@ -50,9 +50,8 @@ ERROR = 0.05  # of the force against the finest stable run
 
 @dataclass
 class Axis:
-    """One side of a map: an option and the values that it takes. Two keys have a meaning of their own: load.depth_mm, all
-    depths come from one run to the deepest, so they are even steps of it; phantom.height_mm, the height of the block, each
-    an image of its own."""
+    """One side of a map: an option and its values. Two keys are special. load.depth_mm: all depths come from one run to the deepest, so
+    they are even steps of it. phantom.height_mm: the height of the block, each an image of its own."""
 
     key: str
     values: list
@@ -71,8 +70,8 @@ class Axis:
     def steps(self):
         return 1 if self.is_depth else len(self.values)
 
-    # Two at least for each depth, so that a bend between depths shows, and sixteen in all, or the work that is summed over
-    # them is not that of the curve.
+    # Two at least for each depth, so that a bend between depths shows. Sixteen in all, so that the work summed over
+    # them is that of the curve.
     @property
     def frames_a_depth(self):
         return max(2, (15 + len(self.values)) // len(self.values))
@@ -89,13 +88,13 @@ class Map:
     block_mm: tuple = (60, 60, 30)
 
     def schemes(self, wanted, given):
-        """Those that know the scene: of a tool that touches the default one alone."""
+        """Schemes for the scene: only the default one for a contacting tool."""
         touches = any(key.startswith("tool.") for key in [self.x.key, self.y.key, *self.settings, *given])
         return [scheme for scheme in wanted if scheme == SCHEMES[0] or not touches]
 
 
 def _depths(count, deepest_mm):
-    """Even steps down into a block of 30 mm."""
+    """Depths in even steps into a block of 30 mm."""
     depths = [deepest_mm * k / count for k in range(1, count + 1)]
     return Axis(
         "load.depth_mm",
@@ -106,7 +105,7 @@ def _depths(count, deepest_mm):
 
 
 def _scene(**special):
-    # Where waves are followed, 2 mm/s is slow, too: what the start excites stays below a per cent of the force.
+    # With resolved waves, 2 mm/s is slow, too: the waves of the start stay below a per cent of the force.
     scene = {"boundary.base": "inferior", "boundary.indent_at": "0,0,top", "load.rate_mm_per_s": "2"}
     return scene | {key.replace("__", "."): text for key, text in special.items()}
 
@@ -204,7 +203,7 @@ def check_axis(axis, flag):
 
 
 def axis_of(text, flag):
-    """ "material.nu=0.3,0.45" as an axis."""
+    """Axis from a text such as "material.nu=0.3,0.45"."""
     key, equals, values = text.partition("=")
     if not equals:
         refuse(f"{flag}: '{text}' is not key=value,value")
@@ -215,12 +214,12 @@ def axis_of(text, flag):
 
 
 def is_physical(key):
-    """Whether an option belongs to the physical case; the others say how it is computed."""
+    """True if an option belongs to the physical case; the others say how it is computed."""
     return key.split(".")[0] not in ("scheme", "cloud", "grid", "support", "solver")
 
 
 def finest_of(case, nodes):
-    """The same case by the scheme converging with so many nodes, every numerical option but frames and evaluations as usual."""
+    """The case by the converging scheme with so many nodes; numerical options except frames and evaluations have their defaults."""
     kept = {k: v for k, v in case.given.items() if is_physical(k) or k in ("solver.frames", "solver.evaluations")}
     return Case(case.image, kept | {"cloud.nodes": str(nodes)})
 
@@ -230,8 +229,8 @@ def finest_of(case, nodes):
 
 @dataclass
 class Frame:
-    """A run at one depth. energy_error: the largest imbalance so far, as a part of the tool's work so far; J_min: at any
-    point; inverted, inverted_mm3: inverted points, and their volume at rest."""
+    """A run at one depth. energy_error: largest imbalance so far, relative to the tool's work so far; J_min: at any point; inverted,
+    inverted_mm3: inverted points, and their volume at rest."""
 
     depth_mm: float
     force_N: float
@@ -243,7 +242,7 @@ class Frame:
 
 @dataclass
 class Run:
-    """What is left of it. ended: empty, it finished, or the code of why not; fact: its words; guards: codes of its warnings."""
+    """Record of a run. ended: empty if it finished, otherwise the code of its failure; fact: its words; guards: codes of its warnings."""
 
     ended: str = ""
     fact: str = ""
@@ -277,7 +276,7 @@ def _kink_at(run, k):
 
 
 def _own_fault(run, last, circle_radius_mm, verdict):
-    """All but the comparison with a finer run; empty: nothing is wrong."""
+    """Failure of a run apart from the comparison with a finer run; empty: none."""
     if len(run.frames) < last:
         return run.ended or "crashed"
     for n, frame in enumerate(run.frames[:last]):
@@ -295,12 +294,12 @@ def _own_fault(run, last, circle_radius_mm, verdict):
 
 
 def judge(run, finest, last, at_last_only, circle_radius_mm):
-    """Judges a run up to its frame number `last`, from 1. `finest` are the runs of the same case to compare with, the finest
-    first; one that is not stable itself up to a depth does not serve there. With `at_last_only` the force counts at that
+    """Judges a run up to its frame number `last`, from 1. `finest` are runs of the case to compare with, the finest
+    first; one that is not stable up to a depth is not used there. With `at_last_only` the force counts at that
     frame alone, else at each up to it.
 
-    Codes, the first that applies: why the run did not get there; non-finite; energy; inverted; kinked; unchecked (no finer
-    stable run); inaccurate; ok-rim (survived, with inverted points at the rim); ok.
+    Codes, the first that applies: the failure of the run before that frame; non-finite; energy; inverted; kinked; unchecked (no finer
+    stable run); inaccurate; ok-rim (inverted points at the patch edge only); ok.
     """
     v = Verdict()
     if len(run.frames) >= last:
@@ -333,7 +332,7 @@ def _columns(file):
 
 
 def _unpacked(block):
-    """Of a block of LZ4: bytes that stand there, then as many of those before them again, and so on."""
+    """Unpacks a block of LZ4: literal bytes, then a copy of preceding ones, and so on."""
     out, at = bytearray(), 0
 
     def length(of):
@@ -355,12 +354,12 @@ def _unpacked(block):
         start = len(out) - int.from_bytes(block[at : at + 2], "little")
         at += 2
         count = length(token & 15) + 4
-        again = out[start : start + count]  # too short where it reaches into what it makes
+        again = out[start : start + count]  # too short if it overlaps the bytes that it makes
         out += (again * (count // len(again) + 1))[:count]
 
 
 def _array(text, name):
-    """One number for each point of a .vtu file, whose arrays are packed by LZ4 and written in base64."""
+    """Values for each point of a .vtu file, whose arrays are packed by LZ4 and written in base64."""
     kind, packed = re.search(rf'<DataArray type="(\w+)" Name="{name}"[^>]*>\s*(\S+)', text).groups()
     blocks = int.from_bytes(base64.b64decode(packed[:8])[:4], "little")
     words = 4 * -(-4 * (3 + blocks) // 3)  # of the head: how many blocks, their size, the last one's, and each one's packed
@@ -371,7 +370,7 @@ def _array(text, name):
 
 
 def _frames_of(out):
-    """Of the files of a run: forces and energies at the depths of its frames, and what became of the points there."""
+    """Frames from the files of a run: forces and energies at their depths, and the state of the points there."""
     force, energy = _columns(out / "force.csv"), _columns(out / "energy.csv")
     times = [float(t) for t in re.findall(r'timestep="([^"]+)"', (out / "points.pvd").read_text())]
     frames = []
@@ -401,7 +400,7 @@ def _frames_of(out):
 
 
 class Runner:
-    """Runs what is not done yet, as many at once as there are threads."""
+    """Runs all jobs not yet done, as many at once as there are threads."""
 
     def __init__(self, folder, limit_s, threads, say):
         self.program, self.folder, self.limit_s, self.threads, self.say = _study.program(), folder, limit_s, threads, say
@@ -412,7 +411,7 @@ class Runner:
         self.stop = False
 
     def __call__(self, jobs):
-        """`jobs`: (name, what it says, case)."""
+        """`jobs`: (name, message, case)."""
         left = []
         for name, says, case in jobs:
             self.image_sha256.setdefault(case.image, _sha256(case.image))
@@ -445,7 +444,7 @@ class Runner:
                 return None
             frames = [Frame(*(math.nan if x is None else x for x in frame)) for frame in kept.pop("frames")]
             return Run(frames=frames, **kept)
-        except (OSError, ValueError, KeyError, TypeError):  # another version's, or spoilt: run again
+        except (OSError, ValueError, KeyError, TypeError):  # of another version, or damaged: run again
             return None
 
     def _keep(self, name, case, run):
@@ -471,10 +470,10 @@ class Runner:
         self.say(f"{len(self.runs):>4} of {self.expected}  {says}: {ended}, {time.monotonic() - begun:.1f} s")
 
     def _computed(self, case, out):
-        """None: stopped."""
+        """Result of a run; None if stopped."""
         command = [self.program, "run", case.image, "-o", str(out), *case.arguments(), "--write", "points,fine", "--band", "off"]
         command += ["--threads", "1", "--time-limit", f"{self.limit_s:g}s", "-q"]
-        # A group of its own: a Ctrl-C is this process's, which ends it then.
+        # The run has its own process group: a Ctrl-C reaches only this process, which then ends it.
         process = subprocess.Popen(
             command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True
         )
@@ -490,12 +489,12 @@ class Runner:
             process.communicate()
             return None
         if process.returncode in (2, 3, 6):
-            refuse(said.strip(), process.returncode)  # for the user to mend
+            refuse(said.strip(), process.returncode)  # the user must correct it
         run = Run()
         try:
             summary = json.loads((out / "summary.json").read_text())
         except (OSError, ValueError):
-            if process.returncode == 130:  # by the limit, before there was anything
+            if process.returncode == 130:  # stopped by the limit before any result
                 return Run(ended="time-out", fact="stopped by the limit of time")
             return Run(ended="crashed", fact=said.strip().split("\n")[0])
         if process.returncode == 130:
@@ -525,7 +524,7 @@ def _sha256(file):
 
 
 def _place(of, x, y, physical_only=False):
-    """The part of a run's name that the values make."""
+    """Part of a run's name for these values."""
     parts = [
         f"_{axis.values[k]}"
         for axis, k in ((of.x, x), (of.y, y))
@@ -539,7 +538,7 @@ def _file_name(text):
 
 
 class Blocks:
-    """The images of the block, one for each height, made when they are first asked for."""
+    """Images of the block, one for each height, made on first use."""
 
     def __init__(self, folder):
         self.folder, self.made = folder, set()
@@ -559,7 +558,7 @@ class Blocks:
 
 
 def case_at(of, base, scheme, x, y, image):
-    settings = {k: v for k, v in of.settings.items() if k not in base.given}  # what was asked for is stronger
+    settings = {k: v for k, v in of.settings.items() if k not in base.given}  # a requested value takes precedence
     settings["scheme.name"] = scheme
     size = list(of.block_mm)
     for axis, k in ((of.x, x), (of.y, y)):
@@ -594,7 +593,7 @@ def _finest_job(of, case, x, y, nodes):
 
 
 def _radius_mm(case):
-    """Of the circle, or of a tool that touches."""
+    """Radius of the bonded patch, or of a contacting tool."""
     values = case.values()
     touches = re.match(r"\w+:([\d.]+)mm", values["tool.shape"])
     return float(touches[1]) if touches else 0.5 * values["boundary.indenter_diameter_mm"]
@@ -606,7 +605,7 @@ def _stable(run, case):
 
 
 def _run_all(maps, base, options, runner, image):
-    """The finest runs first, which take longest; the next finest only of cases where one is not stable."""
+    """The finest runs first, which take longest; the next finest only for cases where one is not stable."""
     panels = [(of, scheme) for of in maps for scheme in of.schemes(options.schemes, base.given)]
     cells = [_cell_job(of, base, scheme, x, y, image) for of, scheme in panels for x, y in _steps(of)]
     runner.expected = len(cells)
@@ -654,7 +653,7 @@ _MEANING = {
     "tool-left": "the tool left the body",
 }
 
-# The same from map to map; what common colour-vision deficiencies keep apart first.
+# The colours are equal in all maps; those that colour-vision deficiencies can distinguish come first.
 _COLOUR = {
     "ok": "#1e9e77", "ok-rim": "#8fcfbb", "": "#e9ecf0",
     "inverted": "#d55e00", "no-equilibrium": "#0072b2", "inaccurate": "#f0c83c", "kinked": "#cc79a7", "unchecked": "#56b4e9",
@@ -665,7 +664,7 @@ _COLOUR = {
 
 
 def _note(v):
-    """Which number says most about a verdict."""
+    """Most informative number for a verdict."""
     if v.code in ("ok", "inaccurate"):
         return f"{100 * v.error:+.1f} %"
     if v.code == "ok-rim":
@@ -698,7 +697,7 @@ def _row(of, scheme, x, y, case, run, v):
 
 
 def result_of(of, base, options, runs, image):
-    """The table of a map, and for each scheme its verdicts, row by row; None where a run is missing."""
+    """Table of a map, and for each scheme its verdicts, row by row; None where a run is missing."""
     lines = [
         f"scheme,{of.x.key},{of.y.key},code,force_N,reference_N,reference_nodes,error_percent,kink_percent,energy_error_percent,"
         "J_min,inverted_points,inverted_mm3,points,nodes,retries,guards,frames,ended,fact,run"
@@ -811,7 +810,7 @@ def study(case, options, say):
     plt = _study.pyplot()
     if case.image:
         case.image = os.path.abspath(case.image)
-        _sha256(case.image)  # a file that is not there is refused before the first run
+        _sha256(case.image)  # a missing file is refused before the first run
     if not (folder / "stress.csv").exists():
         _study.write(folder / "stress.csv", "map,scheme,cells,survived,codes\n")
     threads = options.threads or len(os.sched_getaffinity(0))
@@ -826,7 +825,7 @@ def study(case, options, say):
     for of in maps:
         csv, panels = result_of(of, case, options, runner.runs, blocks)
         _study.write(folder / f"stress_{of.name}.csv", csv)
-        if not stopped:  # a picture takes longer than an answer to Ctrl-C may
+        if not stopped:  # a picture takes longer than the limit for Ctrl-C
             draw(plt, folder, of, panels, options.finest)
         for scheme, verdicts in panels.items():
             counts = _counts(verdicts)

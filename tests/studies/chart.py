@@ -1,12 +1,12 @@
-"""Error of the force against wall time: schemes, sizes of clouds, accuracies asked for.
+"""Error of the force against wall time: schemes, numbers of nodes, requested accuracies.
 
-    python3 tests/studies/chart.py -o OUT                                   two scenes whose force is known
+    python3 tests/studies/chart.py -o OUT                                   two scenes with a known force
     python3 tests/studies/chart.py IMAGE -o OUT [--reference known.csv]     and an image of yours; --set is its
 
 chart.csv, chart.png and chart.svg. Scenes A and B are made here as 1 mm images, left in the folder. An image without a
-reference of its own is shown by the difference from the finest of its runs, without a front. Times are those of the whole,
-from the image to the force. A run that fails is a row without an error. Below, what the runs with a band say of their own
-error, the band's time counted in. Other programs are compared by fair_peer.py and contact_peer.py of tests/bench.
+reference is shown by the difference from its finest run, without a front. Times are total,
+from the image to the force. A run that fails is a row without an error. A lower panel shows the error estimates of the runs,
+with the time of these included. Other programs are compared by fair_peer.py and contact_peer.py of tests/bench.
 """
 
 import math
@@ -32,7 +32,7 @@ PAPER = (
     "Horton et al. 2007, as reported for another body, a swine brain: 0.131 N computed, 0.181 and 0.125 N measured; 3 GHz Pentium 4"
 )
 
-# Forces [N] at 1, 2, ... 8 mm of a circle of 5 mm radius, bonded: tests/verification/reference, which a test compares.
+# Forces [N] at 1, 2, ... 8 mm of a bonded patch of 5 mm radius: tests/verification/reference, which a test compares.
 SCENES = {
     "a": {
         "title": "Scene A: block 60 x 60 x 30 mm",
@@ -53,7 +53,7 @@ SCENES = {
 
 @dataclass
 class Subject:
-    """One scene as it is run, a second for each millimetre. reference [N] at the depths; empty: the finest own run."""
+    """One scene, with one second for each millimetre. reference [N] at the depths; empty: the finest own run."""
 
     name: str
     title: str
@@ -74,8 +74,8 @@ class Subject:
 
 @dataclass
 class Point:
-    """What one run reached and what it cost. runs: per cloud the forces [N], as far as it came; error: the largest of
-    |force / reference - 1|; stated: half the band at the deepest as a part of the force; band_s: that it took besides."""
+    """Results and costs of one run. runs: forces [N] of each discretisation, as far as it came; error: largest |force / reference - 1|;
+    stated: half-width of the error bounds at the last depth, relative to the force; band_s: time of these bounds."""
 
     scene: str
     scheme: str
@@ -100,7 +100,7 @@ class Point:
 
     @property
     def complete(self):
-        """Only runs that went the whole way have a place in the picture."""
+        """True for a complete run; the picture has no others."""
         return self.status == "ok" and bool(self.runs) and len(self.runs[0]) == self.depths and self.error > 0
 
     @property
@@ -109,7 +109,7 @@ class Point:
 
     @property
     def is_dial(self):
-        """An accuracy was asked for and no number of nodes."""
+        """True if an accuracy was requested and no number of nodes."""
         return self.scheme.startswith("accuracy")
 
 
@@ -121,14 +121,14 @@ def _larger(a, b):
 
 
 def _stated(result):
-    """Half the band at the deepest as a part of the force there; not a number where there is none."""
+    """Half-width of the error bounds at the last depth, relative to the force there; not a number if there are none."""
     if result.band_high_N is None:
         return math.nan
     return float((result.band_high_N[-1] - result.force_N[-1]) / abs(result.force_N[-1]))
 
 
 def _run_all_seeds(point, subject, case, repeat, take):
-    """Another cloud each time: a single one may be right by luck."""
+    """Runs with several seeds: a single discretisation may be right by chance."""
     seed = case.values()["cloud.seed"]
     try:
         for number in range(repeat):
@@ -164,7 +164,7 @@ def own_point(subject, scheme, of_time, nodes, repeat):
 
 
 def dial_point(subject, goal, repeat):
-    """The ladder for an accuracy, all its clouds together."""
+    """Point for a requested accuracy: all discretisations of its refinement together."""
     point = Point(subject.name, f"accuracy {goal}", "quasi-static", subject.depths)
     solve = []
 
@@ -198,8 +198,8 @@ def set_errors(points, subject, reference):
 
 
 def pareto_front(cost, error):
-    """Which of the points no other one beats: none is both as cheap and as accurate, and one of both better. In order of cost.
-    Points that are not finite are on no front."""
+    """Points for which no other one is as cheap and as accurate and better in one of both, in order of cost. Points that are not finite are
+    on no front."""
     finite = [k for k in range(len(cost)) if math.isfinite(cost[k]) and math.isfinite(error[k])]
     front = []
     for k in sorted(finite, key=lambda k: (cost[k], error[k], k)):
@@ -210,7 +210,7 @@ def pareto_front(cost, error):
 
 
 def mark_front(points, subject):
-    """Differences between our own runs say nothing of which is right: without a reference there is no front."""
+    """Marks the points of the front. Differences between our own runs do not show which is right: without a reference there is no front."""
     here = [p.scene == subject.name for p in points]
     for p, is_here in zip(points, here):
         if is_here:
@@ -226,7 +226,7 @@ def mark_front(points, subject):
 def table(points, subjects):
     lines = [
         "scene,program,scheme,time,nodes,points,build_s,solve_s,wall_s,largest_error,error_at_the_end,on_front,band_s,stated_error,"
-        "on_stated_front,compared_with,status" + "".join(f",force_{k + 1}_mm_N" for k in range(MOST_DEPTHS))  # of the first cloud
+        "on_stated_front,compared_with,status" + "".join(f",force_{k + 1}_mm_N" for k in range(MOST_DEPTHS))  # of the first discretisation
     ]
 
     def number(value):
@@ -245,7 +245,7 @@ def table(points, subjects):
 
 # ------------------------------------------------------------------------------------------------------------- pictures
 
-# Scheme, time, legend, beside the points, hue: lines that belong together, the same look in every panel.
+# Channels: scheme, time, legend, place next to points, hue. Lines that belong together look alike in every panel.
 _FAMILIES = [
     ("converging", "quasi-static", "converging, quasi-static", "converging", 0),
     ("accuracy", "quasi-static", "an accuracy asked for: all clouds of its ladder", "", 2),
@@ -255,7 +255,7 @@ _FAMILIES = [
 
 def _front(axes, points):
     if points:
-        x, y = zip(*sorted(points))  # steps: for this much time, no better than the last one
+        x, y = zip(*sorted(points))  # steps: no better than the last one for this time
         axes.step(x, y, where="post", color="#000000", linestyle="--", linewidth=0.9, label="Pareto front")
 
 
@@ -293,7 +293,7 @@ def _error_panel(axes, subject, points):
 
 
 def _stated_panel(axes, subject, points):
-    """What runs say of their own error."""
+    """Draws the error estimates of the runs."""
     here = [p for p in points if p.scene == subject.name and p.states_its_error]
     note = f"half the band of the force at {subject.depths} mm; the time includes all clouds that it takes"
     _study.headed(axes, subject.title.rsplit(": ", 1)[0] + ": stated error against wall time", [note])
@@ -381,7 +381,7 @@ def _of_image(case, options, known, threads):
 
 
 class Notes:
-    """Every point as it comes: errors, fronts and the table anew, since a long chart may be stopped."""
+    """Records each point as it is computed, and then errors, fronts and the table, since a long chart may be interrupted."""
 
     def __init__(self, folder, subjects, how, say):
         self.folder, self.subjects, self.how, self.say, self.points = folder, subjects, how, say, []
@@ -406,7 +406,7 @@ class Notes:
                 "That run is no reference: how far it is itself from the converged force is not known.",
             ]
         set_errors(self.points, subject, reference)
-        # What shares its cloud shares its errors.
+        # Points with the reference's own discretisation have no error.
         for p in self.points if finest else ():
             if p.scene == subject.name and p.scheme == finest.scheme and p.nodes == finest.nodes:
                 p.error = p.error_last = math.nan
@@ -453,7 +453,7 @@ def study(case, options, say):
             _run_all(subject, options, note)
     except KeyboardInterrupt:
         stopped = True
-    if stopped:  # a picture takes longer than an answer to Ctrl-C may
+    if stopped:  # a picture takes longer than the limit for Ctrl-C
         raise KeyboardInterrupt(f"chart.csv has the {len(note.points)} runs until then")
     draw(plt, folder, note.points, subjects)
     drawn = sum(p.complete for p in note.points)

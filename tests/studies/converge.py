@@ -1,10 +1,10 @@
-"""One scene with clouds of several sizes, densities of points and seeds: how far its force can be trusted.
+"""Convergence of a scene's force over numbers of nodes, densities of points and seeds.
 
     python3 tests/studies/converge.py IMAGE -o OUT [--sizes 1000,2000,4000] [--reference known.csv] [--depth 5mm ...]
 
-convergence.csv holds every run, convergence.md what follows from them, convergence.png and .svg show both. Per depth and
-size of cloud: the mean force over the seeds, their scatter (largest - smallest), what doubling the points changes, the
-difference from the reference, or without one from the finest cloud, and the largest kink: second difference of the curve
+convergence.csv holds every run, convergence.md the conclusions, convergence.png and .svg show both. Per depth and
+number of nodes: the mean force over the seeds, their scatter (largest - smallest), the change by doubling the points, the
+difference from the reference, or without one from the finest discretisation, and the largest kink: second difference of the curve
 over its last force.
 """
 
@@ -19,11 +19,11 @@ from _study import in_words, refuse, shortest
 _HEADER = [
     "nodes", "points", "density", "seed", "spacing_mm", "rim_spacing_mm", "indentation_mm", "force_N", "evaluations", "wall_s",
 ]  # fmt: skip
-_POINTS_PER_NODE = {"converging": 7.0, "horton2007": 1.499}  # where grid.ratio is not given
+_POINTS_PER_NODE = {"converging": 7.0, "horton2007": 1.499}  # default of grid.ratio
 
 
 def measured(case, depths):
-    """A force curve and what it cost. Raises what a run raises."""
+    """Force curve of a run and its cost. Raises the exceptions of a run."""
     result = case.run()
     summary = result.summary
     model = summary["model"]
@@ -40,13 +40,13 @@ def measured(case, depths):
 
 
 def kink(force):
-    """Of forces at even depths, the first of them one step from rest."""
+    """Kink of forces at even depths, the first of them one step from rest."""
     force = np.concatenate([[0.0], force])
     return np.max(np.abs(np.diff(force, 2)), initial=0.0) / abs(force[-1])
 
 
 def grouped(runs):
-    """Over the seeds of each size of cloud and density."""
+    """Groups of runs over the seeds, by number of nodes and density."""
     groups = []
     for (nodes, density), of_group in itertools.groupby(runs, key=lambda run: (run["of_nodes"], run["density"])):
         members = list(of_group)
@@ -142,7 +142,7 @@ def study(case, options, say):
                 row = [run["nodes"], run["points"], density, seed, run["spacing_mm"], run["rim_spacing_mm"], depth, force]
                 row += [run["evaluations"], run["wall_s"]] + ([reference[k]] if options.reference else [])
                 rows.append([shortest(value) for value in row])
-            # After every run: a long study may be stopped.
+            # Results are written after every run: a long study may be interrupted.
             _study.write(folder / "convergence.csv", "\n".join(",".join(row) for row in rows) + "\n")
             say(
                 f"{run['nodes']:>6} nodes, {run['points']:>7} points, seed {seed}: {in_words(run['force'][-1])} at "
@@ -152,7 +152,7 @@ def study(case, options, say):
         if not runs:
             raise
         raise KeyboardInterrupt(f"convergence.csv has the {len(runs)} runs until then") from None
-    # Most runs say the same.
+    # Most runs have the same warnings.
     for warning in dict.fromkeys(warning for run in runs for warning in run["warnings"]):
         say(f"warning: {warning}")
     groups = grouped(runs)

@@ -9,7 +9,7 @@
 namespace dimple::anderson_test {
 namespace {
 
-// x -> x + b - A x with eigenvalues of A from 0.02 to 1.9.
+// The map x -> x + b - A x with eigenvalues of A from 0.02 to 1.9.
 struct Linear {
   Eigen::MatrixXd A;
   Eigen::VectorXd b, solution;
@@ -53,8 +53,7 @@ TEST(Anderson, ForgetsWhatIsOfNoUse) {
   EXPECT_EQ(anderson.next(x, step, 4.0), Eigen::VectorXd(x + step / 4.0)) << "a cautious one is shorter";
 }
 
-// The window is full and its oldest columns are written over: it goes on, though it knows no more than `most`
-// of them.
+// Once the window is full its oldest columns are overwritten; the iteration continues with `most` columns.
 TEST(Anderson, RemembersNoMoreThanItsWindow) {
   Anderson anderson;
   const Eigen::Index n = 100;

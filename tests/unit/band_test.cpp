@@ -17,7 +17,7 @@ namespace {
 
 constexpr double radius = 5e-3;
 
-// Force k * depth at these depths [mm].
+// Samples with force k * depth at these depths [mm].
 std::vector<ForceSample> curve(const std::vector<double>& depths_mm, double k) {
   std::vector<ForceSample> samples;
   for (const double mm : depths_mm) samples.push_back({mm, 1e-3 * mm, k * mm, k * mm});
@@ -92,7 +92,7 @@ TEST(Band, ARefinementLeapsWhereItsBandIsFarTooWide) {
   EXPECT_EQ(nodes_of_next_level(1000, 0.05, 0.01), 4000);
 }
 
-// A row for each scene, of the columns that are numbers.
+// One row per scene, with the columns that are numbers.
 struct CoveredBody {
   std::string set;
   double thickness, size, voxel, nu, tissues, ratio;
@@ -105,7 +105,7 @@ std::vector<CoveredBody> covered_bodies() {
   return bodies;
 }
 
-// How many error bounds there are with 1000 and 2000 nodes, and how many contain the truth.
+// Number of error bounds with 1000 and 2000 nodes, and of those that contain the truth.
 struct Coverage {
   int bounds = 0, hold = 0;
 };
@@ -120,14 +120,14 @@ std::map<std::string, Coverage> coverage_of_sets() {
   return coverage;
 }
 
-// The multiplier is not computed from these scenes.
+// These scenes do not enter the multiplier.
 TEST(Band, HoldsTheForceOf95In100LargeBodies) {
   const Coverage large = coverage_of_sets().at("large");
   EXPECT_GE(large.bounds, 45);
   EXPECT_GE(large.hold, 0.95 * large.bounds);
 }
 
-// That is why it is not shown of them.
+// Error bounds are therefore not given for thin bodies.
 TEST(Band, DoesNotHoldTheForceOfThinBodies) {
   const Coverage thin = coverage_of_sets().at("thin");
   EXPECT_GE(thin.bounds, 25);
@@ -137,7 +137,7 @@ TEST(Band, DoesNotHoldTheForceOfThinBodies) {
 TEST(Band, IsKnownWhereScenesHaveBeenAndNowhereElse) {
   std::vector<CoveredBody> bodies = covered_bodies();
   std::erase_if(bodies, [](const CoveredBody& body) { return body.set == "thin"; });
-  ASSERT_GE(bodies.size(), 200u);                        // but for those whose images are not everywhere
+  ASSERT_GE(bodies.size(), 200u);                        // some images are not available everywhere
   const auto fifth = [&](double CoveredBody::*number) {  // from either end
     std::vector<double> values;
     for (const CoveredBody& body : bodies) values.push_back(body.*number);
@@ -233,7 +233,7 @@ TEST(Band, IsNeverNarrowerWithSeveralTissuesNorDeeperNorWithAnotherCloudFurtherA
       }
 }
 
-// A block of two labels, which may be of one material or of two that are alike.
+// Result of a block of two labels, of one material or of two equal ones.
 Result of_block(const OptionTexts& differing) {
   static const LabelImage image =
       make_phantom({.shape = "block", .size_mm = {60, 60, 30}, .spacing_mm = 3, .two_labels = true});
@@ -242,7 +242,7 @@ Result of_block(const OptionTexts& differing) {
   return simulate({.scene = scene_with(options), .image = &image, .band = true});
 }
 
-// Two tissues that are alike give the force of one, and the band that was measured where tissues meet.
+// Two equal tissues give the force of one, but the error bounds that were calibrated where tissues meet.
 TEST(Band, OfTwoTissuesIsWiderThoughTheyAreAlike) {
   const Result one = of_block({}), two = of_block({{"tissue.2.mu_Pa", "210"}});
   ASSERT_TRUE(one.band.known()) << one.band.unknown;
@@ -252,7 +252,7 @@ TEST(Band, OfTwoTissuesIsWiderThoughTheyAreAlike) {
   EXPECT_GT(two.band.half.back(), 1.2 * one.band.half.back());
 }
 
-// As wide as for two clouds that agree, and by more than nothing wider: they are two clouds.
+// Bounds are wider than for two discretisations that agree: these two differ.
 TEST(Band, ComparesTheCloudWithAnother) {
   const Result result = of_block({});
   ASSERT_TRUE(result.band.known()) << result.band.unknown;

@@ -1,4 +1,4 @@
-// From a label image to a closed surface: whatever the body's shape and however fine its voxels.
+// Closed surfaces of label images, for bodies of any shape and voxels of any size.
 
 #include <gtest/gtest.h>
 
@@ -30,7 +30,7 @@ LabelImage ellipsoid(Index across, const Vec3& half) {
   });
 }
 
-// Every edge has two triangles that run along it in opposite directions, and no triangle is a line.
+// Expects two triangles with opposite directions along each edge, and no degenerate triangle.
 void expect_closed_and_outward(const BodySurface& surface) {
   std::map<std::pair<Index, Index>, int> sides;
   for (const auto& t : surface.triangles().colwise())
@@ -43,7 +43,7 @@ void expect_closed_and_outward(const BodySurface& surface) {
   EXPECT_GT(surface.volume(), 0.0);
 }
 
-// Tetrahedra with corners at places 4 n ... 4 n + 3, facing outward.
+// Mesh of tetrahedra with corners at places 4 n ... 4 n + 3, facing outward.
 TriangleMesh tetrahedra(const std::vector<Vec3>& place, const std::vector<std::array<Index, 4>>& corner) {
   TriangleMesh mesh;
   mesh.vertex.resize(3, static_cast<Index>(place.size()));
@@ -63,7 +63,7 @@ TriangleMesh tetrahedra(const std::vector<Vec3>& place, const std::vector<std::a
 
 TEST(ClosedMesh, GivesEachSheetVerticesOfItsOwnWhereTheyTouch) {
   const Vec3 o(0, 0, 0), x(1, 0, 0), y(0, 1, 0), z(0, 0, 1);
-  // At a corner, at an edge, at two edges, and at a face and an edge.
+  // Contacts at a corner, at an edge, at two edges, and at a face and an edge.
   std::vector<TriangleMesh> touching = {
       tetrahedra({o, x, y, z, -x, -y, -z}, {{0, 1, 2, 3}, {0, 4, 5, 6}}),
       tetrahedra({o, x, y, z, -y, -z}, {{0, 1, 2, 3}, {0, 1, 4, 5}}),
@@ -81,7 +81,8 @@ TEST(ClosedMesh, GivesEachSheetVerticesOfItsOwnWhereTheyTouch) {
   EXPECT_THROW(separate_touching_sheets(open), ModelError);
 }
 
-// What any image may expect: a closed surface around the voxels' volume, or a refusal in words. Says which.
+// True if the image gives a closed surface around the voxels' volume, false if it is refused with a full
+// message.
 bool gives_a_surface(const LabelImage& image, const SurfaceOptions& options = {}) {
   try {
     const SegmentedBody body = make_body_surface(image, {}, options);
@@ -122,7 +123,7 @@ TEST(Surface, IsPassedByObliqueLinesWhereItsTrianglesAre) {
   for (int k = 0; k < 200; ++k) {
     const Vec3 direction(normal(draw), normal(draw), normal(draw));
     const Vec3 origin = middle + 3.0 * Vec3(normal(draw), normal(draw), normal(draw));
-    std::vector<double> expected;  // Plane by plane: the place is on the inner side of all three edges.
+    std::vector<double> expected;  // Plane by plane: inside of all three edges.
     for (Index t = 0; t < surface.triangles().cols(); ++t) {
       const auto corner = [&](int c) { return Vec3(surface.vertex().col(surface.triangles()(c % 3, t))); };
       const Vec3 n = surface.normal().col(t);
@@ -179,7 +180,7 @@ TEST(Surface, OfAnEllipsoidIsClosedHoweverMuchCoarserThanItsVoxels) {
   }
 }
 
-// Made of runs: ever finer voxels of one body, up to 1000 across.
+// The image is made of runs: ever finer voxels of one body, up to 1000 across.
 TEST(Surface, OfAnEllipsoidIsTheSameHoweverFineItsVoxels) {
   const Vec3 half(50.0, 43.0, 37.0);
   for (const int fineness : {1, 3, 10, 32, 100}) {
@@ -211,7 +212,7 @@ TEST(Surface, OfAnEllipsoidIsTheSameHoweverFineItsVoxels) {
   }
 }
 
-// Bodies that touch themselves, in 24 voxels each way.
+// The bodies are in contact with themselves, in 24 x 24 x 24 voxels.
 TEST(Surface, OfAFoldedOrTouchingBodyIsClosed) {
   using Inside = bool (*)(Index, Index, Index);
   const std::vector<std::pair<const char*, Inside>> bodies = {
@@ -265,7 +266,7 @@ TEST(Surface, OfRandomBlobsIsClosedOrRefusedInWords) {
   constexpr int bodies = 400;
   for (int n = 0; n < bodies; ++n) {
     SCOPED_TRACE(n);
-    // Waves in random directions above a random level; of the last quarter each voxel is drawn by itself.
+    // Waves in random directions above a random level; in the last quarter each voxel is drawn separately.
     const bool noise = n >= bodies * 3 / 4;
     const double above = noise ? unit(random) : 2.0 * unit(random) - 1.0;
     std::vector<std::pair<Vec3, double>> wave;
@@ -296,7 +297,7 @@ TEST(Surface, OfASheetOfOneVoxelIsRefusedInWords) {
   });
   expect_error<ModelError>([&] { make_body_surface(sheet, {}); },
                            {.why = "thinner than", .remedy = "three voxels", .code = "too-thin"});
-  // Two voxels are enough for a surface, at its place.
+  // Two voxels are enough for a surface at the correct place.
   const SegmentedBody two = make_body_surface(image_of({60, 60, 9}, Vec3::Ones(),
                                                        [](Index i, Index j, Index k) {
                                                          return in_box(i, j, k, {5, 5, 4}, {55, 55, 6});
@@ -328,7 +329,7 @@ TEST(Surface, NamesEveryCavityWithItsVolumeAndPlace) {
   EXPECT_NE(all.find("8.00 mm3 at (20.8, 20.8, 20.8) mm"), std::string::npos) << all;
 }
 
-// The readers snap header numbers; what is left below 1e-9 must not reach the vertices, nor must a turn.
+// The readers snap header numbers. Differences below 1e-9, or a rotation, must not reach the vertices.
 TEST(Surface, IsTheSameToTheLastBitForHeadersThatDifferByRounding) {
   LabelImage image = ellipsoid(40, {17.0, 14.0, 12.0});
   image.to_world = Eigen::Affine3d(Eigen::Scaling(Vec3(1.366, 0.703125, 0.9)));

@@ -1,4 +1,4 @@
-// Where a body stands and where it is indented: a matter of the body, not of how it lies in its image.
+// Base and place of indentation depend on the body, not on its orientation in the image.
 
 #include "preprocess/scene/boundary_conditions.hpp"
 
@@ -36,7 +36,7 @@ double degrees_between(const Vec3& a, const Vec3& b) {
   return std::acos(std::clamp(a.normalized().dot(b.normalized()), -1.0, 1.0)) * 180.0 / std::numbers::pi;
 }
 
-// Base and circle in the patient's coordinates.
+// Base and bonded patch in the patient's coordinates.
 struct Found {
   Vec3 down, centre;
   double lowest, depth;
@@ -47,7 +47,7 @@ Found find(const BodySurface& body, const BoundaryOptions& options = {}) {
   return {down, body.to_world() * b.centre, b.lowest + down.dot(body.to_world().translation()), b.base_depth};
 }
 
-// How far what is found in a turned organ lies from what was found first, turned with it.
+// Differences between the results for a rotated organ and those for the first one, rotated with it.
 struct Differences {
   std::vector<double> angle, plane, depth, circle;  // degrees, mm, a part, radii
   void add(const Found& first, const Found& now, const Mat3& rotation, double radius) {
@@ -57,7 +57,7 @@ struct Differences {
     const Vec3 away = rotation.transpose() * now.centre - first.centre;
     circle.push_back((away - away.dot(first.down) * first.down).norm() / radius);
   }
-  // The difference that this part of all rotations does not exceed.
+  // Difference that this fraction of all rotations does not exceed.
   static double within(std::vector<double> of, double part) {
     std::sort(of.begin(), of.end());
     return of[static_cast<std::size_t>(std::ceil(part * static_cast<double>(of.size()))) - 1];
@@ -78,7 +78,7 @@ TEST(Boundary, OfABlockIsItsBroadSideWithoutTheSidesThatRiseFromItAndTheMiddleOf
   const Vec3 low = body.surface.to_world().inverse() * Vec3(0.0, 0.0, 0.0);
   EXPECT_TRUE(on_base(found, low, found.down));
   EXPECT_TRUE(on_base(found, low, (found.down + 0.5 * found.push.unitOrthogonal()).normalized()));
-  // At the lower end of a side that leans inwards by ten degrees.
+  // The point is at the lower end of a side that leans inwards by ten degrees.
   const Vec3 side = (found.push.unitOrthogonal() + 0.18 * found.down).normalized();
   EXPECT_FALSE(on_base(found, low, side));
 }
@@ -109,7 +109,7 @@ TEST(Boundary, WithABaseThatIsKnownHasTheCircleThatItWouldHaveFound) {
 
 TEST(Boundary, OfALopsidedBrainTurnsWithItInTheScannerAndInTheLattice) {
   const Inside brain = [](const Vec3& x) { return in_brain(x, 0.12); };
-  // In a lattice that is not along it: where between its voxels a cut along them lies is not known.
+  // The lattice is oblique to the body: a cut along the voxels would have no known position between them.
   const Mat3 lattice = Eigen::AngleAxisd(0.5, Vec3(1, 2, 3).normalized()).toRotationMatrix();
   const SegmentedBody body = make_body_surface(image_of(brain, 56.0, 2.0, lattice), {});
   const Found first = find(body.surface);
@@ -125,15 +125,15 @@ TEST(Boundary, OfALopsidedBrainTurnsWithItInTheScannerAndInTheLattice) {
   EXPECT_LT(Differences::within(with_voxels.circle, 1.0), 1e-9);
 }
 
-// The voxels of another scan are others, and what they show of the fissure, 4 mm wide, is too: two voxels of
-// 2 mm do not always tell how far it reaches, and one circle in fifteen is more than half a radius off.
+// In another scan the voxels differ, and with them the fissure, 4 mm wide. Two voxels of 2 mm do not always
+// show its depth, and one patch in fifteen is more than half a radius off.
 TEST(Boundary, OfALopsidedBrainIsWhereItWasHoweverItLiesInItsVoxels) {
   const Inside brain = [](const Vec3& x) { return in_brain(x, 0.12); };
   for (const double voxel : {2.0, 1.0}) {
     SCOPED_TRACE(voxel);
     std::mt19937 random(11);
     std::vector<std::pair<Found, Mat3>> all;
-    std::array<std::vector<double>, 4> place;  // of the circle, in the brain's frame; and the base's depth
+    std::array<std::vector<double>, 4> place;  // of the patch, in the brain's frame; and the base's depth
     for (int k = 0, few = rotations(8); k < few; ++k) {
       const Mat3 R = random_rotation(random);
       const SegmentedBody body = make_body_surface(
@@ -144,7 +144,7 @@ TEST(Boundary, OfALopsidedBrainIsWhereItWasHoweverItLiesInItsVoxels) {
       for (std::size_t d = 0; d < 3; ++d) place[d].push_back(c[static_cast<Index>(d)]);
       place[3].push_back(now.depth);
     }
-    // The cut is known; the circle and the depth are compared with what most of them say.
+    // The cut is known; the patch and the depth are compared with their medians.
     Found usual = all.front().first;
     usual.down = -Vec3::UnitZ();
     usual.lowest = 0.0;
@@ -161,7 +161,7 @@ TEST(Boundary, OfALopsidedBrainIsWhereItWasHoweverItLiesInItsVoxels) {
 }
 
 TEST(Boundary, OfACutOrganIsItsCutFaceWhicheverWayItWasCut) {
-  // Lopsided without the cut, so that no other side is flat.
+  // The egg is lopsided without the cut, so that no other side is flat.
   const auto egg = [](const Vec3& x) {
     const double narrow = 1.0 - 0.15 * x.x() / 40.0;
     return Vec3(x.x() / 40.0, x.y() / (30.0 * narrow), x.z() / (24.0 * narrow)).norm() < 1.0;
@@ -183,7 +183,7 @@ TEST(Boundary, OfACutOrganIsItsCutFaceWhicheverWayItWasCut) {
     EXPECT_LT(world.centre.dot(out), 0.0);
   }
   EXPECT_LT(angle, 2.0);
-  EXPECT_LT(plane, 1.0);  // half a voxel: where between its voxels a plane along them lies is not known
+  EXPECT_LT(plane, 1.0);  // half a voxel: the position of a plane between voxels is unknown
 }
 
 TEST(Boundary, OfATriangulatedBodyIsItsFlatFaceHoweverItIsTurned) {
@@ -284,7 +284,7 @@ TEST(Circle, UnderATiltedPushStaysWhereItStandsUpright) {
     for (const auto& x : rim.colwise()) EXPECT_NEAR((x - found.centre).dot(normal), 0.0, 0.2) << direction;
     EXPECT_TRUE(found.warnings.empty());
   }
-  // So far from upright it comes from another side.
+  // So oblique a direction comes from another side.
   const Boundary aside = find_boundary(body.surface, {.direction = "1,0,-0.2"});
   EXPECT_GT((aside.centre - upright).norm(), 10.0);
 }
@@ -327,7 +327,7 @@ TEST(Circle, SmallerThanAVoxelIsRefusedAndOfFewVoxelsWarnedOf) {
   EXPECT_TRUE(find_boundary(body.surface, {.indenter_diameter_mm = 8.0, .voxel_mm = 2.0}).warnings.empty());
 }
 
-// The option takes a metre at most: three such voxels across would be refused as well.
+// The option accepts a metre at most, so a remedy of three such voxels would be refused as well.
 TEST(Circle, ThatWouldHaveToBeWiderThanAnyAsksForTheUnitOfTheVoxels) {
   const BodySurface block = block_surface({-3e4, -3e4, 0}, {3e4, 3e4, 3e4});
   const auto remedy = [&](double voxel_mm) {
@@ -362,9 +362,9 @@ TEST(Circle, InAPocketThatItDoesNotFitIntoIsRefused) {
   const SegmentedBody body = make_body_surface(image_of(pocket, 28.0, 1.5), {});
   const BoundaryOptions options{.base = "inferior", .indent_at = "6,0,top"};
   EXPECT_THROW(find_boundary(body.surface, options), ModelError);
-  // In its middle the circle fits, with a warning.
+  // In its middle the patch fits, with a warning.
   EXPECT_EQ(find_boundary(body.surface, {.base = "inferior", .indent_at = "0,0,top"}).warnings.size(), 1u);
-  // By itself it keeps away from it.
+  // The default place avoids the pocket.
   EXPECT_GT(
       (body.surface.to_world() * find_boundary(body.surface, {.base = "inferior"}).centre).head<2>().norm(),
       16.0);
@@ -452,7 +452,7 @@ TEST(Boundary, OfAnOrganWithoutACutFaceIsItsInferiorSide) {
   EXPECT_GT(std::abs(own.down.x()), 0.99);  // across which it is thinnest
 }
 
-// A body that goes on beyond the image: cut by its borders at x, y or z = -+30 mm.
+// A body that extends beyond the image: cut by its borders at x, y or z = -+30 mm.
 SegmentedBody cut_by_image(const Vec3& half_axes) {
   return make_body_surface(
       image_of([&](const Vec3& x) { return x.cwiseQuotient(half_axes).norm() < 1.0; }, 30.0, 2.0), {});
@@ -476,7 +476,7 @@ TEST(Boundary, IsNoCutOfTheImageUnlessItIsAskedForAndThenItIsSaidLoudly) {
 }
 
 TEST(Boundary, OfAnOrganThatJustTouchesTheImagesBorderIsNotCutThere) {
-  // A lattice place lies 0.13, 0.29, 0.41 mm off, and there is a voxel more than `reach` asks for.
+  // The lattice is offset by 0.13, 0.29, 0.41 mm, and has one voxel more than `reach` requires.
   EXPECT_TRUE(cut_by_image({20.0, 24.0, 31.5}).surface.image_ends().empty());
   EXPECT_TRUE(cut_by_image({20.0, 24.0, 25.0}).surface.image_ends().empty());
   EXPECT_EQ(cut_by_image({60.0, 24.0, 25.0}).surface.image_ends().size(), 2u);
@@ -493,7 +493,7 @@ TEST(Circle, StandsWhereTheImageEndsOnlyWhereThereIsNoOtherPlaceAndSaysSo) {
   EXPECT_NE(on_cut.warnings.back().find("THE TOOL STANDS WHERE THE IMAGE ENDS"), std::string::npos);
 }
 
-// A block of 60 x 60 x 30 mm and an arm 10 mm thick over it, on a post at one side, whose top is at 52 mm.
+// A block of 60 x 60 x 30 mm under an arm 10 mm thick, on a post at one side, with its top at 52 mm.
 SegmentedBody block_with_an_arm() {
   return make_body_surface(
       image_of(

@@ -26,7 +26,7 @@ Distance box(const Vec3& half) {
   };
 }
 
-// Voxel centres inside are labelled. The body's centre lies `offset` voxels from the middle of the image.
+// Image whose voxels with centres inside are labelled. The body's centre is `offset` voxels from its middle.
 LabelImage voxelised(const Distance& body, double reach, const Vec3& spacing, const Vec3& offset) {
   std::array<Index, 3> size;
   Vec3 corner;
@@ -42,7 +42,7 @@ LabelImage voxelised(const Distance& body, double reach, const Vec3& spacing, co
   return image;
 }
 
-// An evenly spread sequence of grid positions (Roberts 2018).
+// Evenly spread sequence of grid positions (Roberts 2018).
 Vec3 grid_offset(int n) {
   const Vec3 step(0.8191725, 0.6710436, 0.5497005);
   const Vec3 at = Vec3::Constant(0.5) + n * step;
@@ -60,13 +60,13 @@ double rms_distance(const Points& vertex, const Distance& body) {
   return std::sqrt(sum / static_cast<double>(vertex.cols()));
 }
 
-// Of the six extreme points along the grid's axes.
+// Largest error of the six extreme points along the grid's axes.
 double worst_top(const Points& vertex, double radius) {
   const double above = (vertex.rowwise().maxCoeff().array() - radius).abs().maxCoeff();
   return std::max(above, (vertex.rowwise().minCoeff().array() + radius).abs().maxCoeff());
 }
 
-// The bounds are the goals of the design; the voxels' rounding is 0.29 rms and 0.5 at most.
+// The bounds are the design goals; the rounding of voxels is 0.29 rms and 0.5 at most.
 TEST(SurfaceBetweenVoxels, OfABallHasItsTopsWhereverTheGridBegins) {
   for (const auto& [radius, at_top] : {std::pair(10.0, 0.2), {25.0, 0.12}})
     for (int n = 0; n < 4; ++n) {
@@ -113,7 +113,7 @@ TEST(SurfaceBetweenVoxels, OfATiltedBlockIsFlat) {
 }
 
 TEST(SurfaceBetweenVoxels, KeepsBothWallsOfASlit) {
-  // A block with a slit of two voxels down to its middle.
+  // The body is a block with a slit of two voxels down to its middle.
   const Distance slit = [](const Vec3& x) {
     return std::max(box(Vec3(14, 10, 10))(x), -box(Vec3(1.0, 30.0, 10.0))(x - Vec3(0, 0, 10)));
   };
@@ -138,7 +138,7 @@ TEST(SurfaceBetweenVoxels, DrawnOutwardIsThatFarOut) {
 }
 
 TEST(BoundaryFit, LeavesVerticesWhereFacesDisagreeAndMovesNoneFarther) {
-  // One voxel more on a face of a block: no smooth surface agrees with it.
+  // One voxel is added to a face of a block: no smooth surface agrees with it.
   LabelImage image = voxelised(box(Vec3::Constant(8.0)), 8.0, Vec3::Ones(), Vec3::Zero());
   VoxelSet set = voxels_with(image, {});
   SegmentedBody body = make_body_surface(image, {});
@@ -154,7 +154,7 @@ TEST(BoundaryFit, LeavesVerticesWhereFacesDisagreeAndMovesNoneFarther) {
   }
 }
 
-// In a whole surface the volume, which is kept, would hide this.
+// A contour is tested, because the preserved volume of a closed surface would hide this.
 TEST(BoundaryFit, KeepsAContourAsFarOutsideOfTheFacesAsItWasDrawn) {
   constexpr double radius = 12.0, outward = 0.5;
   const LabelImage image = voxelised(ball(radius), radius, Vec3::Ones(), Vec3::Zero());

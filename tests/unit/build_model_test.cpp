@@ -1,4 +1,4 @@
-// Whole models: refused in words and at once, or made.
+// Complete models: made, or refused at once with a message.
 
 #include "preprocess/build_model.hpp"
 
@@ -28,7 +28,7 @@ double cpu_seconds() {
   return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
 }
 
-// A voxel reaches half an edge to each side of its centre.
+// A voxel extends half an edge to each side of its centre.
 TEST(BuildModel, ALabelEndsHalfwayBetweenTheCentresOfItsVoxelsAndTheNext) {
   const Vec3 spacing(2.0, 1.0, 3.0);
   const LabelImage image = image_of({12, 14, 10}, spacing, [](Index i, Index j, Index k) {
@@ -66,8 +66,8 @@ TEST(BuildModel, RefusesASheetThatItsNodesCannotFollowAndSaysHowManyCan) {
   expect_error<ModelError>([&] { discretise(sheet, options_for(800)); },
                            {.remedy = "--nodes", .code = "thin"});
   EXPECT_NO_THROW(discretise(sheet, options_for(2000)));
-  // So it is in the paper's scheme: 2.2 and 2.8 spacings on a layer of 5 mm, whose forces are 3.4 and 0.98
-  // times that of a finer cloud.
+  // The paper's scheme has the same limit: 2.2 and 2.8 spacings on a layer of 5 mm give forces 3.4 and 0.98
+  // times that of a finer discretisation.
   const BodySurface layer = block_surface(Vec3(0, 0, 0), Vec3(40, 40, 5));
   ModelOptions paper = options_of(horton2007);
   paper.cloud.count = 1000;

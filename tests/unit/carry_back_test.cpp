@@ -1,4 +1,4 @@
-// Blades that are drawn in a deformed body, carried back to where its tissue was at rest.
+// Blades that are drawn in a deformed body, mapped back to the tissue at rest.
 
 #include "preprocess/output/carry_back.hpp"
 
@@ -47,7 +47,7 @@ std::string refusal_of(const TriangleMesh& sheet, const Model& model, const Poin
   return report.fact;
 }
 
-// x = A X + b, which moving least squares have exactly.
+// The map x = A X + b is exact in moving least squares.
 TEST(ABladeCarriedBack, UndoesAStretchThatTurnsAndShearsToTheLastMicrometre) {
   Mat3 A;
   A << 1.2, 0.3, 0.0, -0.1, 0.9, 0.2, 0.05, 0.0, 0.8;
@@ -60,7 +60,7 @@ TEST(ABladeCarriedBack, UndoesAStretchThatTurnsAndShearsToTheLastMicrometre) {
   EXPECT_LT((rest.vertex - expected).cwiseAbs().maxCoeff(), 1e-3);
 }
 
-// Far from uniform: the place found is asked for where it goes, by other shape functions than the search has.
+// The displacement is not uniform. The result is mapped forward with shape functions not used by the search.
 TEST(ABladeCarriedBack, InABentAndPressedBodyEndsWhereTheTissueGoesThere) {
   ModelOptions options;
   options.cloud.count = 800;
@@ -95,7 +95,7 @@ TEST(ABladeCarriedBack, ThatMissesTheBodyAsItThenIsIsRefusedThoughItMetTheBodyAt
   EXPECT_NO_THROW(carried_back(disc_sheet({100.0, 0.0, 15.0}, Vec3::UnitX(), 10.0, 2.0), whole_block(), u));
 }
 
-// A slit whose banks have passed through each other by 12 mm: two pieces of tissue lie there.
+// The faces of a slit have passed through each other by 12 mm: two pieces of tissue overlap there.
 TEST(ABladeCarriedBack, IsRefusedWhereTwoPartsOfTheBodyHaveComeToLie) {
   ModelOptions options;
   options.cloud.count = 1500;
@@ -109,12 +109,12 @@ TEST(ABladeCarriedBack, IsRefusedWhereTwoPartsOfTheBodyHaveComeToLie) {
   EXPECT_NO_THROW(carried_back(disc_sheet({-15.0, 0.0, 20.0}, Vec3::UnitY(), 3.0, 1.0), slit, u));
 }
 
-// In the gap there is no tissue to follow: between the banks the blade goes straight on.
+// In the gap there is no tissue to follow: between the faces of the cut the blade is straight.
 TEST(ABladeCarriedBack, AcrossACutThatGapesGoesFromBankToBankWithHardlyAFold) {
   ModelOptions options;
   options.cloud.count = 1500;
   const BodySurface body = make_body_surface(block_image(), {}).surface;
-  const Vec3 at(45.0, 34.5, 34.5);  // its middle stands at x = y = 34.5, its top at z = 34.5
+  const Vec3 at(45.0, 34.5, 34.5);  // its middle is at x = y = 34.5, its top at z = 34.5
   const TriangleMesh slit =
       swept_sheet(at + Vec3(0.0, -40.0, 0.0), at + Vec3(0.0, 40.0, 0.0), -Vec3::UnitZ(), 3.0, 26.0, 2.0);
   const Eigen::Isometry3d to_body = body.to_world().inverse();

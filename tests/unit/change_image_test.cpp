@@ -1,4 +1,4 @@
-// An image or its surface made otherwise on purpose, to see what the force feels of it.
+// Deliberate changes of an image or its surface, whose effect on the force is then measured.
 
 #include "preprocess/image/change_image.hpp"
 
@@ -15,7 +15,7 @@ namespace {
 
 const Vec3 half_lengths(14.0, 11.0, 9.0), middle(20.0, 18.0, 15.0);
 
-// Of two labels, the smaller one in its core; an odd number of voxels along one axis.
+// Ellipsoid of two labels, the smaller one in its core; an odd number of voxels along one axis.
 LabelImage ellipsoid(const Vec3& spacing = Vec3(1.0, 1.0, 1.5)) {
   return image_of({41, 36, 20}, spacing, [&](Index i, Index j, Index k) {
     const Vec3 x = spacing.cwiseProduct(place_of(i, j, k));
@@ -41,7 +41,7 @@ TEST(DoubleVoxels, HoldTheSameLabelsAtTheSamePlaces) {
 }
 
 TEST(DoubleVoxels, AreOfTheBodyWhereHalfOfThemIs) {
-  // Half of the first two voxels, three and five of eight of the next, with two labels.
+  // Labelled are half of the first two voxels, then three and five of eight, with two labels.
   const LabelImage fine = image_of({8, 2, 2}, Vec3::Ones(), [](Index i, Index j, Index k) {
     if (i < 4) return k > 0 ? 0 : i == j ? 7 : 5;
     if (i < 6) return i == 4 && j + k < 2 ? 5 : 0;

@@ -37,7 +37,7 @@ vtkSmartPointer<vtkImageData> decoded(const fs::path& file) {
   return reader->GetOutput();
 }
 
-/// The texts in an SVG, as a reader sees them; a test failure where it is not XML.
+/// Texts in an SVG, as a reader sees them; fails the test if it is not XML.
 std::vector<std::string> texts_of(const std::string& svg) {
   std::istringstream in(svg);
   vtkNew<vtkXMLDataParser> parser;
@@ -59,8 +59,8 @@ std::vector<std::string> texts_of(const std::string& svg) {
   return texts;
 }
 
-/// Drawn both ways: a PNG of the right size that is not empty, an SVG that is XML without numbers that are
-/// none. Returns the texts.
+/// Draws a PNG of the right size that is not empty, and an SVG that is XML without invalid numbers. Returns
+/// its texts.
 template <class Panel>
 std::vector<std::string> expect_drawn(const std::vector<Panel>& panels) {
   const fs::path folder = fresh_folder();
@@ -261,7 +261,7 @@ TEST(Chart, GivesTheSameColourToTheSameNumber) {
   const std::string drawn = read_file(file);
   EXPECT_EQ(times_in(drawn, "fill=\"none\" stroke=\"#0072b2"), 4U);  // two curves and their samples
   EXPECT_EQ(times_in(drawn, "fill=\"none\" stroke=\"#d55e00"),
-            2U);  // the one that asked for nothing takes the next
+            2U);  // a series without a colour uses the next
 }
 
 TEST(Chart, RefusesLengthsThatDoNotAgree) {

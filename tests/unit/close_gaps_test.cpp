@@ -1,4 +1,4 @@
-// Narrow gaps in a body: closed by a ball, whatever the voxels' shape, and told of where they stay.
+// Narrow gaps in a body: closed by a ball for any shape of voxels, and reported where they remain.
 
 #include "preprocess/image/close_gaps.hpp"
 
@@ -23,8 +23,8 @@ std::int64_t voxels(const LabelImage& image) {
   return count;
 }
 
-/// A block of `size` voxels, two empty ones around it, with a slit of `wide` voxels across `axis` that goes
-/// from the top of another axis to `deep` of it.
+/// A block of `size` voxels, with two empty ones around it. A slit of `wide` voxels across `axis` goes from
+/// the top of another axis to `deep` of it.
 LabelImage slit_block(std::array<Index, 3> size, const Vec3& spacing, std::size_t axis, Index wide) {
   const std::size_t up = (axis + 1) % 3;
   const Index from = 2 + size[axis] / 2, floor = 2 + size[up] / 3;
@@ -49,7 +49,7 @@ TEST(CloseGaps, FillsASlitThatIsNarrowerAndLeavesAWiderOneAcrossAnyAxisOfAnyVoxe
         const ClosedImage closed = close_gaps(image, {}, 4.0);
         const double share =
             static_cast<double>(voxels(closed.image) - voxels(image)) / static_cast<double>(slit);
-        // Of a wide slit the ball cannot reach the edges at the bottom; into a narrow one's mouth it sags.
+        // The ball cannot reach the bottom edges of a wide slit; it sags into the mouth of a narrow one.
         if (width > 4.0) {
           EXPECT_LT(share, 0.1);
         } else if (width <= 4.0 - across) {
@@ -92,7 +92,7 @@ TEST(CloseGaps, LeavesABodyWithoutGapsAlone) {
 }
 
 TEST(CloseGaps, WeldsNoOtherPieceOn) {
-  // A block, and a speck two voxels beside it.
+  // The image has a block, and a speck two voxels from it.
   const LabelImage image = image_of({40, 24, 24}, Vec3::Ones(), [](Index i, Index j, Index k) {
     const bool block = i >= 2 && i < 22 && j >= 2 && j < 22 && k >= 2 && k < 22;
     const bool speck = i >= 24 && i < 28 && j >= 10 && j < 14 && k >= 10 && k < 14;
@@ -102,7 +102,7 @@ TEST(CloseGaps, WeldsNoOtherPieceOn) {
 }
 
 TEST(CloseGaps, GivesTheAddedVoxelsTheNearestOfTheChosenLabels) {
-  // Tissue 1 left of a slit and tissue 2 right of it, fluid 7 within.
+  // The image has tissue 1 left of a slit, tissue 2 right of it, and fluid 7 within.
   const LabelImage image = image_of({44, 24, 24}, Vec3::Ones(), [](Index i, Index j, Index k) {
     if (i < 2 || i >= 42 || j < 2 || j >= 22 || k < 2 || k >= 22) return 0;
     if (i >= 20 && i < 23 && k >= 8) return 7;
@@ -127,7 +127,7 @@ TEST(CloseGaps, IsTheSameHoweverTheBodyIsTurnedAndForAnyNumberOfThreads) {
   };
   const LabelImage image = image_of(
       size, spacing, [&](Index i, Index j, Index k) { return tissue(at(0, i), at(1, j), at(2, k)) ? 1 : 0; });
-  // Axes in another order, one of them backwards.
+  // The image has its axes in another order, one of them backwards.
   const LabelImage turned = image_of(
       {size[2], size[0], size[1]}, Vec3(spacing[2], spacing[0], spacing[1]),
       [&](Index a, Index b, Index c) { return tissue(at(0, b), at(1, size[1] - 1 - c), at(2, a)) ? 1 : 0; });
@@ -161,8 +161,8 @@ TEST(FacingShare, OfASmoothBodyIsNoneAndOfASlitIsTheShareOfItsWalls) {
           .surface,
       4.0);
   EXPECT_EQ(block, 0.0);
-  // A cube of 40 mm with a slit 2 mm wide and 26 mm deep across it: two walls of 40 x 26 mm beside its own
-  // six.
+  // A cube of 40 mm with a slit 2 mm wide and 26 mm deep has two walls of 40 x 26 mm in addition to its six
+  // faces.
   const LabelImage image = slit_block({40, 40, 40}, Vec3::Ones(), 0, 2);
   const double walls = 2.0 * 40 * 26, share = walls / (6.0 * 40 * 40 + walls - 2.0 * (40 + 2 * 26));
   EXPECT_NEAR(facing_share(make_body_surface(image, {}).surface, 4.0), share, 0.03);

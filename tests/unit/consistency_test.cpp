@@ -1,4 +1,4 @@
-// Gradients that satisfy the divergence theorem, as the product's models have them.
+// Gradients that satisfy the divergence theorem, as in the product's models.
 
 #include "preprocess/supports/consistency.hpp"
 
@@ -10,7 +10,7 @@
 namespace dimple {
 namespace {
 
-// The product's block with the gradients that it has before they are made consistent.
+// The product's block with its gradients before they are made consistent.
 Model inconsistent_block() {
   Model model = testing_bodies::averaged_block();
   find_supports(model);

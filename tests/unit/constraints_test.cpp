@@ -102,7 +102,7 @@ TEST(Constraints, PutEachSetWhereItsShareOfTheWayHasBroughtIt) {
   EXPECT_EQ(u.col(3), Eigen::Vector4d(7, 7, 3, 0));
 }
 
-// A patch of a side that is drawn outwards while the tool comes down: known to no marcher.
+// A patch of a side is drawn outwards while the tool moves down; no march has code for it.
 TEST(Constraints, ARetractorIsFollowedByEveryWayOfMarching) {
   const Model model = averaged_block(5);
   const ForceSystem system(model, neo_hookean(210.0, 0.45, 1000.0));
@@ -124,7 +124,6 @@ TEST(Constraints, ARetractorIsFollowedByEveryWayOfMarching) {
     const double force = history.force.back().force;
     if (time == TimeMode::quasi_static) still = force;
     EXPECT_NEAR(force, still, 0.02 * still);
-    // What retractor and tool have done is stored.
     EXPECT_NEAR(history.energy.back().external - history.energy.back().dissipated,
                 history.energy.back().stored, 0.03 * history.energy.back().stored);
     if (time != TimeMode::quasi_static) continue;

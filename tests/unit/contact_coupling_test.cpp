@@ -10,7 +10,7 @@
 namespace dimple::contact_coupling_test {
 namespace {
 
-// A sphere above the block, its tip where it first touches, and `deeper` [m] along its push.
+// A sphere above the block with its tip at first contact, `deeper` [m] along the press direction.
 Touch sphere(const Model& model, double deeper, double friction = 0.0) {
   Touch touch;
   touch.shape = sphere_shape(10e-3);  // over several of the nodes, which are 3.3 mm apart
@@ -21,7 +21,7 @@ Touch sphere(const Model& model, double deeper, double friction = 0.0) {
   return touch;
 }
 
-// The block on its base, with one rigid contact, undeformed.
+// The undeformed block on its base, with one rigid contact.
 struct InContact {
   const ForceSystem forces;
   System body;

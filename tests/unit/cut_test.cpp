@@ -78,8 +78,8 @@ TEST(ACut, ThatMeetsNoTissueIsRefusedByThatReason) {
   EXPECT_THROW(cut(body, {blade, blade}, gap, Vec3::Zero()), ModelError) << "twice the same";
 }
 
-// Tangent to faces, through edges and corners, along the surface, outside: never an open surface or a lost
-// piece of tissue.
+// Planes tangent to faces, through edges and corners, along the surface, outside: never an open surface or a
+// lost piece of tissue.
 TEST(ACut, OfAnyPlaceAndSizeLosesNoTissue) {
   constexpr int bodies = 60;
   const BodySurface ellipsoid = cut_ellipsoid_surface({30.0, 25.0, 20.0}, -8.0, 80),

@@ -1,4 +1,4 @@
-// The field on the voxels of an image, both ways: on a block whose nodes are moved by hand.
+// Displacements on an image's voxels, forward and backward, on a block with prescribed nodal displacements.
 
 #include "preprocess/output/deformation_map.hpp"
 
@@ -16,7 +16,8 @@ namespace {
 
 using namespace testing_bodies;
 
-/// As under a tool of 6 mm radius, 6 mm deep: down and apart under it, nothing at the bottom [m].
+/// Displacements like those under a tool of 6 mm radius, 6 mm deep: down and apart under it, zero at the
+/// bottom [m].
 Points pressed(const Points& X) {
   Points u(3, X.cols());
   for (Index a = 0; a < X.cols(); ++a) {
@@ -28,7 +29,7 @@ Points pressed(const Points& X) {
   return u;
 }
 
-/// The block in the middle of an image whose axes are turned, mirrored or sheared, in voxels of that size.
+/// Grid of such voxels around the block, with rotated, mirrored or sheared axes.
 VoxelGrid grid_with(const Mat3& axes, const Vec3& spacing) {
   VoxelGrid grid;
   grid.to_world.linear() = axes * spacing.asDiagonal();
@@ -183,7 +184,7 @@ TEST_F(Deformed, AroundTheBodyTheFieldContinuesSmoothlyAndEndsAtZero) {
   EXPECT_TRUE(std::all_of(slice_of.begin(), slice_of.end(), [](float x) { return x == 0.0f; }));
 }
 
-// Between a voxel inside and one outside a picture shows what the surface itself does.
+// Between a voxel inside and one outside, an image interpolates the displacement of the surface.
 TEST_F(Deformed, OnTheSurfaceItIsTheFieldThere) {
   const VoxelGrid grid = grid_with(Mat3::Identity(), {2, 2, 2});
   const DeformationMap map(model, field, u, grid);
@@ -217,7 +218,7 @@ TEST_F(Deformed, OnTheSurfaceItIsTheFieldThere) {
 }
 
 TEST_F(Deformed, ALatticeCoarserThanTheVoxelsFindsTheSamePlaces) {
-  // 0.2 mm: more voxels around the block than the lattice may have points.
+  // Voxels of 0.2 mm: more around the block than the lattice may have points.
   VoxelGrid fine = grid_with(Mat3::Identity(), {0.2, 0.2, 0.2});
   const DeformationMap map(model, field, u, fine);
   std::vector<float> place(static_cast<std::size_t>(3 * fine.slice()));

@@ -1,5 +1,5 @@
-// What --explain changes of a tool that touches, and what that does to its force with few nodes. The program
-// itself takes more nodes: see touching_tool_test.
+// Changes that --explain makes to a contacting tool, and their effect on its force with few nodes. The
+// program itself uses more nodes: see touching_tool_test.
 
 #include "apps/studies/explain.hpp"
 
@@ -23,7 +23,7 @@ using testing::ElementsAre;
 
 constexpr double stuck = std::numeric_limits<double>::infinity();
 
-// "choice: instead"
+// Lines "choice: instead".
 std::vector<std::string> lines(const ToolShape& shape, double friction) {
   std::vector<std::string> result;
   for (const ToolChoice& choice : tool_choices(shape, friction))
@@ -74,7 +74,7 @@ TEST(ToolChoices, AreNeverALengthThatAToolCannotHave) {
   EXPECT_EQ(lines(ball, 0.0).size(), 3u);
 }
 
-// Until the base is changed, then it is stopped: all of it takes a minute in the program.
+// The explanation is stopped before the base is changed: all of it takes a minute in the program.
 TEST(Explain, OfASphereTellsWhatItsRadiusDoesOnTheSameNodesAndWhatFrictionDoes) {
   const Scene scene = scene_with({{"image.file", DIMPLE_SAMPLE_DATA "/block_3mm.nrrd"},
                                   {"tool.shape", "sphere:5mm"},
@@ -89,7 +89,7 @@ TEST(Explain, OfASphereTellsWhatItsRadiusDoesOnTheSameNodesAndWhatFrictionDoes) 
     effect[a.what + ": " + a.instead] = a.effect;
   }
   EXPECT_EQ(effect.count("contact: frictionless instead of bonded"), 0u) << "that is the circle's";
-  // The square root of the radius, nearly; the block is 18 radii of the contact thick.
+  // The force is nearly proportional to the square root of the radius; the block is 18 contact radii thick.
   const ToolShape sphere = sphere_shape(5e-3), larger = sphere_shape(5.1e-3);
   const double up = *half_space_force(larger, 1e-3) / *half_space_force(sphere, 1e-3) - 1.0;
   EXPECT_NEAR(up, 0.01, 1e-3);

@@ -1,4 +1,4 @@
-// What other programs are given, and how programs are run.
+// Files for other programs, and how programs are run.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -20,7 +20,7 @@ namespace {
 using testing::HasSubstr;
 using testing::Not;
 
-/// One tetrahedron; node 1 is the base, nodes 2 and 5 the circle.
+/// One tetrahedron; node 1 is the base, nodes 2 and 5 the bonded patch.
 ElementModel one_tetrahedron() {
   ElementModel model;
   model.remarks = {"a remark -- with two hyphens"};
@@ -100,7 +100,7 @@ TEST(Tetrahedra, FillABlockAndMarkItsBaseAndCircle) {
     on_rim = std::max(on_rim, mesh.X.col(a).head<2>().norm());
   }
   EXPECT_NEAR(on_rim, 5.0, 0.01);
-  // The mesh rounds sharp edges: some of the held nodes there lie a little higher.
+  // The mesh rounds sharp edges: some of the held nodes there are slightly higher.
   const auto flat = std::count_if(mesh.base.begin(), mesh.base.end(),
                                   [&](Index a) { return std::abs(mesh.X(2, a)) < 1e-6; });
   EXPECT_GT(static_cast<double>(flat), 0.6 * static_cast<double>(mesh.base.size()));
@@ -111,7 +111,7 @@ TEST(RunProgram, ReturnsTheCodeAndEndsWhatIsToStop) {
   const std::filesystem::path folder = fresh_folder();
   EXPECT_EQ(run_program({"/bin/sh", "-c", "echo words; exit 3"}, folder, "run.txt").code, 3);
   EXPECT_EQ(read_file(folder / "run.txt"), "words\n");
-  // Longer than this test may last.
+  // The command takes longer than this test may last.
   const std::vector<std::string> slow = {"/bin/sh", "-c", "sleep 3000"};
   EXPECT_TRUE(run_program(slow, folder, "run.txt", [] { return true; }).interrupted);
   EXPECT_THROW(run_program({"/no/such/program"}, folder, "run.txt"), UsageError);

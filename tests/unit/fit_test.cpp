@@ -1,4 +1,4 @@
-// The fit of a material to a curve, on numbers alone: no simulation.
+// Fits of a material to a curve, on numbers alone: no simulation.
 
 #include "apps/studies/fit.hpp"
 
@@ -28,14 +28,14 @@ std::vector<double> depths(int count) {
   return result;
 }
 
-// Forces for 1 Pa whose curve bends as `alpha` says.
+// Forces for 1 Pa whose curve bends according to `alpha`.
 std::vector<double> bent(const std::vector<double>& depth, double alpha) {
   std::vector<double> force;
   for (const double d : depth) force.push_back(0.05 * d * std::exp(20.0 * alpha * d));
   return force;
 }
 
-/// Ogden's, as a number to be found.
+/// Exponent of Ogden's law as an unknown of the fit.
 const FitParameter exponent{
     .name = "alpha", .unit = "", .start = 2.0, .least = 0.5, .most = 30.0, .logarithmic = true};
 
@@ -89,7 +89,7 @@ TEST(Fit, SaysWhatACurveDoesNotDetermine) {
   CurveFit blind = fit_curve(depth, truth, {unseen}, [&](const auto&) { return truth; });
   EXPECT_THAT(settle(blind, true), testing::Contains(HasSubstr("does not determine g")));
   EXPECT_FALSE(blind.number[1].determined);
-  // The curve bends less than any of the law's.
+  // The curve bends less than any of the law.
   CurveFit at_limit = fit_curve(depth, truth, {exponent},
                                 [&](const std::vector<double>& numbers) { return bent(depth, numbers[0]); });
   EXPECT_THAT(settle(at_limit, true), testing::Contains(HasSubstr("ran to its limit")));
@@ -131,7 +131,7 @@ TEST(Fit, AModulusAloneLiesBetweenWhatBothEndsOfTheForcesBandGive) {
   EXPECT_NEAR(fit.number[0].discretisation, 1.0 / 0.95 - 1.0, 1e-12);
 }
 
-// What a round tip feels that has come in by d, of 1 Pa.
+// Force on a round tip at depth d in tissue of 1 Pa.
 std::vector<double> of_a_sphere(const std::vector<double>& depth, double touch = 0.0) {
   std::vector<double> force;
   for (const double d : depth) force.push_back(0.2 * std::pow(std::max(0.0, d - touch), 1.5));
@@ -143,7 +143,7 @@ TEST(Fit, SaysWhatTheModulusWouldBeHadTheToolTouchedEarlierOrLater) {
   const double off = off_first_touch(depth.back());
   EXPECT_DOUBLE_EQ(off, 1e-4);
   EXPECT_DOUBLE_EQ(off_first_touch(2e-4), 0.5e-4);
-  for (const double touch : {-off, off}) {  // where the tool of the measured curve touched, with 300 Pa
+  for (const double touch : {-off, off}) {  // place of first contact of the measured curve, with 300 Pa
     const std::vector<double> measured = times(300.0, of_a_sphere(depth, touch));
     CurveFit fit = fit_curve(depth, measured, {}, [&](const auto&) { return unit; });
     const double found = fit.number[0].value;
@@ -209,7 +209,7 @@ TEST(Fit, AModulusIsOffByTheShareOfItsModelsForcesAsTheseWeigh) {
   const std::vector<double> depth = depths(10), unit = of_a_sphere(depth);
   std::vector<double> share, wrong = unit;
   for (std::size_t k = 0; k < depth.size(); ++k) {
-    share.push_back(1e-4 / (depth[k] * 1e3));  // a tool that has hardly touched is known worst
+    share.push_back(1e-4 / (depth[k] * 1e3));  // a slight contact is least accurate
     wrong[k] *= 1.0 + share[k];
   }
   const CurveFit right = fit_curve(depth, unit, {}, [&](const auto&) { return unit; }),
@@ -228,7 +228,7 @@ TEST(ForcesOfTouch, FollowAPowerOfTheDepthBetweenSamplesBeforeTheFirstAndBeyondT
     for (std::size_t k = 0; k < depth.size(); ++k)
       EXPECT_NEAR(force[k] / (3.0 * std::pow(depth[k], power)), 1.0, 1e-12) << depth[k];
   }
-  // Not in contact, or none yet; and one sample alone is a round tip's.
+  // No contact, or none yet; a single sample follows the law of a round tip.
   EXPECT_THAT(forces_of_touch({{0.0, 1e-3, 8.0, 0.0}}, {-1e-3, 0.0, 0.25e-3}),
               testing::ElementsAre(0.0, 0.0, testing::DoubleNear(1.0, 1e-12)));
   EXPECT_THAT(forces_of_touch({{0.0, 0.0, 0.0, 0.0}}, {1e-3}), testing::ElementsAre(0.0));

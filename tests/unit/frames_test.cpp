@@ -1,4 +1,4 @@
-// Frames are for looking: in equilibrium the march does not know of them.
+// Output frames do not affect a quasi-static march.
 
 #include <gtest/gtest.h>
 
@@ -16,7 +16,7 @@ using namespace testing_bodies;
 
 struct Seen {
   History history;
-  std::vector<double> depth, force;  // of frames: the load's depth and the reaction of the circle
+  std::vector<double> depth, force;  // of frames: the load's depth and the reaction of the patch
 };
 
 Seen march(const Model& model, const Tissues& tissues, double depth, const SolverOptions& options) {

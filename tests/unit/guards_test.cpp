@@ -1,4 +1,4 @@
-// Each guard is provoked, and its message read.
+// Every guard is provoked, and its message checked.
 
 #include "solver/guards.hpp"
 
@@ -23,7 +23,7 @@ using Nodal = ForceSystem::Nodal;
 const Material tissue = neo_hookean(210.0, 0.49, 1000.0);
 const Material brain = neo_hookean(210.0, 0.499, 1000.0);
 
-// All five parts are there.
+// Expects a report with all five parts.
 void expect_whole(const Report& r, const std::string& code) {
   EXPECT_EQ(r.code, code);
   for (const std::string* part : {&r.fact, &r.where, &r.why, &r.remedy}) EXPECT_FALSE(part->empty()) << code;
@@ -35,7 +35,7 @@ const Finding* finding(const std::vector<Finding>& findings, const std::string& 
   return nullptr;
 }
 
-/// The finding of that code, with all parts of its report; the test fails where there is none.
+/// Finding with that code and all parts of its report; fails the test if there is none.
 Finding found_in(const std::vector<Finding>& findings, const std::string& code) {
   const Finding* found = finding(findings, code);
   EXPECT_NE(found, nullptr) << code;
@@ -50,7 +50,7 @@ TEST(Text, HasNoExponent) {
   EXPECT_EQ(text(3.103e-7, " %, ", 1.5e7, ", ", 7, ", ", 0.5f), "0.0000003103 %, 15000000, 7, 0.5");
 }
 
-// A sheet so thin beside its supports that all nodes around a point lie nearly in a plane.
+// The sheet is so thin compared with its supports that all nodes around a point are nearly in a plane.
 TEST(ModelGuard, FindsSupportsThatLieNearlyInAPlane) {
   const auto sheet = [](double thinner) {
     Model model = block(4);
@@ -87,7 +87,7 @@ TEST(ModelGuard, FindsACloudThatIsSparseBesideItsSupports) {
   const Finding found = found_in(findings, "supports");
   EXPECT_THAT(found.report.fact, HasSubstr(std::to_string(support.grown)));
 
-  Model few = block(2);  // so few in all that no support has enough
+  Model few = block(2);  // so few that no support has enough
   few.X = Points(few.X.leftCols(6));
   few.spacing = Eigen::VectorXd(few.spacing.head(6));
   few.base = {0};
@@ -134,8 +134,8 @@ TEST_F(StateGuard, OfAToolThatLeavesWarnsOnceAndOnlyWhereTheTissueSpringsBackByM
   EXPECT_EQ(findings.size(), 1u);
 }
 
-// Under a sphere that first touched a block the tissue moved by 0.76 mm with the tool's 0.75 mm, and the
-// curve was right to its end.
+// Under a sphere at first contact with a block, tissue moved by 0.76 mm with the tool's 0.75 mm. The curve
+// was correct to its end.
 TEST_F(StateGuard, OfALimitPointWarnsOnceAndOnlyWhereANodeJumpsByMoreThanTheToolMoved) {
   u(2, 3) = -0.76e-3;
   guards.found_limit_point(u, 0.75e-3, false, now);
@@ -237,7 +237,7 @@ TEST_F(StateGuard, SeesADisplacementThatIsNoNumberAtAPoint) {
   expect_whole(report_of<SolveError>([&] { guards.check_sweep(sweep, now); }), "non-finite");
 }
 
-// As a sharp rim does: one node pushed through its neighbours.
+// One node is pressed through its neighbours, as at a sharp edge of the contact patch.
 TEST_F(StateGuard, SaysThatAFewPointsAreInsideOutAndStopsForMany) {
   const Index a = model.circle.front();
   u(2, a) = -1.6 * model.spacing[a];
@@ -256,7 +256,7 @@ TEST_F(StateGuard, SaysThatAFewPointsAreInsideOutAndStopsForMany) {
   expect_whole(report_of<SolveError>([&] { guards.check_points(sweep, now); }), "inverted");
 }
 
-// What was crushed on the way and is not any more has a stress.
+// Points that were crushed earlier but no longer are have a stress.
 TEST_F(StateGuard, CountsPointsWithoutStressInTheLastStateAlone) {
   const auto check = [&](double height) {
     const ForceSystem::Sweep sweep =
@@ -291,7 +291,7 @@ TEST_F(StateGuard, OfThePapersSchemeStopsForOnePointInsideOut) {
 TEST_F(StateGuard, SeesNearlyIncompressibleTissueChangeItsVolume) {
   guards.check_points(forces.stress_sweep(affine(model, 1.02 * Mat3::Identity())), now);
   EXPECT_TRUE(findings.empty());
-  // The upper tenth only, then all of it.
+  // First only the upper tenth expands, then the whole body.
   for (Index a = 0; a < model.node_count(); ++a)
     if (model.X(2, a) > 17e-3) u(2, a) = 0.5 * (model.X(2, a) - 17e-3);
   guards.check_points(forces.stress_sweep(u), now);
@@ -300,7 +300,7 @@ TEST_F(StateGuard, SeesNearlyIncompressibleTissueChangeItsVolume) {
   const ForceSystem::Sweep all = forces.stress_sweep(affine(model, 1.2 * Mat3::Identity()));
   expect_whole(report_of<SolveError>([&] { guards.check_points(all, now); }), "volume");
 
-  const ForceSystem sponge(model, neo_hookean(210.0, 0.3, 1000.0));  // may be pressed together
+  const ForceSystem sponge(model, neo_hookean(210.0, 0.3, 1000.0));  // compressible
   System sponge_body(sponge, model, {});
   std::vector<Finding> none;
   Guards(sponge_body, true, true, none)
@@ -320,13 +320,13 @@ TEST_F(StateGuard, SeesEnergyThatIsNotBalanced) {
       report_of<SolveError>([&] { guards.check_energy(sample(1.2 * J), J, 1.0, false, now); });
   expect_whole(gained, "energy");
   EXPECT_THAT(gained.fact, HasSubstr("appeared from nowhere"));
-  EXPECT_NO_THROW(guards.check_energy(sample(0.8 * J), J, 1.0, false, now));  // lost by steps that damp
+  EXPECT_NO_THROW(guards.check_energy(sample(0.8 * J), J, 1.0, false, now));  // lost by damping steps
   EXPECT_THAT(report_of<SolveError>([&] { guards.check_energy(sample(0.8 * J), J, 1.0, true, now); }).fact,
               HasSubstr("lost"));
-  // Of a body that is left to itself, which no other step mends, it tells alone.
+  // For a body without a tool, where no other step helps, the guard only warns.
   EXPECT_NO_THROW(guards.check_energy(sample(1.3 * J), J, 1.0, false, now, /*warns_alone=*/true));
   EXPECT_NEAR(finding(findings, "energy")->worst, 0.3, 1e-9);
-  // Central differences gain none but by instability.
+  // Central differences gain energy only by instability.
   const Moment marching = {.t = 1.0, .depth = 2e-3, .dt = 0.9e-3, .dt_stable = 1e-3};
   EXPECT_NO_THROW(guards.check_energy(sample(1.01 * J), J, 1.0, true, marching));
   EXPECT_NO_THROW(guards.check_energy(sample(0.97 * J), J, 1.0, true, marching));
@@ -350,7 +350,7 @@ TEST_F(StateGuard, SeesAForceThatJumpsFromSampleToSample) {
   EXPECT_NEAR(found.worst, 0.084, 1e-9);
   EXPECT_THAT(found.report.fact, HasSubstr("by 8.40 % of the largest"));
   std::vector<Finding> none;
-  Guards(body, false, true, none).check_smooth(force, 0.1, 2.0, now);  // a fast push may ring
+  Guards(body, false, true, none).check_smooth(force, 0.1, 2.0, now);  // a fast load may ring
   EXPECT_TRUE(none.empty());
 }
 
@@ -363,12 +363,12 @@ TEST_F(StateGuard, SeesABodyThatSwingsWhereTheAnswerShouldBeStatic) {
   EXPECT_NEAR(found.worst, 0.1, 1e-9);
   EXPECT_THAT(found.report.remedy, HasSubstr("--damping"));
   std::vector<Finding> none;
-  Guards(body, false, true, none).check_energy(vibrating, 1.1e-4, 2.0, true, now);  // a fast push may vibrate
+  Guards(body, false, true, none).check_energy(vibrating, 1.1e-4, 2.0, true, now);  // a fast load may vibrate
   EXPECT_TRUE(none.empty());
 }
 
-// Up and down from node to node of a lattice whose cells are those of the integration: no mean gradient sees
-// it.
+// Nodes alternate up and down in a lattice that is also that of the integration, so all mean gradients are
+// zero.
 TEST_F(StateGuard, SeesEnergyInModesThatMeanGradientsDoNotSee) {
   const Model lattice = averaged_block(5, 0.0, 1.0);
   const ForceSystem own(lattice, brain);
@@ -429,7 +429,7 @@ TEST(Recovery, OfALongTimeStepBeginsWithinAHundredStepsAndEndsAtTheForceOfAShort
   }
 }
 
-// So deep in one segment that its step, stable at rest, is not at the end.
+// One segment is so deep that the step that is stable at rest becomes unstable.
 TEST(Recovery, GoesBackToTheLastFrameWhenTheStableStepShrinksUnderTheLoad) {
   const Model model = block(8);
   const ForceSystem system(model, tissue);
@@ -449,7 +449,7 @@ TEST(Recovery, GoesBackToTheLastFrameWhenTheStableStepShrinksUnderTheLoad) {
     ASSERT_FALSE(history.retries.empty());
     EXPECT_THAT(history.retries.front().code,
                 testing::AnyOf("time-step", "energy", "inverted", "non-finite"));
-    EXPECT_THAT(frames, testing::ElementsAre(0, 1, 2));  // each once
+    EXPECT_THAT(frames, testing::ElementsAre(0, 1, 2));
     EXPECT_NEAR(history.force.back().force, undisturbed.force.back().force,
                 2e-3 * undisturbed.force.back().force);
     for (std::size_t k = 1; k < history.force.size(); ++k)
@@ -462,7 +462,7 @@ TEST(Recovery, GoesBackToTheLastFrameWhenTheStableStepShrinksUnderTheLoad) {
   }
 }
 
-// Supports so wide, and points so few, that the circle's nodes move on alone.
+// Supports are so wide, and points so few, that displacements of the patch's nodes have no resistance.
 TEST(Recovery, IsNotTriedForModesThatNothingResists) {
   const Model model = block(8, 0.2, 1.15, {.radius_factor = 2.5});
   const ForceSystem system(model, tissue);
@@ -511,7 +511,7 @@ TEST(Recovery, FindsAnEquilibriumByShorterStepsOfTheLoad) {
   History undisturbed;
   solve(TimeMode::quasi_static, system, model, load, {.frames = 2}, {}, undisturbed);
   ASSERT_TRUE(undisturbed.retries.empty());
-  // So few evaluations for each that the whole way is too long.
+  // The evaluations do not suffice for the whole load step.
   std::int64_t enough = 20;
   History history;
   for (; enough < 200; ++enough) {
@@ -523,7 +523,7 @@ TEST(Recovery, FindsAnEquilibriumByShorterStepsOfTheLoad) {
       EXPECT_EQ(error.report.code, "no-equilibrium");
       EXPECT_THAT(error.report.why, HasSubstr("it came again with steps of the load down to"));
       EXPECT_GE(history.retries.size(), 1u);
-      EXPECT_LE(history.retries.size(), 4u);  // down to a sixteenth of the way between two frames
+      EXPECT_LE(history.retries.size(), 4u);  // down to a sixteenth of the distance between two frames
     }
   }
   ASSERT_FALSE(history.retries.empty()) << enough;

@@ -14,7 +14,7 @@ namespace {
 
 using testing::HasSubstr;
 
-// The force of a sphere on a half-space, proportional to depth^1.5, at five depths up to 2 mm; 10 mN there.
+// Force of a sphere on a half-space, proportional to depth^1.5, at five depths up to 2 mm; 10 mN there.
 std::vector<ForceSample> sphere_curve() {
   std::vector<ForceSample> curve;
   for (int k = 0; k <= 4; ++k) {
@@ -75,7 +75,7 @@ TEST(ImageError, OfTheBondedCircleIsByTheThicknessAlone) {
 }
 
 TEST(ImageError, OfTheThicknessFollowsTheLayersForce) {
-  // -d ln F / d ln H by differences of the polynomial of Dimitriadis et al. (2002).
+  // Reference: -d ln F / d ln H by differences of the polynomial of Dimitriadis et al. (2002).
   const auto layer = [](double x) {
     return 1.0 + 1.133 * x + 1.283 * x * x + 0.769 * x * x * x + 0.0975 * x * x * x * x;
   };
@@ -87,7 +87,7 @@ TEST(ImageError, OfTheThicknessFollowsTheLayersForce) {
   EXPECT_LT(thickness_exponent(0.02), 0.03) << "a thick body does not feel its base";
 }
 
-// Heights over a square of 40 mm, in triangles of a millimetre; outward is up.
+// Surface of these heights over a square of 40 mm, in triangles of a millimetre; outward is up.
 Surface surface_of(const std::function<double(double, double)>& height_mm) {
   constexpr int count = 41;
   Surface surface;

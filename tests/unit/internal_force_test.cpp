@@ -15,7 +15,7 @@ using Nodal = ForceSystem::Nodal;
 
 const Material tissue = neo_hookean(210.0, 0.499, 1000.0);
 
-// The first `count` points of a model: the sweep takes four or eight at once, points_at_once from their nodes
+// Model with the first `count` points. The sweep takes four or eight at once, points_at_once from their nodes
 // and back, and a block of points_per_block at a time.
 Model first_points(const Model& whole, Index count) {
   Model part = whole;
@@ -27,7 +27,7 @@ Model first_points(const Model& whole, Index count) {
   return part;
 }
 
-// The same force point by point with the plain formulas of the material.
+// Internal force, point by point, from the plain formulas of the material.
 Nodal plain_force(const Model& model, const Material& material, const Nodal& u) {
   Nodal f = Nodal::Zero(4, model.node_count());
   for (Index q = 0; q < model.point_count(); ++q) {
@@ -85,8 +85,7 @@ TEST(InternalForce, ReportsTheSmallestVolumeRatioAndWhereItIs) {
   EXPECT_NEAR(sweep.J_min, least, 1e-13);
 }
 
-// One point, in each lane and in a lane beside the last whole four, is turned inside out or made not a
-// number.
+// One point in each SIMD lane, or after the last full four, is turned inside out or made not a number.
 TEST(InternalForce, ReportsTheBadPointInsteadOfThrowingWhereverItIs) {
   const Model whole = first_points(block(5), points_per_block + 3);
   ASSERT_EQ(whole.point_count(), points_per_block + 3);
@@ -95,8 +94,7 @@ TEST(InternalForce, ReportsTheBadPointInsteadOfThrowingWhereverItIs) {
     for (const double spoilt : {-1e9, std::nan(""), std::numeric_limits<double>::infinity()}) {
       SCOPED_TRACE(testing::Message() << "point " << bad << ", " << spoilt);
       Model model = whole;
-      // A displacement of the form x -> stretch along x: a gradient of this point alone that is far too
-      // large.
+      // For a stretch along x, the gradient of this point alone is far too large.
       for (int k = model.support.offset[bad]; k < model.support.offset[bad + 1]; ++k)
         model.dphi.col(k) *= spoilt;
       const ForceSystem system(model, tissue);
@@ -124,7 +122,7 @@ TEST(InternalForce, ABadPointCarriesNoStressAndLeavesTheOthersTheirs) {
   EXPECT_EQ(f, f_without);
 }
 
-// One system serves any number of states, and what one does the other does not notice.
+// One system serves any number of states, which do not affect each other.
 TEST(InternalForce, IsAFunctionOfTheDisplacementAndTheStateAlone) {
   const Model model = averaged_block(5);
   Material relaxing = neo_hookean(842.0, 0.49, 1000.0);
@@ -192,7 +190,7 @@ TEST(InternalForce, TheGatherVisitsEveryNodeOnce) {
   EXPECT_EQ(visits, std::vector<int>(visits.size(), 1));
 }
 
-// A microstrain: det F - 1 computed as such would lose ten of sixteen digits, and kappa multiplies the rest.
+// For a microstrain the plain det F - 1 would lose ten of sixteen digits, and kappa amplifies the error.
 TEST(InternalForce, KeepsItsDigitsNearRest) {
   const Model model = block(4);
   const ForceSystem system(model, tissue);

@@ -24,7 +24,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// An unsymmetric body of three labels with known names, far from a cube, so that no turn maps it to itself.
+/// An asymmetric body of three labels with known names, so that no rotation maps it to itself.
 LabelImage body() {
   LabelImage image;
   image.size = {5, 7, 4};
@@ -37,14 +37,14 @@ LabelImage body() {
   return image;
 }
 
-/// The same body turned in space about a skew axis.
+/// The body, rotated about a skew axis.
 LabelImage oblique_body() {
   LabelImage image = body();
   image.to_world = Eigen::AngleAxisd(0.3, Vec3(1, 2, -1).normalized()) * image.to_world;
   return image;
 }
 
-/// Equal labels in equal places.
+/// Expects equal labels at equal places.
 void expect_same(const LabelImage& a, const LabelImage& b, double tolerance_mm) {
   EXPECT_EQ(a.size, b.size);
   EXPECT_EQ(a.run, b.run);
@@ -67,7 +67,7 @@ Report refusal(const std::string& name, const std::string& content) {
   return report;
 }
 
-/// One of the report's four texts, for a test to look into.
+/// All four texts of a report in one string.
 std::string all(const Report& r) {
   return r.fact + " | " + r.where + " | " + r.why + " | " + r.remedy;
 }
@@ -82,7 +82,7 @@ bool warns_of(const LabelImage& image, const std::string& words) {
 // -------------------------------------------------------------------------------------------- geometry
 
 TEST(LabelImage, GivesTheSameOrganForEveryStorageOrder) {
-  LabelImage half_way = body();  // turned by 45 degrees, +L and +P are equally near
+  LabelImage half_way = body();  // rotated by 45 degrees, +L and +P are equally near
   half_way.to_world = Eigen::AngleAxisd(std::acos(-1.0) / 4.0, Vec3::UnitZ()) * half_way.to_world;
   for (const LabelImage& organ : {body(), oblique_body(), half_way}) {
     const bool one_nearest = organ.to_world.matrix() != half_way.to_world.matrix();
@@ -113,7 +113,7 @@ TEST(LabelImage, GivesTheSameOrganForEveryStorageOrder) {
 }
 
 TEST(LabelImage, KeepsEveryVoxelInItsPlaceUnderAnyTurn) {
-  // Independent of the choice of axes: the multiset of (position, label) is what counts.
+  // The multiset of (position, label) does not depend on the choice of axes.
   std::mt19937 random(3);
   std::uniform_real_distribution<double> angle(-3.0, 3.0);
   for (int turn = 0; turn < 50; ++turn) {
@@ -157,8 +157,8 @@ LabelImage bumpy_body(const Vec3& spacing) {
   return image;
 }
 
-// As programs differ in how they write one image: storage order, format, single or double precision, six
-// digits, and any rounding of a millionth of a millimetre.
+// Programs write one image in different forms: storage order, format, single or double precision, six digits,
+// and any rounding by a millionth of a millimetre.
 TEST(LabelImage, HasTheSameShapeHoweverItIsStoredAndItsHeaderRounded) {
   std::mt19937 random(11);
   std::uniform_real_distribution<double> rounding(-1e-6, 1e-6);
@@ -177,7 +177,7 @@ TEST(LabelImage, HasTheSameShapeHoweverItIsStoredAndItsHeaderRounded) {
             StoredImage raw = stored_as(organ, axis, {(signs & 1) != 0, (signs & 2) != 0, (signs & 4) != 0});
             for (double& x : raw.to_world.matrix().topRows<3>().reshaped()) {
               if (rounded == 1) x += rounding(random);
-              // Not of oblique axes: three numbers of six digits say a length to five.
+              // Oblique axes are excluded: three numbers of six digits give a length to five.
               if (rounded == 2 && !oblique) x = std::stod((std::ostringstream() << x).str());  // six digits
             }
             for (const auto& [name, bytes] : {std::pair{"a.nrrd", nrrd_of(raw)},
@@ -191,13 +191,13 @@ TEST(LabelImage, HasTheSameShapeHoweverItIsStoredAndItsHeaderRounded) {
               const LabelImage image = read(name, bytes);
               ++ways;
               ASSERT_EQ(image.run, first.run);
-              ASSERT_EQ(image.spacing(), first.spacing());  // to the last bit
+              ASSERT_EQ(image.spacing(), first.spacing());
               ASSERT_EQ(image.voxel_volume(), first.voxel_volume());
               ASSERT_LT((image.to_world.matrix() - organ.to_world.matrix()).cwiseAbs().maxCoeff(), 2e-3);
               if (!oblique) {
                 ASSERT_EQ(image.to_world.linear(), first.to_world.linear());
               }
-              if (signs != 3) continue;  // the rest of the way for some
+              if (signs != 3) continue;  // the surface is checked for some only
               const SegmentedBody same = make_body_surface(image, {});
               ASSERT_EQ(same.surface.vertex().cols(), body.surface.vertex().cols());
               ASSERT_EQ((same.surface.vertex() - body.surface.vertex()).cwiseAbs().maxCoeff(), 0.0);
@@ -334,7 +334,7 @@ TEST(LabelImage, RoundsLabelsThatAreWholeNumbersButForRoundingAndWarns) {
   }
   EXPECT_FALSE(warns_of(read("whole.nii", with_value(3.0f)), "rounded"));
 
-  // Bytes scaled by 12/255: half a step is 0.0235, and label 6 is just as far from its number.
+  // Bytes are scaled by 12/255: half a step is 0.0235, and label 6 is just as far from its number.
   LabelImage twice = body();
   for (auto& part : twice.run) part.label *= 2;
   NiftiFile scaled(as_it_is(twice));
@@ -356,7 +356,7 @@ TEST(LabelImage, RefusesVoxelsThatAreNoLabels) {
                                      {3e9f, "larger than"}})
     EXPECT_SAYS(refusal("bad.nii", with_value(value)).fact, words);
 
-  // Numbers that are no multiples of labels: an MRI with its scale.
+  // Values that are not multiples of labels, from an MRI with its scale.
   for (const float slope : {0.1f, 0.5f, 2.0f / 3.0f, 1.25f}) {
     NiftiFile mri(raw);
     for (char& v : mri.voxels) v = static_cast<char>(v + 1);
@@ -366,10 +366,10 @@ TEST(LabelImage, RefusesVoxelsThatAreNoLabels) {
 }
 
 // -------------------------------------------------------------------------------------------- refusals
-// Most of them stand in the table of tests/end_to_end/hostile_images_test.cpp.
+// Most refusals are in the table of tests/end_to_end/hostile_images_test.cpp.
 
 TEST(LabelImage, IsRefusedWhereItsNeighboursAreHardlyEverAlike) {
-  // 260^3 grey values: 17.6 million runs of one voxel would be 12 times the file.
+  // The image has 260^3 grey values: 17.6 million runs of one voxel would be 12 times the file.
   StoredImage mri{{260, 260, 260}, Eigen::Affine3d::Identity(), std::vector<std::uint8_t>(260 * 260 * 260)};
   std::mt19937 random(2);
   for (auto& v : mri.voxel) v = static_cast<std::uint8_t>(random() >> 24);
@@ -390,7 +390,7 @@ TEST(LabelImage, IsTheSameOfLabelsInMemoryInWhateverOrderTheyLie) {
     LabelArray array{
         .voxel = number.data(), .size = raw.size, .step = {1, nx, nx * ny}, .to_world = raw.to_world};
     expect_same(label_image_of(array), image, 1e-9);
-    // The same numbers with the last axis fastest, as C and numpy keep them.
+    // Voxels with the last axis fastest, as C and numpy keep them.
     std::vector<std::int64_t> turned(raw.voxel.size());
     for (Index k = 0; k < nz; ++k)
       for (Index j = 0; j < ny; ++j)
@@ -464,14 +464,14 @@ TEST(LabelNames, AreThoseOfTotalSegmentatorWithoutAFile) {
   EXPECT_TRUE(warns_of(read_label_image(folder / "mr.nii.gz", "totalsegmentator"),
                        "label 22 is taken for prostate, as in CT; for an MR it is heart"));
 
-  for (auto& part : organ.run) part.label = 5;  // what has the same name in both
+  for (auto& part : organ.run) part.label = 5;  // a label with the same name in both
   write_label_image(folder / "liver.nii.gz", organ);
   EXPECT_TRUE(read_label_image(folder / "liver.nii.gz", "totalsegmentator").warnings.empty());
   EXPECT_THROW(read_label_image(folder / "liver.nii.gz", "totalsegment"), InputError);
 }
 
 TEST(LabelNames, AreReadFromThreeDSlicersTables) {
-  // .ctbl as 3D Slicer writes it, with numbers that have no name
+  // The .ctbl is as 3D Slicer writes it, with numbers that have no name.
   const LabelImage ctbl = with_table(
       "# Color table file C:/Users/me/GenericColors.ctbl\r\n# 4 values\r\n0 Background 0 0 0 0\r\n1 artery "
       "216 101 79 255\r\n"
@@ -480,7 +480,7 @@ TEST(LabelNames, AreReadFromThreeDSlicersTables) {
   EXPECT_EQ(ctbl.names.at(2), "white matter");  // the image's own
   EXPECT_EQ(ctbl.names.at(3), "connective_tissue");
   EXPECT_TRUE(ctbl.warnings.empty());
-  // .csv, of newer versions
+  // The .csv is that of newer versions.
   const LabelImage csv = with_table(
       "LabelValue,Name,Color_R,Color_G,Color_B,Color_A,Type_CodingScheme,Type_CodeValue,Type_CodeMeaning\n"
       "2,\"liver, left lobe\",221,130,101,255,SCT,10200004,Liver\n1,,216,101,79,255,SCT,51114001,Artery\n");
@@ -508,7 +508,7 @@ TEST(LabelImage, IsMeasuredByLabel) {
   const auto set = [&](Index i, Index j, Index k, int label) {
     voxel[static_cast<std::size_t>(i + 6 * (j + 5 * k))] = label;
   };
-  set(1, 1, 1, 7), set(2, 1, 1, 7), set(3, 2, 1, 7);  // the third touches by an edge only
+  set(1, 1, 1, 7), set(2, 1, 1, 7), set(3, 2, 1, 7);  // the third is in contact by an edge only
   set(2, 2, 1, 3);                                    // another label between them does not join them
   set(5, 4, 3, 9);                                    // a corner of the image
   set_voxels(image, voxel);
@@ -569,7 +569,7 @@ TEST_F(RealLabelImage, Of3DSlicerHasItsNames) {
   EXPECT_EQ(chest.orientation, "RAS");
   const auto labels = measure_labels(chest);
   ASSERT_EQ(labels.size(), 7u);
-  // The left lung lies to the left of the right one.
+  // The left lung is to the left of the right one.
   double left = 0.0, right = 0.0;
   std::int64_t n_left = 0, n_right = 0;
   for (Index k = 0; k < chest.size[2]; ++k)

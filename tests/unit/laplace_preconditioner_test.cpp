@@ -63,7 +63,7 @@ TEST(LaplacePreconditioner, IsSymmetricAndLeavesHeldNodesInPlace) {
   }
 }
 
-// Of u = X, |grad u|^2 = 3: the stated multiple of mu/2 |grad u|^2 x volume.
+// For u = X, |grad u|^2 = 3: the stated multiple of mu/2 |grad u|^2 x volume.
 TEST(LaplacePreconditioner, HasTheStatedEnergyOfALinearField) {
   const Model model = averaged_block();
   const ForceSystem forces(model, tissue);
@@ -94,7 +94,7 @@ TEST(LaplacePreconditioner, IsAsMuchStifferAsTheLawUntilItIsRelaxed) {
   EXPECT_FALSE(laplace.is_factorised()) << "its inverses are those of the stiffer matrix";
 }
 
-// Resists along x alone, between neighbours as much as at each node.
+// A term that resists along x alone, between neighbours as much as at each node.
 class Fibres : public ForceTerm {
  public:
   explicit Fibres(double stiffness) : stiffness_(stiffness) {}

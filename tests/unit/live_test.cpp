@@ -1,4 +1,4 @@
-// A body under a tool that is followed in bounded time.
+// Live contact: displacement of a tool, with bounded work in each frame.
 
 #include <gtest/gtest.h>
 
@@ -20,7 +20,7 @@ namespace {
 
 const Material tissue = neo_hookean(210.0, 0.499, 1000.0);
 
-// A frame is 40 ms: 10 mm/s, with a stop at each end.
+// Depths of a hand at frames of 40 ms: 10 mm/s, with a stop at each end.
 std::vector<double> way_of_a_hand() {
   std::vector<double> depth;
   for (int k = 1; k <= 5; ++k) depth.push_back(0.4e-3 * k);
@@ -51,7 +51,7 @@ TEST(Live, AToolThatIsFollowedByAFewEvaluationsFeelsTheForceOfEquilibrium) {
 }
 
 TEST(Live, AFrameHasTheForceAcrossThePushAndTheMomentOfEquilibriumToo) {
-  // Ten times as stiff on one side.
+  // The model is ten times as stiff on one side.
   const Model model =
       testing_bodies::averaged_block(6, 0.2, 1.8, [](const Vec3& x) { return x.x() > 17e-3; });
   const std::vector<Material> tissues = {tissue, neo_hookean(2100.0, 0.499, 1000.0)};
@@ -95,7 +95,7 @@ TEST(Live, AToolThatComesNoNearerHasStoppedWithinABoundedNumberOfFramesAndGoesBa
   EXPECT_EQ(frame.tool, LiveFrame::Tool::stopped);
   EXPECT_LT(frame.depth, 19e-3);
   EXPECT_TRUE(std::isinf(frame.error)) << "nothing is known of the force at 19 mm";
-  // No equilibrium is found so deep by other ways either; a tool that presses is pressed back.
+  // Other solvers find no equilibrium at this depth either; a pressing tool has a positive force.
   EXPECT_GE(frame.force + frame.error_at_depth, 0.0) << "its error leaves room for no force that is possible";
   for (int k = 0; k < 20; ++k) frame = session.follow(1e-3, {.evaluations = 20});
   EXPECT_EQ(frame.tool, LiveFrame::Tool::there);
@@ -129,7 +129,7 @@ TEST(Live, AToolThatJerksAheadIsLaggedBehindAndReachedWhenItStandsStill) {
   }
   EXPECT_EQ(frame.tool, LiveFrame::Tool::there);
   EXPECT_EQ(frame.depth, 3e-3);
-  // Back along the way that is known it follows at once.
+  // Along the known path back it follows at once.
   frame = session.follow(0.5e-3, {.evaluations = 8});
   EXPECT_EQ(frame.tool, LiveFrame::Tool::there);
   EXPECT_EQ(session.depth(), 0.5e-3);
@@ -178,7 +178,7 @@ TEST(Live, TissueThatRelaxesIsFollowedInAndOutAsEquilibriaInTimeHaveItAndForgets
   const Model model = testing_bodies::averaged_block();
   Session session(model, {slow}), in_time(model, {slow});
   session.follow(2e-3, {.evaluations = 100});
-  session.lift();  // as if it had not been there
+  session.lift();  // removes all history
   EXPECT_EQ(session.follow(0.0, {.evaluations = 8}, 0.04).force, 0.0);
   const auto press = [&](double depth) { return session.follow(depth, {.evaluations = 30}, 0.04); };
   double largest = 0.0, first = 0.0;
@@ -265,7 +265,7 @@ LiveFrame frame_at(double depth, double force, double stiffness, double error = 
   return frame;
 }
 
-// 200 answers a second over frames of 25 a second that come late and are each 5 % off, to and fro.
+// Answers come 200 times a second, frames 25 times a second, late, with alternating errors of 5 %.
 TEST(BetweenFrames, CorrectionsDoNotMakeTheForceJump) {
   BetweenFrames between;
   double last = 0.0, largest = 0.0;
@@ -305,7 +305,7 @@ TEST(BetweenFrames, WhatAFrameChangesIsGivenOutByTheClockWhetherSomethingIsAsked
   EXPECT_NEAR(answer(idle, 1e-3, 3.0).force, 10e-3, 1e-9);
   EXPECT_NEAR(answer(idle, 1e-3, 3.0).error_at_depth, 0.0, 1e-9);
   EXPECT_EQ(idle.frame.size(), 1u) << "nothing is kept for ever";
-  BetweenFrames left_alone;  // frames go on while no program is there
+  BetweenFrames left_alone;  // frames continue without any program
   correct(left_alone, frame_at(1e-3, 8e-3, 8.0), 0.0);
   for (int k = 1; k <= 25; ++k) correct(left_alone, frame_at(1e-3, 10e-3, 10.0), 0.04 * k);
   EXPECT_NEAR(answer(left_alone, 1e-3, 1.0).force, 10e-3, 1e-8);
@@ -313,7 +313,7 @@ TEST(BetweenFrames, WhatAFrameChangesIsGivenOutByTheClockWhetherSomethingIsAsked
 
 TEST(BetweenFrames, AForceThatRisesSteeplyIsNeverAPull) {
   BetweenFrames between;
-  correct(between, frame_at(1e-3, 1e-3, 10.0), 0.0);  // as of the tenth power
+  correct(between, frame_at(1e-3, 1e-3, 10.0), 0.0);  // like a tenth power
   for (double d = 0.02e-3; d < 1e-3; d += 0.02e-3) EXPECT_GE(answer(between, d, 0.0).force, 0.0) << d;
 }
 
@@ -326,8 +326,7 @@ TEST(BetweenFrames, TheErrorOfAFirstTouchHoldsWhereTheTissueStiffensWithinARadiu
         << d;
 }
 
-// F ~ d^1.5: at rest there is no stiffness, and a secant's to the first state says nothing of less or more
-// depth.
+// For F ~ d^1.5 the stiffness at rest is zero, and a secant to the first state is not valid at other depths.
 TEST(BetweenFrames, OfAToolThatTouchesNothingIsToldBeyondAFrameBeforeItHasTouched) {
   const auto force = [](double d) { return 1.0 * std::pow(d / 1e-3, 1.5) * 2e-3; };
   for (const double at : {0.0, 0.1e-3, 0.5e-3, 1e-3, 3e-3}) {
@@ -371,7 +370,7 @@ TEST(LiveFrame, TheForceOfAPoseNearbyIsAsFarOffAsASquareOfTheDepthAllows) {
 TEST(BetweenFrames, HundredsOfCorrectionsAtOneDepthDoNotAddUpAtAnother) {
   BetweenFrames between;
   double t = 0.0;
-  for (int k = 0; k < 200; ++k) {  // deep and back before the frames follow
+  for (int k = 0; k < 200; ++k) {  // deep and back faster than the frames
     answer(between, 4e-3, t);
     correct(between, frame_at(0.0, 0.0, 8.0), t += 0.001);
     answer(between, 0.1e-3, t);
@@ -435,7 +434,7 @@ TEST(BetweenFrames, ForceDepthStatusAndVectorAreOfOneMoment) {
   EXPECT_EQ(answer(between, 1e-3, 3.0).force, 0.0) << "nothing of one place is felt at another";
 }
 
-// The force of equilibrium over the depth: the cubic through four places.
+// Force in equilibrium over the depth, by cubic interpolation through four points.
 struct Equilibria {
   static constexpr double step = 0.05e-3;
   std::vector<double> force = {0.0};
@@ -462,14 +461,14 @@ struct Equilibria {
   }
 };
 
-// A hand that holds, jumps, draws, shakes with up to 10 Hz, lifts or leaves off, each for up to two seconds.
+// Random motion of a hand: holds, jumps, draws, shakes up to 10 Hz, lifts or pauses, each up to two seconds.
 struct RandomHand {
   std::mt19937 random;
   double deepest, begin = 0.0, end = 0.0, from = 0.0, one = 0.0, other = 0.0, rate = 1.0, each = 0.005,
                   depth = 0.0;
   int way = 0;
   double unit() { return std::uniform_real_distribution<double>(0.0, 1.0)(random); }
-  // Goes to where it is at a time, and says how long until it asks again [s].
+  // Sets the depth at a time and returns the time until the next request [s].
   double move(double t) {
     if (t >= end) {
       begin = t, end = t + 0.1 + 1.9 * unit();
@@ -489,13 +488,13 @@ struct RandomHand {
 
 struct RandomMinute {
   std::int64_t outside = 0, off = 0;
-  double worst = 0.0;  // outside, over what was allowed
+  double worst = 0.0;  // outside, beyond the allowed error
   std::vector<double>
-      relative;  // stated error over the largest force of the last three tenths: what fades has 1/150 left
+      relative;  // stated error over the largest force of the last three tenths: old changes have 1/150 left
 };
 
-// In a clock that is counted: frames of 25 a second, each of what was asked when it began, and told when it
-// is done.
+// Simulates a clock with 25 frames a second. A frame uses the depth requested when it began, and is reported
+// when it is done.
 RandomMinute random_minute(const Model& model, const Equilibria& equilibria, unsigned seed, double seconds) {
   Session session(model, {tissue});
   RandomHand hand{.random = std::mt19937(seed), .deepest = 2.5e-3};
@@ -527,7 +526,7 @@ RandomMinute random_minute(const Model& model, const Equilibria& equilibria, uns
       least = std::min(least, equilibria.at(depth));
       most = std::max(most, equilibria.at(depth));
     }
-    const double here = equilibria.at(now.depth), known = 2e-5 * here;  // the reference, to that
+    const double here = equilibria.at(now.depth), known = 2e-5 * here;  // accuracy of the reference
     const double out = std::max({0.0, now.force - most, least - now.force});
     said.outside += out > now.error_at_depth + known;
     said.off += std::abs(now.force - here) > now.error_at_depth + known;

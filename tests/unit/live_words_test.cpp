@@ -1,4 +1,4 @@
-// What a window says of a tool that is followed.
+// Messages of a window during live contact.
 
 #include <gtest/gtest.h>
 

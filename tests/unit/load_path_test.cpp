@@ -1,4 +1,4 @@
-// Where tissue keeps a load together.
+// Tissue geometries that confine the load path.
 
 #include "preprocess/scene/load_path.hpp"
 
@@ -32,7 +32,7 @@ TEST(LoadPath, InAColumnIsTheFluxThroughItsSection) {
   const BodySurface body = block_surface(Vec3(-10, -10, 0), Vec3(10, 10, 100));
   const Boundary boundary = circle_on_top(body, 8.0);
   const LoadPath path(body, boundary, rim_of(body, boundary), exponent, any_slope);
-  // Cells at the walls count as whole ones: 15 of 1.39 mm for 20 mm, 3 % of the factor.
+  // Cells at the walls count fully: 15 of 1.39 mm for 20 mm, 3 % of the factor.
   for (const double depth : {20.0, 30.0, 40.0}) {
     const double more = 1.0 / (20.0 * 20.0) / half_space(depth, 4.0);
     EXPECT_NEAR(path(boundary.centre + depth * boundary.push), std::pow(more, -exponent), 0.02)
@@ -49,7 +49,7 @@ TEST(LoadPath, InAWideDeepBodyIsThatOfAHalfSpace) {
 }
 
 TEST(LoadPath, GoesAroundASlitHoweverNarrow) {
-  // The load reaches what is behind a slit from below only: there is less of it than in the whole block.
+  // The load passes behind a slit from below only: it is smaller there than in the whole block.
   const BodySurface whole = slit_block_surface({60, 60, 30}, 6.0, 2.0, 1.0),
                     slit = slit_block_surface({60, 60, 30}, 6.0, 0.05, 25.0);
   const LoadPath open(whole, circle_on_top(whole, 10.0), rim_of(whole, circle_on_top(whole, 10.0)), exponent,
@@ -74,7 +74,7 @@ TEST(LoadPath, ChangesNowhereFasterThanAsked) {
 }
 
 TEST(NodeCloud, KeepsItsInnerNodesAwayFromTheSurfaceOfAThinLayer) {
-  // Between the base's nodes such a node is held by nothing: one was seen to move farther than the tool.
+  // Such a node between those of the base has no resistance; one moved farther than the tool.
   const BodySurface body = block_surface(Vec3(-30, -30, 0), Vec3(30, 30, 15));
   const Boundary boundary = circle_on_top(body, 10.0);
   const GradingOptions grading = converging.grading;

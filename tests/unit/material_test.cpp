@@ -98,7 +98,7 @@ Mat3 slope_of(const Energy& W, const Mat3& F, double h) {
 }
 
 TEST(Material, StressIsTheDerivativeOfTheEnergyAlsoThroughInversion) {
-  // h^2 of truncation and the 1e-16 / h that W loses balance near h = 1e-5.
+  // The truncation error h^2 and the rounding error 1e-16 / h of W balance near h = 1e-5.
   for (const Material& m : laws)
     for (const Mat3& F : many_deformation_gradients()) {
       const Mat3 P = distortional_stress(m, F), total = pk1_stress(m, F);
@@ -125,7 +125,7 @@ TEST(Material, IsFiniteForAnyDeformation) {
 }
 
 TEST(Material, AnInvertedPointIsDrivenBack) {
-  // By distortion alone, without the help of kappa.
+  // The distortional stress alone suffices, without kappa.
   for (const Material& m : {swine_brain, one_term, two_terms, three_terms, two_invariants, limited,
                             ogden({{1430.0, -19.0}}, 0.499, 1000.0)})
     for (const double across : {0.6, 0.8, 1.0, 1.5})
@@ -138,7 +138,7 @@ TEST(Material, AnInvertedPointIsDrivenBack) {
 TEST(Material, TheStiffnessIsContinuousWhereTheEnergyIsExtended) {
   const double h = 1e-5;
   for (const Material& m : laws) {
-    // Isochoric and with one stretch at the end of a law, or J = 0.05 or 0.2.
+    // Isochoric with one stretch at the limit of a law, or J = 0.05 or 0.2.
     std::vector<Mat3> joints{std::cbrt(0.05) * Mat3::Identity(), std::cbrt(0.2) * Mat3::Identity(),
                              Vec3(1.25, 0.8, 0.2).asDiagonal()};
     if (const Gent* law = std::get_if<Gent>(&m.law)) {  // simple shear has tr C - 3 = gamma^2
@@ -154,7 +154,7 @@ TEST(Material, TheStiffnessIsContinuousWhereTheEnergyIsExtended) {
       const Mat3 P = distortional_stress(m, F);
       const Mat3 above = (distortional_stress(m, F + step) - P) / h;
       const Mat3 below = (P - distortional_stress(m, F - step)) / h;
-      // One-sided: off by h times the third derivative, some hundreds of the second.
+      // One-sided differences have errors of h times the third derivative, some hundreds of the second.
       EXPECT_LT((above - below).norm(), 1e3 * h * (above.norm() + m.mu)) << F.diagonal().transpose();
     }
   }
@@ -247,7 +247,7 @@ TEST(Material, AnOgdenTermOfExponentTwoAndTheFirstInvariantAloneAreNeoHookean) {
   }
 }
 
-// P_i = mu J^(-2/3) (l_i - I_1 / (3 l_i)) + kappa J (J - 1) / l_i: whatever is free of force is a root of it.
+// P_i = mu J^(-2/3) (l_i - I_1 / (3 l_i)) + kappa J (J - 1) / l_i; a force-free state is a root of it.
 TEST(NeoHookean, PrincipalStressesHaveTheirClosedForm) {
   Random random(53);
   for (const Material& m : {swine_brain, Material{.mu = 1006.7114, .kappa = 50'000.0, .density = 1000.0}})
@@ -266,7 +266,7 @@ TEST(NeoHookean, ThePrintedStressIsMuAtRestAndDiffersByItsMissingTerms) {
   printed.law = PrintedNeoHookean{};
   EXPECT_LT((pk1_stress(printed, Mat3::Identity()) - printed.mu * Mat3::Identity()).norm(),
             1e-12 * printed.mu);
-  // S = lambda J (J - 1) C^-1 + mu J^(-2/3) I, as in section 3.3 of the paper.
+  // Reference: S = lambda J (J - 1) C^-1 + mu J^(-2/3) I, as in section 3.3 of the paper.
   const Mat3 F = (Mat3() << 0.9, 0.2, -0.1, 0.05, 1.1, 0.15, 0.1, -0.2, 0.97).finished();
   const Mat3 C = F.transpose() * F;
   const double J = F.determinant(), lambda = 2.0 * 210.0 * 0.499 / 0.002;
@@ -342,7 +342,7 @@ TEST(Material, SaysItsLawAndItsNumbers) {
 }
 
 TEST(Material, SmallStrainsSeeTheSumOfTheModuli) {
-  const double small = 1e-6;  // answers differ by a part of this
+  const double small = 1e-6;  // relative difference of the answers
   for (const Material& m : laws) {
     Mat3 sheared = Mat3::Identity();
     sheared(0, 1) = small;
@@ -354,7 +354,7 @@ TEST(Material, SmallStrainsSeeTheSumOfTheModuli) {
   EXPECT_NEAR(one_term.kappa, 2.0 * 842.0 * 1.499 / (3.0 * 0.002), 1e-6);
 }
 
-/// Work done on a loop F(t) = I + sin t A + (1 - cos t) B, and the sum of its parts' sizes.
+/// Work done on a loop F(t) = I + sin t A + (1 - cos t) B, and the sum of the sizes of its parts.
 template <typename Stress>
 std::array<double, 2> work_round_a_loop(const Stress& P, const Mat3& A, const Mat3& B, int steps) {
   std::array<double, 2> work{};
@@ -376,7 +376,7 @@ TEST(Material, NoWorkIsGainedOnAClosedWay) {
       const auto [gained, turned_over] = work_round_a_loop(P, random.matrix(0.08), random.matrix(0.08), 400);
       EXPECT_LT(std::abs(gained), 1e-10 * turned_over);
     }
-    // And through inversion and back, where the stress has two derivatives only: J falls to -1.
+    // This loop goes through inversion, where the stress has two derivatives only: J falls to -1.
     const Mat3 A = random.matrix(0.3), B = random.matrix(0.1) - Mat3(Vec3(1, 0, 0).asDiagonal());
     const auto [gained, turned_over] = work_round_a_loop(P, A, B, 4000);
     EXPECT_LT(std::abs(gained), 1e-7 * turned_over);
@@ -416,7 +416,7 @@ TEST(Viscoelasticity, StressRelaxesAsThePronySeriesSays) {
 }
 
 TEST(Viscoelasticity, ARampHasTheHereditaryIntegralOfItsRate) {
-  // tau = mu rate (g_inf t + sum g_i tau_i (1 - exp(-t / tau_i))); strains of 1e-6, so six digits and more.
+  // tau = mu rate (g_inf t + sum g_i tau_i (1 - exp(-t / tau_i))); strains of 1e-6 give six digits and more.
   const double rate = 1e-6, duration = 1.0;
   for (const Material& elastic : laws)
     for (const int steps : {1, 7, 100}) {
@@ -480,7 +480,7 @@ TEST(Viscoelasticity, CyclesAreLossyAtAnyFrequency) {
 }
 
 TEST(Viscoelasticity, SmallCyclesLoseWhatTheLossModulusSays) {
-  // Per cycle and volume: pi gamma^2 mu sum_i g_i w tau_i / (1 + (w tau_i)^2), once the start is forgotten.
+  // Dissipation per cycle and volume, after transients: pi gamma^2 mu sum_i g_i w tau_i / (1 + (w tau_i)^2).
   Material m = neo_hookean(842.0, 0.499, 1000.0);
   m.prony = {{0.3, 0.5}, {0.2, 0.05}};
   const double gamma = 1e-5, omega = 4.0;

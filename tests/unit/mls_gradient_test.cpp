@@ -25,8 +25,8 @@ struct Shape {
   MlsResult mls;
 };
 
-// Radii differ from node to node, as in a graded cloud. All nodes are offered: those out of reach weigh
-// nothing.
+// Radii differ between nodes, as in a graded discretisation. All nodes are passed; those out of reach have
+// zero weight.
 Shape shape_at(const Vec3& x, const Points& X, double unit) {
   const SupportOptions options;
   Shape s;
@@ -64,7 +64,7 @@ TEST(MlsGradient, GradientsAreTheDifferencesOfTheShapeFunctions) {
       const Shape plus = shape_at(x + h * Vec3::Unit(r), X, 1.0);
       const Shape minus = shape_at(x - h * Vec3::Unit(r), X, 1.0);
       const Eigen::VectorXd slope = (plus.phi - minus.phi) / (2.0 * h);
-      // h^2 times a third derivative of order 100.
+      // The truncation error is h^2 times a third derivative of order 100.
       EXPECT_LT((s.dphi.row(r).transpose() - slope).cwiseAbs().maxCoeff(),
                 1e-6 * s.dphi.cwiseAbs().maxCoeff());
     }

@@ -16,8 +16,8 @@ namespace {
 using Sparse = Multigrid::Sparse;
 using Columns = Eigen::Matrix<double, Eigen::Dynamic, 4>;
 
-// The Laplacian of a graph: the nodes of a cube of n^3, each bound to its neighbours along the axes by a
-// weight that varies by `contrast`, those of the lowest layer to the ground as well.
+// Laplacian of a graph: the nodes of a cube of n^3, each coupled to its neighbours along the axes by a weight
+// that varies by `contrast`. Those of the lowest layer are coupled to the ground as well.
 Sparse laplacian(int n, double contrast) {
   const auto number = [n](int i, int j, int k) { return i + n * (j + n * k); };
   std::vector<Eigen::Triplet<double>> entries;
@@ -55,7 +55,7 @@ Columns columns_of(const Multigrid::Vectors& vectors) {
   return result;
 }
 
-// In the norm of the matrix: what of a solution two cycles leave undone.
+// Relative error of a solution after two cycles, in the norm of the matrix.
 double left_undone(const Sparse& matrix, Multigrid& multigrid) {
   const Multigrid::Vectors b = some_vectors(matrix.rows(), 0.3);
   Multigrid::Vectors x = b;
@@ -73,7 +73,7 @@ TEST(Multigrid, IsExactWhereOneLevelIsEnough) {
   EXPECT_LT(left_undone(matrix, multigrid), 1e-4);  // of single precision
 }
 
-// Independent of the number of rows is what it is for: a smoother alone leaves 0.9 and more of these.
+// Multigrid must be independent of the number of rows: a smoother alone leaves 0.9 and more of these.
 TEST(Multigrid, LeavesAFewPerCentHoweverManyRows) {
   for (const int n : {8, 16, 24}) {
     SCOPED_TRACE(n);
@@ -133,7 +133,7 @@ TEST(Multigrid, GivesTheSameBitsOnAProcessorWithOtherCaches) {
   }
 }
 
-// A body that hangs on nothing can be moved without force.
+// A body without supports can be moved without force.
 TEST(Multigrid, SaysThatAMatrixIsNotPositiveDefinite) {
   Sparse matrix = laplacian(6, 3.0);
   for (int i = 0; i < matrix.rows(); ++i) matrix.coeffRef(i, i) -= 10.0;

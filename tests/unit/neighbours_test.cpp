@@ -48,7 +48,7 @@ TEST(Neighbours, NearestComeNearestFirst) {
   EXPECT_EQ(tree.nearest(x, 20), expected);
 }
 
-// The eight corners of a lattice cell are equally far from its middle: only their numbers can decide.
+// The eight corners of a lattice cell are equally far from its middle: only their numbers can break the tie.
 TEST(Neighbours, TiesAreDecidedByNumberWhereverTheLastOneWantedFalls) {
   const Points points = lattice(6);
   const Neighbours tree(points);

@@ -1,4 +1,4 @@
-// Clouds, sizings and what bounds them.
+// Node sets, sizings and their bounds.
 
 #include "preprocess/cloud/node_cloud.hpp"
 

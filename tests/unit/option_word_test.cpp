@@ -1,4 +1,4 @@
-// Words of options: what is read of them, and what a refusal names.
+// Words of options: their parsing, and the names in a refusal.
 
 #include "apps/scene/option_word.hpp"
 

@@ -19,7 +19,7 @@ double volume_cm3(const LabelImage& image) {
   return volume;
 }
 
-/// The box of the labelled voxels, faces included [mm].
+/// Box of the labelled voxels, faces included [mm].
 Eigen::AlignedBox3d box(const LabelImage& image) {
   Eigen::AlignedBox3d box;
   const Vec3 half = image.spacing() / 2.0;
@@ -54,7 +54,7 @@ TEST(Phantom, BrainHasTheVolumeAndTheBoxOfTheMould) {
     EXPECT_NEAR(b.sizes().x(), 62.5, h);
     EXPECT_NEAR(b.sizes().y(), 92.5, h);
     EXPECT_NEAR(b.sizes().z(), 28.5, h);
-    EXPECT_DOUBLE_EQ(b.min().z(), 0.0);  // the base lies on voxel faces
+    EXPECT_DOUBLE_EQ(b.min().z(), 0.0);  // the base is on voxel faces
     EXPECT_DOUBLE_EQ(b.min().x() + b.max().x(), 0.0);
     EXPECT_DOUBLE_EQ(b.min().y() + b.max().y(), 0.0);
   }
@@ -73,8 +73,8 @@ TEST(Phantom, BrainHasTwoMirroredHemispheresWithAFissureBetween) {
   }
   EXPECT_EQ(label_at(brain, {15.5, 0, 10.5}), 1);  // left is +x
   EXPECT_EQ(label_at(brain, {-15.5, 0, 10.5}), 2);
-  // Along the midline at the crest: open down to 9 mm below the top, closed a little lower; 3 mm wide half
-  // way.
+  // The midline at the crest is open down to 9 mm below the top, closed a little lower, and 3 mm wide at half
+  // depth.
   EXPECT_EQ(label_at(brain, {0.5, 0, 21.5}), 0);
   EXPECT_NE(label_at(brain, {0.5, 0, 18.5}), 0);
   EXPECT_EQ(label_at(brain, {0.5, 0, 24.5}), 0);
@@ -93,7 +93,7 @@ TEST(Phantom, BrainsDeepTissueLiesInsideBothHemispheres) {
   const auto plain_voxel = every_voxel(plain), deep_voxel = every_voxel(deep);
   for (std::size_t v = 0; v < plain_voxel.size(); ++v)
     ASSERT_EQ(plain_voxel[v] != 0, deep_voxel[v] != 0);  // the same body
-  for (Index k = 1; k + 1 < deep.size[2]; ++k)           // and wrapped all round
+  for (Index k = 1; k + 1 < deep.size[2]; ++k)           // and wrapped all around
     for (Index j = 1; j + 1 < deep.size[1]; ++j)
       for (Index i = 1; i + 1 < deep.size[0]; ++i)
         if (deep.at(i, j, k) == 3) {
@@ -117,7 +117,7 @@ TEST(Phantom, BlockHasExactlyItsVoxels) {
   EXPECT_EQ(halves[1].voxels, 54'000);
   EXPECT_EQ(halves[0].name, "lower_half");
 
-  // Spacings that are no binary fraction, and an odd number of voxels.
+  // Spacings without a finite binary fraction, and an odd number of voxels.
   EXPECT_EQ(
       measure_labels(make_phantom({.shape = "block", .size_mm = {3, 3, 2.7}, .spacing_mm = 0.1}))[0].voxels,
       30 * 30 * 27);
@@ -140,7 +140,7 @@ TEST(Phantom, CutEllipsoidAndCylinderApproachTheirFormulas) {
     const LabelImage cylinder = make_phantom({.shape = "cylinder", .size_mm = {40, 40, 20}, .spacing_mm = h});
     const double cylinder_exact = std::numbers::pi * 400 * 20 / 1000.0;
     EXPECT_NEAR(volume_cm3(cylinder), cylinder_exact,
-                0.007 * cylinder_exact);  // voxels in a circle of radius 20 h
+                0.007 * cylinder_exact);  // voxels in a disc of radius 20 h
     EXPECT_TRUE(box(cylinder).max().isApprox(Vec3(20, 20, 20)));
   }
   for (const char* shape : {"cut-ellipsoid", "cylinder"}) {

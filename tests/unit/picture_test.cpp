@@ -30,8 +30,7 @@ vtkSmartPointer<vtkImageData> picture_in(const fs::path& file) {
   return reader->GetOutput();
 }
 
-/// Pixels of the picture whose hue is that of the tool's circle, in a rectangle counted from the top
-/// left.
+/// Number of pixels with the hue of the bonded patch, in a rectangle counted from the top left.
 int orange_pixels(vtkImageData& image, int left, int top, int right, int bottom) {
   int count = 0;
   for (int y = top; y < bottom; ++y)
@@ -42,7 +41,7 @@ int orange_pixels(vtkImageData& image, int left, int top, int right, int bottom)
   return count;
 }
 
-/// Likewise, of the hue of the tool.
+/// Count and extent of the pixels with the hue of the tool.
 struct Pixels {
   int count = 0, left = 1600, right = 0, top = 1200, bottom = 0;
 };
@@ -135,7 +134,7 @@ Overview half_ellipsoid() {
   return o;
 }
 
-/// `overview` drawn and decoded; a picture of the right size that is not empty.
+/// Draws `overview` and reads it; expects a picture of the right size that is not empty.
 void expect_drawn(const Overview& overview) {
   const fs::path file = fresh_folder() / "overview.png";
   ASSERT_NO_THROW(write_overview(file, overview));
@@ -180,8 +179,7 @@ TEST(Overview, ShowsTheCircleInEveryPanel) {
   const fs::path file = fresh_folder() / "overview.png";
   write_overview(file, half_ellipsoid());
   const auto image = picture_in(file);
-  // Below the legends: nodes on top, nodes under the foot, the tool that stands on them, the last point of
-  // the curve.
+  // Below the legends: nodes on top, nodes under the foot, the tool on them, the last point of the curve.
   EXPECT_GT(orange_pixels(*image, 20, 140, 790, 540), 200);
   EXPECT_GT(orange_pixels(*image, 820, 140, 1580, 540), 200);
   EXPECT_GT(tool_pixels(*image, 20, 690, 690, 1060).count, 500);
@@ -205,7 +203,7 @@ TEST(Overview, ShowsTheToolAsASolidThatStandsOnTheTissueAndNamesItInTheLegend) {
   const Pixels tool = body(*a);
   const double box = (tool.right - tool.left) * (tool.bottom - tool.top);
   EXPECT_GT(tool.count, 0.7 * box) << "filled, and no lines";
-  // No white is between the foot's lower edge and the tissue.
+  // There is no white between the foot's lower edge and the tissue.
   for (int y = tool.bottom; y < tool.bottom + 12; ++y) {
     const auto* rgb =
         static_cast<unsigned char*>(a->GetScalarPointer((tool.left + tool.right) / 2, 1199 - y, 0));
@@ -219,7 +217,7 @@ TEST(Overview, ShowsTheToolWhereLoadsHaveCarriedIt) {
   const auto left_ends = [&] {
     write_overview(folder / "overview.png", o);
     const auto image = picture_in(folder / "overview.png");
-    // In the section the tool's head alone is above the body, whose nodes are blue, too.
+    // In the section only the tool's head is above the body, whose nodes are blue, too.
     return std::pair(tool_pixels(*image, 20, 690, 690, 1060).left,
                      tool_pixels(*image, 820, 174, 1400, 215).left);
   };
@@ -240,7 +238,7 @@ TEST(Overview, ShowsWhatIsNearTheToolWhereItWouldBeTinyInTheWholeSection) {
   };
   const Pixels whole = section(wide);
   EXPECT_GT(whole.right - whole.left, 60);
-  // The same tool on a body ten times as large.
+  // The scene is the tool above on a body ten times as large.
   for (Points* points : {&wide.nodes_mm, &wide.points_mm, &wide.surface_mm}) *points *= 10.0;
   wide.centre_mm *= 10.0;
   wide.tool_mm.row(2).array() += 135.0;
@@ -266,7 +264,7 @@ TEST(Overview, IsTheSameFileDrawnByTwoThreads) {
 }
 
 TEST(Overview, LooksAlongThePushHoweverTheBodyLies) {
-  // Turning body and push together moves only the orientation letters: a few pixels in a thousand.
+  // A rotation of body and press direction moves only the orientation letters: a few pixels in a thousand.
   const fs::path folder = fresh_folder();
   const Overview straight = half_ellipsoid();
   Overview turned = straight;
@@ -288,8 +286,6 @@ TEST(Overview, LooksAlongThePushHoweverTheBodyLies) {
     }
   EXPECT_LT(different, 1600 * 1200 / 200);
 }
-
-// Whatever is missing, the rest is drawn.
 
 TEST(Overview, DrawsNothingAtAll) {
   Overview nothing;

@@ -1,4 +1,4 @@
-// From a phantom to places: surface, base, circle, cloud, grid; and moving least squares on scattered nodes.
+// Preprocessing of a phantom: surface, base, patch, nodes, grid; and moving least squares on scattered nodes.
 
 #include <gtest/gtest.h>
 
@@ -21,7 +21,7 @@ SegmentedBody block_body() {
   return make_body_surface(make_phantom({.shape = "block", .size_mm = {60, 60, 30}, .spacing_mm = 1.5}), {});
 }
 
-/// The same voxels with so many empty ones before and behind each axis.
+/// The image with so many empty voxels added before and behind each axis.
 LabelImage padded(const LabelImage& image, const std::array<Index, 3>& before,
                   const std::array<Index, 3>& behind) {
   LabelImage result;
@@ -49,7 +49,7 @@ TEST(BodySurface, IsTheSameHoweverManyEmptyVoxelsSurroundTheBody) {
   for (const char* shape : {"brain", "cut-ellipsoid"}) {
     SCOPED_TRACE(shape);
     LabelImage image = make_phantom({.shape = shape, .size_mm = {61, 44, 23}, .spacing_mm = 1.7});
-    // No place of the lattice, and no direction, is special to the body.
+    // The transform gives the body no special position or direction in the lattice.
     image.to_world = Eigen::Translation3d(17.123, -33.98, 91.3) *
                      Eigen::AngleAxisd(0.4, Vec3(0.3, -0.5, 1.0).normalized()) *
                      Eigen::Scaling(0.9, 1.0, 1.3) * image.to_world;
@@ -161,7 +161,7 @@ TEST(IntegrationGrid, ThatFollowsTheNodesHasTheBodysVolumeCentroidAndInertia) {
   EXPECT_NEAR(grid.volume.sum(), body.surface.volume(), 1e-9 * body.surface.volume());
   const Vec3 centroid = grid.point * grid.volume / grid.volume.sum();
   EXPECT_LT((centroid - body.surface.centroid()).norm(), 0.01);
-  // Of a box a x b x c the mean of (x - middle)^2 is a^2 / 12; its corners are a little round.
+  // Mean of (x - middle)^2 of a box a x b x c: a^2 / 12; its corners are slightly rounded.
   const Vec3 size = body.surface.upper() - body.surface.lower();
   for (int d = 0; d < 3; ++d) {
     double second = 0.0;

@@ -42,7 +42,7 @@ TEST_F(PressureSchurOfABlock, ChangesVolumesByTheTraceOfALinearField) {
   EXPECT_LT((change.array() - 0.025).abs().maxCoeff(), 1e-5);
 }
 
-// What a pressure does on a displacement is what the displacement's change of volume takes.
+// The work of a pressure on a displacement equals its work on that displacement's change of volume.
 TEST_F(PressureSchurOfABlock, HasForcesThatAreAdjointToTheChangeOfVolume) {
   at_rest();
   const Nodal u = testing_bodies::random_displacement(model, 1e-3);

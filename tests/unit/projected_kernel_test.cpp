@@ -1,4 +1,4 @@
-// The energy of the converging scheme and its forces.
+// Energy of the converging scheme and its forces.
 
 #include "solver/terms/projected_kernel.hpp"
 
@@ -28,7 +28,7 @@ Tissues soft_and_ogden(const Model& model) {
           model.label};
 }
 
-// (W(u + e v) - W(u - e v)) / 2e against f . v, as a part of |f| |v|.
+// Difference of (W(u + e v) - W(u - e v)) / 2e and f . v, relative to |f| |v|.
 double error_of_gradient(const ForceSystem& system, const Nodal& u) {
   ForceState forces(system);
   Model shape;
@@ -54,7 +54,7 @@ TEST(ProjectedKernel, ForceIsTheGradientOfTheEnergy) {
   EXPECT_LT(error_of_gradient(two, random_displacement(halves, 0.3e-3)), 1e-7);
 }
 
-// By the loop for any law, and by that for neo-Hookean points alone.
+// Both loops are tested: that for any law, and that for neo-Hookean points alone.
 TEST(ProjectedKernel, OfAMooneyRivlinBodyIsNeoHookeanWhereTheSecondInvariantHasNoPart) {
   const Model model = averaged_block();
   const ForceSystem plain(model, neo_hookean(210.0, 0.499, 1000.0)),
@@ -165,8 +165,8 @@ TEST(Kernel, RefusesSupportsThatMeetMoreNodesThanItCanNumber) {
   EXPECT_NE(report.remedy.find("support.radius_factor"), std::string::npos);
 }
 
-// A shape that is held for a while: all that resists a change of shape has relaxed as the Prony series says,
-// what mean gradients do not see as well. So little bulk modulus that none of it is left for the patches.
+// At constant shape all resistance to a change of shape relaxes as the Prony series says, including that
+// outside of mean gradients. The bulk modulus is so small that the patches have none of it.
 TEST(Viscoelasticity, WhatMeanGradientsDoNotSeeRelaxesToo) {
   const Model model = averaged_block(4);
   const Nodal u = random_displacement(model, 1e-8);

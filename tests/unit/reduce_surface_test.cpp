@@ -64,7 +64,7 @@ TEST(ReducedSurface, KeepsEveryVertexOnceAndEveryTriangleWhole) {
   for (const auto& t : reduced.triangles.colwise()) EXPECT_TRUE(t[0] != t[1] && t[1] != t[2] && t[2] != t[0]);
 }
 
-// The part of the area that faces inwards.
+// Area that faces inwards, relative to the whole.
 double turned_over(const ReducedSurface& reduced) {
   double sum = 0.0;
   for (Index t = 0; t < reduced.triangles.cols(); ++t) {
@@ -80,7 +80,7 @@ TEST(ReducedSurface, FacesOutwards) {
     EXPECT_LT(turned_over(reduced_surface(dome(), tool, most)), 0.01) << most;
 }
 
-// Edges are cut off by a cube at most, so that what is lost falls with the cubes' edge, by half.
+// Edges are cut off by one cube at most, so the lost area is proportional to the cube's edge: half.
 TEST(ReducedSurface, LosesHalfAsMuchOfTheAreaWithFourTimesAsManyTriangles) {
   const auto lost = [](Index most) {
     return std::abs(1.0 - area(reduced_surface(dome(), tool, most)) / area(whole()));
@@ -89,7 +89,7 @@ TEST(ReducedSurface, LosesHalfAsMuchOfTheAreaWithFourTimesAsManyTriangles) {
   EXPECT_LT(lost(16000), 0.5 * lost(4000));
 }
 
-// By every triangle, not only by those near the vertex that stands for another.
+// The distance is checked for every triangle, not only near the vertex that represents others.
 TEST(ReducedSurface, LiesAsNearToTheSurfaceAsItSays) {
   EXPECT_EQ(whole().within_mm, 0.0);
   double before = 0.0;

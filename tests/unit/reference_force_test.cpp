@@ -1,4 +1,4 @@
-// The product's kernel against the same energy's forces written down plainly.
+// The product's kernel compared with a plain implementation of the same energy.
 
 #include "tests/bench/reference_force.hpp"
 
@@ -21,7 +21,7 @@ Nodal reference_force(const Model& model, const Material& material, const Nodal&
   return force_of(reference);
 }
 
-// Of the largest force of any node, the largest difference.
+// Largest difference, relative to the largest force of any node.
 double difference(const Nodal& f, const Nodal& g) {
   return (f - g).cwiseAbs().maxCoeff() / g.cwiseAbs().maxCoeff();
 }
@@ -30,14 +30,14 @@ TEST(ReferenceForce, IsTheKernelsToRounding) {
   const Model model = averaged_block();
   const Material material = neo_hookean(210.0, 0.499, 1000.0);
   const ForceSystem system(model, material);
-  for (const double size : {0.1e-3, 0.5e-3, 4e-3}) {  // the last turns inverted points
+  for (const double size : {0.1e-3, 0.5e-3, 4e-3}) {  // the last size inverts points
     const Nodal u = random_displacement(model, size);
     EXPECT_LT(difference(forces_at(system, u), reference_force<double>(model, material, u)), 1e-11);
   }
 }
 
-// What the two share are a weight and a threshold. Without them the forces are the same as long as the tissue
-// is far from collapse, so the agreement above is one of derivations, and not of two copied numbers.
+// Both implementations use the same weight and threshold. Without them the forces agree if the tissue is far
+// from collapse. The agreement above therefore checks derivations, not two copied numbers.
 TEST(ReferenceForce, IsTheKernelsWithoutItsChosenConstantsWhereStrainsAreSmall) {
   const Model model = averaged_block();
   const Material material = neo_hookean(210.0, 0.499, 1000.0);
@@ -55,7 +55,7 @@ TEST(ReferenceForce, IsTheKernelsWithoutItsChosenConstantsWhereStrainsAreSmall) 
   RecordProperty("small_strain", std::to_string(small));
   RecordProperty("collapse", std::to_string(large));
   EXPECT_LT(small, 1e-7);
-  EXPECT_GT(large, 1e-3);  // there they do count
+  EXPECT_GT(large, 1e-3);  // there they have an effect
 }
 
 TEST(ReferenceForce, IsTheKernelsInSinglePrecision) {

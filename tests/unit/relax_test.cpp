@@ -80,8 +80,8 @@ TEST(LoadSlowly, GivesTheForceThatSlowDampedMotionEndsIn) {
   EXPECT_NEAR(still.energy.back().external, still.energy.back().stored, 0.01 * still.energy.back().stored);
 }
 
-// The work is the area under a curve of few equilibria: by straight lines it would be half a per cent too
-// large where the force grows as the square of the depth, and by parabolas bent the wrong way a whole one.
+// Work is the area under a curve of few equilibria. Straight lines would make it half a per cent too large
+// for a force proportional to depth^2, and parabolas of wrong curvature one per cent.
 TEST(LoadSlowly, DoesTheWorkThatStiffeningTissueStores) {
   const Model model = averaged_block();
   const History history = marched(TimeMode::quasi_static, model, ogden({{210.0, -30.0}}, 0.49, 1000.0),
@@ -93,7 +93,7 @@ TEST(LoadSlowly, DoesTheWorkThatStiffeningTissueStores) {
   EXPECT_NEAR(end.external, end.stored, 2e-3 * end.stored);
 }
 
-// Nothing of it may grow with the bulk modulus: that is what the pressures of their own are for.
+// The number must not grow with the bulk modulus: pressures are separate unknowns for this purpose.
 TEST(LoadSlowly, NeedsFewEvaluationsHoweverIncompressibleTheTissueIs) {
   const Model model = averaged_block();
   for (const double nu : {0.45, 0.49, 0.499, 0.4999}) {
@@ -111,8 +111,7 @@ TEST(LoadSlowly, EndsWhereDynamicRelaxationDoes) {
   History mixed;
   solve(TimeMode::quasi_static, system, model, {.depth = 1e-3, .rate = 1e-3},
         {.frames = 1, .tolerance = 1e-5}, {}, mixed);
-  // A model without averaged gradients is not served by the mixed iteration: the same
-  // forces are taken from a second system.
+  // The mixed iteration needs averaged gradients, so the other solver gets a model without them.
   Model plain = model;
   plain.scheme.averaged_gradients = false;
   Nodal u = Nodal::Zero(4, model.node_count()), f = u;
@@ -125,7 +124,7 @@ TEST(LoadSlowly, EndsWhereDynamicRelaxationDoes) {
   EXPECT_NEAR(mixed.force.back().force, force, 1e-3 * force);
 }
 
-// Small strains leave of F = I + H only what float keeps beside 1: the stress must not be made of that.
+// In F = I + H float keeps few digits of small strains: the stress must not be computed from F.
 TEST(LoadSlowly, SinglePrecisionFindsTheForceOfMovesOfTwoMicrometres) {
   const Model model = averaged_block();
   std::vector<double> force;
@@ -176,7 +175,7 @@ const Finding* with_code(const History& history, const std::string& code) {
   return nullptr;
 }
 
-// What the search for equilibrium leaves in each of them, 1e-4 here, must not become the way ahead.
+// The residual error of each equilibrium, 1e-4 here, must not be amplified by the extrapolation.
 TEST(Predictor, FollowsACubicThroughEvenPointsAndIsNotLedAstrayByShortOnes) {
   const auto ahead = [&](const std::vector<std::pair<double, double>>& known, double x) {
     Predictor path(4);
@@ -198,14 +197,13 @@ TEST(Predictor, FollowsACubicThroughEvenPointsAndIsNotLedAstrayByShortOnes) {
   EXPECT_NEAR(ahead(known, 2.0), 2.0, 10.0 * off);
 }
 
-// At some 12.1 mm the arch snaps through, its own way of 5 mm within no way of the tool.
+// At some 12.1 mm the arch snaps through: it moves 5 mm while the tool does not move.
 TEST(LoadSlowly, PassesALimitPointToTheBranchOfTheMotionAndSaysWhere) {
   const Model model = arch_under_a_pad();
   const ForceSystem system(model, stiff_arch_soft_pad(model));
   const Loading loading = {.depth = 14e-3, .rate = 1e-3};
   History moving;
-  // Damped, so that what vibrates after the snap has come to rest at the end; the drag itself is 1e-3 of the
-  // force.
+  // Damping stops the vibration after the snap; the drag itself is 1e-3 of the force.
   solve(TimeMode::explicit_, system, model, loading, {.damping = 8.0, .frames = 14}, {}, moving);
   const double end = moving.force.back().force;
   double largest = 0.0;
@@ -235,7 +233,7 @@ TEST(LoadSlowly, FindsNoLimitPointWhereThereIsNone) {
   EXPECT_EQ(history.energy.back().dissipated, 0.0);
 }
 
-// The evaluations that the snap takes are not given.
+// The evaluations do not suffice for the snap.
 TEST(LoadSlowly, EndsWithinItsBoundWhereItGetsNoFurther) {
   const Model model = arch_under_a_pad();
   const ForceSystem system(model, stiff_arch_soft_pad(model));
@@ -261,7 +259,7 @@ TEST(LoadSlowly, EndsWithinItsBoundWhereOneLayerIsAThousandTimesStifferThanTheOt
   }
 }
 
-// From then on everything that asks is told to stop: within the next equilibrium, or step.
+// From then on every query reports a stop: within the next equilibrium, or step.
 TEST(EveryMarch, AskedToStopKeepsWhatItHas) {
   const Model model = averaged_block(4);
   const ForceSystem system(model, neo_hookean(210.0, 0.49, 1000.0));
@@ -288,7 +286,7 @@ TEST(EveryMarch, AskedToStopKeepsWhatItHas) {
   forget_stop();
 }
 
-// Whichever way it is followed, a body that hangs in its weight resists the tool as one in equilibrium does.
+// In every time mode a body under its weight resists the tool like one in equilibrium.
 TEST(EveryMarch, OfABodyUnderGravityEndsAtTheForceOfItsEquilibrium) {
   const Model model = averaged_block(4);
   const ForceSystem system(model, neo_hookean(210.0, 0.49, 1000.0));
@@ -303,7 +301,7 @@ TEST(EveryMarch, OfABodyUnderGravityEndsAtTheForceOfItsEquilibrium) {
     if (time == TimeMode::quasi_static) still = last.force, base = first.base_force;
     EXPECT_NEAR(last.force, still, 0.03 * still) << name_of(time);
     EXPECT_NEAR(first.base_force, base, 0.01 * base) << name_of(time) << ": the bed bears the weight";
-    // What gravity has done before the run is no energy of the run, what the tissue stores of it is.
+    // The work of gravity before the run does not count as energy of the run; the energy that it stored does.
     const double stored = history.energy.front().stored;
     EXPECT_GT(stored, 0.0) << name_of(time);
     if (time == TimeMode::quasi_static) at_rest = stored;
@@ -312,7 +310,7 @@ TEST(EveryMarch, OfABodyUnderGravityEndsAtTheForceOfItsEquilibrium) {
   }
 }
 
-// Where a tissue of Poisson's ratio 0 keeps the search from looking for pressures, none are held.
+// A tissue of Poisson's ratio 0 keeps the search from solving for pressures; then none are held.
 TEST(EveryMarch, OfABodyUnderGravityFeelsTheVolumeOfATissueBesideOneThatHoldsNone) {
   const Model model = averaged_block(4, 0.2, 1.8, [](const Vec3& x) { return x.z() > 10e-3 ? 1 : 0; });
   const ForceSystem system(
@@ -326,8 +324,8 @@ TEST(EveryMarch, OfABodyUnderGravityFeelsTheVolumeOfATissueBesideOneThatHoldsNon
   EXPECT_NEAR(still.force.back().force, force, 0.03 * force);
 }
 
-// Gravity along the surface carries the circle sideways before the tool touches: the moment is about its
-// middle there, and that of a bonded circle's forces about the middle of its nodes.
+// Gravity along the surface moves the patch sideways before the tool moves. The moment is about its displaced
+// middle, and that of bonded forces about the middle of its nodes.
 TEST(EveryMarch, OfABodyThatGravityCarriesHasTheMomentAboutWhereTheToolTouches) {
   const Model model = averaged_block(4);
   const ForceSystem tissue(model, neo_hookean(210.0, 0.49, 1000.0));
@@ -355,7 +353,7 @@ TEST(EveryMarch, OfABodyThatGravityCarriesHasTheMomentAboutWhereTheToolTouches) 
 }
 
 TEST(StiffnessRowSums, BoundTheStiffnessFromAbove) {
-  // With row sums as masses no frequency exceeds sqrt(1) by much: the stable step is at least 2.
+  // With row sums as masses no frequency exceeds 1 by much: the stable step is at least 2.
   const Model model = averaged_block();
   const Material material = neo_hookean(210.0, 0.499, 1000.0);
   const ForceSystem system(model, material);

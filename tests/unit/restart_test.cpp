@@ -1,4 +1,4 @@
-// A run that starts from a state of an earlier one ends with that one's bits.
+// A run restarted from a state of an earlier one ends with the same bits.
 
 #include <gtest/gtest.h>
 
@@ -25,7 +25,7 @@ struct Result {
   std::vector<std::pair<MarchState, std::size_t>> state;  // with the number of frames before it
 };
 
-/// `every`: how many steps lie between two states that are kept; 0: none is asked for.
+/// `every`: number of steps between two states that are kept; 0: none.
 Result march(TimeMode by, const Model& model, const Tissues& tissues, Precision precision,
              const Loading& loading, const SolverOptions& options, int every,
              const MarchState* from = nullptr) {
@@ -117,7 +117,7 @@ TEST(Restart, OfEquilibriumOfThePapersSchemeAtEachDepth) {
   const Model model = block(4);
   expect_restarts(
       TimeMode::quasi_static, model, one(plain, model), {.depth = 1e-3, .rate = 1e-3},
-      {.frames = 5, .step_radii = 0.05, .tolerance = 1e-3, .guards = false});  // so coarse a cloud is refused
+      {.frames = 5, .step_radii = 0.05, .tolerance = 1e-3, .guards = false});  // too coarse for guards
 }
 
 TEST(Restart, OfEveryWave) {

@@ -1,4 +1,4 @@
-// What a run says of itself: its headline, and the lines below its picture.
+// Texts of a run: its headline, and the lines below its picture.
 
 #include "apps/run/run_words.hpp"
 

@@ -11,8 +11,7 @@ namespace {
 
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 
-/// A box of 60 x 40 x 30 mm on z = 0, with nodes at its corners, pushed down at the middle of its top;
-/// turned.
+/// A box of 60 x 40 x 30 mm on z = 0, with nodes at its corners, pressed at the middle of its top; rotated.
 Discretisation box(const Eigen::Isometry3d& turned = Eigen::Isometry3d::Identity()) {
   Discretisation body;
   Points corner(3, 8);

@@ -1,4 +1,4 @@
-// A body under a tool that is moved by hand.
+// A body under a tool that a hand moves.
 
 #include "solver/session.hpp"
 
@@ -32,7 +32,7 @@ TEST(Session, ABodyHasTheSameForceOnAProcessorWithOtherCaches) {
   EXPECT_EQ(forces[0], forces[2]);
 }
 
-// 0.1 mm at a time, as a hand moves, reading force and surface after each.
+// The tool moves 0.1 mm at a time, like a hand; force and surface are read after each.
 TEST(Session, AToolMovedByATenthOfAMillimetreFeelsTheForceOfTheWholeWay) {
   const Model model = testing_bodies::averaged_block();
   const History whole = solve(model, {{tissue}, model.tissue}, {.depth = 1e-3, .rate = 1e-4}, {.frames = 4});
@@ -64,8 +64,7 @@ TEST(Session, AToolThatGoesBackLeavesNoForceAndNoDent) {
   EXPECT_NEAR(session.force(), pressed, 1e-3 * pressed);
 }
 
-// The sum of all nodal forces is none, and so is that of their moments: the tool feels what the base holds
-// the body with.
+// Nodal forces and their moments sum to zero, so the tool's wrench is that of the base.
 TEST(Session, TheForceAndTheMomentOnTheToolAreThoseOfTheBase) {
   for (const Contact contact : {Contact::bonded, Contact::frictionless}) {
     const Model model =
@@ -97,7 +96,7 @@ TEST(Session, TheForceAndTheMomentOnTheToolAreThoseOfTheBase) {
   }
 }
 
-// Whichever way the march goes, its samples have the vector of that moment.
+// In every time mode the samples have the force vector of their depth.
 TEST(Session, EverySampleOfAMarchHasTheForceVectorOfItsDepth) {
   const Model model =
       testing_bodies::averaged_block(6, 0.2, 1.8, [](const Vec3& x) { return x.x() > 17e-3; });
@@ -113,7 +112,7 @@ TEST(Session, EverySampleOfAMarchHasTheForceVectorOfItsDepth) {
     for (const Index a : model.circle) {
       const Vec3 on_tool = -f.col(a).head<3>();
       force += on_tool;
-      moment += (model.X.col(a) - model.tool.centre).cross(on_tool);  // the circle moves as one
+      moment += (model.X.col(a) - model.tool.centre).cross(on_tool);  // the patch moves as one
     }
     const Eigen::Map<const Wrench> felt(last.on_tool.data());
     EXPECT_LT((felt.head<3>() - force).norm(), 1e-12);
@@ -155,8 +154,7 @@ TEST(Session, AMoveOfTooManyStepsIsRefusedBeforeTheFirst) {
   EXPECT_TRUE(session.nodal_parameters() == before);
 }
 
-// Whichever way a tool came to where it is, and whatever bears on the body: from there on waves see the same
-// tissue.
+// After any motion of the tool, and under any loads, later waves depend on the same tissue stiffness.
 TEST(Session, StepsFromAnEquilibriumGoOnWithTheStiffnessOfTheVolume) {
   const Model model = testing_bodies::averaged_block(4);
   for (const double gravity : {0.0, -3.0}) {
@@ -170,7 +168,7 @@ TEST(Session, StepsFromAnEquilibriumGoOnWithTheStiffnessOfTheVolume) {
   }
 }
 
-// The circle's nodes would hold the tissue: a force of nothing at every depth.
+// The patch's nodes would hold the tissue: a force of zero at every depth.
 TEST(Session, OfATouchingToolOnAModelWithNodesOfACircleIsRefused) {
   const Model model = testing_bodies::averaged_block();
   ASSERT_FALSE(model.circle.empty());

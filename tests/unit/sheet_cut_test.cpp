@@ -1,4 +1,4 @@
-// A blade that comes between the nodes of a model, which stay where they are.
+// Cuts by a sheet between the nodes of a model, which keep their places.
 
 #include "preprocess/supports/sheet_cut.hpp"
 
@@ -21,7 +21,7 @@ namespace {
 
 const Material tissue = neo_hookean(210.0, 0.499, 1000.0);
 
-// Two triangles a field, n x m fields between a corner and the ends of two edges.
+// Sheet with n x m fields of two triangles between a corner and the ends of two edges.
 std::shared_ptr<const Sheet> flat_sheet(const Vec3& corner, const Vec3& along, const Vec3& down, int n = 5,
                                         int m = 4) {
   Points vertex(3, (n + 1) * (m + 1));
@@ -38,7 +38,7 @@ std::shared_ptr<const Sheet> flat_sheet(const Vec3& corner, const Vec3& along, c
   return std::make_shared<const Sheet>(std::move(vertex), std::move(triangles));
 }
 
-// Beside the circle of the block of 30 x 30 x 20 mm, from above, 12 mm long and 8 deep.
+// Sheet next to the patch of the block of 30 x 30 x 20 mm, from above, 12 mm long and 8 deep.
 std::shared_ptr<const Sheet> beside_circle() {
   return flat_sheet({21.3e-3, 9e-3, 22e-3}, {0.0, 12e-3, 0.0}, {0.0, 0.0, -10e-3});
 }
@@ -87,7 +87,7 @@ TEST(ASheet, IsPassedByEveryWayAcrossItAlsoThroughItsEdgesAndCorners) {
   EXPECT_FALSE(sheet->between(corner + Vec3(1.0, 1.0, 0.5), corner + Vec3(4.0, 3.0, 0.6)));
 }
 
-// A valley z = |x|, whose thickness along its mean normal is as large as itself.
+// A valley z = |x| is as high as its extent along its mean normal.
 TEST(ASheet, ThatIsBentIsPassedWhereverAWayCrossesIt) {
   constexpr int half = 8;
   Points vertex(3, 2 * (2 * half + 1));
@@ -145,7 +145,7 @@ TEST(ABodyThatASheetCuts, HasTheGradientOfALinearFieldAtEveryPoint) {
   }
 }
 
-// Each point's shares sum to one; and where nothing was cut all is as it was, to the bit.
+// The weights of each point sum to one, and far from the cut they are the same to the bit.
 TEST(ABodyThatASheetCuts, HasPatchesOnEachBankAndTheOldOnesElsewhere) {
   const Model before = testing_bodies::averaged_block(9);
   const auto sheet = flat_sheet({21.3e-3, -1e-3, 22e-3}, {0.0, 32e-3, 0.0}, {0.0, 0.0, -16e-3}, 9, 6);
@@ -175,19 +175,19 @@ TEST(ABodyThatASheetCuts, IsTheSameToTheBitWhetherOneLooksNearTheSheetOrEverywhe
     EXPECT_EQ(near.of_patch, all.of_patch);
     EXPECT_EQ(near.model.variance.size(), two_tissues ? 2u : 1u);
     EXPECT_TRUE(same_bits(near.model, all.model));
-    // And of a second cut across the first.
+    // A second cut across the first gives the same, too.
     const auto second = flat_sheet({17e-3, 14.2e-3, 22e-3}, {12e-3, 0.0, 0.0}, {0.0, 0.0, -10e-3});
     EXPECT_TRUE(
         same_bits(cut_of(near.model, second).model, cut_of(near.model, second, Looked::everywhere).model));
   }
 }
 
-// Supports that nothing made consistent, as those of a body with folds, are found again from the start.
-// In a lattice many sums are zero, and stay where a cell has both nodes.
+// Supports that were not made consistent, as those of a body with folds, are recomputed fully. In a lattice
+// many sums are zero, and remain where a cell has both nodes.
 TEST(ABodyThatASheetCuts, HasTheSupportsAndTheVarianceThatAreFoundFromTheStart) {
   for (const double scatter : {0.2, 0.0}) {
     Model before = testing_bodies::averaged_block(8, scatter);
-    find_supports(before);  // as before they were made consistent
+    find_supports(before);  // state before they were made consistent
     const SheetCut cut = cut_of(before, beside_circle());
     Model whole = cut.model;
     find_supports(whole, *cut.model.sight);
@@ -199,7 +199,7 @@ TEST(ABodyThatASheetCuts, HasTheSupportsAndTheVarianceThatAreFoundFromTheStart) 
   }
 }
 
-// The same block and blade, turned about an axis of no symmetry.
+// Block and blade are rotated about an axis of no symmetry.
 TEST(ABodyThatASheetCuts, HasNoNodeThroughTheSheetHoweverItsImageIsTurned) {
   Discretisation places = testing_bodies::block_places(6, 0.2, 1.8);
   places.second_moments = SecondMoments::Zero(6, places.point_count());
@@ -258,7 +258,7 @@ TEST(ABodyThatASheetCuts, IsCutASecondTimeAcrossTheFirst) {
     for (int k = now.support.offset[q]; k < now.support.offset[q + 1]; ++k)
       through += first->between(now.X.col(now.support.member[k]), now.point.col(q)) ||
                  second->between(now.X.col(now.support.member[k]), now.point.col(q));
-  // A place in the corner of the two may see too few nodes, and takes those that are near.
+  // A point in the corner of both sheets may see too few nodes, and then uses nearby ones.
   const auto unconnected = static_cast<Index>(now.support_report.unconnected.size());
   EXPECT_LE(through, 40 * unconnected);
   EXPECT_LT(unconnected, 20);
@@ -268,7 +268,7 @@ Session session_on(const Model& model) {
   return Session(model, {tissue});
 }
 
-// As a hand goes along a cut again: no cell lies between two sheets, and nothing becomes stiffer.
+// A hand may repeat a cut: then no cell is between two sheets, and nothing becomes stiffer.
 TEST(ABodyThatASheetCuts, IsNotCutAgainWhereItIsCut) {
   const SheetCut first = cut_of(testing_bodies::averaged_block(), beside_circle());
   const auto beside = [](double off, double down) {
@@ -276,7 +276,7 @@ TEST(ABodyThatASheetCuts, IsNotCutAgainWhereItIsCut) {
   };
   for (const double off : {0.0, 0.1e-3, -0.1e-3})
     EXPECT_THROW(cut_of(first.model, beside(off, 9e-3)), ModelError) << off;
-  // One that goes on deeper cuts what is left; across it, all of it.
+  // A deeper cut removes the remainder; one across it is complete.
   const SheetCut deeper = cut_of(first.model, beside(0.1e-3, 15e-3));
   const SheetCut at_once = cut_of(testing_bodies::averaged_block(), beside(0.0, 15e-3));
   EXPECT_GT(deeper.area, 0.0);
@@ -284,7 +284,6 @@ TEST(ABodyThatASheetCuts, IsNotCutAgainWhereItIsCut) {
   const auto across = flat_sheet({17e-3, 15.3e-3, 22e-3}, {9e-3, 0.0, 0.0}, {0.0, 0.0, -8e-3});
   const double whole = cut_of(testing_bodies::averaged_block(), across).area;
   EXPECT_NEAR(cut_of(first.model, across).area, whole, 0.15 * whole);
-  // Nothing is stiffer for it.
   const auto force = [](const SheetCut& cut) {
     Session session(cut.model, {tissue});
     session.equilibrate(1e-3);

@@ -1,4 +1,4 @@
-// What is seen through the tissue, and what lies behind air.
+// Visibility through tissue and across air.
 
 #include "preprocess/surface/sight.hpp"
 
@@ -81,7 +81,7 @@ TEST(Sight, PassesTheSurfaceWhereALineDoes) {
   }
 }
 
-// A long triangle that a way meets at its far end, after a small one that stands in its way.
+// A long triangle intersects the path at its far end, a small one before it.
 TEST(Sight, FindsTheFirstEntryThoughAFartherOneIsInReachBefore) {
   Points vertex(3, 6 + 3 * 400);
   vertex.leftCols(6) << 0, 100, 0, 50, 50, 50,  //
@@ -89,7 +89,7 @@ TEST(Sight, FindsTheFirstEntryThoughAFartherOneIsInReachBefore) {
       0.9, -0.1, 0.9, -1, -1, 1;
   Triangles triangles(3, 402);
   triangles.leftCols(2) << 0, 5, 2, 4, 1, 3;
-  for (int k = 0; k < 400; ++k) {  // small ones beside, by which cells are small
+  for (int k = 0; k < 400; ++k) {  // small ones nearby, which make cells small
     triangles.col(2 + k) << 6 + 3 * k, 7 + 3 * k, 8 + 3 * k;
     const Vec3 at(0.25 * k, 40.0, 0.0);
     vertex.col(6 + 3 * k) = at;
@@ -108,7 +108,7 @@ TEST(Sight, FindsTheFirstEntryThoughAFartherOneIsInReachBefore) {
   EXPECT_EQ(crossings[0].triangle, 1);
 }
 
-// No support has nodes on both banks, but about the end of the slit; every node is in some support.
+// No support has nodes on both faces of the slit, except around its end; every node is in some support.
 TEST(Sight, KeepsTheBanksOfASlitApartInAModel) {
   ModelOptions options;
   options.cloud.count = 1000;

@@ -1,4 +1,4 @@
-// The mission as one function: from a case to its result, and nothing beside it.
+// The whole computation as one function: a case gives its result, without side effects.
 
 #include "apps/run/simulate.hpp"
 
@@ -33,7 +33,7 @@ namespace {
 namespace fs = std::filesystem;
 using testing::HasSubstr;
 
-// Of few nodes, but for the options that are given.
+// Case of few nodes with the given options.
 Case small_case(OptionTexts options = {}) {
   const fs::path image = fresh_folder() / "block.nrrd";
   write_label_image(image, make_phantom({.shape = "block", .size_mm = {50, 50, 30}, .spacing_mm = 2.5}));
@@ -59,7 +59,7 @@ TEST(Simulate, PrintsNothingAndWritesNoFile) {
   EXPECT_EQ(result.model.tissue.size(), result.model.point_count());
 }
 
-// A block of 50 x 50 x 30 mm that its weight shortens by 1 mm, and sponge that it shortens by more.
+// A block of 50 x 50 x 30 mm is shortened by 1 mm by its weight, and a sponge by more.
 TEST(Simulate, FindsTheShapeWithoutLoadsFromWhichTheyBringABodyBackToItsImage) {
   for (const double nu : {0.499, 0.3}) {
     Case given = small_case({{"material.mu_Pa", "600"},
@@ -71,7 +71,7 @@ TEST(Simulate, FindsTheShapeWithoutLoadsFromWhichTheyBringABodyBackToItsImage) {
     const Result unloaded = simulate(given);
     ASSERT_TRUE(unloaded.unloaded);
     EXPECT_FALSE(as_it_is.unloaded);
-    // The march has taken the gradients with it.
+    // The march has moved the gradients out of the model.
     const Model model = make_model(unloaded.model, unloaded.model.scheme, unloaded.model.tissue, {1000.0});
     const ForceSystem tissue(model, unloaded.tissues);
     const auto system =
@@ -82,7 +82,7 @@ TEST(Simulate, FindsTheShapeWithoutLoadsFromWhichTheyBringABodyBackToItsImage) {
     EXPECT_LT((x - as_it_is.model.X).colwise().norm().maxCoeff(), 0.08e-3) << nu;
     EXPECT_LT((vertex - as_it_is.model.surface.vertex_mm).colwise().norm().maxCoeff(), 0.08) << nu;
     EXPECT_GT((model.X - as_it_is.model.X).colwise().norm().maxCoeff(), 0.5e-3) << nu;
-    // The circle goes with its nodes: moments are about its middle.
+    // The centre of the patch moves with its nodes: moments are about it.
     Vec3 way = Vec3::Zero();
     for (const Index a : model.circle) way += model.X.col(a) - as_it_is.model.X.col(a);
     way /= static_cast<double>(model.circle.size());
@@ -91,7 +91,7 @@ TEST(Simulate, FindsTheShapeWithoutLoadsFromWhichTheyBringABodyBackToItsImage) {
     EXPECT_EQ(unloaded.unloaded->imaged_centre, as_it_is.model.tool.centre);
     EXPECT_GT(model.surface.vertex_mm.row(2).maxCoeff(),
               as_it_is.model.surface.vertex_mm.row(2).maxCoeff() + 0.5);
-    // The same tissue, without what weighs on it.
+    // Without loads incompressible tissue has the same mass; compressible tissue expands.
     const double mass = as_it_is.model.mass.sum();
     if (nu > 0.49) {
       EXPECT_NEAR(model.mass.sum(), mass, 2e-3 * mass);
@@ -113,7 +113,7 @@ TEST(Simulate, FindsTheShapeWithoutLoadsFromWhichTheyBringABodyBackToItsImage) {
   }
 }
 
-// Cells of a turned body have second moments off the diagonal.
+// Cells of a rotated body have second moments off the diagonal.
 TEST(Simulate, FindsTheSameShapeWithoutLoadsHoweverTheBodyIsTurned) {
   const LabelImage straight = make_phantom({.shape = "block", .size_mm = {50, 50, 30}, .spacing_mm = 2.5});
   const auto force = [&](const Mat3& turn) {
@@ -134,7 +134,7 @@ TEST(Simulate, FindsTheSameShapeWithoutLoadsHoweverTheBodyIsTurned) {
 }
 
 TEST(Simulate, ChoosesWhereLoadsActOnTheImageOfABodyThatWasImagedUnderThem) {
-  // Half a millimetre of the ball reaches below the image's top, and the top of the shape without loads is
+  // The ball reaches half a millimetre below the image's top, and the top of the load-free configuration is
   // above the ball.
   Case given = small_case({{"material.mu_Pa", "600"},
                            {"load.gravity", "inferior"},
@@ -186,7 +186,7 @@ TEST(Simulate, AskedToStopAmidTheMarchReturnsWhatThereIs) {
   EXPECT_NEAR(result.history.force.back().depth, 0.5e-3, 1e-12);
 }
 
-// The libraries behind the readers print and warn by way of the whole process.
+// Libraries behind the readers print and warn through process-wide streams.
 TEST(Simulate, ManyAtOnceGiveWhatOneGivesAndLeaveTheStreamsAlone) {
   const Case given = small_case();
   const double alone = simulate(given).history.force.back().force;
@@ -205,7 +205,7 @@ TEST(Simulate, ManyAtOnceGiveWhatOneGivesAndLeaveTheStreamsAlone) {
   EXPECT_EQ(std::cerr.rdbuf(), err);
 }
 
-// The block stands on its base, and its top is at 30 mm.
+// The block is on its base, and its top is at 30 mm.
 TEST(Simulate, APlaceBelowTheToolGoesWithItAndOneAboveTheBaseStays) {
   Case given = small_case({{"boundary.base", "inferior"}, {"boundary.indent_at", "0,0,top"}});
   Result built;
@@ -228,7 +228,7 @@ TEST(Simulate, RefusesAPlaceOutsideOfTheBodyAndAQuantityThatIsNone) {
     EXPECT_THROW(simulate(small_case({{"accuracy.quantity", quantity}})), UsageError) << quantity;
 }
 
-// Tissues in layers of 10 mm, label 1 on the base.
+// Case with tissues in layers of 10 mm, label 1 on the base.
 Case layered_case(const OptionTexts& options = {}) {
   Case given = small_case(options);
   const fs::path image = test_folder() / "layers.nrrd";
@@ -321,7 +321,7 @@ TEST(Simulate, AModelThatIsKeptInMemoryHasTheBandOfItsImage) {
   EXPECT_FALSE(simulate(kept).band.known());
 }
 
-// Walls of 5 mm with 2.5 mm of air between them, on a slab.
+// The image has walls of 5 mm with 2.5 mm of air between them, on a slab.
 TEST(Simulate, AFoldedBodyTakesTheNodesThatItsBandNeedsUnlessTheyAreGiven) {
   Case given = small_case();
   const fs::path image = test_folder() / "folded.nrrd";
@@ -348,7 +348,7 @@ TEST(Simulate, AFoldedBodyTakesTheNodesThatItsBandNeedsUnlessTheyAreGiven) {
   EXPECT_NEAR(static_cast<double>(asked.model.node_count()), 1500.0, 15.0);
 }
 
-// Cases that share what was made of an organ have their own force each, to the same bits as alone.
+// Cases on one prepared organ have their own force each, with the same bits as alone.
 TEST(Simulate, OnAnOrganThatWasReadBeforeIsAsAlone) {
   const Case first = small_case();
   ReadOrgan organ = read_once(first, {});

@@ -24,7 +24,7 @@ StableStep step_of(const Model& model, const Material& material) {
 TEST(StableTimeStep, ScalesWithTheWaveSpeedAndTheSize) {
   const Model model = block(5);
   const double dt = step_of(model, tissue).dt;
-  // Four times as stiff: waves are twice as fast.
+  // At four times the stiffness waves are twice as fast.
   EXPECT_NEAR(step_of(model, neo_hookean(840.0, 0.49, 1000.0)).dt, 0.5 * dt, 1e-3 * dt);
   Model heavy = model;
   heavy.mass *= 4.0;

@@ -1,4 +1,4 @@
-// Scenes of several steps, each from the last one's equilibrium.
+// Scenes of several steps, each from the equilibrium of the one before.
 
 #include "solver/march/steps.hpp"
 
@@ -77,7 +77,7 @@ ForceSample sample(double depth, double aside, double force) {
 }
 
 TEST(JumpOfACurve, IsWhatNeitherNeighbourLeadsTo) {
-  // A corner, where pressing becomes sliding, is none, and neither is a long piece of an even slope.
+  // Neither a corner from pressing to sliding nor a long segment of constant slope is a jump.
   EXPECT_NEAR(
       largest_jump({sample(0, 0, 0), sample(1, 0, 1), sample(2, 0, 2), sample(2, 1, 2), sample(2, 2, 2)})
           .force,
@@ -119,7 +119,7 @@ TEST_F(Steps, ElasticTissueForgetsOnWhichWayTheToolCame) {
     EXPECT_LT((Eigen::Map<const Vec3>(seen->history.force.back().aside.data()) - 0.5e-3 * side).norm(),
               1e-12);
   }
-  // The moment is about a point that has come along: whichever way.
+  // The moment is about a point that moves with the tool, for any path.
   const auto moment = [](const Seen& s) {
     return Eigen::Map<const Vec3>(s.history.force.back().on_tool.data() + 3);
   };

@@ -43,7 +43,7 @@ TEST(Support, GrowsUntilThereAreTwiceAsManyNodesAsTheBasisHasTermsAndSaysSo) {
   EXPECT_LT(report.linear_error, 1e-10);
 }
 
-// Supports are found at eight places of each cell; a point counts once.
+// Supports are computed at eight points of each cell; an integration point counts once.
 TEST(Support, HasGrownAtNoMorePointsThanThereAre) {
   Model model = testing_bodies::averaged_block(5);
   const SupportReport report = find_supports(model, {.radius_factor = 0.9});
@@ -51,7 +51,7 @@ TEST(Support, HasGrownAtNoMorePointsThanThereAre) {
   EXPECT_LE(report.grown, model.point_count());
 }
 
-// Two sheets of nodes, the upper one out of reach at first: no gradient across the sheet without growing.
+// Two sheets of nodes, the upper one out of reach at first: no gradient across the sheet without growth.
 TEST(Support, GrowsWhereTheNodesInReachLieInOnePlane) {
   Model model;
   model.scheme = horton2007;
@@ -95,7 +95,7 @@ TEST(Interpolation, ReproducesLinearFieldsAtPlacesOfItsOwn) {
 
 TEST(Interpolation, IsTheSameFieldAtNodesInsideAndOnTheSurface) {
   Model model = block(5);
-  model.surface.vertex_mm = 1e3 * model.X;  // one place in three files
+  model.surface.vertex_mm = 1e3 * model.X;  // one set of places in three files
   const Points nodal = model.X.unaryExpr([](double x) { return std::sin(300.0 * x); });
   const Points at_nodes = node_interpolation(model)(nodal);
   EXPECT_LT((at_nodes - surface_interpolation(model)(nodal)).cwiseAbs().maxCoeff(), 1e-12);

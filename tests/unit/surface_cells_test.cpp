@@ -10,7 +10,7 @@
 namespace dimple {
 namespace {
 
-// To a triangle's plane, or else to the nearest of its edges: in the plainest way.
+// Distance to a triangle's plane, or else to the nearest of its edges, by the plainest method.
 double distance_to(const Vec3& x, const Vec3& a, const Vec3& b, const Vec3& c) {
   const Vec3 n = (b - a).cross(c - a);
   const Vec3 foot = x - n.dot(x - a) / n.squaredNorm() * n;
@@ -51,7 +51,7 @@ Vec3 random_place(std::mt19937& random) {
   return {46.0 * x, 31.0 * y, 17.0 * z};
 }
 
-// Every triangle that is so near is met, and none twice, from inside, far outside and on a corner.
+// Every triangle within reach is visited, and none twice, from inside, far outside and on a corner.
 TEST(BoxTree, MeetsEachTriangleWithinReachOnce) {
   const Body body;
   const BoxTree tree(body.surface.vertex(), body.surface.triangles());
@@ -117,7 +117,7 @@ TEST(SurfaceCells, TellInsideFromOutsideAsThePlanesOfAConvexBodyDo) {
     }
     EXPECT_LT(unsaid, count / 100);
   }
-  EXPECT_EQ(unmarked_asked, 0);  // lines along the axes tell, which pass no edge here
+  EXPECT_EQ(unmarked_asked, 0);  // lines along the axes decide; they meet no edge here
 }
 
 TEST(SurfaceCells, LeaveAPlaceOnTheSurfaceToAnExactAnswer) {

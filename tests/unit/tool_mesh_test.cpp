@@ -74,8 +74,8 @@ TEST(ToolMesh, OfABallHasItsDistancesAndNormals) {
     EXPECT_NEAR(found.gradient.norm(), 1.0, 0.01);
     EXPECT_GT(found.gradient.normalized().dot(out), 0.9995);
   }
-  // The middle of a triangle lies within the sphere by what both of its arcs rise above their chords, and the
-  // spline within the ball by step^2 / (3 r).
+  // The middle of a triangle is inside the sphere by the rise of both of its arcs above their chords. The
+  // spline is inside the ball by step^2 / (3 r).
   const double of_triangles = R * std::pow(std::numbers::pi / 96, 2);
   EXPECT_LT(largest, of_triangles + std::pow(tool.distance.step, 2) / (3.0 * (R - 1e-3)));
 }
@@ -111,7 +111,7 @@ TEST(ToolMesh, IsTheSameToolHoweverItsTrianglesFace) {
 
 TEST(ToolMesh, ThatIsOpenIsRefusedWithThePlace) {
   TriangleMesh mesh = ball(5.0, {10, 20, 30});
-  mesh.triangles.conservativeResize(3, mesh.triangles.cols() - 1);  // beside the highest point
+  mesh.triangles.conservativeResize(3, mesh.triangles.cols() - 1);  // next to the highest point
   const std::string said = refusal(mesh);
   EXPECT_THAT(said, HasSubstr("an open border of 3 edges"));
   EXPECT_THAT(said, HasSubstr("35.0"));  // height of that point

@@ -106,7 +106,7 @@ TEST(Verdict, MoreThanWasLabelledIsSaidToBeWhatWasFilledAndClosed) {
   EXPECT_EQ(of(result).substr(of(result).rfind(',')), ", 1.50 cm3 of other pieces dropped");
 }
 
-// A body chooses the order and direction of its axes itself.
+// The order and direction of a body's axes are arbitrary.
 TEST(Report, AxesAreTurnedByWhatIsObliqueAndNotByTheirOrder) {
   Mat3 swapped;
   swapped << 0, 0, -1, 1, 0, 0, 0, 1, 0;

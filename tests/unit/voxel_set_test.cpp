@@ -16,7 +16,7 @@ VoxelSet set_of(const std::array<Index, 3>& n, const Inside& inside) {
   return voxels_with(image_of(n, Vec3::Ones(), inside), {});
 }
 
-// Lopsided along every axis, most of all along k.
+// A body lopsided along every axis, most of all along k.
 bool organ(Index i, Index j, Index k) {
   return k >= 1 && k < 8 && i >= 1 && i < 13 - 2 * (k / 2) && j >= 2 && j < 9 - k / 2 && (i < 9 || j < 6);
 }
@@ -88,7 +88,7 @@ TEST(VoxelSet, CroppedHasTheBoxOfItsOwnVoxelsWhateverWasThereBefore) {
   }
 }
 
-// However the scanner's axes lay, the organ's own order gives one set of voxels.
+// For any axes of the scanner, the organ's own order gives one set of voxels.
 TEST(VoxelSet, InItsOwnOrderIsTheSameHoweverItWasTurned) {
   const Vec3 spacing(1.0, 1.5, 2.0);
   const VoxelSet set = set_of(size, organ), own = reordered(set, own_order(set, spacing), size);

@@ -70,7 +70,7 @@ SurfaceFile tetrahedron() {
   return surface;
 }
 
-/// The error that `action` throws must be of type E and say `word` in one of its four fields.
+/// Expects that `action` throws an error of type E with `word` in one of its four fields.
 template <class E, class Action>
 void expect_report(Action action, const std::string& word) {
   testing::internal::CaptureStderr();
@@ -82,7 +82,7 @@ void expect_report(Action action, const std::string& word) {
   EXPECT_EQ(testing::internal::GetCapturedStderr(), "") << "VTK printed";
 }
 
-/// A file as somebody may have changed it, and a word of its refusal.
+/// A damaged file, and a word of its refusal.
 struct Changed {
   std::string what, content, word;
 };
@@ -106,13 +106,13 @@ std::string replaced(std::string content, const std::string& was, const std::str
   return content.replace(content.find(was), was.size(), is);
 }
 
-/// The first attribute of this name with another value.
+/// The content with another value of the first attribute of this name.
 std::string with_attribute(std::string content, const std::string& name, const std::string& value) {
   const std::size_t at = content.find(name + "=\"") + name.size() + 2;
   return content.replace(at, content.find('"', at) - at, value);
 }
 
-/// The first array that stands in binary, with another letter.
+/// The content with another letter in the first binary array.
 std::string with_letter(std::string content, std::size_t letter) {
   const std::size_t tag = content.find('>', content.find("format=\"binary\""));
   content[content.find_first_not_of(" \n", tag + 1) + letter] = '/';
@@ -230,9 +230,9 @@ TEST(Vtu, RefusesAbsurdNumbersAndADamagedHeader) {
 }
 
 TEST(Vtu, RefusesATextArrayWhereverItStands) {
-  // VTK's reader takes words that do not end as it expects for memory of its own.
+  // VTK's reader treats unexpectedly terminated words as its own memory.
   const fs::path folder = fresh_folder();
-  // The array stands beyond the first 64 kB.
+  // The array is beyond the first 64 kB.
   const std::string content = vtu_of({.position_mm = Points::Random(3, 20000), .fields = {}}, true);
   std::vector<Changed> bad;
   for (const std::string element : {"DataArray", "Array"})
@@ -252,8 +252,8 @@ TEST(Vtu, RefusesDamagedCompressedDataAndMoreBlocksThanTheFileCanHold) {
   for (std::size_t i = data + 60; i < data + 90; ++i)
     damaged[i] = content[i] == 'A' ? 'B' : 'A';  // still base64
   std::vector<Changed> bad = {{"data", damaged, "bad.vtu"}};
-  // Of the first words, four letters for three bytes: number of blocks, bytes of each, of the last, packed
-  // bytes.
+  // Header words, four letters for three bytes: number of blocks, bytes of each, bytes of the last,
+  // compressed bytes.
   for (const std::size_t letter : {3, 8, 14, 19})
     bad.push_back({std::to_string(letter), with_letter(content, letter), "more than"});
   expect_refused(folder / "bad.vtu", read_vtu, bad);
@@ -279,7 +279,7 @@ TEST(Vtu, SeesThroughUnusualWaysToWriteAnAttribute) {
 
 // ------------------------------------------------------------------------------------------------------ VTP
 
-/// A lattice of squares, each cut in two, its triangles in no order.
+/// A lattice of squares, each cut in two, with its triangles in random order.
 Triangles shuffled_lattice(Index side) {
   std::vector<std::array<Index, 3>> list;
   for (Index j = 0; j + 1 < side; ++j)
@@ -298,7 +298,7 @@ Triangles shuffled_lattice(Index side) {
   return triangles;
 }
 
-/// Each triangle from its smallest corner on, which keeps the side that it shows.
+/// Triangles from their smallest corner on, with their orientation.
 std::set<std::array<Index, 3>> set_of(const Triangles& triangles) {
   std::set<std::array<Index, 3>> result;
   for (const auto& t : triangles.colwise()) {
@@ -363,7 +363,7 @@ TEST(Vtp, OfASmallFileHoldsPolygonsFieldsAndTimeAndGivesBackTheSameBits) {
   EXPECT_EQ(in.fields[0].values, out.fields[0].values.cast<float>().cast<double>());
 }
 
-/// A surface of four points as VTK writes one: its cells stand after the number of its strips.
+/// A surface of four points as VTK writes one: its cells follow the number of its strips.
 std::string surface_of(const std::string& cells) {
   return R"(<VTKFile type="PolyData" version="1.0" byte_order="LittleEndian" header_type="UInt64"><PolyData>)"
          R"(<Piece NumberOfPoints="4" NumberOfVerts="0" NumberOfLines="0" NumberOfStrips="0" )" +
@@ -427,7 +427,7 @@ TEST(VtkFile, RefusesEveryTruncation) {
 
 // ------------------------------------------------------------------------------------------------------ VTI
 
-/// 20 x 16 x 12 voxels of 0.5 x 1 x 2 mm, turned and shifted, with a labelled box inside.
+/// Image of 20 x 16 x 12 voxels of 0.5 x 1 x 2 mm, rotated and shifted, with a labelled box inside.
 LabelImage oblique_image(std::int32_t label) {
   LabelImage image = image_of({20, 16, 12}, Vec3::Ones(), [&](Index i, Index j, Index k) {
     return i >= 8 && i <= 17 && j >= 3 && j <= 12 && k >= 4 && k <= 7 ? label : 0;
@@ -444,7 +444,7 @@ vtkSmartPointer<vtkImageData> read_image(const fs::path& file) {
   return reader->GetOutput();
 }
 
-/// What a picture program finds at a position: the label of the nearest voxel, 0 outside.
+/// Label of the nearest voxel at a position, as a viewer finds it; 0 outside.
 double label_at(vtkImageData& image, const Vec3& position_mm) {
   double index[3];
   image.TransformPhysicalPointToContinuousIndex(position_mm.data(), index);
@@ -476,7 +476,7 @@ TEST(Vti, PutsEveryVoxelOfAnObliqueImageInItsPlace) {
         ASSERT_EQ(label_at(*grid, image.to_world * place_of(i, j, k)), image.at(i, j, k))
             << i << ' ' << j << ' ' << k;
       }
-  // Cropped to the foreground and two voxels more, so that the first voxel is voxel (6, 1, 2).
+  // The grid is cropped to the foreground and two voxels more, so that the first voxel is voxel (6, 1, 2).
   const Vec3 corner = image.to_world * Vec3(6.0, 1.0, 2.0);
   for (int d = 0; d < 3; ++d) EXPECT_NEAR(grid->GetPoint(0)[d], corner[d], 1e-12);
 }
@@ -506,7 +506,7 @@ TEST(Vti, StraightensAShearedImageWithoutMovingItsLabels) {
   write_vti(file, image);
   const auto grid = read_image(file);
   EXPECT_TRUE(grid->GetDirectionMatrix()->IsIdentity());
-  // Each sample holds the label of the sheared voxel that covers its position: nothing else may appear.
+  // Each sample has the label of the sheared voxel that covers its position, and nothing else appears.
   const Eigen::Affine3d to_voxel = image.to_world.inverse();
   double foreground = 0.0;
   for (vtkIdType n = 0; n < grid->GetNumberOfPoints(); ++n) {

@@ -1,6 +1,6 @@
-"""Draws what pia.py measured: panels as JSON on stdin, FILE.png and FILE.svg.
+"""Draws the results of pia.py: panels as JSON on stdin, FILE.png and FILE.svg.
 
-    draw.py FILE < panels.json        pia.py says what they hold
+    draw.py FILE < panels.json        pia.py describes them
 """
 
 import json

@@ -1,13 +1,13 @@
-"""The band of folded bodies whose folds touch: brains as they were segmented, sulci open.
+"""Error bounds of folded bodies whose folds are in contact: brains as segmented, sulci open.
 
     python3 tests/validation/folds.py build/release/dimple HEADS TABLE.csv 11 12 13
 
 HEADS is the folder data/training_label_maps of SynthSeg (github.com/BBillot/SynthSeg, Apache-2.0): training_seg_01.nii.gz
-to training_seg_20.nii.gz, label images of whole heads, 1 mm. The brain is every label below 200 but 24 (fluid). A circle
-of 10 mm presses 8 mm deep, opposite to the side that is held, which are two.
+to training_seg_20.nii.gz, label images of whole heads, 1 mm. The brain is every label below 200 but 24 (fluid). A bonded patch
+of 10 mm presses 8 mm deep, opposite to the base; each of two sides is the base in turn.
 
-A row is a cloud of the 4000 nodes that such a body takes by default (`seed`), with the band that the run states; `reference_mN` is the mean
-of two clouds of 16,000 nodes, `doubt_mN` half of their difference, `passing_mN` the force where folds pass through each other
+A row is a run with the default of 4000 nodes for such a body (`seed`), with its error bounds; `reference_mN` is the mean
+of two runs with 16,000 nodes, `doubt_mN` half of their difference, `passing_mN` the force where folds pass through each other
 (16,000 nodes). Needs numpy.
 """
 

@@ -1,4 +1,4 @@
-// Organs of people, from images of all kinds: no option but the label is needed.
+// Human organs, from images of all kinds: no option but the label is needed.
 
 #include <gtest/gtest.h>
 
@@ -20,7 +20,7 @@ TEST(Organs, OfPeopleCanBeIndentedWithNoOptionOfTheModelButTheLabel) {
   const fs::path folder = fresh_folder();
   struct Organ {
     const char* file;
-    std::vector<std::string> label;  // nothing: all that is labelled
+    std::vector<std::string> label;  // empty: all labels
   };
   for (const Organ& organ : {Organ{"human_brain_mri_2mm.nrrd", {}}, Organ{"heart_ct_1.5mm.nii.gz", {}},
                              Organ{"abdomen_mr_3mm.nii.gz", {"--label", "5"}}, Organ{"lung_ct_aniso.mha", {}},
@@ -36,7 +36,7 @@ TEST(Organs, OfPeopleCanBeIndentedWithNoOptionOfTheModelButTheLabel) {
     ASSERT_EQ(ran.code, 0) << ran.err;
     const Json summary = Json::parse(ran.out);
     EXPECT_EQ(summary.at("status"), "finished");
-    const bool folded = organ.file == std::string("human_brain_mri_2mm.nrrd");  // its band needs more
+    const bool folded = organ.file == std::string("human_brain_mri_2mm.nrrd");  // its error bounds need more
     EXPECT_EQ(summary.at("counts").at("nodes"), folded ? 4000 : 1500);
     EXPECT_NEAR(summary.at("indentation_mm").get<double>(), 1.0, 1e-9);
     EXPECT_GT(summary.at("force_N").get<double>(), 0.0);
@@ -46,9 +46,8 @@ TEST(Organs, OfPeopleCanBeIndentedWithNoOptionOfTheModelButTheLabel) {
   }
 }
 
-// Where nobody asks for a place, none is taken that an anatomist would laugh at: the brain does not lie on
-// its crown, the tool stands neither on a vessel of the heart nor where the scan of the liver ends, and not
-// at the hilum of a lung.
+// Default places are anatomically sensible. The brain does not rest on its crown. The tool is not on a vessel
+// of the heart, at the edge of the liver's scan, or at the hilum of a lung.
 TEST(Organs, OfPeopleLieAsThePatientDoesAndTheToolStandsOnThickTissue) {
   const char* place = std::getenv("DIMPLE_SHARED_DATA");
   if (!place) GTEST_SKIP() << "skipped: DIMPLE_SHARED_DATA names no folder with label images";
@@ -75,8 +74,8 @@ TEST(Organs, OfPeopleLieAsThePatientDoesAndTheToolStandsOnThickTissue) {
   }
 }
 
-// P2/P1 tetrahedra (displacement and pressure, 9400 nodes, about 1 mm at the rim, a code that is not in this
-// repository) of the same surface, base and circle: 15.48 mN at 2 mm, which reads about 1 % low.
+// Reference of the same surface, base and patch: 15.48 mN at 2 mm, about 1 % too low. P2/P1 tetrahedra
+// (displacement and pressure), 9400 nodes, about 1 mm at the patch edge, external code.
 TEST(Organs, TheHeartResistsAsIndependentFiniteElementsSay) {
   const char* place = std::getenv("DIMPLE_SHARED_DATA");
   if (!place) GTEST_SKIP() << "skipped: DIMPLE_SHARED_DATA names no folder with label images";

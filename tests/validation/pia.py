@@ -1,9 +1,9 @@
-"""Which pia would explain the experiment: the phantom brain's force under films of more and more stiffness.
+"""Stiffness of a pia that would explain the experiment: the phantom brain's force under films of increasing stiffness.
 
     tests/validation/pia.py build/release/dimple tests/verification/results/pia
 
-Each film is 0.1 mm thick, wrinkles, and covers all of the organ; the tool is bonded. Writes pia.csv, and the panels
-that draw.py makes pia.svg and pia.png of, which it starts (matplotlib). Some ten minutes with two threads.
+Each film is 0.1 mm thick, wrinkles, and covers all of the organ; the tool is bonded. Writes pia.csv, and starts draw.py,
+which makes pia.svg and pia.png (matplotlib). Some ten minutes with two threads.
 """
 
 import csv
@@ -19,7 +19,7 @@ EXPERIMENT = {"left hemisphere": 0.181, "right hemisphere": 0.125}  # N at 8 mm,
 
 
 def curve(program, folder, nodes, stiffness):
-    """Depths and forces as far as the run comes, and what it says of itself."""
+    """Depths and forces as far as the run comes, and its messages."""
     words = [program, "run", "brain.nrrd", "-o", "out", "--force", "--nodes", str(nodes), "--write", "force", "--band", "off", "-q"]
     if stiffness:
         words += ["--membrane", f"0.1mm:{10 * stiffness}kPa"]

@@ -1,13 +1,13 @@
-"""Brain shift in whole heads, and its band.
+"""Brain shift in whole heads, and its error bounds.
 
     python3 tests/validation/shifts.py build/release/dimple HEADS TABLE.csv 03 04 05
 
 HEADS is the folder data/training_label_maps of SynthSeg (github.com/BBillot/SynthSeg, Apache-2.0): training_seg_01.nii.gz
 to training_seg_20.nii.gz, label images of whole heads, 1 mm. Brain is every label below 200 but 24 (fluid), skull the labels
-515 and 516. Each head is opened at three places, up being there, and 60 % of the fluid is lost.
+515 and 516. Each head is opened at three places, which are then uppermost, and loses 60 % of the fluid.
 
-A row is a cloud of 4000 nodes (`seed`): its largest shift at the opening, the band that the run states, how much half as
-many nodes change (that, or a displacement along the line into the brain, the largest), and how far it is from a cloud of 16,000
+A row is a run with 4000 nodes (`seed`): its largest shift at the opening, its error bounds, the change by half as
+many nodes (largest of the shift and the displacements along the line into the brain), and the difference from 16,000
 nodes. Needs numpy.
 """
 
@@ -56,7 +56,7 @@ def scenes_of(image):
 
 
 def shift(program, image, brain, opening, up, nodes, seed, band):
-    """The largest at the opening, the displacements along the line [n x 3] and the band; mm."""
+    """Largest shift at the opening, displacements along the line [n x 3] and half-width of the error bounds; mm."""
     with tempfile.TemporaryDirectory() as folder:
         words = [program, "shift", image, "-o", folder + "/out", "-q", "--tables", "--brain", brain, "--skull", "515,516",
                  "--opening=" + opening, "--up", up, "--nodes", str(nodes), "--set", f"cloud.seed={seed}", "--set", "accuracy.band=" + band]

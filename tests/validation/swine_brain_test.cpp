@@ -26,11 +26,11 @@ TEST(SwineBrain, HasThePapersSizeAtRestAndResistsTheIndenter) {
   EXPECT_LT(summary.at("mass_g").get<double>(), 90.0);
   EXPECT_NEAR(summary.at("indentation_mm").get<double>(), 0.5, 1e-9);
   // Half an ellipsoid of the same length, width and height, by axisymmetric finite elements: 10.0 mN/mm at
-  // small depth. The paper's scheme is tens of per cent off at this size, either way.
+  // small depth. The paper's scheme has errors of tens of per cent of either sign at this size.
   EXPECT_NEAR(summary.at("force_N").get<double>(), 0.0050, 0.4 * 0.0050);
 }
 
-// The same half ellipsoid: 9.90 mN at 1 mm, known to 0.2 %. The phantom is another body, with a fissure on
+// Half an ellipsoid of this size: 9.90 mN at 1 mm, known to 0.2 %. The phantom differs: it has a fissure on
 // top.
 TEST(SwineBrain, ResistsAboutAsHalfAnEllipsoidOfItsSize) {
   const std::filesystem::path folder = fresh_folder();

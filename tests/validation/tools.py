@@ -1,4 +1,4 @@
-"""The phantom brain under the circle of 2007 and under tools that touch: the deformed bodies, and the forces with their bands.
+"""The phantom brain under the bonded patch of Horton et al. (2007) and under contacting tools: deformed bodies, forces, error bounds.
 
     /usr/bin/python3 tests/validation/tools.py build/release/dimple sample_data/tools
 
@@ -26,7 +26,7 @@ TOOLS = (  # name, options, colour
 
 
 def body_of(overview):
-    """The deformed surface: in the white panel at the lower left, above which warnings take more room or less."""
+    """Deformed surface in the white panel at the lower left; warnings above it take different heights."""
     white = (overview[:, 30, :3] > 0.99).all(axis=1)
     bottom = white.nonzero()[0][-1]
     top = (~white[:bottom]).nonzero()[0][-1]

@@ -1,4 +1,4 @@
-// A cone with a rounded tip: its distances against its profile, and its contact against Sneddon's solutions.
+// Cone with a rounded tip: distances compared with its profile, and contact with Sneddon's solutions.
 
 #include <gtest/gtest.h>
 
@@ -20,13 +20,13 @@ struct Cone {
   double junction() const { return tip * std::cos(angle); }  // radius where the sphere meets the flank
 };
 
-// Slender, usual, blunt, and one whose sphere is wider than its shaft.
+// Slender, usual and blunt cones, and one whose sphere is wider than its shaft.
 const std::vector<Cone> cones = {{10.0 * degree, 0.2, 1.0},
                                  {30.0 * degree, 0.1, 1.0},
                                  {80.0 * degree, 2.0, 1.0},
                                  {30.0 * degree, 1.5, 1.0}};
 
-// The highest of all tangents of the sphere that are no steeper than the flank.
+// Highest of all tangents of the sphere that are no steeper than the flank.
 double lower_surface(const Cone& cone, double r) {
   constexpr int tangents = 4000;
   double highest = 0.0;
@@ -114,7 +114,7 @@ TEST(ToolCone, HasATipThatIsTangentToItsFlank) {
   EXPECT_NEAR(side.by_z, -std::sin(cone.angle), 1e-9);
 }
 
-// Sneddon 1965 of a sharp cone: F = 2/pi E* tan(angle) depth^2, and contact to 2/pi tan(angle) depth.
+// Sneddon 1965 for a sharp cone: F = 2/pi E* tan(angle) depth^2, contact radius 2/pi tan(angle) depth.
 TEST(ToolCone, HasTheForceOfSneddonsConeWhereItsTipIsSmallBesideTheDepth) {
   for (const double angle : {20.0 * degree, 45.0 * degree, 70.0 * degree}) {
     const ToolShape shape = cone_shape(angle, 1e-5, 10.0);
@@ -140,8 +140,8 @@ TEST(ToolCone, HasTheForceOfASphereWhereItsTipAloneTouches) {
       << "beyond, the flank is below the sphere";
 }
 
-// Sneddon 1965 of any body of revolution z = f(r), with r = a sin(t):
-// depth = a int f' dt, F / E* = 2 int r^2 f' dt, for t from 0 to pi/2.
+// Sneddon 1965 for any body of revolution z = f(r), with r = a sin(t): depth = a int f' dt, F / E* = 2 int
+// r^2 f' dt, for t from 0 to pi/2.
 TEST(ToolCone, HasTheDepthAndTheForceOfSneddonsIntegrals) {
   constexpr int count = 100000;
   for (const Cone& cone : cones) {

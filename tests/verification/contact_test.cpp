@@ -1,4 +1,4 @@
-// A tool that touches without friction, against closed forms of linear elasticity at small strain.
+// A tool in frictionless contact, against closed forms of linear elasticity at small strain.
 
 #include <gtest/gtest.h>
 
@@ -22,9 +22,9 @@ namespace {
 constexpr double mu = 210.0, nu = 0.499, plane_modulus = 2.0 * mu / (1.0 - nu);  // E / (1 - nu^2) [Pa]
 
 // ---------------------------------------------------------------------------------------------------------
-// A layer of unit thickness, bonded to a rigid base or loose, sliding on it, under an axisymmetric
-// frictionless punch: Lebedev and Ufliand 1958. phi(t) = (delta - g(t)) / pi + int_0^a K(t, x) phi(x) dx,
-// phi(a) = 0, F = 2 pi int phi, in units of E* h^2.
+// Layer of unit thickness, bonded to a rigid base or sliding on it, under an axisymmetric frictionless punch
+// (Lebedev and Ufliand 1958). phi(t) = (delta - g(t)) / pi + int_0^a K(t, x) phi(x) dx, phi(a) = 0, F = 2 pi
+// int phi, in units of E* h^2.
 // ---------------------------------------------------------------------------------------------------------
 
 struct Bed {
@@ -32,14 +32,14 @@ struct Bed {
   bool loose = false;
 };
 
-double softness(double s, const Bed& bed) {  // of the layer beside the half-space: L(s)
+double softness(double s, const Bed& bed) {  // L(s): layer compared with the half-space
   const double k = 3.0 - 4.0 * bed.poisson, e = std::exp(-2.0 * s);
   const double sinh = 0.5 * (1.0 - e * e), cosh = 0.5 * (1.0 + e * e);  // of 2 s, times exp(-2 s)
   if (bed.loose) return (cosh - e) / (sinh + 2.0 * s * e);
   return (2.0 * k * sinh - 4.0 * s * e) / (2.0 * k * cosh + (1.0 + k * k + 4.0 * s * s) * e);
 }
 
-// int_0^inf (1 - L(s)) cos(s y) ds by Simpson's rule; 1 - L falls as exp(-2 s).
+// Kernel int_0^inf (1 - L(s)) cos(s y) ds by Simpson's rule; 1 - L falls as exp(-2 s).
 double kernel(double y, const Bed& bed) {
   constexpr int count = 800;
   constexpr double end = 20.0, h = end / count;
@@ -56,14 +56,14 @@ struct OnLayer {
   double a = 0.0;
   Eigen::VectorXd phi = {};  // at equal distances from 0 to a
 
-  // The contact's pressure at r in units of E*: phi is an Abel transform of it,
-  // p(r) = -int_r^a phi'(t) dt / sqrt(t^2 - r^2), here over s = sqrt(t^2 - r^2).
+  // Pressure of the contact at r in units of E*: phi is an Abel transform of it, p(r) = -int_r^a phi'(t) dt /
+  // sqrt(t^2 - r^2), here over s = sqrt(t^2 - r^2).
   double pressure(double r) const {
     if (r >= a) return 0.0;
     const Index last = phi.size() - 1;
     const double h = a / static_cast<double>(last);
     const auto slope =
-        [&](double t) {  // in the middle between two of them their difference; 0 in the middle of all
+        [&](double t) {  // by differences at the midpoints of intervals; 0 at the centre of contact
           const double at = std::min(t / h + 0.5, static_cast<double>(last) - 1e-9);
           const auto i = static_cast<Index>(at);
           const double share = at - static_cast<double>(i);
@@ -81,12 +81,12 @@ struct OnLayer {
   }
 };
 
-// The depth and the force at which contact reaches to `a`; of the function g alone, by Simpson's rule.
+// Depth and force for the contact radius `a` and the profile g alone, by Simpson's rule.
 template <class Shape>
 OnLayer on_layer(double a, const Bed& bed, const Shape& g) {
   constexpr int n = 81;
   Eigen::MatrixXd matrix = Eigen::MatrixXd::Identity(n, n);
-  Eigen::MatrixXd right(n, 2);  // of a unit depth, and of -g
+  Eigen::MatrixXd right(n, 2);  // for a unit depth, and for -g
   const double h = a / (n - 1);
   const auto weight = [&](int j) { return h / 3.0 * (j == 0 || j == n - 1 ? 1.0 : j % 2 == 1 ? 4.0 : 2.0); };
   std::vector<double> of(2 * n);
@@ -105,7 +105,7 @@ OnLayer on_layer(double a, const Bed& bed, const Shape& g) {
   return result;
 }
 
-// The same at a depth.
+// Solution at a given depth, by bisection over the radius of contact.
 template <class Shape>
 OnLayer at_depth(double depth, double least, const Bed& bed, const Shape& g) {
   double low = least, high = 4.0;
@@ -170,7 +170,7 @@ TEST(TouchingTruth, TheRadiusOfContactOfARingIsTheRings) {
 }
 
 TEST(TouchingTruth, TheRadiusOfContactIsThatOfSneddon) {
-  // F / F_Hertz of the true sphere, by its series.
+  // Reference: F / F_Hertz of the true sphere, by its series.
   const ToolShape sphere = sphere_shape(1.0);
   for (const double depth : {0.01, 0.1, 0.3}) {
     const double a = contact_radius(sphere, depth);
@@ -186,7 +186,7 @@ TEST(TouchingTruth, TheRadiusOfContactIsThatOfSneddon) {
 TEST(TouchingTruth, TheForceOnAHalfSpaceGrowsByTheDiameterOfItsContactForEachLengthOfDepth) {
   const ToolShape punch = punch_shape(5.0, 1.0);
   EXPECT_NEAR(half_space_force(punch, 0.71111).value(), 6.12052, 1e-3);
-  // dF / d depth = 2 a E*, of any body of revolution (Sneddon 1965); the punch's contact ends at its side.
+  // dF / d depth = 2 a E* for any body of revolution (Sneddon 1965); the punch's contact ends at its side.
   for (const ToolShape& shape :
        {punch, sphere_shape(5.0), capsule_shape(5.0, 20.0), cone_shape(1.2, 0.5, 5.0)})
     for (const double depth : {0.01, 0.3, 1.0, 4.0, 9.0}) {
@@ -209,7 +209,7 @@ TEST(ToolShape, TheNormalIsTheGradientOfTheDistanceAndOfUnitLength) {
       const ToolDistance here = distance_to_tool(shape, pose, x);
       EXPECT_NEAR(here.normal.norm(), 1.0, 1e-9);
       if (here.distance < 0.0) continue;
-      // Outside it is smooth: the nearest place of the surface lies there against the normal.
+      // Outside it is smooth: the nearest point of the surface is opposite to the normal.
       EXPECT_NEAR(distance_to_tool(shape, pose, x - here.distance * here.normal).distance, 0.0, 1e-9);
       constexpr double h = 1e-7;
       for (int i = 0; i < 3; ++i)
@@ -232,7 +232,7 @@ TEST(ToolShape, TheTipTouchesAndTheLowerSurfaceIsAtItsHeight) {
   }
 }
 
-// Of samples along a line that move each other the less the farther apart they are.
+// Compliance of samples along a line; it decreases with their distance.
 Eigen::MatrixXd compliance_of(Index count) {
   Eigen::MatrixXd compliance(count, count);
   for (Index s = 0; s < count; ++s)
@@ -268,7 +268,7 @@ TEST(ContactStep, NeitherPullsNorLetsASampleInAndAForceIsOnlyWhereAGapIsClosed) 
   EXPECT_LT(touching, count - 5);
 }
 
-// Strongly coupled samples, for which sets of those that touch repeat.
+// The samples are strongly coupled, so that sets of samples in contact repeat.
 TEST(ContactStep, IsFoundHoweverTheSamplesMoveEachOther) {
   std::mt19937 random(1);
   std::normal_distribution<double> any;
@@ -326,7 +326,7 @@ TEST(FrictionStep, HoldsWhatItCanAndElsewherePushesAgainstTheSlipAsHardAsItMay) 
 }
 
 // ---------------------------------------------------------------------------------------------------------
-// The program's own
+// The program's solutions
 // ---------------------------------------------------------------------------------------------------------
 
 struct Touched {
@@ -338,7 +338,7 @@ struct Touched {
   double force() const { return history.force.back().force; }
 };
 
-// A tool where it first touches that part of the model's surface.
+// A tool at first contact with that part of the model's surface.
 std::shared_ptr<Touch> touching(const ToolShape& shape, const Model& model, ContactSurface surface,
                                 double friction = 0.0) {
   auto touch = std::make_shared<Touch>();
@@ -353,7 +353,7 @@ ForceSystem tissue_of(const Model& model, double ratio = 0.49) {
   return {model, {{neo_hookean(mu, ratio, 1000.0)}, model.tissue}, Precision::double_};
 }
 
-// The base as a bed on which it slides; one node of it, in the middle, stays.
+// Makes the base slide on its bed; one node in its middle is fixed.
 void let_slide(Model& model, Loading& loading) {
   const Index middle = *std::min_element(model.base.begin(), model.base.end(), [&](Index a, Index b) {
     return model.X.col(a).head<2>().norm() < model.X.col(b).head<2>().norm();
@@ -373,7 +373,7 @@ Touched touched(const BodySurface& body, const ToolShape& shape, double depth_mm
                       .indent_at = "0,0,top",
                       .indenter_diameter_mm = 2e3 * shape.radius,
                       .contact_radius_mm = 1e3 * contact_radius(shape, 1e-3 * depth_mm)};
-  // The room around the tool is not looked at: a shallow sphere may be wider than the block.
+  // Room around the tool is not checked: a shallow sphere may be wider than the block.
   options.boundary.indenter_diameter_mm = std::min(options.boundary.indenter_diameter_mm, 10.0);
   BuiltModel built = build_model(body, options);
   const auto touch = touching(
@@ -408,13 +408,13 @@ void is_true(const Touched& found, double truth, double share) {
       found.history.penetration / found.touch->shape.radius, found.history.contact_samples,
       found.history.evaluations, found.history.force.size() - 1, found.history.retries.size());
   EXPECT_NEAR(ratio, 1.0, share);
-  // A surface that comes into the tool between the samples is told of.
+  // A penetration of the surface between the samples is reported.
   bool told = false;
   for (const Finding& finding : found.history.guards) told = told || finding.report.code == "penetration";
   EXPECT_EQ(told, found.history.penetration > 1e-3 * found.touch->shape.radius);
 }
 
-// Of half-space and sphere the phi of this integral equation is known, and so is the pressure: Hertz.
+// For a half-space and a sphere the solution phi is known, and so is the pressure: Hertz.
 TEST(TouchingTruth, ThePressureOnAThickLayerIsThatOfHertz) {
   const double radius = 0.5, a = 0.002;
   const OnLayer thick = on_layer(a, {nu}, paraboloid(radius));
@@ -422,7 +422,7 @@ TEST(TouchingTruth, ThePressureOnAThickLayerIsThatOfHertz) {
     const double hertz = 2.0 * a / (std::numbers::pi * radius) * std::sqrt(1.0 - r * r);
     EXPECT_NEAR(thick.pressure(r * a), hertz, 0.003 * hertz) << r;
   }
-  // What is under it adds up to the force, on a thin layer too.
+  // The integral of the pressure is the force, on a thin layer too.
   const OnLayer thin = on_layer(0.8, {nu}, paraboloid(8.0));
   double sum = 0.0;
   for (int k = 0; k < 400; ++k) {
@@ -432,7 +432,7 @@ TEST(TouchingTruth, ThePressureOnAThickLayerIsThatOfHertz) {
   EXPECT_NEAR(sum, thin.force, 0.003 * thin.force);
 }
 
-// Within `share` of the contact's radius, in parts of the truth in its middle.
+// Error of the pressure within `share` of the contact radius, relative to the true pressure in the middle.
 struct PressureError {
   double mean_square = 0.0, largest = 0.0;
   int count = 0;
@@ -460,7 +460,8 @@ PressureError pressure_error(const Touched& found, const OnLayer& truth, double 
   return error;
 }
 
-// Its force would be anything. What is far from all others, or faces another way, stays by itself.
+// A sample with too little area would have an arbitrary force. Isolated samples, and those of another
+// orientation, are not merged.
 TEST(SamplesOfContact, HaveEnoughSurfaceOfTheirOwnAndBetweenThemAllOfIt) {
   for (const Index nodes : {1000, 4000}) {
     const Model model =
@@ -473,7 +474,7 @@ TEST(SamplesOfContact, HaveEnoughSurfaceOfTheirOwnAndBetweenThemAllOfIt) {
       small += surface.area[s] < 0.5 * std::pow(surface.spacing[s], 2);
     }
     EXPECT_LE(small, surface.count() / 100) << "of " << surface.count() << " with " << nodes << " nodes";
-    // Whole triangles' pieces within the reach: the flat end's disc but for their size.
+    // Pieces of triangles within the reach form the disc of the flat end, up to their size.
     EXPECT_NEAR(area, std::numbers::pi * 64e-6, 0.02 * std::numbers::pi * 64e-6);
   }
 }
@@ -495,7 +496,8 @@ TEST_P(PressureUnderATool, OfASphereIsThatOfTheIntegralEquation) {
         << "at single places; without means around them it is up to twenty times as much";
     EXPECT_NEAR(found.history.contact_pressure, plane_modulus * truth.pressure(0.0),
                 0.25 * plane_modulus * truth.pressure(0.0));
-    // Nothing pulls, far from the contact there is no pressure, and what touches adds up to the tool's force.
+    // Forces never pull, there is no pressure far from the contact, and all pressures sum to the tool's
+    // force.
     EXPECT_GE(found.pressure.minCoeff(), 0.0);
     EXPECT_EQ(found.pressure.maxCoeff(), found.history.contact_pressure);
     for (Index s = 0; s < found.pressure.size(); ++s) {
@@ -507,7 +509,7 @@ TEST_P(PressureUnderATool, OfASphereIsThatOfTheIntegralEquation) {
   }
 }
 
-// With as many nodes as are taken by itself, and more.
+// The program's default number of nodes is tested, and more.
 TEST_P(PressureUnderATool, OfAPunchIsThatOfTheIntegralEquation) {
   if (GetParam() < 4000) GTEST_SKIP() << "skipped: a punch takes 4000 nodes";
   const ToolShape punch = punch_shape(5e-3, 1e-3);
@@ -519,7 +521,7 @@ TEST_P(PressureUnderATool, OfAPunchIsThatOfTheIntegralEquation) {
   EXPECT_LT(error.largest, 0.2);
 }
 
-// Nodes, and how far from the truth the force may be, as a part of it.
+// Parameters: the number of nodes, and the largest relative error of the force.
 class OnALayer : public testing::TestWithParam<std::pair<Index, double>> {};
 INSTANTIATE_TEST_SUITE_P(Touching, OnALayer,
                          testing::Values(std::pair<Index, double>{1000, 0.03},
@@ -541,8 +543,7 @@ TEST_P(OnALayer, APunchHasTheForceOfTheIntegralEquation) {
   is_true(touched(layer, punch_shape(5e-3, 1e-3), 0.1059, nodes), truth, share);
 }
 
-// The function of a sharp cone is pi/2 cot(angle) t. The rounded tip is above it by a thousandth of the
-// depth.
+// The profile of a sharp cone is pi/2 cot(angle) t. The rounded tip is above it by a thousandth of the depth.
 TEST_P(OnALayer, AConeHasTheForceOfTheIntegralEquation) {
   const auto [nodes, share] = GetParam();
   constexpr double angle = 85.0 * std::numbers::pi / 180.0, thickness = 10.0, depth = 0.3;
@@ -554,7 +555,7 @@ TEST_P(OnALayer, AConeHasTheForceOfTheIntegralEquation) {
           truth, share);
 }
 
-// By chi = sqrt(radius x depth) / thickness.
+// The loop is over chi = sqrt(radius x depth) / thickness.
 TEST_P(OnALayer, ThatIsLooseASphereHasTheForceOfTheIntegralEquation) {
   const Index nodes = GetParam().first;
   constexpr double thickness = 5.0, half = 16.0 * thickness;  // six heights wide it is 1 % softer
@@ -575,7 +576,7 @@ TEST(TouchingTool, NeverPullsAndItsForceGrowsFromNothingWithTheDepth) {
   ASSERT_GT(found.history.force.size(), 4u);
   for (const ForceSample& sample : found.history.force) {
     EXPECT_GE(sample.force, before);
-    EXPECT_NEAR(sample.on_tool[2], sample.force, 1e-9);  // the push is downwards
+    EXPECT_NEAR(sample.on_tool[2], sample.force, 1e-9);  // the press direction is downwards
     EXPECT_NEAR(sample.base_force, sample.force, 2e-2 * found.force());
     before = sample.force;
   }
@@ -583,7 +584,7 @@ TEST(TouchingTool, NeverPullsAndItsForceGrowsFromNothingWithTheDepth) {
   EXPECT_GT(found.force(), 0.0);
 }
 
-// Beside an edge, so that it is drawn sideways and turned.
+// The tool is near an edge, so that it is drawn sideways and rotated.
 class ToolBesideAnEdge : public testing::TestWithParam<double> {};
 INSTANTIATE_TEST_SUITE_P(Touching, ToolBesideAnEdge, testing::Values(0.0, 0.2, 1e9));
 
@@ -616,7 +617,7 @@ TEST_P(ToolBesideAnEdge, HasTheForceAndTheMomentOfTheBase) {
   EXPECT_NEAR(history.force.back().force, force.z(), 1e-4 * force.norm());
 }
 
-// As shape functions are that few nodes surround: much stiffer than the mean over their neighbourhood.
+// Makes one node much stiffer than its neighbourhood, like a node whose shape function has few neighbours.
 void stiffen_one_node(Model& model, Index node, double share) {
   GradientVariance& v = model.variance.front();
   const auto entry = [&](Index a, Index b) -> double& {
@@ -648,7 +649,7 @@ TEST(TouchingTool, FindsItsFirstTouchOfANodeThatIsManyTimesAsStiffAsItsNeighbour
   EXPECT_GT(history.force.back().force, 0.0);
 }
 
-// On a block, along one axis: the force on the tool at the end of each step.
+// Forces on a tool on a block at the end of each step, along one axis.
 std::vector<Vec3> forces_after(const std::vector<Vec3>& ways, double friction, const Vec3& place, Index nodes,
                                History* whole = nullptr, double step_radii = 0.1,
                                Eigen::VectorXd* slid = nullptr) {
@@ -713,9 +714,9 @@ TEST(ToolInSteps, IsDraggedBackByFrictionAndLosesItsForceAsItIsLifted) {
   EXPECT_GT(before, 0.3 * 0.9 * force[1].z() * 3e-3) << "of friction over three of four millimetres at least";
 }
 
-// Under a steady normal force, after the way has turned: the law that Masing (1926) found of yielding metal,
-// which holds of Coulomb's friction on an elastic body too. What the search for equilibrium leaves must not
-// count as slip from where a sample stood long ago.
+// Under a constant normal force, after a reversal: the law of Masing (1926) for yielding metal. It also holds
+// for Coulomb friction on an elastic body. Residuals of the equilibria must not count as slip from much
+// earlier places.
 TEST(ToolInSteps, DrawnBackFeelsTwiceWhatHalfOfTheWayHadMadeAtFirst) {
   const Vec3 down(0, 0, -1.5e-3), aside(3e-3, 0, 0), back(-1.5e-3, 0, 0);
   History history;
@@ -737,8 +738,8 @@ TEST(ToolInSteps, DrawnBackFeelsTwiceWhatHalfOfTheWayHadMadeAtFirst) {
   }
 }
 
-// All of a contact that is drawn far enough slides, by the tool's way less what the tissue goes along with
-// it, whatever the steps of the load.
+// After a large displacement the whole contact slides by that displacement minus that of the tissue, for any
+// load steps.
 TEST(ToolInSteps, SlidesAlongTheTissueByItsWayButForWhatThatGoesAlong) {
   const Vec3 down(0, 0, -1.5e-3), aside(4e-3, 0, 0);
   std::vector<double> farthest, sum;
@@ -759,7 +760,7 @@ TEST(ToolInSteps, SlidesAlongTheTissueByItsWayButForWhatThatGoesAlong) {
   EXPECT_NEAR(sum[0], sum[1], 0.05 * sum[1]);
 }
 
-// What sticks has not slid, and before its first accepted state a tool that rubs holds nothing.
+// No-slip samples have not slid. A tool with friction holds none before its first accepted state.
 TEST(ToolInSteps, HoldsNothingBeforeItsFirstIncrementEndsAndWhatItHoldsDoesNotSlide) {
   const ToolShape sphere = sphere_shape(5e-3);
   const Model model = standing(block_surface({-15, -15, 0}, {15, 15, 15}),
@@ -783,7 +784,7 @@ TEST(ToolInSteps, HoldsNothingBeforeItsFirstIncrementEndsAndWhatItHoldsDoesNotSl
   EXPECT_EQ(frames, 29);
 }
 
-// What friction has taken is summed over the steps of the load: the balance closes with their length.
+// Frictional dissipation is summed over load steps, so the energy error decreases with their length.
 TEST(ToolInSteps, LosesByFrictionWhatTheToolHasDoneMoreThanTheTissueGivesBack) {
   const std::vector<Vec3> ways = {{0, 0, -1.5e-3}, {3e-3, 0, 0}};
   std::vector<double> missing;
@@ -798,7 +799,7 @@ TEST(ToolInSteps, LosesByFrictionWhatTheToolHasDoneMoreThanTheTissueGivesBack) {
   EXPECT_LT(missing[1], 0.7 * missing[0]);
 }
 
-// While the tool comes down aslant all that touches slides under a force that grows with each step.
+// During an oblique approach all samples in contact slide under a force that grows with each step.
 TEST(ToolInSteps, LosesByFrictionNoMoreThanTheToolHasDoneWhereItComesDownAslant) {
   History history;
   forces_after({{3e-3, 0, -1.5e-3}}, 0.1, Vec3(-2, 0, 20), 1000, &history);
@@ -807,8 +808,8 @@ TEST(ToolInSteps, LosesByFrictionNoMoreThanTheToolHasDoneWhereItComesDownAslant)
   EXPECT_LT(std::abs(end.error()), 0.01 * end.external);
 }
 
-// What comes to touch begins to slip from where it was foreseen, which follows the states that were accepted:
-// of one cloud the heat differs by some 2 % either way.
+// A sample that comes into contact slips from its predicted place, which depends on the accepted states. The
+// dissipation on one discretisation therefore differs by some 2 %, in either direction.
 TEST(ToolInSteps, WithFrictionGoesOnAfterAStepAsIfThereWereNone) {
   const Vec3 down(0, 0, -0.75e-3), aside(0.5e-3, 0, 0), place(-2, 0, 20);
   double mean = 0.0;
@@ -861,7 +862,7 @@ TEST(TouchingTool, FrictionLiesInTheTangentPlaneAndIsNeverMoreThanItsShareOfTheN
     largest = std::max(largest, t.norm());
   }
   EXPECT_GT(largest, 0.2e-3);
-  // And what it has accepted is told to whoever goes on from there.
+  // Another tool continues from the accepted state.
   TouchingTool other(touch);
   other.restore_past(tool.past());
   other.set_forces(force);
@@ -870,8 +871,7 @@ TEST(TouchingTool, FrictionLiesInTheTangentPlaneAndIsNeverMoreThanItsShareOfTheN
   EXPECT_EQ(other.friction_forces(), tool.friction_forces());
 }
 
-// What is at rest before it is touched lacks all of its contact: under no tolerance may that look like a good
-// state.
+// A body at rest before first contact lacks all contact forces. No tolerance may accept that state.
 TEST(TouchingTool, IsFoundByTheSearchUnderStrictTolerancesToo) {
   const Model model =
       standing(block_surface({-20, -20, 0}, {20, 20, 20}), {.nodes = 600, .contact_radius = 2.2});
@@ -893,16 +893,16 @@ TEST(ToolShape, TwoAreInOnePlaceWhereTheirSurfacesAreDeepInEachOther) {
   const ToolShape small = sphere_shape(4e-3), large = sphere_shape(5e-3), rod = capsule_shape(2e-3, 20e-3),
                   punch = punch_shape(5e-3, 1e-3);
   const double deep = 0.05e-3;
-  const auto beside = [](const ToolShape& of, double x, double z) {  // its lowest ball's middle
+  const auto beside = [](const ToolShape& of, double x, double z) {  // middle of its lowest ball
     return ToolPose{Vec3(x, 1e-3, z - (of.edge > 0.0 ? 0.0 : of.radius)), -Vec3::UnitZ()};
   };
-  // Two balls: their middles are nearer than both radii, less what each is to be inside.
+  // Two balls overlap if their centres are nearer than both radii, less the depth in each.
   for (const double apart : {0.0, 3e-3, 8.85e-3, 8.95e-3, 12e-3})
     EXPECT_EQ(
         place_in_both(small, beside(small, 0.0, 0.0), large, beside(large, apart, 0.0), deep).has_value(),
         apart < 9e-3 - 2.0 * deep)
         << apart;
-  // A rod that stands beside a ball, which is at the height of the rod's middle; and a punch that has no end.
+  // A ball is next to a rod at half its height, and next to a punch, which has no end.
   for (const double apart : {6.85e-3, 6.95e-3})
     EXPECT_EQ(place_in_both(rod, beside(rod, 0.0, 0.0), large, beside(large, apart, 8e-3), deep).has_value(),
               apart < 7e-3 - 2.0 * deep)
@@ -912,20 +912,20 @@ TEST(ToolShape, TwoAreInOnePlaceWhereTheirSurfacesAreDeepInEachOther) {
         place_in_both(punch, beside(punch, 0.0, 0.0), small, beside(small, apart, 10e-3), deep).has_value(),
         apart < 9e-3 - 2.0 * deep)
         << apart;
-  // Of a punch, which has no end, as much counts as is about the body: tilted ones meet far above.
+  // A punch, which has no end, counts only near the body: tilted punches meet far above it.
   const ToolPose leaning{Vec3(25e-3, 1e-3, 0.0), Vec3(0.5, 0.0, -1.0).normalized()};
   EXPECT_FALSE(place_in_both(punch, beside(punch, 0.0, 0.0), punch, leaning, deep).has_value());
   EXPECT_TRUE(
       place_in_both(punch, beside(punch, 0.0, 0.0), punch, {Vec3(12e-3, 1e-3, 0.0), leaning.points_at}, deep)
           .has_value());
-  // What is said to lie in both does.
+  // The reported common point is inside both tools.
   const auto place = place_in_both(rod, beside(rod, 0.0, 0.0), large, beside(large, 6e-3, 8e-3), deep);
   ASSERT_TRUE(place.has_value());
   EXPECT_LT(distance_to_tool(rod, beside(rod, 0.0, 0.0), *place).distance, -0.98 * deep);
   EXPECT_LT(distance_to_tool(large, beside(large, 6e-3, 8e-3), *place).distance, -0.98 * deep);
 }
 
-// Tissue is drawn sideways under a wide tool on a compressible layer, and slips.
+// A wide tool draws a compressible layer sideways, which slips.
 TEST(TouchingTool, FrictionTakesEnergyInEveryStepAndNeverGivesAny) {
   const Model model =
       standing(block_surface({-15, -15, 0}, {15, 15, 6}), {.nodes = 1000, .contact_radius = 3.0});

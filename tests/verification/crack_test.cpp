@@ -1,5 +1,5 @@
-// Sharp cracks under small strains against closed forms: what a penny-shaped one releases, and how far one
-// that begins at a free face opens.
+// Sharp cracks at small strains against closed forms: the energy released by a penny-shaped crack, and the
+// opening of one from a free face.
 
 #include <gtest/gtest.h>
 
@@ -17,18 +17,18 @@ namespace dimple {
 namespace {
 
 constexpr double mu = 1000.0, a = 10e-3;  // shear modulus [Pa]; the crack's radius or depth [m]
-constexpr double strain = 1e-5;           // so small that squares of it do not show
-constexpr double width_of_gap = 0.1;      // between a crack's banks, in spacings
+constexpr double strain = 1e-5;           // negligible second-order terms
+constexpr double width_of_gap = 0.1;      // between the faces of a crack, in spacings
 
-// 1.8 to an interval of nodes; even in number, so that a crack lies between cells.
+// Number of cells, 1.8 to an interval of nodes; even, so that a crack is between cells.
 Eigen::Array3i cells_of(const LatticeBox& box) {
   return 2 * (0.9 * box.intervals.cast<double>()).round().cast<int>();
 }
 
-// Moves each node by up to a fifth of a spacing along each axis; what lies on a face stays on it.
+// Moves each node by up to a fifth of a spacing along each axis; nodes on a face stay on it.
 void scatter(const LatticeBox& box, Points& X) {
   std::mt19937 random(1);
-  // Not std::uniform_real_distribution, whose numbers differ from one library to the next.
+  // std::uniform_real_distribution is avoided, since its numbers differ between libraries.
   const auto noise = [&] { return 0.2 * (static_cast<double>(random()) / 2147483648.0 - 1.0); };
   for (Index b = 0; b < X.cols(); ++b)
     for (int d = 0; d < 3; ++d) {
@@ -50,7 +50,7 @@ struct Pulled {
   double energy = 0.0;
 };
 
-// At rest, with what is held where it is in a body without a crack under strains along the axes.
+// Equilibrium with held nodes displaced as in a body without a crack under strains along the axes.
 Pulled pulled(Discretisation places, std::vector<HeldSet> held, const Vec3& strains, double nu) {
   places.base = held.back().node;
   Eigen::VectorXi tissue = places.label;
@@ -60,9 +60,9 @@ Pulled pulled(Discretisation places, std::vector<HeldSet> held, const Vec3& stra
   Rest rest = system.step_start();
   rest.u.topRows<3>() = strains.asDiagonal() * model.X;
   Nodal f = rest.u;
-  // Among scattered nodes by dynamic relaxation: mixed iteration gives up there beside a penny.
+  // Dynamic relaxation is needed for scattered nodes: the mixed iteration fails near a penny.
   const Relaxation relax(system);
-  relax(rest.u, f, {.tolerance = 1e-5}, &rest.lambda);  // throws where there is none
+  relax(rest.u, f, {.tolerance = 1e-5}, &rest.lambda);  // throws if there is none
   return {rest.u, system.stored_energy(rest.u).tissue};
 }
 
@@ -70,8 +70,8 @@ double young(double nu) {
   return 2.0 * mu * (1.0 + nu);
 }
 
-// Half of a cube (large x) of 3.2 a, in whose middle lies the penny z = 0; the other half is its image.
-// Returns what the whole one releases over Sneddon's energy.
+// Half (large x) of a cube of 3.2 a with the penny z = 0 in its middle; the other half is its mirror image.
+// Returns the released energy of the whole, relative to Sneddon's.
 double released_by_penny(double per_spacing, double nu, bool scattered) {
   const double side = 1.6 * a;
   const int n = static_cast<int>(std::lround(side / a * per_spacing));
@@ -94,19 +94,19 @@ double released_by_penny(double per_spacing, double nu, bool scattered) {
   return (whole - energy) / (8.0 * (1.0 - nu * nu) * stress * stress * a * a * a / (3.0 * young(nu)));
 }
 
-// The same of such a cube, whose walls keep it from opening as in an infinite body, by finite elements:
-// reference/crack.csv, front 0. In a cube of 20 a these have 0.999.
+// Ratio to Sneddon's energy in this cube, whose fixed walls reduce the opening, by finite elements:
+// reference/crack.csv, front 0. In a cube of 20 a it is 0.999.
 double known_of_penny(double nu) {
   return nu == 0.3 ? 0.8572 : 0.6756;
 }
 
-// Sneddon, Proc. R. Soc. A 187 (1946) 229: 8 (1 - nu^2) stress^2 a^3 / (3 E).
+// Reference: Sneddon, Proc. R. Soc. A 187 (1946) 229: 8 (1 - nu^2) stress^2 a^3 / (3 E).
 void expect_sneddons_energy(double per_spacing, double nu, bool scattered) {
   const double expected = known_of_penny(nu);
   EXPECT_NEAR(released_by_penny(per_spacing, nu, scattered), expected, 0.03 * expected) << nu;
 }
 
-// Of nu 0.3 and 0.45: 2.5 and 2.8 % more; 4.2 and 4.8 % with 6 spacings in a radius.
+// Errors for nu 0.3 and 0.45: 2.5 and 2.8 % too much; 4.2 and 4.8 % with 6 spacings in a radius.
 TEST(APennyShapedCrack, AmongScatteredNodesReleasesTheEnergyThatSneddonFound) {
 #ifdef DIMPLE_QUICK_GROUPS_ONLY
   GTEST_SKIP() << "skipped: minutes under a sanitizer";
@@ -120,9 +120,9 @@ TEST(APennyShapedCrack, InALatticeReleasesTheEnergyThatSneddonFound) {
   expect_sneddons_energy(20.0, 0.3, false);
 }
 
-// Too much is released, as if the front lay farther out, in proportion to the spacing: of nu 0.3
-// by 7.4, 5.4, 4.3, 2.5 and 2.3 % with 6, 8, 12, 20 and 24 spacings in a radius. Of two, their errors'
-// difference taken off: 1.1 %.
+// The released energy is too large, like that of a crack whose radius is larger in proportion to the spacing.
+// For nu 0.3 the errors are 7.4, 5.4, 4.3, 2.5 and 2.3 % with 6, 8, 12, 20 and 24 spacings in a radius.
+// Extrapolation from two of them: 1.1 %.
 TEST(APennyShapedCrack, ActsAsOneLargerByAPartOfASpacingAndFinerOnesComeToSneddonsEnergy) {
   for (const double nu : {0.3, 0.45}) {
     std::array<double, 2> ratio;
@@ -144,8 +144,8 @@ struct Edge {
   std::array<double, 4> opening;  // over stress x depth / E'
 };
 
-// In plane strain: a strip of 12 a (x) by 6 a (z), its face at large z free, with a slit at x = 0 from there.
-// The slit ends in the middle between two rows of nodes.
+// Plane strain: a strip of 12 a (x) by 6 a (z), free at large z, with a slit at x = 0 from there. The slit
+// ends midway between two rows of nodes.
 Edge opened_from_the_face(int rows, double nu) {
   const double wide = 6.0 * a, h = a / (rows + 0.5), E = young(nu) / (1.0 - nu * nu), stress = E * strain;
   const int n = 6 * rows + 3;
@@ -163,7 +163,7 @@ Edge opened_from_the_face(int rows, double nu) {
       pulled(std::move(places), {plane, walls}, strain * Vec3(1.0, 0.0, -nu / (1.0 - nu)), nu);
   const double thick = 2.0 * h, whole = 0.5 * stress * strain * 2.0 * wide * wide * thick;
   Edge edge{(whole - rest.energy) / (stress * strain * a * a * thick), {}};
-  // On the banks, between the two nodes on either side of them; and in y's middle.
+  // Opening of the faces, extrapolated from the two nodes on either side, at the middle of y.
   Eigen::VectorXd of_row = Eigen::VectorXd::Zero(n + 1);
   for (Index b = 0; b < X.cols(); ++b) {
     const double x = X(0, b), share = std::abs(x) < box.spacing().x() ? 1.5 : -0.5;
@@ -178,8 +178,8 @@ Edge opened_from_the_face(int rows, double nu) {
   return edge;
 }
 
-// Of the same strip by finite elements: reference/crack.csv, front 0, which in a half plane have 1.975 beside
-// the closed form 1.1215^2 pi / 2 = 1.976 and 5.817 beside Wigglesworth's 5.816.
+// Finite-element values of this strip: reference/crack.csv, front 0. In a half-plane they give 1.975 (closed
+// form 1.1215^2 pi / 2 = 1.976) and 5.817 (Wigglesworth 5.816).
 struct KnownEdge {
   double nu;
   Edge of;
@@ -189,9 +189,9 @@ constexpr std::array known_edges = {KnownEdge{0.3, {1.8347, {5.3936, 4.6785, 3.9
                                     KnownEdge{0.499, {1.8214, {5.3524, 4.6444, 3.8758, 2.8304}}}};
 
 // Wigglesworth, Mathematika 4 (1957) 76: the mouth opens by 5.816 stress x depth / E'. With 16.5 spacings in
-// the depth 1.2 to 1.5 % more; 1.7 to 2.0, 2.2 to 2.5 and 3.6 to 4.3 % at a quarter, half and three quarters
-// of the depth, where a part of a spacing counts for more and more; energy 3.0 to 3.6 %. The mouth
-// with 12.5, 8.5, 4.5: 1.9, 3.7, 4.1 % at most.
+// the depth the error is 1.2 to 1.5 %, and 3.0 to 3.6 % in energy. At a quarter, half and three quarters of
+// the depth it is 1.7 to 2.0, 2.2 to 2.5 and 3.6 to 4.3 %. With 12.5, 8.5 and 4.5 spacings it is 1.9, 3.7 and
+// 4.1 % at most at the mouth.
 TEST(ACrackAtAFreeFace, OpensAsWigglesworthFound) {
   constexpr std::array within = {0.02, 0.03, 0.03, 0.05};
   for (const KnownEdge& known : known_edges) {

@@ -1,5 +1,5 @@
-// What a cut releases: stored energies of bodies with a longer and a shorter slit, held alike, against closed
-// forms.
+// Energy released by a cut: difference of stored energies of bodies with slits of two lengths, held alike,
+// against closed forms.
 
 #include <gtest/gtest.h>
 
@@ -15,9 +15,9 @@ namespace dimple {
 namespace {
 
 constexpr double mu = 1000.0, nu = 0.499;
-const Vec3 strip(20e-3, 2e-3, 80e-3);  // between its grips, thick, wide [m]
+const Vec3 strip(20e-3, 2e-3, 80e-3);  // distance of grips, thickness, width [m]
 
-// On a lattice: grips at both ends of x; a slit at half of that, all through y, from the top of z to `depth`.
+// Strip on a lattice, gripped at both ends of x. Midway a slit goes through all y, from the top to `depth`.
 Model slit_strip(double depth) {
   const Vec3 lower(-0.5 * strip.x(), -0.5 * strip.y(), 0.0);
   Discretisation places = even_lattice({lower, lower + strip, {19, 2, 76}}, {36, 4, 140});
@@ -35,7 +35,7 @@ Model slit_strip(double depth) {
 
 constexpr std::array stretches = {1.2, 1.5, 2.0};
 
-// [J] with the grips drawn apart to so many times their distance.
+// Energies [J] at these stretches of the distance between the grips.
 std::array<double, 3> energies_of(double depth) {
   const Model model = slit_strip(depth);
   const ForceSystem tissue(model, {{neo_hookean(mu, nu, 1000.0)}, model.tissue});
@@ -48,7 +48,7 @@ std::array<double, 3> energies_of(double depth) {
   for (std::size_t k = 0; k < stretches.size(); ++k) {
     while (now < stretches[k] - 1e-9) {
       const double next = std::min(now + 0.15, stretches[k]);
-      rest.u *= (next - 1.0) / std::max(now - 1.0, 1e-9);  // nothing at first
+      rest.u *= (next - 1.0) / std::max(now - 1.0, 1e-9);  // zero at first
       system->set({.depth = (next - 1.0) * strip.x()}, rest.u);
       EXPECT_TRUE(relax.from_near(rest.u, rest.lambda, f, {}).converged) << next;
       now = next;
@@ -58,8 +58,8 @@ std::array<double, 3> energies_of(double depth) {
   return energy;
 }
 
-// A strip that is much wider than its grips are apart, under pure shear (its thickness gives way, its width
-// does not): a longer slit unloads that much more of it. Rivlin and Thomas, J. Polym. Sci. 10 (1953) 291: G =
+// A strip much wider than the distance of its grips, in pure shear (its thickness contracts, its width does
+// not): a longer slit unloads more of it in proportion. Rivlin and Thomas, J. Polym. Sci. 10 (1953) 291: G =
 // H0 W, W = mu/2 (l^2 + l^-2 - 2).
 TEST(ACutReleases, OfAPureShearStripTheEnergyThatItsHeightHolds) {
   constexpr double shorter = 30e-3, longer = 45e-3;

@@ -6,14 +6,14 @@
 
 namespace dimple {
 
-/// Lengths in m.
+/// Box with a lattice; lengths in m.
 struct LatticeBox {
   Vec3 lower, upper;
   Eigen::Array3i intervals;
   Vec3 spacing() const { return (upper - lower).array() / intervals.cast<double>(); }
 };
 
-/// Nodes on a box's faces and within it, and so many cells that fill it.
+/// Nodes on a box's faces and inside, and so many cells that fill it.
 inline Discretisation even_lattice(const LatticeBox& box, const Eigen::Array3i& cells) {
   const Vec3 cell = (box.upper - box.lower).array() / cells.cast<double>(), spacing = box.spacing();
   const auto filled = [&](const Eigen::Array3i& n, const Vec3& step, double shift) {

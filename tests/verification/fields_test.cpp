@@ -1,4 +1,4 @@
-// Stresses and displacements as they are written, against fields that are known at every place.
+// Written stresses and displacements, against fields that are known everywhere.
 
 #include <gtest/gtest.h>
 
@@ -24,7 +24,7 @@ namespace {
 namespace fs = std::filesystem;
 using Nodal = ForceSystem::Nodal;
 
-// XX, YY, ZZ, XY, YZ, XZ, as the file names its columns.
+// Stress tensor from columns XX, YY, ZZ, XY, YZ, XZ, found by their names in the file.
 Mat3 as_tensor(const Field& field, Index q) {
   const std::vector<std::string> names = {"XX", "YY", "ZZ", "XY", "YZ", "XZ"};
   Mat3 s = Mat3::Zero();
@@ -36,18 +36,18 @@ Mat3 as_tensor(const Field& field, Index q) {
   return s;
 }
 
-// By the principal stresses.
+// Von Mises stress by the principal stresses.
 double mises_of(const Mat3& s) {
   const Vec3 p = Eigen::SelfAdjointEigenSolver<Mat3>(s, Eigen::EigenvaluesOnly).eigenvalues();
   return std::sqrt(0.5 * (std::pow(p[0] - p[1], 2) + std::pow(p[1] - p[2], 2) + std::pow(p[2] - p[0], 2)));
 }
 
-// Stretched by a quarter, a tenth narrower, and turned by 40 degrees about no axis of anything. Of the law
-// W = mu/2 (J^(-2/3) tr C - 3) + kappa/2 (J - 1)^2 the Cauchy stress, with B = F F^T, is
+// Stretched by a quarter, a tenth narrower, and rotated by 40 degrees about a general axis. For the law W =
+// mu/2 (J^(-2/3) tr C - 3) + kappa/2 (J - 1)^2 the Cauchy stress, with B = F F^T, is
 //
 //     sigma = mu J^(-5/3) (B - tr B / 3) + kappa (J - 1)
 //
-// Holzapfel, Nonlinear Solid Mechanics, 2000, section 6.4, with p = dU/dJ.
+// See Holzapfel, Nonlinear Solid Mechanics, 2000, section 6.4, with p = dU/dJ.
 TEST(Fields, OfALargeUniformStrainInATurnedFrameAreThoseOfTheLaw) {
   const fs::path folder = fresh_folder();
   const Model model = testing_bodies::averaged_block(4);
@@ -87,9 +87,9 @@ TEST(Fields, OfALargeUniformStrainInATurnedFrameAreThoseOfTheLaw) {
   }
 }
 
-// The patch test, on a cloud as the product makes it: curved, graded, as many points as it takes. Of a
-// uniform stress P every node bears P times the sum of V dphi there, which is nothing within the body, and on
-// all of them together V P.
+// Patch test on the product's discretisation: curved, graded, with its number of points. For a uniform stress
+// P every node has the force P times the sum of V dphi. This is zero inside the body, and V P summed over all
+// nodes.
 TEST(Fields, OfAUniformStrainOnTheGradedCloudOfACurvedBodyLeaveNoForceWithinIt) {
   ModelOptions options;
   options.cloud.count = 2000;
@@ -120,10 +120,10 @@ TEST(Fields, OfAUniformStrainOnTheGradedCloudOfACurvedBodyLeaveNoForceWithinIt) 
   EXPECT_LT((moment - model.volume.sum() * P).norm(), 1e-3 * model.volume.sum() * P.norm());
 }
 
-// A rigid, flat, frictionless punch of radius 1 on an incompressible half-space, with the mean pressure 1:
-// stresses at the distance r from its axis and the depth z, along r, the hoop, z, and across rz. Sneddon,
-// Proc. Camb. Phil. Soc. 42 (1946) 29 (the punch's pressure 1 / (2 sqrt(1 - r^2)) has the Hankel transform
-// sin x / (2 x)); here with nu = 1/2 and by the trapezium rule, whose integrand falls as exp(-x z).
+// A rigid, flat, frictionless punch of radius 1 on an incompressible half-space, with mean pressure 1:
+// radial, hoop, axial and rz shear stress at the distance r from its axis and the depth z. Sneddon, Proc.
+// Camb. Phil. Soc. 42 (1946) 29 (the punch's pressure 1 / (2 sqrt(1 - r^2)) has the Hankel transform sin x /
+// (2 x)); here for nu = 1/2, by the trapezium rule, whose integrand falls as exp(-x z).
 struct UnderPunch {
   double radial, hoop, axial, shear;
   Mat3 in(const Vec3& out, const Vec3& push) const {  // `out`: unit vector away from the axis
@@ -158,8 +158,8 @@ TEST(Fields, KnownBesideAPunchAreThoseOfTheHalfSpaceFarFromTheBase) {
 
 constexpr double radius_mm = 5.0, depth_mm = 0.05, nu = 0.499;
 
-// What is written of a frictionless punch a hundredth of its radius deep in a cylinder: strains are small
-// there.
+// Written fields of a frictionless punch, a hundredth of its radius deep in a cylinder, so that strains are
+// small.
 struct Pressed {
   PointFile points, nodes;
   double force;
@@ -181,7 +181,7 @@ Pressed pressed(double cylinder_mm, double height_mm) {
           history.force.back().force};
 }
 
-// Twelve radii of tissue are below and around the punch, which goes in by a hundredth of its radius. Points
+// Tissue extends twelve radii below and around the punch, whose depth is a hundredth of its radius. Points
 // above 0.4 radii are left out: near the edge, where stresses are unbounded, a point has its cell's mean.
 TEST(UnderThePunch, StressesAreThoseThatSneddonFound) {
   constexpr double height_mm = 60.0;
@@ -215,7 +215,7 @@ TEST(UnderThePunch, StressesAreThoseThatSneddonFound) {
   EXPECT_LT(std::sqrt(off_pressure / all_pressure), 0.10);
 }
 
-// Four radii of tissue below, and three heights of it beside.
+// There are four radii of tissue below, and three heights of it on each side.
 TEST(UnderThePunch, TheSurfaceBesideItSinksAsTheLayerOfHayesDoes) {
   constexpr double height_mm = 20.0;
   const Pressed found = pressed(radius_mm + 3.0 * height_mm, height_mm);
@@ -223,8 +223,8 @@ TEST(UnderThePunch, TheSurfaceBesideItSinksAsTheLayerOfHayesDoes) {
   const Field& u = *found.nodes.find("displacement_mm");
   Index count = 0;
   double off = 0.0, all = 0.0;
-  // Nodes on the rim are 0.11 radii apart: where it lies is known to half of that, and the force to two per
-  // cent. Of the slope that has no bound at the rim the first two nodes beside it see nothing.
+  // Nodes on the edge of the punch are 0.11 radii apart, so its position has an error of half of that; the
+  // force has two per cent. The two nodes nearest to the edge do not resolve the unbounded slope there.
   constexpr double spacing = 0.11, of_force = 0.02;
   for (Index a = 0; a < u.values.cols(); ++a) {
     const Vec3 x = found.nodes.position_mm.col(a);
@@ -243,7 +243,7 @@ TEST(UnderThePunch, TheSurfaceBesideItSinksAsTheLayerOfHayesDoes) {
   EXPECT_NEAR(found.force, Hayes, 0.03 * Hayes);
 }
 
-// The phantom brain with an inner tissue five times as stiff, by tetrahedra (reference/two_labels.csv).
+// The phantom brain with a core five times as stiff, compared with tetrahedra (reference/two_labels.csv).
 TEST(Fields, ABodyWithAStiffCoreIsAsStiffAsFiniteElementsSay) {
   const LabelImage image = make_phantom({.two_labels = true});
   ModelOptions options;
@@ -260,7 +260,7 @@ TEST(Fields, ABodyWithAStiffCoreIsAsStiffAsFiniteElementsSay) {
     const auto at = [&](const char* column) { return (*known.find(column))[row]; };
     for (const ForceSample& sample : history.force) {
       if (std::abs(1e3 * sample.depth - at("indentation_mm")) > 1e-6) continue;
-      // Known to 1.1 to 4.3 %; with 2000 nodes ours are 2 % above.
+      // The reference is known to 1.1 to 4.3 %; the force with 2000 nodes is 2 % above it.
       EXPECT_NEAR(sample.force, at("force_N"), 0.03 * at("force_N"));
       ++compared;
     }

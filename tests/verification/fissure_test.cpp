@@ -1,5 +1,5 @@
-// Folds of an organ that close: how far their banks reach into each other, measured on the displaced surface
-// itself and not by what keeps them apart.
+// Folds of an organ that close: penetration of their opposing walls, measured on the displaced surface
+// itself, independently of the contact that limits it.
 
 #include <gtest/gtest.h>
 
@@ -19,13 +19,13 @@
 namespace dimple {
 namespace {
 
-// Over both banks of the phantom's fissure, which lie left and right of x = 0 at rest.
+// Penetration of the walls of the phantom's fissure, which are left and right of x = 0 at rest.
 struct Reach {
-  double deepest = 0.0;  // [mm] of a vertex of one bank beyond the other along x
-  int facing = 0;        // vertices that have the other bank across from them
+  double deepest = 0.0;  // [mm] of a vertex of one wall beyond the other along x
+  int facing = 0;        // vertices that have the other wall opposite
 };
 
-// x of the triangle at (y, z); false where it is not above that place.
+// Computes x of the triangle at (y, z); false if it does not cover that point.
 bool crosses(const Vec3& a, const Vec3& b, const Vec3& c, const Vec3& p, double& x) {
   const Vec3 n = (b - a).cross(c - a);
   if (std::abs(n.x()) < 1e-9) return false;
@@ -42,7 +42,7 @@ Reach reach_of(const Surface& surface, const Points& displaced_mm) {
     return std::abs(surface.vertex_mm(0, v)) < 4.0 && surface.vertex_mm(2, v) > 17.0;
   };
   Reach reach;
-  std::vector<Index> right;  // triangles of the bank at x < 0, which face towards x > 0
+  std::vector<Index> right;  // triangles of the wall at x < 0, which face towards x > 0
   for (Index t = 0; t < surface.triangles.cols(); ++t) {
     const auto corner = surface.triangles.col(t);
     if (!in_fissure(corner[0]) || !in_fissure(corner[1]) || !in_fissure(corner[2])) continue;
@@ -67,7 +67,7 @@ Reach reach_of(const Surface& surface, const Points& displaced_mm) {
   return reach;
 }
 
-// Two spheres of 10 mm that press the crests of both hemispheres together and down, each by 8 mm.
+// Two spheres of 10 mm press the crests of both hemispheres together and down, each by 8 mm.
 Case pinch(const LabelImage& image, const char* self_contact, Index nodes) {
   return {.scene = scene_with({{"cloud.nodes", std::to_string(nodes)},
                                {"boundary.base", "inferior"},

@@ -1,4 +1,4 @@
-// Folds that close, against closed forms and bodies that need no contact.
+// Folds that close, against closed forms and bodies without contact.
 
 #include <gtest/gtest.h>
 
@@ -24,7 +24,7 @@ namespace {
 
 constexpr double height = 20e-3, side = 30e-3;  // of one block [m]
 
-// One body above another, a gap between them: the base of the lower one stands still, `moved` is moved.
+// One body above another with a gap between them: the base of the lower one is fixed, `moved` is moved.
 Model two_bodies(const Discretisation& below, const Discretisation& above, std::vector<Index> moved) {
   Discretisation both = below;
   const auto join = [](auto& all, const auto& a, const auto& b) {
@@ -51,7 +51,7 @@ Model two_bodies(const Discretisation& below, const Discretisation& above, std::
   return make_model(std::move(both), converging, std::move(tissue), {1000.0});
 }
 
-// At a plane across z [m].
+// Mirror image at a plane across z [m].
 Discretisation mirrored(const Discretisation& one, double at) {
   Discretisation above = one;
   for (auto* z : {&above.X, &above.point}) z->row(2) = 2.0 * at - z->row(2).array();
@@ -69,7 +69,7 @@ Discretisation block_of(Index nodes, unsigned seed) {
   return one;
 }
 
-// Of other nodes above than below.
+// Column of two blocks that have different nodes.
 Model column_of_two(double gap) {
   const Discretisation below = block_of(6, 7);
   Discretisation above = block_of(7, 11);
@@ -83,15 +83,15 @@ Model column_of_two(double gap) {
   return two_bodies(below, above, top);
 }
 
-std::vector<HeldSet> all_slide(const Model& model) {  // up and down alone
+std::vector<HeldSet> all_slide(const Model& model) {  // only up and down
   HeldSet inner{.name = "column", .node = {}, .hold = HeldSet::Hold::across, .direction = Vec3::UnitZ()};
   for (Index a = 0; a < model.node_count(); ++a)
     if (model.X(2, a) > 1e-9 && model.X(2, a) < model.X.row(2).maxCoeff() - 1e-9) inner.node.push_back(a);
   return {inner};
 }
 
-// The equilibrium of two bodies, of which the upper one, from node `parting` on, has come down by `depth`
-// into the lower one before any contact is looked for.
+// Equilibrium of two bodies. Before the search for contact, the upper one, from node `parting` on, has moved
+// down by `depth` into the lower one.
 struct Pressed {
   std::unique_ptr<System> system;
   Rest rest;
@@ -112,8 +112,8 @@ Pressed pressed_together(const ForceSystem& tissue, const Model& model, Index pa
   const Relaxation relax(*pressed.system);
   EXPECT_TRUE(relax.from_near(pressed.rest.u, pressed.rest.lambda, f, {}).converged);
   pressed.force = pressed.system->along_push(f);
-  // Parts of banks are chosen, and feet of gaps found, where a state is accepted. Once they are those of the
-  // whole depth nothing changes any more.
+  // Opposing faces are paired, and gaps measured, when a state is accepted. The pairs are constant once they
+  // are those of the full depth.
   for (const double within : {0.02, 0.002}) {
     pressed.system->accept_step(pressed.rest.u);
     EXPECT_TRUE(relax.from_near(pressed.rest.u, pressed.rest.lambda, f, {}).converged);
@@ -146,7 +146,7 @@ TEST(FoldsThatClose, CarryTheStressOfAConfinedColumnAsIfNothingParted) {
   }
 }
 
-// Two domes of a radius of 20 mm whose tops meet.
+// Two domes of a radius of 20 mm meet at their tops.
 TEST(FoldsThatClose, OfTwoEqualDomesPressEachOtherAsAPlatePressesOneByHalf) {
   const double gap = 0.2e-3, way = 2e-3;
   const Model one =
@@ -171,8 +171,8 @@ TEST(FoldsThatClose, OfTwoEqualDomesPressEachOtherAsAPlatePressesOneByHalf) {
   EXPECT_LT(pressed.system->folds()->audit().penetration, 0.01 * both.spacing.minCoeff());
 }
 
-// The force [N] of two halves whose tops meet, their middle planes sliding in themselves and each coming by
-// `approach` [m]; `further` are held besides.
+// Force [N] of two halves whose tops meet, with sliding middle planes that each move by `approach` [m];
+// `further` are held in addition.
 double halves(const Discretisation& below, double radius, double mu, double nu, double approach,
               std::vector<HeldSet> further = {}) {
   const double gap = 0.02e-3;
@@ -204,7 +204,7 @@ namespace cylinders {
 constexpr double radius = 20e-3, width = 6e-3, mu = 1000.0, nu = 0.45,
                  compliance = (1.0 - nu) / (2.0 * mu * std::numbers::pi);  // (1 - nu^2) / (pi E)
 
-// The upper half of one that lies along y, a prism of flat pieces half a degree wide [mm].
+// Upper half of a cylinder along y, a prism of flat pieces half a degree wide [mm].
 BodySurface upper_half() {
   constexpr Index pieces = 360;
   Points vertex(3, 2 * (pieces + 1));
@@ -215,7 +215,7 @@ BodySurface upper_half() {
                                            i % pieces == 0 ? 0.0 : radius * std::sin(angle));
   }
   std::vector<std::array<Index, 3>> triangle;
-  const auto join = [&](Index a, Index b) {  // of two edges along y, outward where b follows a
+  const auto join = [&](Index a, Index b) {  // of two edges along y, outward if b follows a
     triangle.push_back({a, b + 1, b});
     triangle.push_back({a, a + 1, b + 1});
   };
@@ -232,8 +232,8 @@ BodySurface upper_half() {
   return {std::move(vertex), std::move(triangles)};
 }
 
-// [N] by which two press each other whose middles come towards each other by twice that. Johnson, Contact
-// Mechanics, 1985, (5.57) and (4.43).
+// Force [N] of two cylinders whose centres approach each other by twice that. Johnson, Contact Mechanics,
+// 1985, (5.57) and (4.43).
 double force_at(double approach) {
   double low = 0.0, high = 100.0;  // N/m
   for (int k = 0; k < 100; ++k) {
@@ -245,9 +245,9 @@ double force_at(double approach) {
 
 }  // namespace cylinders
 
-// Two halves of cylinders side by side, in plane strain, their middle planes sliding in themselves.
+// Two parallel half-cylinders in plane strain, with sliding middle planes.
 TEST(FoldsThatClose, OfTwoParallelCylindersPressEachOtherAsHertzFound) {
-  // Along the whole line of contact nodes are as fine as beneath a sphere's pole alone: more are needed.
+  // The whole line of contact needs nodes as fine as at a sphere's pole, so more are needed.
   const auto [nodes, within] =
       std::getenv("DIMPLE_ALL_SCENES") ? hertz::Fineness{6000, 0.02} : hertz::Fineness{3000, 0.04};
   const Discretisation below = standing(cylinders::upper_half(), {.nodes = nodes, .contact_radius = 2.5});
@@ -273,7 +273,7 @@ Model pushed_on_one_side(const BodySurface& body) {
   return build_model(body, options).model;
 }
 
-// A block with a slit from its top, its wall 5 mm beside the tool's middle, pushed down on that side.
+// A block with a slit from its top, 5 mm from the tool's middle, pressed down on that side.
 struct BesideASlit {
   Model model;
   Material material = neo_hookean(1000.0, 0.49, 1000.0);
@@ -289,7 +289,7 @@ struct BesideASlit {
   }
 };
 
-// Displacements of the lobe on the left of the slit alone.
+// Displacements of only the lobe on the left of the slit.
 Nodal left_moved(const BesideASlit& scene, const Vec3& way) {
   Nodal u = Nodal::Zero(4, scene.model.node_count());
   for (Index a = 0; a < u.cols(); ++a)
@@ -297,12 +297,12 @@ Nodal left_moved(const BesideASlit& scene, const Vec3& way) {
   return u;
 }
 
-// Displacements of a body that moves as a whole.
+// Displacements of a rigid motion.
 Nodal rigid(const Model& model, const Mat3& turn, const Vec3& way) {
   return to_nodal(((turn - Mat3::Identity()) * model.X).colwise() + way);
 }
 
-// The gaps in a state that is not accepted, and those after it is.
+// Gaps in a state that is not accepted, and those after it is.
 Eigen::VectorXd gaps_in(FoldContact& folds, const Nodal& u) {
   Nodal f = Nodal::Zero(4, u.cols());
   folds.add_force(u, {}, f);
@@ -338,7 +338,7 @@ TEST(FoldsThatClose, GoOnFromAStateThatWasKeptToTheSameBits) {
   EXPECT_GT(whole.folds.force, 0.0);
 }
 
-// A wedge of air between two blocks, open by 25 degrees: the way to the bank ahead is along neither bank.
+// A wedge of air of 25 degrees between two blocks: the direction to the opposing face is normal to neither.
 TEST(FoldsThatClose, OfBanksThatAreNotParallelMeetTheSamePlacesAsLongAsNothingSlides) {
   const Discretisation below = block_of(6, 7);
   Discretisation above = block_of(7, 11);
@@ -360,7 +360,7 @@ TEST(FoldsThatClose, OfBanksThatAreNotParallelMeetTheSamePlacesAsLongAsNothingSl
     for (Index a = below.node_count(); a < model.node_count(); ++a) u.col(a).head<3>() = way * Vec3::UnitY();
     folds.add_force(u, {}, f);
     folds.accept(u, {});
-    const std::vector<double> past = folds.past();  // what lies ahead of each sample; -1: what did at rest
+    const std::vector<double> past = folds.past();  // part opposite to each sample; -1: that at rest
     return std::any_of(past.begin(), past.begin() + folds.count(), [](double one) { return one != -1.0; });
   };
   EXPECT_FALSE(moved_along(0.0));
@@ -368,8 +368,7 @@ TEST(FoldsThatClose, OfBanksThatAreNotParallelMeetTheSamePlacesAsLongAsNothingSl
   EXPECT_TRUE(moved_along(0.7 * banks->spacing.maxCoeff()));
 }
 
-// Two domes, top to top: of a place beside the tops the part that is nearer to them is nearer to the other
-// dome.
+// Two domes, top to top: at a place off the tops, the part nearer to them is nearer to the other dome.
 TEST(FoldsThatClose, OfBanksThatBulgeHaveThePartsThatAreNearest) {
   const Model one = standing(cut_ellipsoid_surface({20, 20, 20}, 0.0),
                              {.nodes = 400, .contact_radius = 4.0, .whole_circle = false});
@@ -405,7 +404,7 @@ TEST(FoldsThatClose, AreWatchedWhereTheSurfaceFacesItselfAndNowhereElse) {
   EXPECT_EQ(fold_banks(scene.model, 0.2e-3).count(), 0) << "no gap is as narrow";
 }
 
-// The wall on the left, slid by a spacing along the other and a tenth of one into it.
+// The left wall is displaced by a spacing along the other and by a tenth of one into it.
 TEST(FoldsThatClose, DoNotBeginToTouchDeepInsideAnotherBankUnlessTheyTouchedBefore) {
   const BesideASlit scene(true);
   const auto deepest_after = [&](double force) {
@@ -436,14 +435,14 @@ TEST(FoldsThatClose, PushBothBanksApartWithForcesThatSumToNothing) {
   Nodal f = Nodal::Zero(4, scene.model.node_count());
   folds.add_force(Nodal::Zero(4, scene.model.node_count()), {}, f);
   EXPECT_LT(f.rowwise().sum().norm(), 1e-12);
-  double left = 0.0;  // as of what resists: the negative of what pushes
+  double left = 0.0;  // sign of a resisting force
   for (Index a = 0; a < f.cols(); ++a)
     if (scene.model.X(0, a) < 0.15e-3) left += f(0, a);
   EXPECT_GT(left, 1e-3) << "the wall on the left is pushed to the left";
 }
 
-// One lobe slid along the slit and turned: where a sample and its place ahead are no longer across from each
-// other, equal and opposite forces there would turn the body, and the gap would not change as they say.
+// One lobe is displaced along the slit and rotated, so that a sample and its pair are no longer opposite.
+// Equal and opposite forces there would then have a moment, and not correspond to the change of the gap.
 TEST(FoldsThatClose, PushBothBanksAlongOneLineAndAsTheGapChanges) {
   const BesideASlit scene(true);
   FoldContact folds(scene.loading.folds, scene.tissue);
@@ -481,7 +480,7 @@ TEST(FoldsThatClose, PushBothBanksAlongOneLineAndAsTheGapChanges) {
   const Eigen::VectorXd after = gaps_in(folds, u + du), change = 0.5 * (after - gaps_in(folds, u - du));
   int compared = 0;
   for (Index s = 0; s < folds.count(); ++s) {
-    if (here[s] == scene.loading.folds->spacing[s]) continue;  // touches nothing
+    if (here[s] == scene.loading.folds->spacing[s]) continue;  // not in contact
     ++compared;
     EXPECT_NEAR(change[s], normal.col(s).dot(moves.col(s)), 0.01e-6) << s;
   }
@@ -491,7 +490,7 @@ TEST(FoldsThatClose, PushBothBanksAlongOneLineAndAsTheGapChanges) {
 TEST(FoldsThatClose, MeetTheNextPartOfTheWallThatTheySlideAlong) {
   const BesideASlit scene(true);
   const auto open_after =
-      [&](double way) {  // the share of places with the gap of rest, the left lobe slid along y
+      [&](double way) {  // fraction of places with the gap of rest after the left lobe slid along y
         FoldContact folds(scene.loading.folds, scene.tissue);
         const Eigen::VectorXd gaps = gaps_after(folds, left_moved(scene, way * Vec3::UnitY()));
         return static_cast<double>(((gaps.array() - 0.3e-3).abs() < 1e-5).count()) /
@@ -499,7 +498,7 @@ TEST(FoldsThatClose, MeetTheNextPartOfTheWallThatTheySlideAlong) {
       };
   EXPECT_GT(open_after(0.0), 0.95);
   EXPECT_GT(open_after(6e-3), 0.7) << "of 30 mm";
-  // And whoever marches accepts that step for them.
+  // A march accepts that step for them.
   const auto system =
       make_system(scene.tissue, scene.model, Contact::bonded, {}, {}, 1e-4, nullptr, scene.loading.folds);
   const Nodal u = left_moved(scene, 6e-3 * Vec3::UnitY());

@@ -11,9 +11,9 @@
 
 namespace dimple::hertz {
 
-// An elastic sphere that rigid planes press from two sides, or two such spheres each other: by Hertz's
-// pressure over a small circle about each pole, and what the whole sphere does under it (Lur'e 1964: each
-// Legendre polynomial of the pressure by itself).
+// An elastic sphere between two rigid planes, or two such spheres, by Hertz's pressure over a small disc
+// about each pole. The displacement is that of the whole sphere (Lur'e 1964), for each Legendre polynomial of
+// the pressure.
 
 inline constexpr double radius = 20e-3, mu = 1000.0, nu = 0.45, young = 2.0 * mu * (1.0 + nu);
 
@@ -21,7 +21,7 @@ struct Contact {
   double force, approach;  // [N]; [m] from the sphere's middle to the plane, less the radius
 };
 
-// Where contact reaches to `a` [m].
+// Force and approach for a contact radius `a` [m].
 inline Contact at_radius(double a) {
   constexpr int rings = 1000, terms = 4000;
   const double force = 4.0 / 3.0 * young / (1.0 - nu * nu) * a * a * a / radius,
@@ -62,7 +62,7 @@ inline double force_at(double approach) {
   return at_radius(low).force;
 }
 
-// With DIMPLE_ALL_SCENES=1 nodes as fine as the claim of 2 % needs.
+// Number of nodes and tolerance; with DIMPLE_ALL_SCENES=1 as fine as the claim of 2 % needs.
 struct Fineness {
   Index nodes = 1500;
   double within = 0.03;
@@ -71,7 +71,7 @@ inline Fineness fineness() {
   return std::getenv("DIMPLE_ALL_SCENES") ? Fineness{6000, 0.02} : Fineness{};
 }
 
-// The upper half of it, fine at its top; its middle plane is its base.
+// Upper half of the sphere, fine at its top; its middle plane is the base.
 inline Discretisation half_sphere(Index nodes) {
   ModelOptions options;
   options.cloud.count = nodes;
@@ -80,7 +80,7 @@ inline Discretisation half_sphere(Index nodes) {
   return build_model(cut_ellipsoid_surface(Vec3::Constant(1e3 * radius), 0.0, 480), options).model;
 }
 
-// Of the middle plane's nodes the one in the middle.
+// Node of the middle plane nearest to the axis.
 inline Index centre_of(const Discretisation& half) {
   return *std::min_element(half.base.begin(), half.base.end(), [&](Index a, Index b) {
     return half.X.col(a).head<2>().norm() < half.X.col(b).head<2>().norm();

@@ -1,4 +1,4 @@
-// An elastic sphere that is pressed on a rigid plane, against Hertz.
+// An elastic sphere pressed on a rigid plane, against Hertz.
 
 #include "tests/verification/hertz.hpp"
 
@@ -24,7 +24,7 @@ TEST(HertzTruth, TheSeriesOfASphereIsTheHalfSpacesForASmallContactAndStifferThan
   }
 }
 
-// Its middle plane moves up as a whole and slides in itself; nothing but the plane above it holds it back.
+// The middle plane moves up as a whole and slides in itself; only the plane above the sphere resists.
 TEST(Hertz, HasTheForceOfASphereThatIsPressedOnARigidPlane) {
   const auto [nodes, within] = hertz::fineness();
   Discretisation places = hertz::half_sphere(nodes);

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Whether forces hold within their two stated errors when the image's grid is moved: one body segmented on four grids.
+"""Check of the two stated errors of forces when the image's grid moves: one body segmented on four grids.
 
     image_error.py PROGRAM DATA calibration > results/image_error_calibration.csv
     image_error.py PROGRAM DATA proof > results/image_error_proof.csv
@@ -7,7 +7,7 @@
 
 DATA: the folder with the label images. Needs numpy and scipy. 40 scenes calibrate apps/run/image_error.cpp, 20 of another seed are
 the proof. Each body is known exactly (an organ: the level zero of its label's smoothed signed distance) and each scene draws a body,
-a tool and a voxel; each is run on four grids whose origins are moved at random, along the push by about a quarter of a voxel each,
+a tool and a voxel; each is run on four grids whose origins are moved at random, along the press direction by about a quarter of a voxel each,
 and in the proof once more with voxels a third as long. A row is a run; `table` prints the coverage. Some ten minutes of one core for each set.
 """
 import collections
@@ -26,7 +26,7 @@ from scipy import ndimage
 
 SEEDS = {"calibration": (1, 40), "proof": (2, 20)}
 GRIDS = 4
-FINER = 3.0  # times as fine: what the forces are compared with
+FINER = 3.0  # times as fine: reference of the forces
 DEPTH_MM = 2.0
 TOOLS = {"circle": ["--indenter-diameter", "10mm"], "sphere 5": ["--tool", "sphere:5mm"], "sphere 20": ["--tool", "sphere:20mm"],
          "punch 8": ["--tool", "punch:8mm,edge=2mm"]}
@@ -87,7 +87,7 @@ def read_nrrd(file):
 
 
 def along_lps(labels, spacing, axes):
-    """The same with its axes along left, posterior, superior, as nearly as they can be."""
+    """The body with its axes along left, posterior, superior, as nearly as possible."""
     order = [int(np.argmax(abs(axes[row]))) for row in range(3)]
     labels = labels.transpose(order)
     for row in range(3):
@@ -116,7 +116,7 @@ def organ(data, name):
 
 
 def scenes(which, data):
-    """name, f, box, tool, voxel, options of the place."""
+    """Scenes: name, f, box, tool, voxel, options of the place."""
     seed, count = SEEDS[which]
     draw = random.Random(seed)
     above = ["--base", "inferior", "--indent-at"]
@@ -147,7 +147,7 @@ def scenes(which, data):
 # ------------------------------------------------------------------------------------------------ runs
 
 def write_image(file, f, box, voxel, moved):
-    """A label image whose voxel centres are moved by a part of a voxel."""
+    """Writes a label image whose voxel centres are moved by a part of a voxel."""
     low = np.array(box[0], float) - voxel * (2 + np.array(moved))
     count = [int(np.ceil((h - l) / voxel)) + 3 for l, h in zip(low, box[1])]
     x, y, z = (l + voxel * np.arange(n) for l, n in zip(low, count))
@@ -170,7 +170,7 @@ def run(program, image, folder, options):
 
 
 def at_place_of(program, f, box, voxel, sides, folder):
-    """Options that put tool and base where the program finds them on one grid; the same on all grids then."""
+    """Options that fix tool and base where the program finds them on one grid, for use on all grids."""
     image = os.path.join(folder, "o.nrrd")
     write_image(image, f, box, voxel, (0, 0, 0))
     base, at = sides[3], sides[2]
@@ -209,7 +209,7 @@ def main(program, data, which):
 # ----------------------------------------------------------------------------------------------- table
 
 def table(files):
-    """Of each set: how many forces are within the two stated errors, and how wide those are beside the scatter."""
+    """Table by set: number of forces within the two stated errors, and width of these compared with the scatter."""
     print("| set | scenes | forces | within both errors of the mean | within both of the finer image | "
           "mean scatter | mean image error | mean error of the discretisation | warned |")
     print("|---|---|---|---|---|---|---|---|---|")

@@ -1,4 +1,4 @@
-// Indented bodies against the independent finite elements in reference/, beside the scenes of dimple_verify.
+// Indented bodies against the independent finite elements in reference/, in addition to dimple_verify.
 
 #include <gtest/gtest.h>
 
@@ -19,7 +19,7 @@
 namespace dimple {
 namespace {
 
-// Forces [N] at even depths of a circle pressed onto the top of a body that stands on a flat base.
+// Forces [N] at even depths of a bonded patch on the top of a body on a flat base.
 std::vector<double> forces(const BodySurface& body, double diameter_mm, double depth_mm, int count,
                            Index nodes = 2000) {
   ModelOptions options;
@@ -53,7 +53,7 @@ TEST(Indentation, BesideASlitIsAsSoftAsFiniteElementsSay) {
   EXPECT_EQ(compared, 9);
 }
 
-// With 4250 nodes, in each run one of nine slits; DIMPLE_ALL_SCENES=1: all.
+// With 4250 nodes; one of nine slits, or all with DIMPLE_ALL_SCENES=1.
 TEST(Indentation, OfABlockThatIsCutIsThatOfTheBlockWithTheSlitFromTheStart) {
   const Table known = read_csv(DIMPLE_REFERENCE_DIR "/slits.csv");
   std::vector<std::pair<double, double>> slits = {{0.5, 1.0}};
@@ -82,8 +82,8 @@ TEST(Indentation, OfABlockThatIsCutIsThatOfTheBlockWithTheSlitFromTheStart) {
   }
 }
 
-// The whole width of the base carries: without nodes along its outline the force was 9 % less. With them it
-// is within 1 %.
+// The whole width of the base bears load: without nodes along its outline the force was 9 % too small. With
+// them it is within 1 %.
 TEST(Indentation, OfASlenderBlockFeelsTheEdgeOfItsBase) {
   const Table known = read_csv(DIMPLE_REFERENCE_DIR "/blocks.csv");
   const auto ours = forces(block_surface({-20, -20, 0}, {20, 20, 40}), 20.0, 2.0, 1);
@@ -97,7 +97,7 @@ TEST(Indentation, OfASlenderBlockFeelsTheEdgeOfItsBase) {
   EXPECT_NEAR(ours.front(), reference, 0.03 * reference);
 }
 
-// Ended marches too: by the same code, at the same depth.
+// Failed marches, too, end with the same code at the same depth.
 TEST(Indentation, IsTheSameHoweverManyFramesAreLookedAt) {
   for (int number = 1; number <= 5; ++number) {
     const RandomBody body = random_body(number);

@@ -1,4 +1,4 @@
-// A tool that touches, moved by hand: against the equilibria of a march.
+// Live contact of a tool that a hand moves, against the equilibria of a march.
 
 #include <gtest/gtest.h>
 #include <tbb/global_control.h>
@@ -22,7 +22,7 @@ struct Touched {
   SessionOptions options(double tolerance = 1e-4) const { return {.tolerance = tolerance, .touch = touch}; }
 };
 
-// On the axis of a cylinder; `tilt` [degrees] off it, the tool meets its flat end aslant.
+// A tool on the axis of a cylinder; with `tilt` [degrees] it meets the flat end obliquely.
 Touched scene(const char* tool, double tilt = 0.0, const char* friction = "0") {
   const Scene run = pressed_cylinder::described(
       {.tool = tool, .depth_mm = 3.0, .friction = friction, .nodes = 500, .tilt = tilt});
@@ -31,7 +31,7 @@ Touched scene(const char* tool, double tilt = 0.0, const char* friction = "0") {
   return {std::move(model), std::move(touch)};
 }
 
-// A frame is 40 ms: 10 mm/s in, out of the body, and in again with a stop.
+// Depths of a hand at frames of 40 ms: 10 mm/s in, out of the body, and in again with a stop.
 std::vector<double> way_of_a_hand() {
   std::vector<double> depth;
   for (int k = 1; k <= 6; ++k) depth.push_back(0.4e-3 * k);
@@ -41,8 +41,7 @@ std::vector<double> way_of_a_hand() {
   return depth;
 }
 
-// How far the body's surface is inside of the tool, where contact is enforced or between these places too
-// [m].
+// Largest penetration of the body's surface into the tool [m], at contact samples or also between them.
 double deepest_in_tool(const Session& session, double depth, bool between) {
   const Touch& touch = *session.touch();
   const ToolPose pose{touch.pose.tip + depth * touch.pose.points_at, touch.pose.points_at};
@@ -120,8 +119,8 @@ TEST(LiveTouch, AForceIsBetterForWhatIsLeftUnbalancedBeingAccountedFor) {
   EXPECT_LT(corrected, 0.6 * raw);
 }
 
-// With too few evaluations for one frame an equilibrium is gone on with in the next, with the tool where it
-// then is: what contact lacked there was once looked for where the tool had been.
+// With too few evaluations for one frame an equilibrium is continued in the next, with the tool at its new
+// place. Missing contact was once searched at the old place.
 TEST(LiveTouch, WithFewEvaluationsItLagsAndNeverShowsAForceOfAnotherDepth) {
   const Touched with = scene("sphere:5mm");
   Session live(with.model, {tissue}, with.options()), still(with.model, {tissue}, with.options(1e-5));
@@ -173,7 +172,7 @@ TEST(LiveTouch, TheSameWayGivesTheSameForcesWithAnyNumberOfThreads) {
   EXPECT_EQ(forces(1), forces(4));
 }
 
-// The cloud is too coarse for so small a ball, and the ball shorter than the way.
+// The discretisation is too coarse for so small a ball, and the ball shorter than the displacement.
 TEST(LiveTouch, ItStopsBeforeTheSurfaceComesIntoTheToolAndNoDeeperThanTheToolIsLong) {
   const Touched with = scene("sphere:2mm");
   Session session(with.model, {tissue}, with.options());
@@ -183,7 +182,7 @@ TEST(LiveTouch, ItStopsBeforeTheSurfaceComesIntoTheToolAndNoDeeperThanTheToolIsL
     if (0.4e-3 * k > 4e-3) EXPECT_EQ(frame.tool, LiveFrame::Tool::beyond);
     EXPECT_LT(deepest_in_tool(session, frame.depth, true), 0.05 * 2e-3);
     deepest = std::max(deepest, frame.depth);
-    // Whatever deeper places were tried, the force is that of where it stands.
+    // The force is that of the present depth, even if deeper ones were tried.
     const double force = session.force();
     EXPECT_NEAR(session.on_tool().head<3>().dot(-with.model.tool.push), force, 1e-9 * force);
     EXPECT_NEAR(session.base_force(), force, 0.05 * force);

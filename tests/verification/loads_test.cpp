@@ -17,8 +17,8 @@ namespace {
 using Nodal = ForceSystem::Nodal;
 using Hold = HeldSet::Hold;
 
-// A box whose faces slide on frictionless walls where `walls` has it, for each axis at 0 and at 1; nodes on
-// two walls slide along both, nodes on three stay. `clamped`: nodes that stay besides.
+// A box with faces that slide on frictionless walls, if `walls` is true, for each axis at 0 and at 1. Nodes
+// on two walls slide along both, nodes on three are fixed. `clamped`: further fixed nodes.
 struct Walls {
   std::array<std::array<bool, 2>, 3> at;
   std::function<bool(const LatticeBody&, Index)> clamped;
@@ -54,7 +54,7 @@ std::vector<HeldSet> sets_of(const LatticeBody& body, const Walls& walls) {
   return result;
 }
 
-// A box on such walls under loads, laid on in even steps.
+// A box on such walls under loads, applied in even steps.
 struct LoadedBox {
   LoadedBox(const Lattice& lattice, const Walls& walls, const Material& material)
       : statics(make_lattice(lattice), sets_of(make_lattice(lattice), walls), {material}) {}
@@ -75,12 +75,12 @@ struct LoadedBox {
   Statics statics;
 };
 
-// Of laterally confined neo-Hookean tissue, F = diag(1, 1, l): P_zz [Pa].
+// Stress P_zz of laterally confined neo-Hookean tissue, F = diag(1, 1, l) [Pa].
 double confined_stress(const Material& m, double l) {
   return m.mu * std::pow(l, -2.0 / 3.0) * (l - (2.0 + l * l) / (3.0 * l)) + m.kappa * (l - 1.0);
 }
 
-// P(l(Z)) = -rho g (H - Z), whatever the strain: here the lowest tissue is pressed to 0.62 of its height.
+// P(l(Z)) = -rho g (H - Z) for any strain: here the lowest tissue is compressed to 0.62 of its height.
 TEST(Gravity, ShortensAConfinedColumnAsItsWeightAboveEachPlaceSays) {
   const double H = 20e-3, g = 18.0;
   Material sponge = neo_hookean(210.0, 0.3, 1000.0);
@@ -108,9 +108,9 @@ TEST(Gravity, ShortensAConfinedColumnAsItsWeightAboveEachPlaceSays) {
       << "the floor bears it";
 }
 
-// How far a hanging layer of height h gives to forces cos(pi x / W) on its lower side, W half of the wave
-// that gives way first. Stiffness falls to nothing at rho g h / mu = 6.2229, wave number 2.1198 / h. Source:
-// Mora, Phou, Fromental, Pomeau, Phys. Rev. Lett. 113, 178301, 2014.
+// Compliance of a hanging layer of height h under forces cos(pi x / W) on its lower side, W half of the first
+// unstable wave. Stiffness falls to zero at rho g h / mu = 6.2229, wave number 2.1198 / h. Source: Mora,
+// Phou, Fromental, Pomeau, Phys. Rev. Lett. 113, 178301, 2014.
 TEST(Gravity, MakesABondedLayerThatHangsLoseItsStabilityWhereItIsKnownTo) {
   const double h = 10e-3, W = std::numbers::pi * h / 2.1198, mu = 210.0;
   Lattice lattice = box_lattice(Vec3(W, 0.4 * h, h), 4, 0.0);
@@ -131,7 +131,7 @@ TEST(Gravity, MakesABondedLayerThatHangsLoseItsStabilityWhereItIsKnownTo) {
     stiffness.push_back(wave.squaredNorm() /
                         wave.cwiseProduct(layer.under(std::move(terms), 2, 1e-6).u).sum());
   }
-  // The parabola through the three.
+  // The parabola goes through the three points.
   const auto at = [&](double x) {
     double sum = 0.0;
     for (std::size_t i = 0; i < 3; ++i) {
@@ -153,8 +153,8 @@ Loads under(const Model& model, const BodyForce& body) {
   return loads;
 }
 
-// A body force b Z along the axis: P_zz(Z) = b (H^2 - Z^2) / 2, and at small strain
-// u_z(Z) = b (H^2 Z / 2 - Z^3 / 6) / (kappa + 4/3 mu).
+// A body force b Z along the axis gives P_zz(Z) = b (H^2 - Z^2) / 2. At small strain u_z(Z) = b (H^2 Z / 2 -
+// Z^3 / 6) / (kappa + 4/3 mu).
 TEST(BodyForce, ThatGrowsAlongAConfinedColumnCompressesItByItsIntegralAboveEachPlace) {
   const double W = 10e-3, H = 20e-3, b = -7350.0;
   const Material sponge = neo_hookean(210.0, 0.3, 1000.0);
@@ -178,8 +178,8 @@ TEST(BodyForce, ThatGrowsAlongAConfinedColumnCompressesItByItsIntegralAboveEachP
   EXPECT_NEAR(stress, -0.5 * b * H * H, 1e-4 * stress) << "stress at the base";
 }
 
-// Resultant V f(c), and moment about the origin V (c x f(c) + sum_j e_j x (G S) e_j): c the centroid, S the
-// second moments about it. The cells know that to the second order of their size.
+// The resultant is V f(c), the moment about the origin V (c x f(c) + sum_j e_j x (G S) e_j). c is the
+// centroid, S the second moments about it. The cells are exact to the second order of their size.
 TEST(BodyForce, HasTheResultantAndTheMomentOfItsIntegralOverTheBody) {
   const Vec3 size(12e-3, 9e-3, 15e-3), c = 0.5 * size, at(-4e-3, 7e-3, 2e-3);
   const LoadedBox box(box_lattice(size, 5, 0.2), {.at = {}, .clamped = {}}, neo_hookean(210.0, 0.45, 1000.0));
@@ -212,13 +212,13 @@ TEST(BodyForce, HasTheResultantAndTheMomentOfItsIntegralOverTheBody) {
   EXPECT_LT((moment - exact_moment).norm(), 0.01 * exact_moment.norm());
 }
 
-// The surface's upper face.
+// Upper face of the surface.
 SurfacePatch top_of(const Model& model) {
   return surface_patch(model, triangles_facing(model, Vec3::UnitZ()));
 }
 
-// A cube on three walls, free at its other sides. Pressed along z its stretches are l and twice a: sides free
-// of stress, and P_zz = -p of a dead pressure, P_zz = -p a^2 of one that follows the surface.
+// A cube on three walls, free at its other sides. Pressed along z its stretches are l and twice a: free
+// sides, and P_zz = -p for a dead pressure, P_zz = -p a^2 for one that follows the surface.
 struct Pressed {
   double a, l;
 };
@@ -268,7 +268,7 @@ TEST(Pressure, DeadAndFollowingPressesACubeAsItsClosedFormsSay) {
   EXPECT_GT(height[0] - height[1], 0.015) << "the two are not the same";
 }
 
-// A place in the middle of each small triangle serves: that is as exact as the surface is fine.
+// One point in the middle of each small triangle suffices: it is as accurate as the surface.
 TEST(Pressure, OnAllSidesOfABodyPushesItNowhereAndDoesTheWorkOfItsChangeOfVolume) {
   const LoadedBox cube(box_lattice(Vec3::Constant(10e-3), 8, 0.1), {.at = {}, .clamped = {}},
                        neo_hookean(210.0, 0.45, 1000.0));
@@ -296,7 +296,7 @@ TEST(Pressure, OnAllSidesOfABodyPushesItNowhereAndDoesTheWorkOfItsChangeOfVolume
   const double e = 1e-6, slope = (volume(u + e * way) - volume(u - e * way)) / (2.0 * e);
   EXPECT_NEAR(f.cwiseProduct(way).sum(), 50.0 * slope, 0.005 * std::abs(50.0 * slope));
   EXPECT_LT(f.rowwise().sum().norm(), 1e-12) << "a closed surface is pushed nowhere";
-  // Of a homogeneous motion, by steps from rest, the energy is that pressure times what the volume has grown.
+  // For a homogeneous motion, in steps from rest, the energy is the pressure times the increase of volume.
   for (Index a = 0; a < model.node_count(); ++a)
     u.col(a).head<3>() =
         Vec3(0.3 * model.X(0, a) + 0.2 * model.X(1, a), 0.1 * model.X(1, a), 0.2 * model.X(2, a));
@@ -326,7 +326,7 @@ TEST(ForceTerms, OfLoadsThatDoNotFollowAreTheSlopeOfTheirEnergy) {
   }
 }
 
-// Springs to the room, and between nodes far apart, that are a thousand times as stiff as the tissue.
+// Springs to the ground, and between distant nodes, a thousand times as stiff as the tissue.
 class Springs : public ForceTerm {
  public:
   Springs(StiffnessBound k, Nodal pull, int& calls)
@@ -365,7 +365,7 @@ TEST(ForceTerms, AThousandTimesAsStiffAsTheTissueStillComeToEquilibrium) {
   std::vector<Index> top;
   for (Index a = 0; a < model.node_count(); ++a)
     if (cube.statics.body().on_face(a, 2, 1.0)) top.push_back(a);
-  // The upper face is a plate: every node of it joined with its neighbour in the list and with one far off.
+  // The upper face is a plate: every node is joined with its neighbour in the list and with a distant one.
   for (std::size_t i = 0; i < top.size(); ++i)
     for (const std::size_t step : {std::size_t{1}, std::size_t{11}})
       k.edge.push_back(
@@ -376,7 +376,7 @@ TEST(ForceTerms, AThousandTimesAsStiffAsTheTissueStillComeToEquilibrium) {
   int calls = 0;
   terms.push_back(std::make_unique<Springs>(k, pull, calls));
   const Equilibrium found = cube.under(std::move(terms), 2, 1e-6);
-  // As good as rigid: it moves as one, by what a block sheared by its bonded upper face gives to that force.
+  // The stiff face moves nearly as one, in the direction of the force.
   double least = 1.0, most = 0.0;
   for (const Index a : top) least = std::min(least, found.u(0, a)), most = std::max(most, found.u(0, a));
   EXPECT_GT(least, 0.0);

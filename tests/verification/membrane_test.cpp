@@ -18,7 +18,7 @@
 namespace dimple {
 namespace {
 
-// A block with curved nodes' supports, as the product makes it; all of its surface.
+// A block with the product's supports, and all of its surface.
 const Model& block_model() {
   static const Model model = [] {
     ModelOptions options;
@@ -43,8 +43,8 @@ Nodal linear(const Model& model, const Mat3& gradient) {
   return u;
 }
 
-// A balloon of radius r that is blown up by l has p 3 V l^2 = dE/dl, so p = 2 mu h/r (1/l - l^-7) with 3 V =
-// A r; a body of any shape that grows evenly has the same dE/dl of its area.
+// A balloon of radius r inflated by l has p 3 V l^2 = dE/dl, so p = 2 mu h/r (1/l - l^-7) with 3 V = A r. A
+// body of any shape that grows uniformly has the same dE/dl for its area.
 TEST(Membrane, BlownUpEvenlyResistsAsABalloonToPastItsLargestPressure) {
   const Model& model = block_model();
   const Membrane film = film_on(model);
@@ -74,7 +74,7 @@ TEST(Membrane, StretchedOneWayKeepsItsVolumeAndPullsByItsLaw) {
   const auto law = [&](double a, double b) {
     return 0.5 * mu_h * (a * a + b * b + 1.0 / (a * a * b * b) - 3.0) + 3.5 * (a * a + b * b - 2.0);
   };
-  // Two faces across each axis.
+  // There are two faces across each axis.
   const double exact =
       2.0 * (30e-3 * 30e-3 * law(l, across) + 30e-3 * 20e-3 * (law(l, 1.0) + law(across, 1.0)));
   EXPECT_NEAR(term->energy(u, {}), exact, 1e-9 * exact);
@@ -107,8 +107,8 @@ TEST(Membrane, HasTheForceThatIsTheDerivativeOfItsEnergyAndTurnsWithTheBody) {
   }
 }
 
-// Of a film that is stretched as the body is, F, its two invariants follow from F and the normal at rest
-// alone: tr C = |F|^2 - |F n|^2, det C = (det F |F^-T n|)^2.
+// Invariants of a film that is stretched with the body, F, follow from F and the normal at rest alone: tr C =
+// |F|^2 - |F n|^2, det C = (det F |F^-T n|)^2.
 TEST(Membrane, OnACurvedBodyHasTheEnergyOfTheStretchInEachPlaceOfItsSurface) {
   ModelOptions options;
   options.cloud.count = 1200;
@@ -133,7 +133,7 @@ TEST(Membrane, OnACurvedBodyHasTheEnergyOfTheStretchInEachPlaceOfItsSurface) {
   EXPECT_NEAR(term->energy(linear(model, F - Mat3::Identity()), {}), exact, 1e-6 * exact);
 }
 
-// A film that wrinkles: a strip where it is short across, nothing where it is short in all directions.
+// A wrinkling film is a strip where it is short across, and slack where it is short in all directions.
 TEST(Membrane, ThatWrinklesBearsTensionAlone) {
   const Model& model = block_model();
   Membrane film = film_on(model);
@@ -147,13 +147,13 @@ TEST(Membrane, ThatWrinklesBearsTensionAlone) {
   term->add_force(at(Vec3(0.9, 0.8, 0.95)), {}, f);
   EXPECT_EQ(f.norm(), 0.0);
   EXPECT_EQ(term->energy(at(Vec3(0.9, 0.8, 0.95)), {}), 0.0);
-  // Across by less than a strip contracts by itself, 1.3^-1/2 = 0.877, on all faces along x; not on those
-  // along y and z, which are short in both directions.
+  // The faces along x are narrower than a strip by its own contraction, 1.3^-1/2 = 0.877. Those along y and z
+  // are short in both directions.
   const double strip = 0.5 * mu_h * (1.3 * 1.3 + 2.0 / 1.3 - 3.0);
   const double along_x = 2.0 * (30e-3 * 30e-3 + 30e-3 * 20e-3);
   EXPECT_NEAR(term->energy(at(Vec3(1.3, 0.7, 0.8)), {}), along_x * strip, 1e-9 * strip * along_x);
-  // Taut, it wrinkles where it is narrower than a strip of it, (mu h + T) l^2 w^4 = mu h; its energy
-  // has no jump there.
+  // A taut film wrinkles where it is narrower than a strip, (mu h + T) l^2 w^4 = mu h; its energy has no jump
+  // there.
   Membrane taut = film_on(model, 20.0);
   taut.wrinkles = true;
   const auto skin = membrane(taut);
@@ -168,7 +168,7 @@ TEST(Membrane, ThatWrinklesBearsTensionAlone) {
               1e-12 * mu_h);
 }
 
-// Stretched it is four times as stiff as sheared, see add_stiffness_bound().
+// In stretching it is four times as stiff as in shear, see add_stiffness_bound().
 TEST(Membrane, IsAtRestNoStifferThanFourTimesWhatThePreconditionerTakesItFor) {
   const Model& model = block_model();
   const auto term = membrane(film_on(model, 3.0));
@@ -196,8 +196,8 @@ TEST(Membrane, IsAtRestNoStifferThanFourTimesWhatThePreconditionerTakesItFor) {
   }
 }
 
-// What a tool of 10 mm feels at `depth` on a block of tissue under a film, from the iteration for equilibria
-// itself; negative: none was found.
+// Force of a tool of 10 mm at `depth` on a block of tissue under a film, by the iteration for equilibria
+// itself; negative if there is none.
 double force_under(const Model& model, const Membrane* film, double depth,
                    Contact contact = Contact::bonded) {
   const ForceSystem tissue(model, neo_hookean(210.0, 0.499, 1000.0));
@@ -219,7 +219,7 @@ double force_under(const Model& model, const Membrane* film, double depth,
   }
 }
 
-// Film x modulus over tissue x node spacing is 1000 for the stiffest. None makes the body softer.
+// The ratio film x modulus / (tissue x node spacing) is up to 1000. No film makes the body softer.
 TEST(Membrane, UpToAThousandTimesAsStiffAsTheTissueComesToEquilibriumAndMakesTheBodyResistMore) {
   const Model& model = block_model();
   const double between_nodes = 210.0 * model.spacing.minCoeff();
@@ -260,8 +260,8 @@ TEST(Membrane, ThatBearsCompressionResistsALittleMoreThanOneThatWrinkles) {
   EXPECT_LT(bears, 1.05 * wrinkles);
 }
 
-// A body of nu = 0.5 that is large beside the tool moves its surface nowhere along itself when it is pressed
-// a little: a bonded film that is not taut feels nothing of that. Deeper it is stretched.
+// On a large body of nu = 0.5 a small indentation moves the surface only normal to itself. This does not
+// strain a bonded film without tension. A deep one stretches it.
 TEST(Membrane, OnALargeIncompressibleBodyIsFeltByADeepPushAndHardlyByAShallowOne) {
   ModelOptions options;
   options.cloud.count = 1500;
@@ -280,7 +280,7 @@ TEST(Membrane, OnALargeIncompressibleBodyIsFeltByADeepPushAndHardlyByAShallowOne
   EXPECT_GT(gain[3], 0.3);
 }
 
-// A taut film that is held at its rim, far away from the load.
+// A taut film held at its outer edge, far away from the load.
 class HeldAtItsRim : public ForceTerm {
  public:
   HeldAtItsRim(const Membrane& film, Index nodes) : film_(membrane(film)), at_rest_(Nodal::Zero(4, nodes)) {
@@ -303,7 +303,7 @@ class HeldAtItsRim : public ForceTerm {
   Nodal at_rest_;
 };
 
-// [4xN] N of a pressure q [Pa] on the patch, downwards, within c of the middle.
+// Forces [4xN] N of a pressure q [Pa] on the patch, downwards, within c of the middle.
 Nodal pressed(const Model& model, const SurfacePatch& patch, const Vec3& middle, double c, double q) {
   Nodal force = Nodal::Zero(4, model.node_count());
   const auto& [rows, weight] = patch.at_middle;
@@ -321,10 +321,10 @@ Nodal pressed(const Model& model, const SurfacePatch& patch, const Vec3& middle,
   return force * (all / area);
 }
 
-// Under a pressure q in a circle of radius c on a half-space of nu = 0.5 whose surface has a tension T the
-// middle sinks by w = q c / (2 mu) int_0^inf e^-s (sqrt(1 + eta^2 s^2) - eta s) ds, eta = T / (2 mu c). This
-// body is held from 14 c on, which takes about the same off w for all eta: what the tension bears is
-// compared, the difference to w without it.
+// For a pressure q on a disc of radius c on a half-space of nu = 0.5 with surface tension T, the middle sinks
+// by w = q c / (2 mu) int_0^inf e^-s (sqrt(1 + eta^2 s^2) - eta s) ds, eta = T / (2 mu c). This body is held
+// from 14 c on, which reduces w by about the same for all eta. The reduction by the tension is therefore
+// compared.
 TEST(Membrane, TautOnAHalfSpaceBearsOfAPressureWhatItsClosedFormSays) {
   ModelOptions options;
   options.cloud.count = 3000;

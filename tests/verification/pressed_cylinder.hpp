@@ -16,7 +16,7 @@
 
 namespace dimple::pressed_cylinder {
 
-// A tool that touches the top of a cylinder, as the program builds and solves it, beside finite elements
+// A tool in contact with the top of a cylinder, as the program builds and solves it, and its finite elements
 // (reference/axisymmetric_contact.cpp).
 
 using Forces = std::map<double, double>;  // [N] at depths [mm]
@@ -26,7 +26,7 @@ struct Pressing {
   std::string tool = "sphere:5mm";
   double radius_mm = 30.0, height_mm = 30.0, nu = 0.499, depth_mm = 4.0;
   std::string friction = "0";
-  Index nodes = 0;                  // 0: as many as the program takes by itself
+  Index nodes = 0;                  // 0: default number of the program
   std::optional<double> tilt = {};  // of the tool's line to the normal [degrees]
 };
 
@@ -50,7 +50,7 @@ struct Pressed {
   History history;
 };
 
-// Of one tissue, with eight frames.
+// Results for one tissue, with eight frames.
 inline Pressed pressed(const Pressing& scene) {
   const dimple::Scene run = described(scene);
   Pressed result;
@@ -64,7 +64,7 @@ inline Pressed pressed(const Pressing& scene) {
 }
 
 #ifdef DIMPLE_REFERENCE_DIR
-// Of a scene in contact.csv.
+// Forces of a scene in contact.csv.
 inline Forces reference_of(const std::string& name) {
   Forces result;
   for (const TextTable::Row& row : read_text_csv(DIMPLE_REFERENCE_DIR "/contact.csv").row)
@@ -72,7 +72,7 @@ inline Forces reference_of(const std::string& name) {
   return result;
 }
 
-// Spheres of 5 mm on cylinders as high as wide, by depth / radius and thickness / radius of the contact.
+// Spheres of 5 mm on cylinders as high as wide, by depth / radius and body height / contact radius.
 struct SmallContact {
   double height_mm = 0.0;
   Forces force = {};

@@ -1,5 +1,5 @@
-// Whether the volume that a nearly incompressible body must keep is asked for in no more ways than its nodes
-// can answer, and no pressure can be that they do not feel.
+// Stability of the pressures. The volume constraints of a nearly incompressible body are no more than its
+// nodes can satisfy, and every pressure acts on some node.
 
 #include <gtest/gtest.h>
 
@@ -24,13 +24,13 @@ Eigen::VectorXi places_of_free_nodes(const Model& model) {
   return place;
 }
 
-// The smallest constant b with
+// Smallest constant b with
 //
 //     sup over u of  (p, div u) / |grad u|  >=  b |p|     for every pressure p = sum_b psi_b p_b
 //
-// of a model's nodes and patches, held where it is held: the numerical inf-sup test of Chapelle and Bathe,
-// The inf-sup test, Computers & Structures 47, 1993. b^2 is the smallest eigenvalue of B K^-1 B^T p = b^2 M
-// p, where K is |grad u|^2 of one component, with what the means over the cells leave out.
+// for a model's nodes and patches with its supports: the numerical inf-sup test of Chapelle and Bathe, The
+// inf-sup test, Computers & Structures 47, 1993. b^2 is the smallest eigenvalue of B K^-1 B^T p = b^2 M p. K
+// is |grad u|^2 of one component, including the variance within cells.
 double inf_sup(const Model& model) {
   const Eigen::VectorXi place = places_of_free_nodes(model);
   const Index free = place.maxCoeff() + 1, patches = model.patches.count();
@@ -75,8 +75,8 @@ ModelOptions with_nodes(Index count) {
   return options;
 }
 
-// The whole of a body that is held where it stands and where it is touched. A patch for every node gives
-// 0.004 to 0.05.
+// The whole body is tested, held at its base and under the patch. One patch per node would give 0.004 to
+// 0.05.
 TEST(PressurePatches, LeaveNoPressureThatTheNodesDoNotFeelHoweverFineTheCloudIs) {
   const LabelImage brain = make_phantom({.spacing_mm = 1.5});
   for (const Index nodes : {300, 1000}) {

@@ -1,5 +1,5 @@
-// A soft sphere that rests by its weight in a rigid spherical shell, held by nothing but contact without
-// friction, against finite elements (reference/sphere_in_shell.py).
+// A soft sphere under its weight in a rigid spherical shell, held by frictionless contact alone, against
+// finite elements (reference/sphere_in_shell.py).
 
 #include <gtest/gtest.h>
 
@@ -22,11 +22,11 @@
 namespace dimple {
 namespace {
 
-// As sphere_in_shell.py has them.
+// Parameters of sphere_in_shell.py.
 constexpr double radius = 20e-3, mu = 1000.0, density = 1000.0, gravity = 9.81;
-constexpr int sides = 240;  // of the polygons that the sphere's surface is made of
+constexpr int sides = 240;  // of the polygons that approximate the sphere's surface
 
-// A row of the reference's table by its columns.
+// Row of the reference's table by its columns.
 std::map<std::string, double> reference(double nu, double gap_mm) {
   const TextTable table = read_text_csv(DIMPLE_REFERENCE_DIR "/sphere_in_shell.csv");
   for (const TextTable::Row& row : table.row) {
@@ -37,7 +37,7 @@ std::map<std::string, double> reference(double nu, double gap_mm) {
   return {};
 }
 
-// Distances from a shell inwards. The spline of a grid adds step^2 / 6 of the Laplacian, -2 / r.
+// Distances inwards from a shell. The spline of a grid adds step^2 / 6 of the Laplacian, -2 / r.
 std::shared_ptr<const DistanceGrid> shell_of(double inner_radius) {
   auto grid = std::make_shared<DistanceGrid>();
   grid->step = 0.5e-3;
@@ -55,7 +55,7 @@ std::shared_ptr<const DistanceGrid> shell_of(double inner_radius) {
   return grid;
 }
 
-// The same of a mesh, as the program keeps the walls of labels and files.
+// Distances to a mesh of the shell, as the program stores the walls of labels and files.
 std::shared_ptr<const DistanceGrid> drawn_shell_of(double inner_radius) {
   const double mm = 1e3 * inner_radius;
   const Vec3 corner = Vec3::Constant(mm + 4.5);
@@ -63,7 +63,7 @@ std::shared_ptr<const DistanceGrid> drawn_shell_of(double inner_radius) {
       cut_ellipsoid_surface(Vec3::Constant(mm), -mm + 1e-3, sides), true, -corner, corner, 0.2, 8.0));
 }
 
-// Nodes as far from each other everywhere; nothing of it is held.
+// Sphere with uniform nodes, none of them held.
 Model loose_sphere(Index nodes) {
   ModelOptions options;
   options.cloud.count = nodes;
@@ -76,8 +76,8 @@ Model loose_sphere(Index nodes) {
   return model;
 }
 
-// What of the shell's force upwards acts within an angle [degrees] from its lowest point, over all of it:
-// each sample's on the pieces that it is the mean of.
+// Fraction of the shell's upward force that acts within an angle [degrees] from its lowest point. A sample's
+// force is spread over the pieces that it averages.
 double carried_within(const System& system, double degrees) {
   const TouchingTool& shell = *system.walls().front();
   const ContactSurface& surface = shell.touch().surface;

@@ -1,5 +1,5 @@
-// Contacts that are small beside the tool and the body, with the nodes that the program takes by itself,
-// against finite elements (reference/contact.py small).
+// Contacts that are small compared with tool and body, with the program's default nodes, against finite
+// elements (reference/contact.py small).
 
 #include <gtest/gtest.h>
 
@@ -13,9 +13,9 @@ namespace {
 
 using namespace pressed_cylinder;
 
-// Errors of the force by depth [mm]. The sphere comes along a line that is `tilt` [degrees] off the normal:
-// without friction it goes into a large body by the share cos(tilt) of its way, and its force has that share
-// along the push.
+// Errors of the force by depth [mm]. The sphere moves along a line `tilt` [degrees] off the normal. Without
+// friction its depth in a large body is cos(tilt) of the displacement, and so is the component of its force
+// along the press direction.
 std::map<double, double> errors(const SmallContact& known, double tilt) {
   const double cosine = std::cos(tilt * std::numbers::pi / 180.0);
   Pressing scene = known.scene();
@@ -44,12 +44,12 @@ TEST_P(SmallContactOf, HasTheForceOfFiniteElementsWithTheNodesThatAreTakenByItse
   const std::map<double, double> error = errors(known, 0.0);
   print(share, radii, error);
   ASSERT_EQ(error.size(), 8u);
-  for (const auto& [depth, off] : error)  // the first eighth's contact is a third as wide as the last
+  for (const auto& [depth, off] : error)  // the contact at the first eighth is a third as wide as at the last
     EXPECT_NEAR(off, 0.0, depth > 0.2 * known.scene().depth_mm ? 0.02 : 0.05) << depth << " mm";
 }
 INSTANTIATE_TEST_SUITE_P(Spheres, SmallContactOf, testing::ValuesIn([] {
                            std::vector<std::pair<double, int>> all;
-                           // Those in large bodies, where the contact is smallest beside the nodes; all:
+                           // Large bodies, in which contacts are smallest compared with the nodes; all with
                            // DIMPLE_ALL_SCENES.
                            for (const auto& [key, known] : small_contacts())
                              if (key.second == 40 || std::getenv("DIMPLE_ALL_SCENES")) all.push_back(key);

@@ -1,5 +1,5 @@
-// The solver against what mechanics says, on a jittered block that needs no image; and marching in time
-// against what is known of waves, of energy, and of a step that is halved.
+// The solver against mechanics, on a jittered block without an image. Time integration against theory of
+// waves, of energy, and of a halved step.
 
 #include <gtest/gtest.h>
 #include <tbb/global_control.h>
@@ -26,13 +26,13 @@ using Nodal = ForceSystem::Nodal;
 
 const Material tissue = neo_hookean(210.0, 0.499, 1000.0);
 
-// A force that a stiff point alone would give: what "zero" is measured against.
+// Force scale of a stiff point alone, by which "zero" is measured.
 double force_scale(const Model& model) {
   return tissue.kappa * model.volume.maxCoeff() * model.dphi.colwise().norm().maxCoeff();
 }
 
-// And the stress is that of the law there, whose closed forms are those of NeoHookean.* in solver_test: in
-// each point, and in the nodes, whose forces have the virial V P.
+// The stress is that of the law, whose closed forms are tested by NeoHookean.* in solver_test. It is
+// checked at each point, and at the nodes, whose forces have the virial V P.
 TEST(Verification, LinearFieldsAreReproducedByDphiAtEveryPoint) {
   const Model model = block();
   const Mat3 A = (Mat3() << 0.3, -0.1, 0.2, 0.05, -0.2, 0.4, 0.1, 0.6, -0.3).finished(),
@@ -76,8 +76,8 @@ TEST(Verification, TheForceEqualsThePapersStrainDisplacementForm) {
   Nodal f = u;
   forces.internal_force(u, f);
 
-  // Section 2.2, word for word: B_L (6 x 3n) with Voigt order 11, 22, 33, 12, 23, 13, and f = sum of B_L^T S
-  // V. F and S = mu J^(-2/3) (I - tr C/3 C^-1) + kappa J (J - 1) C^-1 are written down here, not asked for.
+  // Section 2.2 of the paper, literally: B_L (6 x 3n) with Voigt order 11, 22, 33, 12, 23, 13, and f = sum of
+  // B_L^T S V. F and S = mu J^(-2/3) (I - tr C/3 C^-1) + kappa J (J - 1) C^-1 are written here independently.
   Points paper = Points::Zero(3, model.node_count());
   for (Index q = 0; q < model.point_count(); ++q) {
     Mat3 F = Mat3::Identity();
@@ -118,8 +118,8 @@ Mat3 diagonal(double a, double b, double c) {
 }
 
 TEST(Verification, ABlockPressedBetweenFacesFindsTheHomogeneousStateByItself) {
-  // Uniaxial compression by 10 %: every boundary node is put where the closed form says, inner ones relax
-  // from rest under damped central differences; the worst inner node's distance from the affine field is the
+  // Uniaxial compression by 10 %: boundary nodes are prescribed by the closed form, inner ones relax from
+  // rest under damped central differences. The worst inner node's distance from the affine field is the
   // patch-test error.
   const Model model = block(6, 0.2, 2.0);
   const ForceSystem system(model, tissue);
@@ -135,7 +135,7 @@ TEST(Verification, ABlockPressedBetweenFacesFindsTheHomogeneousStateByItself) {
       0.5 * testing_bodies::stable_step(forces.system(), model, model.mass, constraints, rest).dt;
   Nodal u = goal, v = rest, f = rest;
   for (Index a = 0; a < u.cols(); ++a)
-    if (!held[static_cast<std::size_t>(a)]) u.col(a) *= 0.9;  // not the answer
+    if (!held[static_cast<std::size_t>(a)]) u.col(a) *= 0.9;  // not the solution
   for (int step = 0; step < 6000; ++step) {
     ASSERT_TRUE(forces.internal_force(u, f).ok());
     for (Index a = 0; a < u.cols(); ++a)
@@ -158,7 +158,7 @@ History indent(const Model& model, const Loading& loading, const SolverOptions& 
   return history;
 }
 
-// The largest energy that is not accounted for, as a part of the tool's largest work.
+// Largest error of the energy balance, relative to the tool's largest work.
 double energy_error(const History& history) {
   double worst = 0.0, most = 0.0;
   for (const EnergySample& e : history.energy) {
@@ -172,17 +172,17 @@ TEST(Verification, EnergyIsBalancedOverARun) {
   const Model model = block();
   const History history = indent(model, {.depth = 2e-3, .rate = 10e-3}, {.frames = 4});
   RecordProperty("energy_error", std::to_string(energy_error(history)));
-  EXPECT_LT(energy_error(history), 2e-4);  // 6e-5: what half a step between force and way leaves
+  EXPECT_LT(energy_error(history), 2e-4);  // 6e-5: half a step between force and displacement
 }
 
-// The forces that are reported against the motion that is: the mass of the free nodes has gone where tool and
-// base have pushed it, step by step as central differences add it up.
+// Reported forces agree with the motion: their impulse moves the mass of the free nodes, step by step as in
+// central differences.
 TEST(Verification, ToolAndBaseGiveTheTissueTheMotionThatItHas) {
   const Model model = block();
   const ForceSystem system(model, neo_hookean(210.0, 0.49, 1000.0));
   ForceState forces(system);
   const Constraints constraints = make_constraints(model, Contact::bonded);
-  double moved = 0.0;  // sum of mass times way along the push [kg m]
+  double moved = 0.0;  // sum of mass times displacement along the press direction [kg m]
   const Observer observer = {.frame =
                                  [&](const Frame& frame) {
                                    moved = 0.0;
@@ -251,7 +251,7 @@ TEST(Verification, AFrictionlessCircleFeelsNoSidewaysForceOnceItHasSettled) {
 }
 
 TEST(Verification, TheStableStepIsTheOneOfTheHighestFrequency) {
-  // Dense eigenvalues of M^-1 K, K by differences of the force, on a block small enough for that.
+  // Reference: dense eigenvalues of M^-1 K, K by differences of the force, on a small block.
   const Model model = block(2, 0.1, 1.5, {.radius_factor = 2.0});
   const ForceSystem system(model, tissue);
   ForceState forces(system);
@@ -281,8 +281,8 @@ TEST(Verification, TheStableStepIsTheOneOfTheHighestFrequency) {
   EXPECT_LE(step.dt, 2.0 / std::sqrt(omega2) * (1.0 + 1e-6));
 }
 
-// Kick by half a step, move, kick by half a step: velocities at whole steps, so that energies need no
-// averaging.
+// One step: kick by half a step, move, kick by half a step. Velocities at whole steps need no averaging for
+// energies.
 void march(ForceState& forces, const Model& model, const Constraints& constraints, double dt, Nodal& u,
            Nodal& v, Nodal& f) {
   const auto kick = [&] {
@@ -301,13 +301,13 @@ TEST(Verification, FreeVibrationKeepsItsEnergyOverTenThousandSteps) {
   ForceState forces(system);
   const Constraints constraints = make_constraints(model, Contact::bonded);
   Nodal u = Nodal::Zero(4, model.node_count()), v = u, f = u;
-  for (Index a = 0; a < u.cols(); ++a)  // bent by a tenth of its height, and let go
+  for (Index a = 0; a < u.cols(); ++a)  // bent by a tenth of its height, and released
     u.col(a) = constraints.project(a, Eigen::Vector4d(2e-3 * std::pow(model.X(2, a) / 20e-3, 2), 0, 0, 0));
   forces.internal_force(u, f);
   const double dt = 0.2 * testing_bodies::stable_step(forces.system(), model, model.mass, constraints, u).dt;
   const double start = forces.stored_energy(u);
-  // The energy of central differences oscillates by (omega dt)^2 / 4 about one that stays: means over a
-  // thousand steps.
+  // The energy of central differences oscillates by (omega dt)^2 / 4 about a constant: means over a thousand
+  // steps are used.
   std::array<double, 10> mean{};
   double most_kinetic = 0.0;
   for (std::size_t step = 0; step < 10'000; ++step) {
@@ -321,11 +321,11 @@ TEST(Verification, FreeVibrationKeepsItsEnergyOverTenThousandSteps) {
   const auto [least, most] = std::minmax_element(mean.begin(), mean.end());
   RecordProperty("energy_drift", std::to_string((*most - *least) / start));
   EXPECT_LT(*most - *least, 1e-3 * start);
-  EXPECT_GT(most_kinetic, 0.3 * start);  // it did vibrate
+  EXPECT_GT(most_kinetic, 0.3 * start);
 }
 
-// A layer that is held below, free above and moves along one direction only: its lowest mode is a quarter of
-// a wave, and lasts 4 H / c.
+// Period of a layer held below, free above, that moves along one direction only. Its lowest mode is a quarter
+// of a wave, with period 4 H / c.
 double period_of_quarter_wave(const Model& model, const Material& material, int direction) {
   const ForceSystem system(model, material);
   ForceState forces(system);
@@ -365,7 +365,7 @@ TEST(Verification, PressureAndShearWavesTravelAtTheirSpeeds) {
   const double shear = 4.0 * 20e-3 / period_of_quarter_wave(model, material, 0);
   RecordProperty("pressure_wave_speed", std::to_string(pressure));
   RecordProperty("shear_wave_speed", std::to_string(shear));
-  // Lumped masses and nodes 2.5 mm apart on a wave of 80 mm.
+  // Tolerance for lumped masses and nodes 2.5 mm apart on a wave of 80 mm.
   EXPECT_NEAR(pressure, pressure_wave_speed(material), 0.03 * pressure_wave_speed(material));
   EXPECT_NEAR(shear, shear_wave_speed(material), 0.03 * shear_wave_speed(material));
 }

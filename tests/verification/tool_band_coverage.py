@@ -1,15 +1,15 @@
 #!/usr/bin/env python3
-"""Whether the bands of tools that touch hold on images: each scene's default run against its own with 12,000 nodes.
+"""Coverage of the error bounds of contacting tools on images: each scene's default run against one with 12,000 nodes.
 
     tool_band_coverage.py PROGRAM DATA > results/tool_band_coverage.csv
     tool_band_coverage.py PROGRAM DATA held-out > results/tool_band_held_out.csv
     tool_band_coverage.py PROGRAM DATA friction > results/tool_band_friction.csv
     tool_band_coverage.py PROGRAM DATA penetration > results/tool_band_penetration.csv
 
-DATA: the folder with the label images. A band holds if the finer force lies in it at all depths that both have.
-The first scenes widened the band; those held out were written down afterwards, and run once. So were those with friction, which
-are drawn at random, for the same form: it knows nothing of friction. The last, with friction or without, are for what penetration
-adds, which no longer stays as wide as where it was largest.
+DATA: the folder with the label images. Error bounds hold if they contain the finer force at all common depths.
+The first scenes calibrated the bounds; the held-out ones were chosen afterwards and run once. So were those with friction,
+drawn at random, for the same bounds, which do not depend on friction. The last, with or without friction, test the term
+for penetration, which no longer keeps its largest width.
 """
 import csv
 import os

@@ -1,4 +1,4 @@
-// The band of the force of a tool that touches, on scenes whose force finite elements know.
+// Error bounds of the force of a contacting tool, on scenes with known finite-element forces.
 
 #include "apps/run/tool_band.hpp"
 
@@ -50,7 +50,7 @@ std::vector<BandScene> scenes() {
   return all;
 }
 
-// The largest of error / measure over a scene's depths: what the multiplier must be for its band to hold.
+// Largest error / measure over a scene's depths: the multiplier with which its error bounds hold.
 double needed(const BandScene& of, Index nodes, bool& known) {
   Pressing scene = of.scene;
   scene.nodes = nodes;
@@ -71,8 +71,8 @@ double needed(const BandScene& of, Index nodes, bool& known) {
   return most;
 }
 
-// No narrower than a warning says that the force may be off: by 1.4 times penetration over depth, however
-// deep the tool has gone since.
+// Bounds are at least the error that a warning states: 1.4 times penetration over depth, also at larger
+// depths.
 TEST(ToolBandWidth, IsNeverLessThanWhatIsKnownToBeOff) {
   Model model;
   model.X = Points::Zero(3, 2000);
@@ -92,8 +92,8 @@ TEST(ToolBandWidth, IsNeverLessThanWhatIsKnownToBeOff) {
   EXPECT_EQ(tool_half_widths(force, model, force, sphere, {0.5e-3, 0.0}), usual) << "too little to warn of";
 }
 
-// Where next to nothing touches a cloud may be off by a factor: a sphere of 12 mm that had come in by 0.16 mm
-// had a sixth of its force, and a band of three quarters to each side.
+// At slight contact a force may be wrong by a factor. A sphere of 12 mm at a depth of 0.16 mm had a sixth of
+// its force, and bounds of three quarters to each side.
 TEST(ToolBandWidth, ShallowerThanItWasMeasuredReachesFromNothingToTheLineToThere) {
   Model model;
   model.X = Points::Zero(3, 2000);
@@ -113,7 +113,7 @@ TEST(ToolBandWidth, ShallowerThanItWasMeasuredReachesFromNothingToTheLineToThere
   }
   EXPECT_LT(half[3], 0.3 * force[3].force);
   EXPECT_TRUE(tool_half_widths({force.begin(), force.begin() + 3}, model, force, sphere).empty());
-  // Nor does what two clouds have there make the band wider where it was measured.
+  // Differences of two discretisations at slight contact do not widen the calibrated bounds.
   std::vector<ForceSample> coarse = force;
   coarse[1].force = 9e-5;
   EXPECT_EQ(tool_half_widths(force, model, coarse, sphere), half);
@@ -127,7 +127,7 @@ TEST_P(ToolBand, HoldsAtAllDepthsAtOnceOnScenesOfFiniteElements) {
   for (const BandScene& of : scenes()) {
     const Pressing& scene = of.scene;
     if (of.calibrates != GetParam()) continue;
-    // Each sixth scene, and those with friction, with the nodes that are taken by itself; all, with 3000 too:
+    // One in six scenes, and those with friction, with the default nodes; all, also with 3000, with
     // DIMPLE_ALL_SCENES.
     if (!is_whole && scene.friction == "0" && ++turn % 6 != 1) continue;
     for (const Index nodes : {Index{1500}, Index{3000}}) {

@@ -1,4 +1,4 @@
-// Tools that touch, to large strains, against finite elements (reference/axisymmetric_contact.cpp): as the
+// Contacting tools at large strains, against finite elements (reference/axisymmetric_contact.cpp), as the
 // program builds and solves them.
 
 #include <gtest/gtest.h>
@@ -33,8 +33,8 @@ LabelAt layer_of(const Compared& scene) {
   return [from_mm = scene.height_mm - 3.0](const Vec3& at_mm) { return at_mm.z() > from_mm ? 2 : 1; };
 }
 
-// Beneath a film a block that is as wide: the flat top of a cylinder is a fan of slivers, on which a film
-// takes ten times the evaluations. Without a film their forces are within 0.3 % of each other.
+// Under a film a block of that width is used: the flat top of a cylinder has slivers, on which a film needs
+// ten times the evaluations. Without a film their forces agree within 0.3 %.
 BodySurface body_of(const Compared& scene) {
   const double r = scene.radius_mm, h = scene.height_mm;
   return scene.film > 0.0 ? block_surface({-r, -r, 0.0}, {r, r, h}) : cylinder_surface(r, h);
@@ -82,8 +82,8 @@ TEST_P(ToolOnACylinder, HasTheForceOfFiniteElements) {
     worst = std::abs(off) > std::abs(worst) ? off : worst;
     EXPECT_NEAR(off, 0.0, allowed) << 1e3 * sample.depth << " mm";
   }
-  // The work of the tool is stored or rubbed off, from half a millimetre on; up to there the force on layers
-  // grows by another power than on one tissue.
+  // The tool's work is stored or dissipated from half a millimetre on. Up to there the force on layers grows
+  // by another power than on one tissue.
   const double unbalanced = scene.top_mu == 210.0 ? 0.04 : 0.1;
   for (const EnergySample& energy : history.energy)
     if (energy.depth > 0.49e-3) {
@@ -97,7 +97,7 @@ TEST_P(ToolOnACylinder, HasTheForceOfFiniteElements) {
       1e3 * history.penetration, history.evaluations, history.force.size() - 1);
 }
 
-// Scenes of contact.csv.
+// Scenes of contact.csv, with a sphere.
 Compared sphere(const char* name, Index nodes, double nu = 0.499, const char* friction = "0") {
   return {{.name = name, .nu = nu, .friction = friction, .nodes = nodes}};
 }
@@ -108,7 +108,7 @@ Compared punch(const char* name, Index nodes, double depth_mm, double nu = 0.499
   return {{.name = name, .tool = "punch:5mm,edge=1mm", .nu = nu, .depth_mm = depth_mm, .nodes = nodes}};
 }
 
-// With 1500 nodes the punch's edge is followed to 2.5 mm; the program takes 4000 by itself.
+// With 1500 nodes the punch's edge is resolved up to 2.5 mm; the program's default is 4000.
 INSTANTIATE_TEST_SUITE_P(ToLargeStrains, ToolOnACylinder,
                          testing::Values(sphere("sphere", 1500), sphere("sphere", 4000),
                                          sphere("sphere_nu_0.49", 1500, 0.49),
@@ -121,16 +121,16 @@ Compared on_tissue(const char* name, double top_mu, double depth_mm) {
   return {{.name = name, .depth_mm = depth_mm, .nodes = 1500}, top_mu};
 }
 
-// Skin four times as stiff as what it lies on, and fat of a quarter of it. Where two tissues meet the error
-// falls with the spacing and not with its square: of the soft layer 2.6, 2.3 and 1.0 % with 1500, 4000 and
-// 12,000 nodes, of the stiff one 1.2 and 0.9 %.
+// Skin four times as stiff as the tissue below, and fat of a quarter of its stiffness. At an interface the
+// error is proportional to the spacing and not to its square. It is 2.6, 2.3 and 1.0 % for the soft layer
+// with 1500, 4000 and 12,000 nodes, and 1.2 and 0.9 % for the stiff one.
 INSTANTIATE_TEST_SUITE_P(OnTwoTissues, ToolOnACylinder,
                          testing::Values(on_tissue("sphere_on_stiff_layer", 840.0, 4.0),
                                          on_tissue("sphere_on_soft_layer", 52.5, 2.5)),
                          name_of);
 
-// A bonded cylinder of 15 mm radius and 30 mm height, mu 1 kPa: the finest mesh and what still changes from
-// mesh to mesh are 0.1 % apart.
+// A bonded cylinder of 15 mm radius and 30 mm height, mu 1 kPa: the finest mesh and the extrapolated value
+// differ by 0.1 %.
 TEST(ACylinderUnderItsWeight, SinksAsFarAsFiniteElementsSay) {
   const Table known = read_csv(DIMPLE_REFERENCE_DIR "/sag.csv");
   const double expected = 1e-3 * known.find("sunk_mm")->back();
@@ -148,8 +148,8 @@ TEST(ACylinderUnderItsWeight, SinksAsFarAsFiniteElementsSay) {
   EXPECT_NEAR(-moved(2, 0), expected, 0.02 * expected);
 }
 
-// A film that is as stiff as 5 mm of tissue; and a body that its weight of 1.4 mu shortens by 4.2 mm before
-// the tool touches it.
+// A film as stiff as 5 mm of tissue; and a body that is shortened by 4.2 mm by its weight of 1.4 mu before
+// contact.
 Compared on_film(Index nodes) {
   return {{.name = "sphere_on_film", .nodes = nodes}, 210.0, 1.0};
 }
@@ -159,7 +159,7 @@ Compared under_gravity(Index nodes) {
 INSTANTIATE_TEST_SUITE_P(UnderFilmAndWeight, ToolOnACylinder,
                          testing::Values(on_film(1500), under_gravity(1500)), name_of);
 
-// With 4000 nodes the layer, on which friction matters most; the dearer others with DIMPLE_ALL_SCENES=1.
+// With 4000 nodes the layer, where friction matters most; the costlier others with DIMPLE_ALL_SCENES=1.
 std::vector<Compared> scenes_with_friction() {
   const auto sticks = [](Index nodes) { return sphere("sphere_sticks", nodes, 0.499, "stick"); };
   const auto rubs = [](Index nodes) { return sphere("sphere_friction_0.3", nodes, 0.499, "0.3"); };

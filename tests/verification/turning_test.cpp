@@ -1,4 +1,4 @@
-// A tool that touches and turns: against the same tool that came another way, and against closed forms of
+// A contacting tool that rotates: against the same tool after another motion, and against closed forms of
 // linear elasticity.
 
 #include <gtest/gtest.h>
@@ -21,7 +21,7 @@ constexpr double mu = 2000.0, degree = std::numbers::pi / 180.0;
 const ToolShape capsule = capsule_shape(3e-3, 20e-3), punch = punch_shape(4e-3, 2e-3),
                 sphere = sphere_shape(5e-3);
 
-// Of a block of 40 x 40 x 20 mm, fine in the middle of its top.
+// Block of 40 x 40 x 20 mm, fine in the middle of its top.
 struct Block {
   Model model;
   ContactSurface surface;
@@ -93,14 +93,14 @@ Step turn(const Vec3& degrees, double lever, std::optional<Vec3> about = {}, con
   return {.name = "", .moves = "", .way = way, .turn = degree * degrees, .about = about, .lever = lever};
 }
 
-// Within a share of the force, and of the moment that it makes at a lever.
+// Expects agreement within `share` of the force, and of its moment at `lever`.
 void expect_near(const Wrench& found, const Wrench& known, double share, double lever) {
   const double force = known.head<3>().norm();
   EXPECT_LT((found - known).head<3>().norm(), share * force);
   EXPECT_LT((found - known).tail<3>().norm(), share * force * lever);
 }
 
-// Along its own axis, turned by R from the first, to where its tip then is.
+// Moves the tool, rotated by R from the first, along its own axis to this position of its tip.
 Ran tilted_straight_to(const Block& block, const ToolShape& shape, const Mat3& R, const Vec3& tip) {
   const Vec3 push = R * block.model.tool.push;
   const ToolPose begins = first_touch(shape, {.centre = tip, .push = push}, block.surface);
@@ -127,7 +127,7 @@ TEST(RigidWay, ItsSpeedIsTheDerivativeOfItsPlaceAndItsTurnGoesOnEvenly) {
   EXPECT_EQ(rotation_vector(Mat3::Identity()).norm(), 0.0);
 }
 
-// A box of 8 x 4 x 12 mm, which no turn about its axis leaves as it was.
+// A box of 8 x 4 x 12 mm, which no rotation about its axis maps to itself.
 ToolShape drawn_box() {
   const BodySurface box = block_surface({-4.0, -2.0, 0.0}, {4.0, 2.0, 12.0});
   return drawn_shape(std::make_shared<const ToolMesh>(tool_mesh(box.vertex(), box.triangles(), "box.stl")));
@@ -148,7 +148,7 @@ TEST(TurningTool, IsTheSameBodyWhereverItHasTurned) {
       const Vec3 x(4e-3 * std::sin(1.3 * k), 4e-3 * std::cos(2.1 * k), 4e-3 * std::sin(0.7 * k));
       const Vec3 before = tip + x,
                  after = pivot + turn * (tip + way.turned * x - pivot) +
-                         s * motion;  // first turned about its tip
+                         s * motion;  // first rotated about its tip
       const ToolDistance was = distance_to_tool(shape, touch.pose, before),
                          is = distance_to_tool(shape, tool.pose_at(s), after);
       EXPECT_NEAR(is.distance, was.distance, 1e-12);
@@ -161,7 +161,7 @@ TEST(TurningTool, ThatComesToASurfaceWithoutSamplesEndsWithThePlaceAndNotWithAFo
   const Block block(600, 2.7, 3.5e-3);
   const ToolPose pose = touches(block, capsule);
   const Vec3 pivot = pose.tip + Vec3(0, 0, 20e-3);
-  // It goes 8 mm aside, and samples lie within 3.5 mm.
+  // It moves 8 mm sideways, and samples are within 3.5 mm.
   expect_error<SolveError>(
       [&] {
         run(block, capsule, pose, {by({0, 0, -1e-3}), turn({0, 25, 0}, 20e-3, pivot, {0, 0, -1.5e-3})},
@@ -174,7 +174,7 @@ class TurningToolOf : public testing::TestWithParam<const ToolShape*> {};
 INSTANTIATE_TEST_SUITE_P(Shapes, TurningToolOf, testing::Values(&capsule, &punch),
                          [](const auto& shape) { return shape.param == &punch ? "Punch" : "Capsule"; });
 
-// Elastic tissue without friction does not know the way.
+// Elastic tissue without friction is independent of the path.
 TEST_P(TurningToolOf, WithoutFrictionFeelsHowItStandsAndNotHowItHasTurnedThere) {
   const ToolShape& shape = *GetParam();
   const Block block(900, 2.7, 8e-3);
@@ -194,7 +194,7 @@ TEST_P(TurningToolOf, WithoutFrictionFeelsHowItStandsAndNotHowItHasTurnedThere) 
   EXPECT_EQ(Vec3(turned.end[0].turned.data()), Vec3::Zero());
 }
 
-// About a pivot above it and beside it, and moved meanwhile.
+// The pivot is above and to the side, and the tool moves meanwhile.
 TEST(TurningTool, AboutAPlaceAndMovedMeanwhileComesWhereARigidBodyDoes) {
   const Block block(900, 2.7, 8e-3);
   const Vec3 down(0, 0, -1.5e-3), angle(0, -12, 5), aside(0.5e-3, 0, -0.3e-3);
@@ -244,7 +244,7 @@ TEST(TurningTool, TheOtherWayRoundOnASymmetricBlockHasTheMirroredForceAndMoment)
   const Wanted coarse{.step_radii = 0.2};
   const Ran left = run(block, punch, pose, {by({0, 0, -1.5e-3}), turn({12, 0, 0}, 4e-3)}, coarse),
             right = run(block, punch, pose, {by({0, 0, -1.5e-3}), turn({-12, 0, 0}, 4e-3)}, coarse);
-  Wrench mirrored = right.wrench(1);  // in y: of a moment the other two components change their sign
+  Wrench mirrored = right.wrench(1);  // in y: for a moment the other two components change sign
   mirrored[1] *= -1.0, mirrored[3] *= -1.0, mirrored[5] *= -1.0;
   EXPECT_GT(std::abs(left.wrench(1)[3]), 0.1 * left.wrench(1).head<3>().norm() * punch.radius);
   expect_near(mirrored, left.wrench(1), 0.01, punch.radius);
@@ -257,7 +257,7 @@ TEST(TurningTool, GoesOnFromAnyStateThatWasKeptToTheSameBits) {
                                    turn({5, 0, 8}, 6e-3)};
   std::vector<MarchState> kept;
   const Ran whole = run(block, capsule, pose, steps, {.friction = 0.2, .kept = &kept});
-  for (const int step : {1, 2}) {  // amid it
+  for (const int step : {1, 2}) {  // during the steps
     const auto state = std::find_if(kept.rbegin(), kept.rend(),
                                     [&](const MarchState& s) { return s.step_of_scene == step; });
     ASSERT_NE(state, kept.rend());
@@ -269,7 +269,7 @@ TEST(TurningTool, GoesOnFromAnyStateThatWasKeptToTheSameBits) {
 }
 
 // ---------------------------------------------------------------------------------------------------------
-// A sphere about its middle
+// Rotation of a sphere about its centre
 // ---------------------------------------------------------------------------------------------------------
 
 TEST(TurningSphere, AboutItsMiddleWithoutFrictionIsNotFelt) {
@@ -282,9 +282,9 @@ TEST(TurningSphere, AboutItsMiddleWithoutFrictionIsNotFelt) {
   EXPECT_NEAR(ran.work_until(1), ran.work_until(0), 1e-4 * ran.work_until(0));
 }
 
-// On a body that is large beside the contact.
+// Rotation of a sphere on a body that is large compared with the contact.
 struct Spun {
-  double force, moment, a;  // along the push; the contact's radius by Hertz [m]
+  double force, moment, a;  // along the press direction; contact radius by Hertz [m]
   Ran ran;
 };
 Spun spun(double friction, double degrees, Index nodes = 1500) {
@@ -297,7 +297,7 @@ Spun spun(double friction, double degrees, Index nodes = 1500) {
   return {force, ran.wrench(1)[5], a, std::move(ran)};
 }
 
-// Lubkin 1951; Johnson, Contact Mechanics, 1985, section 7.4: all of the contact slides.
+// Lubkin 1951; Johnson, Contact Mechanics, 1985, section 7.4: the whole contact slides.
 TEST(TurningSphere, AboutItsPushSlidesWithTheTorqueOfLubkin) {
   const double friction = 0.05;
   const Spun sphere_spun = spun(friction, 30.0);
@@ -308,7 +308,7 @@ TEST(TurningSphere, AboutItsPushSlidesWithTheTorqueOfLubkin) {
   EXPECT_LT(history.contact_sticks, 0.1 * history.contact_area);
 }
 
-// What slides and is taken for held would lag behind, all of it one way round.
+// Slipping samples that are treated as held would lag behind, all in the same sense of rotation.
 TEST(TurningSphere, AboutItsPushHasNearlyTheSameTorqueUnderTheUsualTolerance) {
   const Block block(1500, 2.7, 7e-3);
   const ToolPose pose = touches(block, sphere);
@@ -320,8 +320,8 @@ TEST(TurningSphere, AboutItsPushHasNearlyTheSameTorqueUnderTheUsualTolerance) {
   EXPECT_NEAR(torque[0], torque[1], 0.01 * std::abs(torque[1]));
 }
 
-// Johnson, equation 7.43 (Reissner and Sagoci 1944): what sticks wholly turns as if it were bonded. In the
-// mean of three clouds: of one the torque is 2 to 5 % too small, with 1000 nodes as with 4000.
+// Johnson, equation 7.43 (Reissner and Sagoci 1944): without slip it rotates like a bonded disc. The mean of
+// three discretisations is used: each torque is 2 to 5 % too small, with 1000 nodes as with 4000.
 TEST(TurningSphere, AboutItsPushStuckHasTheTorqueOfABondedDisc) {
   const double angle = 2.0;
   double mean = 0.0;

@@ -64,7 +64,7 @@ std::vector<std::string> cells(const VerifyCase& row) {
 const std::vector<std::string> header = {"case",      "ours",   "reference", "error",
                                          "tolerance", "passed", "source"};
 
-// RFC 4180.
+// Quotes a field as in RFC 4180.
 std::string quoted(const std::string& text) {
   if (text.find_first_of(",\"\n") == std::string::npos) return text;
   std::string result = "\"";

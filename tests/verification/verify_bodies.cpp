@@ -11,10 +11,10 @@ namespace {
 
 using Nodal = ForceSystem::Nodal;
 
-// Where the free nodes start, as a part of what the load's displacement says of them: not where they belong.
+// Initial displacement of the free nodes as a fraction of the load's displacement; not the solution.
 constexpr double guess = 0.9;
 
-// d place / d xi by central differences; exact for maps up to second order in each coordinate.
+// Jacobian d place / d xi by central differences; exact for maps up to second order in each coordinate.
 Mat3 jacobian(const Lattice& lattice, const Vec3& xi) {
   constexpr double h = 1e-4;
   Mat3 J;
@@ -23,7 +23,7 @@ Mat3 jacobian(const Lattice& lattice, const Vec3& xi) {
   return J;
 }
 
-// Moments of a part of a cell: parts are added, each with a spread of its own.
+// Moments of a part of a cell, summed over pieces that each have a second moment of their own.
 struct Part {
   double volume = 0.0;
   Vec3 first = Vec3::Zero();
@@ -40,7 +40,7 @@ std::map<int, Part> parts_of_cell(const Lattice& lattice, const Vec3& lower, con
   bool mixed = false;
   int tissue = 0;
   if (lattice.tissue) {
-    // Just inside of the corners, so that a cell that only touches an interface is not cut by it.
+    // Points just inside of the corners, so that an interface at its boundary does not split a cell.
     tissue = lattice.tissue(lattice.place(lower + 0.5 * size));
     for (int corner = 0; corner < 8; ++corner) {
       const Vec3 share(corner & 1 ? 0.999 : 0.001, corner & 2 ? 0.999 : 0.001, corner & 4 ? 0.999 : 0.001);
@@ -88,7 +88,7 @@ LatticeBody make_lattice(const Lattice& lattice) {
   places.X.resize(3, count);
   places.spacing.resize(count);
   std::mt19937 random(lattice.seed);
-  // Not std::uniform_real_distribution, whose numbers differ from one library to the next.
+  // std::uniform_real_distribution is avoided, since its numbers differ between libraries.
   const auto noise = [&] { return lattice.jitter * (static_cast<double>(random()) / 2147483648.0 - 1.0); };
   Index a = 0;
   for (int k = 0; k <= n[2]; ++k)
@@ -130,7 +130,7 @@ LatticeBody make_lattice(const Lattice& lattice) {
     places.volume[q] = part.volume;
     set_moments(places.second_moments, q, s);
   }
-  // The six faces, a square of two triangles to each face of a cell on them.
+  // Surface of six faces; each face of a cell on them is a square of two triangles.
   std::vector<Vec3> corner;
   std::vector<std::array<Index, 3>> triangle;
   for (int axis = 0; axis < 3; ++axis)
@@ -177,7 +177,7 @@ Lattice box_lattice(const Vec3& size, int intervals, double jitter) {
           .tissue = {}};
 }
 
-// Dead loads that are not proportional to their share.
+// Dead loads that need not be proportional to the fraction of the load.
 class ShareOfLoad : public ForceTerm {
  public:
   explicit ShareOfLoad(std::function<Points(double)> force) : force_(std::move(force)) {}

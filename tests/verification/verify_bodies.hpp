@@ -9,10 +9,10 @@
 
 namespace dimple {
 
-// What the verification cases share: bodies that are smooth images of the unit cube, without any image or
-// surface, and their equilibrium.
+// Common parts of the verification cases: bodies that are smooth images of the unit cube, without any image
+// or surface, and their equilibrium.
 
-/// A lattice in the unit cube and what it becomes. SI units.
+/// A lattice in the unit cube and its image. SI units.
 struct Lattice {
   std::function<Vec3(const Vec3&)> place;  ///< from the unit cube [0, 1]^3 to the body [m]
   Eigen::Array3i intervals;                ///< nodes along an edge of the cube, less one
@@ -24,23 +24,23 @@ struct Lattice {
 
 struct LatticeBody {
   Discretisation places;  ///< a point's label is the number of its tissue
-  Points at;              ///< [3xN] of each node in the unit cube; 0 and 1 exactly on its faces
+  Points at;              ///< [3xN] nodes in the unit cube; 0 and 1 exactly on its faces
   bool on_face(Index a, int axis, double value) const { return at(axis, a) == value; }
   bool on_boundary(Index a) const {
     return (at.col(a).array() == 0.0).any() || (at.col(a).array() == 1.0).any();
   }
 };
 
-/// Nodes, and cells with their exact volumes, centroids and spreads: by 27 Gauss points each; by 512 even
-/// parts where tissues meet in a cell, which then becomes a point for each of them.
+/// Makes nodes, and cells with their exact volumes, centroids and second moments, by 27 Gauss points each. A
+/// cell with several tissues uses 512 even parts and becomes a point for each tissue.
 LatticeBody make_lattice(const Lattice& lattice);
 
 /// A box from the origin with as many intervals along its shortest edge; cells 1.75 times as fine.
 Lattice box_lattice(const Vec3& size, int intervals, double jitter = 0.2);
 
-/// What is prescribed at a share of the load in (0, 1]: displacements [3xN] m of the held nodes, of which
-/// only the component along the push counts for sliding ones; and nodal forces [3xN] N, or none. Free nodes
-/// start near theirs, and find their own.
+/// Prescribed values at a fraction of the load in (0, 1]: displacements [3xN] m of the held nodes, of which
+/// only the component along the press direction counts for sliding ones; and nodal forces [3xN] N, or none.
+/// Free nodes start near these displacements.
 struct Load {
   std::function<Points(double share)> displacement;
   std::function<Points(double share)> force = {};
@@ -50,8 +50,8 @@ struct Equilibrium {
   ForceSystem::Nodal u, f;
 };
 
-/// Marks all held nodes as such, makes the model and finds its equilibrium at the full load, by even
-/// steps, each started from the last one scaled up.
+/// Marks all held nodes as such, makes the model and finds its equilibrium at the full load, in even steps.
+/// Each starts from the last one, scaled up.
 class Statics {
  public:
   Statics(LatticeBody body, std::vector<HeldSet> held, std::vector<Material> material);
@@ -63,23 +63,23 @@ class Statics {
   const Constraints& constraints() const { return constraints_; }
 
  private:
-  LatticeBody body_;  // its places are the model's
+  LatticeBody body_;  // its places are in the model
   Constraints constraints_;
   Model model_;
   std::unique_ptr<ForceSystem> system_;
 };
 
-/// Nodes that are held wholly, or along z only.
+/// Nodes that are held completely, or along z only.
 HeldSet fixed_nodes(const LatticeBody& body, const std::function<bool(Index a)>& chosen);
 HeldSet sliding_nodes(const LatticeBody& body, const std::function<bool(Index a)>& chosen);
 
-/// All nodes on the boundary fixed, all others free.
+/// Set of all nodes on the boundary; all others are free.
 std::vector<HeldSet> boundary_fixed(const LatticeBody& body);
 
-/// (F - I) X at every node.
+/// Displacements (F - I) X at every node.
 Points affine_displacement(const Model& model, const Mat3& F);
 
-/// Mean first Piola-Kirchhoff stress sum_a f_a X_a^T / V [Pa]: what the reactions say, exact by virtual work.
+/// Mean first Piola-Kirchhoff stress sum_a f_a X_a^T / V [Pa] from the reactions, exact by virtual work.
 Mat3 mean_stress(const Model& model, const ForceSystem::Nodal& f);
 
 /// Sum of the forces at the nodes of a face [N].
@@ -91,9 +91,9 @@ Vec3 face_force(const LatticeBody& body, const ForceSystem::Nodal& f, int axis, 
 class PunchOnLayer {
  public:
   PunchOnLayer(double a_over_h, double nu);
-  /// kappa in F = 4 G a d / (1 - nu) kappa, pushed in by d.
+  /// Factor kappa in F = 4 G a d / (1 - nu) kappa at the depth d.
   double factor() const { return w_.dot(phi_); }
-  /// How far the surface sinks at the distance r > 1 from the axis, as a part of d:
+  /// Sinking of the surface at the distance r > 1 from the axis, relative to d:
   ///     u(r) = 2/pi int_0^1 phi(t) (1 / sqrt(r^2 - t^2) - int_0^inf (1 - L(x H)) cos(x t) J0(x r) dx) dt
   /// On a half-space L is 1, phi is 1, and u is 2/pi asin(1/r) (Sneddon 1965).
   double sinks(double r) const;
@@ -101,24 +101,24 @@ class PunchOnLayer {
  private:
   double H_, k_;
   Eigen::VectorXd t_, w_, phi_;
-  /// Gives x and (1 - L(x H)) dx.
+  /// Calls `add` with x and (1 - L(x H)) dx.
   void over_x(const std::function<void(double, double)>& add) const;
 };
 inline double hayes_factor(double a_over_h, double nu) {
   return PunchOnLayer(a_over_h, nu).factor();
 }
 
-/// Where a growing function passes through zero.
+/// Zero of a growing function between two bounds.
 double root(double low, double high, const std::function<double(double)>& value);
 
-/// Rows.
+/// Row that compares a result with a reference.
 VerifyCase compared(std::string name, std::string what, double ours, double reference, double tolerance,
                     std::string unit, std::string source);
-/// An order of convergence: more than expected is no error.
+/// Row for an order of convergence: a higher order is no error.
 VerifyCase order_reached(std::string name, std::string what, double ours, double expected, double tolerance,
                          std::string source);
 
-/// The groups, each appending its rows.
+/// Functions for the groups; each appends its rows.
 using Rows = std::vector<VerifyCase>;
 void verify_scene_a(Rows& rows, Index nodes);
 void verify_scene_b(Rows& rows, Index nodes);

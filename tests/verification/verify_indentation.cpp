@@ -1,4 +1,4 @@
-// Indented bodies: the whole way from a surface to a force, without an image.
+// Indented bodies, from a surface to a force, without an image.
 
 #include <fmt/format.h>
 
@@ -19,8 +19,8 @@
 namespace dimple {
 namespace {
 
-// Force [N] at even depths up to `depth_mm` of a circle of 5 mm radius pressed onto the top of a body that
-// stands on a flat base, at x = y = 0.
+// Force [N] at even depths up to `depth_mm` of a bonded patch of 5 mm radius on the top of a body. The body
+// is on a flat base; the patch is at x = y = 0.
 class Indentation {
  public:
   Indentation(const BodySurface& body, Index nodes) {
@@ -44,12 +44,12 @@ class Indentation {
   Model model_;
 };
 
-// A body whose force is known from independent finite elements at 1, 2, ... 8 mm: a table of reference/,
-// whose README says how it was made and how well it is known. Beyond one radius that is a guess, since no
-// code converges there, because the sharp rim makes every mesh's force its own.
+// Force of a body by independent finite elements at 1, 2, ... 8 mm: a table of reference/, whose README
+// states method and accuracy. Beyond one radius it is a guess: the sharp patch edge makes every force depend
+// on the mesh, so no code converges.
 struct KnownCurve {
   const char* file;
-  std::array<double, 8> tolerance;  // how far our force may be from it, as a part; set without regard to that
+  std::array<double, 8> tolerance;  // relative tolerance of our force, set independently of it
   std::array<const char*, 8> source;
 };
 
@@ -119,8 +119,8 @@ void verify_scene_a(Rows& rows, Index nodes) {
             nodes);
 }
 
-// The tetrahedral code has one mesh of this body, with a rim of 1.2 mm, which from 5 mm on is stiffer against
-// the block than on any pair of matching meshes: see tests/verification/reference. Both are held against.
+// The tetrahedral code has one mesh of this body, with edges of 1.2 mm around the patch. From 5 mm on it is
+// stiffer, relative to the block, than any pair of matching meshes: see reference/README.md. Both count.
 void verify_scene_b(Rows& rows, Index nodes) {
   KnownCurve known{"cut_ellipsoid.csv", {0.015, 0.015, 0.015, 0.015, 0.015, 0.02, 0.03, 0.04}, {}};
   known.source.fill("block's x ratio of both by hexahedra.cpp");
@@ -128,8 +128,8 @@ void verify_scene_b(Rows& rows, Index nodes) {
             nodes);
 }
 
-// The finite elements' law has kappa = lambda = 2 mu nu / (1 - 2 nu) where ours has lambda + 2/3 mu: a
-// difference only far from incompressibility, at nu 0.3 of a third. Theirs is taken.
+// The finite elements' law has kappa = lambda = 2 mu nu / (1 - 2 nu), ours lambda + 2/3 mu. They differ only
+// far from incompressibility, by a third at nu 0.3. Theirs is used.
 void verify_compressibility(Rows& rows, Index nodes) {
   const Indentation bonded(cylinder_surface(30.0, 30.0), nodes);
   struct Known {
@@ -152,8 +152,8 @@ void verify_compressibility(Rows& rows, Index nodes) {
   }
 }
 
-// Linear elastic: a hundredth of the radius deep. The layer has no end in the theory; here it ends three
-// heights beside the circle, which is not corrected for.
+// Linear elastic: the depth is a hundredth of the radius. The layer is infinite in theory; here it ends three
+// heights from the patch, which is not corrected.
 void verify_hayes(Rows& rows, Index nodes) {
   constexpr double mu = 210.0, radius = 5.0, depth = 0.01 * radius;
   for (const double ratio : {0.1754, 0.2, 0.4, 0.5, 1.0}) {

@@ -1,4 +1,4 @@
-// Lattices: states that are known in closed form.
+// Lattices with states known in closed form.
 
 #include <fmt/format.h>
 
@@ -29,7 +29,7 @@ Mat3 simple_shear(double gamma) {
   return F;
 }
 
-// A body whose whole boundary is moved.
+// A body whose whole boundary is prescribed.
 Statics held_at_all_sides(const Lattice& lattice, const std::vector<Material>& material) {
   LatticeBody body = make_lattice(lattice);
   auto held = boundary_fixed(body);
@@ -39,14 +39,14 @@ Statics held_cube(const Material& material, int intervals = 6) {
   return held_at_all_sides(box_lattice(Vec3::Constant(0.02), intervals), {material});
 }
 
-// Displacements that grow evenly to u(X).
+// Displacements that grow linearly to u(X).
 std::function<Points(double)> growing(const Statics& body, const std::function<Vec3(const Vec3&)>& u) {
   Points all = body.model().X;
   for (auto x : all.colwise()) x = u(x);
   return [all](double share) { return Points(share * all); };
 }
 
-// Mean stress of a cube whose whole boundary moves as F says; what is inside finds its own way.
+// Mean stress of a cube whose whole boundary moves by F; the inside finds its equilibrium.
 Mat3 stress_inside(const Statics& held, const Mat3& F) {
   const Equilibrium found = held.solve({.displacement = [&](double share) {
     return affine_displacement(held.model(), Mat3::Identity() + share * (F - Mat3::Identity()));
@@ -56,7 +56,7 @@ Mat3 stress_inside(const Statics& held, const Mat3& F) {
 
 // Nominal stress of a bar, stretched along z between frictionless ends; its sides are free.
 Statics free_bar(const Material& material, int intervals = 4) {
-  // Twice as wide as high: a cube between frictionless plates sways to one side before it is half as high.
+  // The bar is twice as wide as high: a cube between frictionless plates sways before it is half as high.
   LatticeBody body = make_lattice(box_lattice(Vec3(0.04, 0.04, 0.02), intervals));
   HeldSet ends =
       sliding_nodes(body, [&](Index a) { return body.on_face(a, 2, 0.0) || body.on_face(a, 2, 1.0); });
@@ -73,8 +73,8 @@ double stretched(const Statics& bar, double stretch) {
   return mean_stress(bar.model(), found.f)(2, 2);
 }
 
-// The law W = mu/2 (J^(-2/3) I1 - 3) + kappa/2 (J - 1)^2 in words of its own, so that no reference here comes
-// from the code that it is held against. P = mu J^(-2/3) (F - I1/3 F^-T) + kappa J (J - 1) F^-T.
+// The law W = mu/2 (J^(-2/3) I1 - 3) + kappa/2 (J - 1)^2, written separately, so that no reference here comes
+// from the code under test. P = mu J^(-2/3) (F - I1/3 F^-T) + kappa J (J - 1) F^-T.
 Mat3 nominal_stress(const Material& m, const Mat3& F) {
   const double J = F.determinant();
   const Mat3 T = F.inverse().transpose();
@@ -83,7 +83,7 @@ Mat3 nominal_stress(const Material& m, const Mat3& F) {
 
 }  // namespace
 
-// Closed forms of the law above; stretches that are left free follow from their stress being zero.
+// Closed forms of the law above; free stretches follow from zero stress.
 void verify_homogeneous(Rows& rows, Index) {
   const std::string source = "closed form, bisected";
   const Material tissue = neo_hookean(210.0, 0.499, 1000.0), stiffer = neo_hookean(1006.7114, 0.49, 1000.0);
@@ -120,7 +120,7 @@ void verify_homogeneous(Rows& rows, Index) {
   add("shear_0.5", "cube, simple shear 0.5", simple_shear(0.5), 0, 1);
 }
 
-// Cook's membrane: a tapered panel, held at the left, sheared up at the right by a dead load, between
+// Cook's membrane: a tapered panel, held at the left, sheared upwards at the right by a dead load, between
 // frictionless planes. Simo, Armero, Int. J. Numer. Meth. Engng 33 (1992) 1413; nearly incompressible.
 void verify_cook(Rows& rows, Index) {
   constexpr double thickness = 4e-3, traction = 6.25;
@@ -143,7 +143,7 @@ void verify_cook(Rows& rows, Index) {
   const Statics panel(std::move(body), {std::move(sides), std::move(clamped)},
                       {{.mu = 80.1938, .kappa = 400943.0}});
 
-  // The load on the edge, by even places on it.
+  // The load on the edge is distributed over even points.
   constexpr int along = 160, across = 16;
   Points places(3, along * across);
   for (int j = 0; j < along; ++j)
@@ -165,11 +165,11 @@ void verify_cook(Rows& rows, Index) {
       compared("cook/tip", "Cook's membrane, tip's rise", 1e3 * at(1, 0), 6.927, 0.03, "mm", source));
 }
 
-// A rod twisted by tau per length, its plane ends kept plane and apart: M = pi/2 mu tau a^4,
-// N = -pi/4 mu tau^2 a^4. Rivlin, Phil. Trans. R. Soc. A 242 (1949) 173; incompressible neo-Hookean.
+// A rod twisted by tau per length, with plane ends at constant distance: M = pi/2 mu tau a^4, N = -pi/4 mu
+// tau^2 a^4. Rivlin, Phil. Trans. R. Soc. A 242 (1949) 173; incompressible neo-Hookean.
 void verify_torsion(Rows& rows, Index) {
   constexpr double radius = 15e-3, length = 40e-3, twist = 20.0, mu = 210.0;
-  // The square becomes a disc without creases: x = u sqrt(1 - v^2/2), y = v sqrt(1 - u^2/2).
+  // The square is mapped to a disc without creases: x = u sqrt(1 - v^2/2), y = v sqrt(1 - u^2/2).
   const Lattice lattice = {.place =
                                [](const Vec3& xi) {
                                  const double u = 2.0 * xi.x() - 1.0, v = 2.0 * xi.y() - 1.0;
@@ -207,10 +207,10 @@ void verify_torsion(Rows& rows, Index) {
                           -0.25 * pi * mu * twist * twist * a4, 0.02, "N", source));
 }
 
-// u = e sin(pi X) sin(pi Y) sin(pi Z) e_z in the unit cube for nu = 0.3; for nu = 0.499, where that would be
-// a load of kappa itself, u = e sin(pi X) sin(pi Y) e_z, which keeps every volume. Prescribed on the
-// boundary; the body force is -Div P of the exact solution, by central differences of fourth order of the
-// stress at the exact gradient.
+// Solution u = e sin(pi X) sin(pi Y) sin(pi Z) e_z in the unit cube for nu = 0.3. For nu = 0.499 it would
+// need a load proportional to kappa, so u = e sin(pi X) sin(pi Y) e_z, which preserves volume. It is
+// prescribed on the boundary; the body force is -Div P of the exact solution, by central differences of
+// fourth order of the stress at the exact gradient.
 void verify_manufactured(Rows& rows, Index) {
   constexpr double size = 0.1;
   for (const double nu : {0.3, 0.499}) {
@@ -247,7 +247,7 @@ void verify_manufactured(Rows& rows, Index) {
       const Statics statics = held_at_all_sides(box_lattice(Vec3::Ones(), n), {tissue});
       const Model& model = statics.model();
       const Index points = model.point_count();
-      // Eight places in each cell, as the gradients are averaged over.
+      // The eight places in each cell over which gradients are averaged.
       Points places(3, 8 * points);
       for (Index q = 0; q < points; ++q)
         for (int k = 0; k < 8; ++k) {
@@ -269,7 +269,7 @@ void verify_manufactured(Rows& rows, Index) {
       double value = 0.0, slope = 0.0;
       for (Index m = 0; m < places.cols(); ++m)
         value += model.volume[m / 8] / 8.0 * (u.col(m) - solution(places.col(m))).squaredNorm();
-      // Gradients of the field itself, not their means, at each cell's point.
+      // Gradients of the field itself, not their means, are compared at each cell's point.
       const double step = 1e-3 / n;
       Points around(3, 6 * points);
       for (Index q = 0; q < points; ++q)
@@ -305,8 +305,8 @@ void verify_manufactured(Rows& rows, Index) {
 // Incompressible closed forms of W = sum 2 mu / alpha^2 (l1^alpha + l2^alpha + l3^alpha - 3):
 //
 //   uniaxial      P = sum 2 mu / alpha (l^(alpha - 1) - l^(-alpha/2 - 1))
-//   simple shear  tau = sum 2 mu / alpha (l^alpha - l^-alpha) / (l + 1/l),   l = gamma/2 + sqrt(1 +
-//   gamma^2/4)
+//   simple shear  tau = sum 2 mu / alpha (l^alpha - l^-alpha) / (l + 1/l)
+//                 l = gamma/2 + sqrt(1 + gamma^2/4)
 //
 // Ogden, Proc. R. Soc. A 326 (1972) 565; its three terms for rubber are the last material's.
 void verify_ogden(Rows& rows, Index) {
@@ -339,7 +339,7 @@ void verify_ogden(Rows& rows, Index) {
   }
 }
 
-// A sudden simple shear, held: tau(t) = mu gamma (g_inf + sum g_i exp(-t/tau_i)).
+// Sudden simple shear, then held: tau(t) = mu gamma (g_inf + sum g_i exp(-t/tau_i)).
 void verify_viscoelastic(Rows& rows, Index) {
   Material tissue = neo_hookean(842.0, 0.499, 1000.0);
   tissue.prony = {{.g = 0.450, .tau = 0.5}, {.g = 0.365, .tau = 50.0}};
@@ -353,7 +353,7 @@ void verify_viscoelastic(Rows& rows, Index) {
     if (held.constraints().is_free(a)) u.col(a) *= 0.9;
   double t = 0.0;
   for (const double next : {0.0, 0.1, 0.5, 2.0, 20.0, 200.0}) {
-    // Steps that do not divide the relaxation times evenly: the history's recursion is exact for a held
+    // The steps do not divide the relaxation times evenly: the history's recursion is exact for a held
     // strain.
     for (int step = 0; step < 3; ++step) {
       body.begin_step((next - t) / 3.0);
@@ -371,8 +371,9 @@ void verify_viscoelastic(Rows& rows, Index) {
 
 namespace {
 
-// Two layers across z, the lower `below` of the height; the cells meet the interface, nodes lie on it. The
-// stress on the upper face when the boundary moves along an axis by slopes of its displacement over z.
+// Two layers across z, the lower `below` of the height; the interface is on faces of cells and on nodes.
+// Returns the stress on the upper face when the boundary moves along an axis by slopes of its displacement
+// over z.
 Vec3 stress_of_layers(double height, double below, const Material& soft, const Material& stiff, int axis,
                       double lower_slope, double upper_slope) {
   Lattice lattice = box_lattice(Vec3(height, height, height), 12, 0.0);
@@ -389,9 +390,9 @@ Vec3 stress_of_layers(double height, double below, const Material& soft, const M
 
 }  // namespace
 
-// Two layers sheared, tau = u / (h1/mu1 + h2/mu2), and pressed within rigid frictionless walls, where the
-// stress P(l1) = P(l2) is the same in both and h1 l1 + h2 l2 = h. The walls move as the solution says; what
-// is inside has to find it.
+// Two layers in shear, tau = u / (h1/mu1 + h2/mu2), and compressed within rigid frictionless walls. There
+// stress P(l1) = P(l2) is the same in both and h1 l1 + h2 l2 = h. The walls move as in the solution; the
+// inside has to find it.
 void verify_layers(Rows& rows, Index) {
   constexpr double height = 0.02, below = 0.5;
   for (const double ratio : {2.0, 5.0, 20.0}) {
@@ -409,7 +410,7 @@ void verify_layers(Rows& rows, Index) {
     const auto stress = [](const Material& m, double l) {
       return nominal_stress(m, stretches(1.0, 1.0, l))(2, 2);
     };
-    // The soft layer's stretch, between what it would be alone and what it would be beside a rigid one.
+    // The soft layer's stretch is between that of a homogeneous body and that next to a rigid layer.
     const auto other = [=](double l) { return (total - below * l) / (1.0 - below); };
     const double l1 = root(1.0 - (1.0 - total) / below, total,
                            [&](double l) { return stress(soft, l) - stress(stiff, other(l)); }),
@@ -421,14 +422,14 @@ void verify_layers(Rows& rows, Index) {
   }
 }
 
-// A sphere of modulus m mu, perfectly bonded in an endless solid strained by e far away: inside the strain is
+// A sphere of modulus m mu, perfectly bonded in an infinite solid with far strain e. The inner strain is
 // uniform, e_in = e / (1 + beta (m - 1)), beta = 2 (4 - 5 nu) / (15 (1 - nu)), for a deviatoric e. Outside,
 // with e* = (1 - m) e_in,
 //
 //   u = e x + a^3 / (6 (1 - nu)) { (2 - 4 nu) e*x / r^3 + 3 (x e*x) x / r^5
 //                                  + a^2/5 [6 e*x / r^5 - 15 (x e*x) x / r^7] }
 //
-// which the boundary of the cube follows, so that nothing is lost at its finite size.
+// The boundary of the cube follows u, so its finite size causes no error.
 // Source: Eshelby, Proc. R. Soc. A 241 (1957) 376 and 252 (1959) 561.
 void verify_inclusion(Rows& rows, Index) {
   constexpr double a = 5e-3, edge = 2.5 * a, size = 1e-3, m = 4.0, mu = 210.0;

@@ -1,9 +1,9 @@
-// What is known in closed form or by other methods, beside what we compute.
+// Results of the program compared with closed forms and other methods.
 //
 //   dimple_verify [RESULTS] [--case NAME]... [--nodes 4250]
 //
-// Prints the table; RESULTS gets verify.csv. The exit code is that of a failed solution if a
-// row is further from what is known than its tolerance.
+// Prints the table; RESULTS gets verify.csv. The exit code is that of a failed solution if a row differs from
+// its reference by more than its tolerance.
 
 #include <fmt/format.h>
 

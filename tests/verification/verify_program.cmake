@@ -1,4 +1,4 @@
-# Program dimple_verify: its list, one case with its table, and an unknown case. Run as
+# Tests dimple_verify: its list, one case with its table, and an unknown case.
 #   cmake -D PROGRAM=dimple_verify -D FOLDER=folder -P verify_program.cmake
 file(REMOVE_RECURSE ${FOLDER})
 execute_process(COMMAND ${PROGRAM} --list OUTPUT_VARIABLE list COMMAND_ERROR_IS_FATAL ANY)

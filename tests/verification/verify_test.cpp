@@ -1,4 +1,4 @@
-// All that dimple_verify computes, a group a test, so that ctest runs them side by side.
+// All groups of dimple_verify, one per test, so that ctest runs them in parallel.
 
 #include "tests/verification/verify.hpp"
 
@@ -43,12 +43,12 @@ TEST_P(EveryRow, IsWithinItsTolerance) {
 INSTANTIATE_TEST_SUITE_P(Verify, EveryRow, testing::ValuesIn(group_names()),
                          [](const auto& name) { return name.param; });
 
-// With half as many nodes the scheme's own error is larger.
+// With half as many nodes the scheme's error is larger.
 TEST(Verify, ForcesOfHalfAsManyNodesAreAPercentFartherFromTheReferencesAtMost) {
   expect_within(verify({"scene_a", "scene_b"}, 2000), 0.01);
 }
 
-// Hayes et al. 1972, table 1; and a half space, where the layer no longer counts.
+// Hayes et al. 1972, table 1; and a half-space, where the layer has no effect.
 TEST(Verify, ThePunchOnALayerIsAsHayesPrintedItAndOnAHalfSpaceAsBoussinesqFoundIt) {
   EXPECT_NEAR(hayes_factor(0.2, 0.3), 1.207, 0.001);
   EXPECT_NEAR(hayes_factor(0.2, 0.5), 1.281, 0.001);
@@ -57,8 +57,8 @@ TEST(Verify, ThePunchOnALayerIsAsHayesPrintedItAndOnAHalfSpaceAsBoussinesqFoundI
   EXPECT_NEAR(hayes_factor(0.001, 0.3), 1.0, 0.001);
 }
 
-// Two tissues, a jittered cloud and an interface that cuts cells: who is called 0 and who 1 is nobody's
-// business.
+// Two tissues, jittered nodes and an interface that cuts cells: results must not depend on which tissue is
+// number 0.
 TEST(Verify, SwappingTheNumbersOfTwoTissuesChangesNothing) {
   const std::vector<Material> material = {neo_hookean(210.0, 0.499, 1000.0),
                                           neo_hookean(900.0, 0.45, 1100.0)};

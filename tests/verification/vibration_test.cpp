@@ -1,4 +1,4 @@
-// Dynamics against a vibration that is known: a round rod, held below, that swings about its axis.
+// Dynamics against a known vibration: a round rod, held below, in torsion about its axis.
 
 #include <gtest/gtest.h>
 
@@ -17,13 +17,13 @@ using Nodal = ForceSystem::Nodal;
 
 constexpr double radius_mm = 10.0, height_mm = 40.0;
 const Material tissue = neo_hookean(210.0, 0.45, 1000.0);
-/// Of the first mode, u = r sin(pi z / 2H) along the hoop, which leaves the rod's sides free of stress: 4 H /
-/// c. Love, A Treatise on the Mathematical Theory of Elasticity, section 200.
+/// Period of the first mode, u = r sin(pi z / 2H) along the hoop, which leaves the rod's sides free of
+/// stress: 4 H / c. Love, A Treatise on the Mathematical Theory of Elasticity, section 200.
 const double period = 4e-3 * height_mm / shear_wave_speed(tissue);
 
 struct Swing {
   std::vector<double> t, part;  // of the mode, 1 at first
-  /// When it passes zero for the nth time.
+  /// Time of the nth zero crossing.
   double passes(int n) const {
     for (std::size_t k = 1; k < t.size(); ++k)
       if (part[k - 1] * part[k] <= 0.0 && --n == 0)
@@ -37,7 +37,7 @@ struct Swing {
   }
 };
 
-// Let go from the mode's shape, a hundred micrometres at most; no tool touches the rod.
+// Vibration from the mode's shape, a hundred micrometres at most; no tool is in contact with the rod.
 Swing swing(double damping) {
   ModelOptions options;
   options.cloud.count = 2500;
@@ -91,10 +91,10 @@ TEST(Vibration, OfATwistedRodHasThePeriodOfItsShearWave) {
   EXPECT_NEAR(free.at(ours), 1.0, 0.03) << "nothing damps it";
 }
 
-// u'' + c u' + omega^2 u = 0: let go at rest it has fallen to exp(-c T / 2) after a period T, which is longer
-// by 1 / sqrt(1 - (c / 2 omega)^2).
+// u'' + c u' + omega^2 u = 0, released at rest: the amplitude is exp(-c T / 2) after a period T, which is
+// longer by 1 / sqrt(1 - (c / 2 omega)^2).
 TEST(Vibration, IsDampedAsMassProportionalDampingSays) {
-  // Of the rod as its nodes have it: the test above says how well they do.
+  // Frequency of the discretised rod; the test above states its accuracy.
   const Swing free = swing(0.0);
   const double own = 2.0 * (free.passes(2) - free.passes(1)), omega = 2.0 * std::numbers::pi / own,
                c = 2.0 / own;

@@ -1,4 +1,4 @@
-// Walls and several rigid contacts at once, against closed forms.
+// Walls, and several rigid contacts at once, against closed forms.
 
 #include <gtest/gtest.h>
 
@@ -21,7 +21,7 @@ namespace {
 
 const Vec3 size(30e-3, 30e-3, 20e-3);  // of the block [m]
 
-// The half-space behind a plane through `at`, and what of the body faces it.
+// Half-space behind a plane through `at`, and the part of the body that faces it.
 Touch plane(const Model& model, const std::string& name, const Vec3& at, const Vec3& normal) {
   return {.shape = plane_shape(10e-3),
           .pose = {at, normal},
@@ -31,7 +31,7 @@ Touch plane(const Model& model, const std::string& name, const Vec3& at, const V
           .name = name};
 }
 
-// The sides of the block.
+// Walls at the sides of the block.
 std::vector<Touch> four_sides(const Model& model) {
   return {plane(model, "-x", Vec3::Zero(), Vec3::UnitX()), plane(model, "+x", size, -Vec3::UnitX()),
           plane(model, "-y", Vec3::Zero(), Vec3::UnitY()), plane(model, "+y", size, -Vec3::UnitY())};
@@ -54,7 +54,7 @@ double root(const std::function<double(double)>& f, double lower, double upper) 
   return 0.5 * (lower + upper);
 }
 
-// What symmetry needs: the middle slides in itself, about its own middle.
+// Symmetry conditions: the middle plane slides in itself, about its own middle.
 std::vector<HeldSet> symmetry(const Model& model) {
   HeldSet plane{.name = "plane", .node = {}, .hold = HeldSet::Hold::along, .direction = Vec3::UnitZ()},
       line{.name = "line", .node = {}, .hold = HeldSet::Hold::across, .direction = Vec3::UnitX()},
@@ -109,7 +109,7 @@ TEST(SeveralRigidContacts, PressABlockBetweenTwoPlatesAsAUniaxialTestDoes) {
   }
 }
 
-// The same sides held: they slide in themselves.
+// Conditions that replace four walls: the sides slide in their planes.
 std::vector<HeldSet> sides_held(const Model& model) {
   std::vector<HeldSet> sets = {
       {.name = "x", .node = {}, .hold = HeldSet::Hold::along, .direction = Vec3::UnitX()},
@@ -123,8 +123,8 @@ std::vector<HeldSet> sides_held(const Model& model) {
   return sets;
 }
 
-// Of a column that is held at its sides, with a stretch along z alone: its stress, the stretch under a load
-// [Pa], and how far a place of a height Z sinks whose stretches below are known.
+// Column confined at its sides, with a stretch along z alone: its stress, the stretch under a load [Pa], and
+// the sinking of a point at height Z under given stretches below it.
 Mat3 confined_stress(const Material& sponge, double l) {
   return pk1_stress(sponge, Mat3(Vec3(1.0, 1.0, l).asDiagonal()));
 }
@@ -172,7 +172,7 @@ TEST(Walls, ConfineAColumnThatItsOwnWeightShortens) {
   EXPECT_LT(std::abs(right.z()), 1e-9 * all) << "without friction";
 }
 
-// P(l(Z)) = -rho_fluid g (H - max(Z, L)): above the level the buoyancy is lost, and below it nothing changes.
+// P(l(Z)) = -rho_fluid g (H - max(Z, L)): buoyancy is lost above the level, and nothing changes below it.
 TEST(FluidLost, ShortensAConfinedColumnByTheBuoyancyOfWhatIsAboveItsLevel) {
   const Model model = testing_bodies::averaged_block(6, 0.1);
   const double H = size.z(), level = 8.5e-3;
@@ -186,7 +186,7 @@ TEST(FluidLost, ShortensAConfinedColumnByTheBuoyancyOfWhatIsAboveItsLevel) {
   };
   const auto sinks = [&](double Z) { return sunk(stretch, Z); };
   EXPECT_GT(stretch(0.0), 0.6);
-  std::map<double, std::vector<double>> by_height;  // what sinks at about that height, less what it should
+  std::map<double, std::vector<double>> by_height;  // sinking at about that height, less the expected one
   for (Index a = 0; a < model.node_count(); ++a)
     by_height[std::round(6.0 * model.X(2, a) / H)].push_back(system->step_start().u(2, a) -
                                                              sinks(model.X(2, a)));
@@ -198,7 +198,7 @@ TEST(FluidLost, ShortensAConfinedColumnByTheBuoyancyOfWhatIsAboveItsLevel) {
   EXPECT_NEAR(all, -1100.0 * 9.81 * size.x() * size.y() * (H - level), 0.01 * std::abs(all));
 }
 
-// As surfaces of neighbouring labels do.
+// Walls overlap the body at rest, as surfaces of neighbouring labels do.
 TEST(Walls, ThatLieInTheBodyAtRestAndAreSetBackByAsMuchTouchItAndPushNothing) {
   const Model model = testing_bodies::averaged_block(4, 0.1);
   const ForceSystem tissue(model, {{neo_hookean(210.0, 0.3, 1000.0)}, model.tissue});
@@ -237,7 +237,7 @@ TEST(Walls, LetGoOfAColumnThatHangsAndNeverPullAtIt) {
   EXPECT_LT(all, 1e-3 * model.mass.sum() * 4.0);
 }
 
-// All of its top is pushed, so that nothing comes off, and the bed does what a face that slides does.
+// All of its top is pressed, so that nothing detaches, and the bed acts like a sliding face.
 TEST(Walls, BelowABodyThatNothingElseHoldsAreAsABaseThatSlides) {
   Model model = testing_bodies::averaged_block(5, 0.1);
   const HeldSet slides{
@@ -266,7 +266,7 @@ TEST(Walls, BelowABodyThatNothingElseHoldsAreAsABaseThatSlides) {
   EXPECT_NEAR(bed.walls.front().area, size.x() * size.y(), 0.01 * size.x() * size.y());
 }
 
-// Its lower face stays pressed everywhere, so that the bed does what a base that slides does.
+// Its lower face is pressed everywhere, so that the bed acts like a sliding base.
 TEST(Walls, CarryTheWeightOfABlockThatNothingElseHolds) {
   Model model = testing_bodies::averaged_block(5, 0.1);
   const HeldSet slides{
@@ -292,7 +292,7 @@ TEST(Walls, ThatStickHoldTheSidesOfAColumnThatSinks) {
   const Model model = testing_bodies::averaged_block(5, 0.1);
   const ForceSystem tissue(model, {{neo_hookean(210.0, 0.4, 1000.0)}, model.tissue});
   std::vector<Touch> walls = four_sides(model);
-  // The mean way down along the walls, in the middle of their height, where they are pressed.
+  // Mean sinking along the walls, at half their height, where they are pressed.
   const auto sinks_beside = [&](double friction) {
     for (Touch& wall : walls) wall.friction = friction;
     const auto system = at_rest(tissue, model, downwards(9.81), walls);
@@ -317,7 +317,7 @@ TEST(Walls, ThatStickHoldTheSidesOfAColumnThatSinks) {
   EXPECT_LT(sinks_beside(std::numeric_limits<double>::infinity()), std::min(0.15 * slides, rubs));
 }
 
-// A ball of 5 mm that comes down on a layer.
+// A ball of 5 mm is pressed on a layer.
 TEST(Walls, ThatAreMovedPressAsTheToolThatIsMeasuredDoes) {
   const Model model =
       standing(block_surface({-20, -20, 0}, {20, 20, 20}), {.nodes = 800, .contact_radius = 2.7});
@@ -344,16 +344,16 @@ TEST(Walls, ThatAreMovedPressAsTheToolThatIsMeasuredDoes) {
   Touch moved = ball;
   moved.motion = -Vec3::UnitZ();
   EXPECT_NEAR(force(moved), measured, 0.005 * measured);
-  // And drawn, as a wall's distances are kept.
+  // The ball is also given by a distance field, like a wall.
   const BodySurface drawn = cut_ellipsoid_surface(Vec3::Constant(5.0), -4.999);
   auto field = std::make_shared<DistanceGrid>(
       wall_field(drawn, false, Vec3::Constant(-9.0), Vec3::Constant(9.0), 0.2, 4.0));
   moved.shape = field_shape(field);
-  moved.pose.tip = top + Vec3(0.0, 0.0, 5e-3);  // where its frame begins
+  moved.pose.tip = top + Vec3(0.0, 0.0, 5e-3);  // origin of its frame
   EXPECT_NEAR(force(moved), measured, 0.02 * measured);
 }
 
-// A tool that rubs, a wall that rubs, a pressure that follows and weight, which all keep a past.
+// A tool and a wall with friction, a following pressure and weight, which all have a history.
 class ABodyUnderLoads : public testing::TestWithParam<bool> {};
 
 TEST_P(ABodyUnderLoads, IsPressedByTheSameBitsWhetherItComesToRestOnceOrTwice) {

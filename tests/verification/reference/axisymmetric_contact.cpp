@@ -1,20 +1,19 @@
-// Reference force for pressing a rigid tool of revolution into a cylinder whose base is held: contact without
-// friction, with Coulomb friction, or with a tool to which the tissue sticks where it has touched.
+// Reference force of a rigid tool of revolution pressed into a cylinder with a held base. Contact is without
+// friction, with Coulomb friction, or without slip after first contact.
 //
 // Static, nearly incompressible neo-Hooke, any strain:
 //   W = mu/2 (J^(-2/3) I1 - 3) + bulk/2 (J - 1)^2
-// The section r >= 0, 0 <= z <= height is meshed with 9-node quadrilaterals; J - 1 of the second term is
-// replaced by its projection on three functions per element (1, R, Z: the discontinuous linear pressure). The
-// nodes of the top must not be inside of the tool: their contact forces are unknowns (Lagrange multipliers,
-// a primal-dual active set in each step of a full Newton iteration), so that there is no penalty and no
-// penetration at nodes. Load steps halve where they fail.
+// The section r >= 0, 0 <= z <= height is meshed with 9-node quadrilaterals. J - 1 of the second term is
+// replaced by its projection on three functions per element (1, R, Z: the discontinuous linear pressure).
+// Nodes of the top must not penetrate the tool: their contact forces are unknowns (Lagrange multipliers, a
+// primal-dual active set in each step of a full Newton iteration). There is no penalty and no penetration at
+// nodes. Failed load steps are halved.
 //
-// Friction: a node that touches slides freely in the load step in which it first does. From then on it sticks
-// to the place of the tool where it was at the last load step, as long as the tangential force T is at most
-// friction x the normal force N; otherwise it slips along the tool, with T = friction N against its motion.
-// Which of both belongs to the active set; the column of N is then n + friction d t, its row n, and the
-// system is not symmetric. (Where a node stuck at the place of the iterate in which it came to touch, forces
-// hung on the mesh: +2.5 % at 4 mm where this gives +4.3 %.)
+// Friction: a node slides freely in the load step of its first contact. From then on it is held at its place
+// on the tool at the last load step, if the tangential force T is at most friction x the normal force N.
+// Otherwise it slips along the tool, with T = friction N against its motion. This choice is part of the
+// active set; the column of N is then n + friction d t, its row n, and the system is not symmetric. (With
+// nodes held where an iterate made first contact, the force depended on the mesh: +2.5, not +4.3 % at 4 mm.)
 //
 //   axisymmetric_contact [name=value ...]     options: see Options
 //
@@ -55,7 +54,7 @@ struct Options {
       {"mu", 210e-6},
       {"depth", 4},
       {"steps", 16},
-      {"fine", 0.25},   // size of the elements where the tool touches
+      {"fine", 0.25},   // size of the elements near the contact
       {"reach", 7},     // to this radius, and to `below` under the top
       {"below", 3},     //
       {"growth", 1.2},  // of the elements beyond
@@ -66,7 +65,7 @@ struct Options {
       {"layer", 0},       // thickness of a layer of another tissue at the top, which `below` then is
       {"layer_mu", 0},
       {"film", 0},    // shear modulus times thickness of a neo-Hookean membrane on the top [N/mm]
-      {"weight", 0},  // of the body [N/mm^3], which it comes to rest under before the tool touches
+      {"weight", 0},  // of the body [N/mm^3], in equilibrium before contact
   };
   double operator[](const std::string& name) const { return named.at(name); }
 };
@@ -131,7 +130,7 @@ std::vector<double> graded(double fine, double reach, double growth, double larg
     size = std::min(largest, size * growth);
     border.push_back(border.back() + size);
   }
-  if (border.size() > static_cast<std::size_t>(even) + 1) {  // the grown ones are made to fit
+  if (border.size() > static_cast<std::size_t>(even) + 1) {  // the grown ones are adjusted to fit
     const double from = border[static_cast<std::size_t>(even)], to = border.back();
     for (std::size_t k = static_cast<std::size_t>(even) + 1; k < border.size(); ++k)
       border[k] = from + (border[k] - from) * (end - from) / (to - from);
@@ -220,8 +219,8 @@ struct Assembly {
   double J_min = 1e9;
 };
 
-// Adds a membrane on the top: W = film/2 (a + b + 1/(a b) - 3) by area at rest, a and b the squares of its
-// stretches along the meridian and around. What is compressed resists too.
+// Adds a membrane on the top: W = film/2 (a + b + 1/(a b) - 3) by area at rest, with a and b the squares of
+// its stretches along the meridian and around. It resists compression, too.
 void add_film(const Mesh& mesh, double film, const VectorXd& u, Assembly& all) {
   const double g = std::sqrt(0.6);
   const std::array<double, 3> at = {-g, 0.0, g}, weight = {5.0 / 9.0, 8.0 / 9.0, 5.0 / 9.0};
@@ -273,7 +272,7 @@ void add_weight(const Mesh& mesh, const std::vector<std::array<Point, 9>>& point
         all.force[2 * mesh.element[n].node[static_cast<std::size_t>(k)] + 1] += weight * p.volume * p.N[k];
 }
 
-// Elements above the height `layer_from` are of the second law.
+// Assembles the body; elements above the height `layer_from` have the second law.
 Assembly assemble(const Mesh& mesh, const std::vector<std::array<Point, 9>>& points,
                   const std::array<Law, 2>& laws, double layer_from, const VectorXd& u) {
   Assembly all;
@@ -361,8 +360,8 @@ Vector2d turned(const Vector2d& n) {
   return {-n.y(), n.x()};
 }
 
-// Of each node of the top: whether it touches, whether it slips and to which side friction then pushes it,
-// the force of the tool on it, and where on the tool it sticks or was at the last load step.
+// State of each node of the top: contact, slip and direction of friction, the force of the tool on it, and
+// its place on the tool. The place is where it is held; when slipping, its place at the last load step.
 struct State {
   VectorXd u;
   std::vector<char> active, slips;
@@ -400,7 +399,7 @@ class Scene {
             std::vector<Vector2d>(tops, Vector2d::Zero()),
             std::vector<Vector2d>(tops, Vector2d::Zero())};
   }
-  // How far the middle of the top has sunk when the body rests under its weight.
+  // Sinking of the middle of the top under the body's weight.
   double rest_under_weight(State& s) {
     for (int k = 1; k <= 16; ++k) {
       weight_ = options_["weight"] * k / 16.0;
@@ -410,7 +409,8 @@ class Scene {
   }
   std::size_t nodes() const { return mesh_.X.size(); }
 
-  // Where nodes that slip have come to is where they stick from now on; those that have just touched do.
+  // Slipping nodes are held at their present place from now on, as are those that have just come into
+  // contact.
   void accept(State& s, double depth) const {
     const std::vector<Gap> gap = gaps(s.u, depth);
     for (std::size_t i = 0; i < gap.size(); ++i) {
@@ -420,7 +420,7 @@ class Scene {
     }
   }
 
-  // Semismooth Newton from `s`.
+  // Solves by semismooth Newton from `s`.
   Result solve(State& s, double depth) const {
     for (int k = 0; k < 60; ++k) {
       Assembly tissue = assemble(mesh_, points_, laws_, layer_from_, s.u);
@@ -447,7 +447,7 @@ class Scene {
   }
 
  private:
-  static constexpr int settled_after = 8;  // steps of Newton; then one node at a time comes or goes
+  static constexpr int settled_after = 8;  // Newton steps; then only one node at a time changes
   Options options_;
   std::array<Law, 2> laws_;
   double layer_from_, weight_ = 0.0;
@@ -455,21 +455,21 @@ class Scene {
   std::vector<std::array<Point, 9>> points_;
   std::vector<char> held_;
 
-  // A component of a node's place that the tool prescribes.
+  // Component of a node's place that the tool prescribes.
   struct Row {
     std::size_t i;
     Vector2d direction;
-    Vector2d pushes;  // of a unit multiplier
+    Vector2d pushes;  // force of a unit multiplier
     double open;
   };
   double friction() const { return options_.touch == "coulomb" ? options_["friction"] : 0.0; }
 
-  // On the axis a node's share of the surface is nothing.
+  // Nodes on the axis represent no part of the surface.
   bool may_touch(std::size_t i) const {
     const double r = mesh_.X[static_cast<std::size_t>(mesh_.top[i])].x();
     return r > 1e-9 && r < options_["body"] - 1e-9;
   }
-  // From the tool's tip.
+  // Place of a node relative to the tool's tip.
   Vector2d place(const VectorXd& u, std::size_t i, double depth) const {
     const int a = mesh_.top[i];
     return mesh_.X[static_cast<std::size_t>(a)] + u.segment<2>(2 * a) -
@@ -538,7 +538,7 @@ class Scene {
     return row;
   }
 
-  // From the normal to the force of a unit multiplier where a node slips.
+  // Map from the normal to the force of a unit multiplier at a slipping node.
   Matrix2d with_friction(const State& s, std::size_t i) const {
     Matrix2d all = Matrix2d::Identity();
     all(0, 1) = -friction() * s.side[i];
@@ -593,7 +593,7 @@ class Scene {
       const Vector2d moved = all.segment<2>(2 * mesh_.top[one.i]) * share;
       s.force[one.i] =
           (size + share * all[n + j]) * with_friction(s, one.i) *
-          (one.direction + gap[one.i].curvature * moved).normalized();  // it turns with the normal
+          (one.direction + gap[one.i].curvature * moved).normalized();  // it rotates with the normal
     }
     return true;
   }
@@ -602,7 +602,7 @@ class Scene {
     Result result{true, force, 0.0, J_min, 0.0, iterations};
     for (std::size_t i = 0; i < s.active.size(); ++i)
       if (s.active[i]) result.radius = std::max(result.radius, place(s.u, i, depth).x());
-    // The deepest that the top lies inside of the tool between its nodes.
+    // Deepest penetration of the top into the tool between its nodes.
     for (std::size_t i = 0; i + 2 < mesh_.top.size(); i += 2)
       for (const double x : {-0.75, -0.5, -0.25, 0.25, 0.5, 0.75}) {
         const Vector2d at = 0.5 * x * (x - 1.0) * place(s.u, i, depth) +

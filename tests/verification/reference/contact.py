@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
-"""Forces of tools that touch, by axisymmetric_contact.cpp: runs its scenes on three meshes and writes what came out.
+"""Forces of contacting tools, by axisymmetric_contact.cpp: runs its scenes on three meshes and writes the results.
 
-    contact.py run PROGRAM    all scenes and closed forms anew into contact_runs.csv (about an hour on one core)
-    contact.py friction PROGRAM  the scenes with friction alone, anew, and what is known of friction in closed form into
+    contact.py run PROGRAM    all scenes and closed forms into contact_runs.csv (about an hour on one core)
+    contact.py friction PROGRAM  only the scenes with friction, and closed forms of friction into
                                  friction_closed_forms.csv
-    contact.py again PROGRAM WORD  the scenes that have WORD among their options alone, anew: layer=, film=, weight=
+    contact.py again PROGRAM WORD  only the scenes that have WORD among their options: layer=, film=, weight=
     contact.py small PROGRAM  spheres of small contacts into small_contacts.csv (about an hour on one core)
-    contact.py                contact.csv from contact_runs.csv: force, and how well it is known
+    contact.py                contact.csv from contact_runs.csv: force and its error
 
 Run it in this folder.
 """
@@ -43,7 +43,7 @@ def e_star(nu):
 
 
 def contact_radius(radius, depth):
-    """Sneddon 1965: of a true sphere on a half-space."""
+    """Contact radius by Sneddon 1965 for a true sphere on a half-space."""
     low, high = 0.0, radius * (1.0 - 1e-12)
     for _ in range(200):
         a = 0.5 * (low + high)
@@ -52,7 +52,7 @@ def contact_radius(radius, depth):
 
 
 def sphere(radius, depth, nu):
-    """Likewise: its force [N]."""
+    """Force [N] by Sneddon 1965 for a true sphere on a half-space."""
     a = contact_radius(radius, depth)
     return e_star(nu) * (0.5 * (a * a + radius * radius) * math.log((radius + a) / (radius - a)) - a * radius)
 
@@ -60,7 +60,7 @@ def sphere(radius, depth, nu):
 def on_layer(profile, flat, height, depth, nu, bonded, points=100):
     """An integral equation for a tool of revolution on an elastic layer, frictionless [N]. With lengths in heights:
     phi(t) = E*/pi (depth - profile(t)) + int_0^a K(t, x) phi(x) dx, phi(a) = 0, F = 2 pi int phi, where `profile` is
-    the depth at which a half-space touches to t (mm), and zero within `flat`."""
+    the depth at which contact on a half-space extends to t (mm), and zero within `flat`."""
     import numpy as np
     k = 3.0 - 4.0 * nu
     s, ws = np.polynomial.laguerre.laggauss(150)  # 1 - L falls as exp(-2 s)
@@ -73,7 +73,7 @@ def on_layer(profile, flat, height, depth, nu, bonded, points=100):
     def between(low, high):
         return low + 0.5 * (high - low) * (x0 + 1.0), 0.5 * (high - low) * w0
 
-    def solve(a):  # a in heights; depth [mm] and force [N] with which it is the contact's radius
+    def solve(a):  # a in heights; depth [mm] and force [N] at which it is the contact radius
         inner, outer = between(0.0, flat / height), between(flat / height, a)
         t, w = (np.concatenate(both) for both in zip(inner, outer)) if flat > 0.0 else outer
         at = np.cos(np.outer(s, t))
@@ -98,7 +98,7 @@ def round_edge(flat, edge):
     return lambda t: t / edge * (math.sqrt(t * t - flat * flat) - flat * math.acos(flat / t))
 
 
-# What is known in closed form: name, options, force.
+# Closed forms: name, options, force.
 def closed_forms():
     far = "body=200 height=200 largest=25 growth=1.25 steps=1"
     layer = "body=100 height=10 steps=1"
@@ -119,7 +119,7 @@ def closed_forms():
                on_layer(round_edge(4, 100), 4, 10, depth, 0.499, True))
 
 
-# What friction changes: name, options of both, touch, ratio of the last load step's stiffness to that without friction.
+# Effects of friction: name, options of both, touch, ratio of the last load step's stiffness to that without friction.
 def closed_forms_of_friction():
     far = "body=200 height=200 largest=25 growth=1.25"
     yield ("sphere on a half-space of nu 0.499 (a normal load moves an incompressible surface nowhere along itself)",
@@ -146,7 +146,7 @@ def friction(program):
 
 
 def again(program, word):
-    """The scenes that have `word` among their options, anew."""
+    """Repeats the scenes that have `word` among their options."""
     kept = [r for r in csv.DictReader(open("contact_runs.csv")) if word not in r["options"]]
     with open("contact_runs.csv", "w") as file:
         out = csv.DictWriter(file, RUNS, extrasaction="ignore", lineterminator="\n")
@@ -207,8 +207,8 @@ def derive():
             levels = [by[mesh] for mesh in MESHES if mesh in by]
             if len(levels) < 2:
                 continue
-            # The error swings as the contact's edge passes the borders of elements, so that no order can be told:
-            # what the three meshes differ by, and no extrapolation.
+            # The error oscillates as the contact's edge passes the borders of elements, so there is no order:
+            # the differences of the three meshes are used without extrapolation.
             doubt = 100 * (max(levels) - min(levels)) / levels[-1]
             out.writerow([scene, f"{depth:g}", f"{levels[-1]:.5g}", f"{max(doubt, 0.1):.1f}"])
 

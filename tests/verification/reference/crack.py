@@ -1,21 +1,21 @@
 #!/usr/bin/env python3
-"""What a crack in a finite linear elastic body does beside one in an infinite body, by P2 elements: writes crack.csv.
+"""A crack in a finite linear elastic body compared with one in an infinite body, by P2 elements: writes crack.csv.
 
     /usr/bin/python3 crack.py     (python3-getfem, gmsh; four minutes on one core)
 
-Bodies are those of crack_test.cpp. Their walls are held as they move in a body without a crack under a tension sigma. What
-the crack adds to that motion is the motion under a pressure sigma on the crack, with walls at rest: no large numbers are
+Bodies are those of crack_test.cpp. Their walls are held as they move in a body without a crack under a tension sigma. The additional
+motion by the crack is that under a pressure sigma on the crack, with walls at rest: no large numbers are
 subtracted. Lengths are in crack lengths a.
 
  penny  disc of radius 1 about the middle of a box, 2 x `width` wide and 2 x `height` high; an eighth of it is meshed.
-        energy: that it releases, over Sneddon's 8 (1 - nu^2) sigma^2 a^3 / (3 E) (1946).
+        energy: released energy, over Sneddon's 8 (1 - nu^2) sigma^2 a^3 / (3 E) (1946).
  edge   plane strain, slit of length 1 from a free side into a strip `width` wide and 2 x `height` high; half is meshed.
         opening: over sigma a / E' at so much of the slit's length from its mouth; the mouth of one in a half plane opens by
         5.816 (Wigglesworth 1957; Tada, Paris, Irwin 2000: 4 x 1.454).
-        energy: that it releases, over thickness x sigma^2 a^2 / E'; in a half plane 1.1215^2 pi / 2 = 1.976.
+        energy: released energy, over thickness x sigma^2 a^2 / E'; in a half plane 1.1215^2 pi / 2 = 1.976.
 
 `front`: length of elements at the crack's front, each half of the one before; 0: the limit, since errors in energy and
-opening halve with it (stress grows as distance^-1/2). The last body of each kind is as good as infinite, beside the closed
+opening halve with it (stress grows as distance^-1/2). The last body of each kind is practically infinite, next to the closed
 form.
 """
 import csv
@@ -79,7 +79,7 @@ def mesh_of(geometry, dimension, front, height, width):
 
 
 def opened(mesh, nu, normal):
-    """Of E = 1 and a pressure of 1 on the crack: P2 field, its values, and their work on the pressure."""
+    """Solution for E = 1 and a pressure of 1 on the crack: P2 field, its values, and their work on the pressure."""
     field, points = getfem.MeshFem(mesh, mesh.dim()), getfem.MeshIm(mesh, 4)
     field.set_classical_fem(2)
     model = getfem.Model("real")
@@ -98,7 +98,7 @@ def opened(mesh, nu, normal):
 
 def penny(nu, height, width, front):
     field, _, work = opened(mesh_of(PENNY, 3, front, height, width), nu, [0.0, 0.0, 1.0])
-    # Clapeyron: half the work of sigma on the opening, of two banks in four quarters.
+    # Clapeyron: half the work of sigma on the opening, for two faces in four quarters.
     return field.nbdof(), {"energy": 4.0 * work / (8.0 * (1.0 - nu**2) / 3.0)}
 
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Writes how well block.csv is known, slits.csv, and a file for each organ: the ratio of a body to the plain block on
+"""Writes the errors of block.csv, slits.csv, and a file for each organ: the ratio of a body to the plain block on
 a matching mesh, times block.csv.
 
 Run it in this folder; it reads hexahedra.csv and slit_runs.csv (hexahedra.cpp), tetrahedra.csv (tetrahedra.cpp) and
@@ -12,16 +12,16 @@ BLOCK = {float(r["indentation_mm"]): float(r["force_N"]) for r in csv.DictReader
 
 
 def grid_doubt(levels):
-    """Part by which the finest of some meshes may be off: the grid convergence index of Roache (J. Fluids Eng. 116,
-    1994) for first order, which the singular rim does not exceed, with halved edges. Factor of safety 1.25 of three
-    meshes, 3 of two. `levels`: forces from coarse to fine."""
+    """Relative error of the finest of some meshes: the grid convergence index of Roache (J. Fluids Eng. 116,
+    1994) for first order, which the singular patch edge does not exceed, with halved edges. Factor of safety 1.25 for three
+    meshes, 3 for two. `levels`: forces from coarse to fine."""
     safety = 1.25 if len(levels) > 2 else 3.0
     return safety * abs(levels[-2] / levels[-1] - 1)
 
 
 def block_meshes(depth):
-    """Forces [N] of the plain block by each code, from coarse to fine edges at the rim; without the variants of
-    hexahedra.cpp that stiffen each point (pointwise_bulk_in_mu)."""
+    """Forces [N] of the plain block by each code, from coarse to fine edges at the patch edge; without the variants of hexahedra.cpp that
+    stiffen each point (pointwise_bulk_in_mu)."""
     by_hexahedra = {r["rim_mm"]: float(r["force_N"]) for r in csv.DictReader(open("hexahedra.csv"))
                     if (r["scene"], r["nu"], r["extended_below"], r["pointwise_bulk_in_mu"]) == ("block", "0.499", "0.2", "0")
                     and float(r["depth_mm"]) == depth}
@@ -36,15 +36,15 @@ def block_meshes(depth):
 
 
 def block_doubt(depth):
-    """Percent by which block.csv may be off: as far as a code's finest mesh lies from it, and as that mesh may be off;
-    the larger of the two codes. And how many codes reach this depth with two meshes or more."""
+    """Error of block.csv [%]: its difference from a code's finest mesh, plus that mesh's error; the larger of the two codes. Also the
+    number of codes that reach this depth with two meshes or more."""
     codes = [levels for levels in block_meshes(depth) if len(levels) > 1]
     doubts = [abs(levels[-1] / BLOCK[depth] - 1) + grid_doubt(levels) for levels in codes]
     return 100 * max(doubts, default=0.0), len(codes)
 
 
 def ratio_doubt(depth):
-    """Percent: half of how far the ratios of cut ellipsoid and block on matching meshes of hexahedra.cpp lie apart."""
+    """Error [%]: half the difference between the ratios of cut ellipsoid and block on matching meshes of hexahedra.cpp."""
     force = {}
     for r in csv.DictReader(open("hexahedra.csv")):
         mesh = tuple(r[key] for key in ("rim_mm", "nu", "extended_below", "pointwise_bulk_in_mu", "half_sectors"))
@@ -54,13 +54,12 @@ def ratio_doubt(depth):
     return 50 * (max(ratios) - min(ratios)) / min(ratios)
 
 
-# Percent, at depths that fewer than two codes reach: not derived, but guesses.
+# Percent, at depths reached by fewer than two codes: not derived, but guesses.
 GUESS = {5: 3.0, 6: 3.0, 7: 4.0, 8: 4.0}
 
 
 def block_known():
-    """Depth: percent that block.csv is known to, and the codes that say so. No depth is known better than the one
-    before."""
+    """Depth: error of block.csv [%], and the codes behind it. The error never decreases with depth."""
     known, result = 0.0, {}
     for depth in BLOCK:
         doubt, codes = block_doubt(depth)
@@ -83,7 +82,7 @@ def scenes():
 
 
 def slits():
-    # A mesh is known by its rim and its sectors; of a gap the finest one is taken that has the slit of 1 mm.
+    # A mesh is identified by the edge length at the patch and its sectors; a gap uses the finest one that has the slit of 1 mm.
     known, force = block_known(), {}
     for r in csv.DictReader(open("slit_runs.csv")):
         mesh = (float(r["rim_mm"]), int(r["half_sectors"]))
@@ -123,7 +122,7 @@ def organs():
             if not by_rim:
                 continue
             take = by_rim.get("0.6", by_rim.get("1.2"))
-            # What is not known is taken as the most that was seen in other bodies, or more.
+            # Unknown errors are set to the largest of other bodies, or more.
             uncertainty = known[depth][0] + (100 * abs(by_rim["0.6"] / by_rim["1.2"] - 1) if len(by_rim) > 1 else 1.5)
             if body in far_away:
                 meshes = [(body, "1.2", growth, depth) for growth in far_away[body]]

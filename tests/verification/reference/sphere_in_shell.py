@@ -1,15 +1,15 @@
 #!/usr/bin/env python3
-"""A soft sphere that rests by its weight in a rigid spherical shell, without friction: by GetFEM, and for small strain
-by a series of Legendre polynomials, which the elements are first compared with.
+"""A soft sphere under its weight in a rigid spherical shell, without friction: by GetFEM, and for small strain
+by a series of Legendre polynomials, with which the elements are compared first.
 
     sphere_in_shell.py    writes sphere_in_shell.csv, sphere_in_shell_runs.csv and sphere_in_shell_closed_forms.csv
 
 Run it in this folder, with numpy and GetFEM's Python module (python3-getfem on Debian). A few minutes on one core.
 
-Of the finite elements: axisymmetric, neo-Hookean, W = mu/2 (J^(-2/3) I1 - 3) + bulk/2 (J - 1)^2, at any strain; the
+Finite elements: axisymmetric, neo-Hookean, W = mu/2 (J^(-2/3) I1 - 3) + bulk/2 (J - 1)^2, at any strain; the
 section of the sphere in 9-node quadrilaterals with curved sides, a continuous bilinear pressure, and a bilinear contact
-pressure on the outside by an augmented Lagrangian, so that nothing is penalised. The sphere stands amid the shell at
-first, upon a spring beneath every part of it that is then taken away: in the end contact alone carries it.
+pressure on the outside by an augmented Lagrangian, so that nothing is penalised. The sphere is in the middle of the shell at
+first, on springs under every part of it that are then removed: in the end contact alone carries it.
 Lengths in mm, stress in Pa; forces are divided by the weight.
 """
 import csv
@@ -20,8 +20,8 @@ import numpy as np
 RADIUS, MU, DENSITY, GRAVITY = 20.0, 1000.0, 1000.0, 9.81
 WEIGHT = DENSITY * GRAVITY * 1e-3  # of a volume [Pa / mm]
 SCENES = [(0.45, 0.5), (0.49, 0.5), (0.45, 1.0), (0.49, 1.0)]  # nu, gap
-MESHES = [8, 12, 18]       # elements on an eighth of the circle
-ANGLES = [15, 30, 45, 60]  # from the lowest point, about the shell's middle: what is carried within
+MESHES = [8, 12, 18]       # elements on an eighth of the circumference
+ANGLES = [15, 30, 45, 60]  # from the lowest point, about the shell's middle: limits of the carried fraction
 
 
 def bulk_of(nu):
@@ -31,14 +31,14 @@ def bulk_of(nu):
 # ---- small strain
 
 def series(nu, gap, weight, rings=600, terms=3000):
-    """How far the sphere's middle sinks, the contact's angle [degrees] from the lowest point, and what presses in all.
-    Its own weight under the pressure -weight z stretches it by a z, a = weight (1 - 2 nu) / E: radially by a R^2 cos / 2.
-    Each other polynomial of the pressure moves the surface by itself (Lur'e 1964)."""
+    """Sinking of the sphere's middle, the contact's angle [degrees] from the lowest point, and the total force. Its own weight under the
+    pressure -weight z stretches it by a z, a = weight (1 - 2 nu) / E: radially by a R^2 cos / 2. Each other polynomial of the pressure
+    moves the surface by itself (Lur'e 1964)."""
     young = 2.0 * MU * (1.0 + nu)
     edges = np.linspace(0.0, math.pi, rings + 1)  # from the top
     angle = 0.5 * (edges[1:] + edges[:-1])
     x, share = np.cos(angle), np.cos(edges[:-1]) - np.cos(edges[1:])  # of the area: / 2
-    # Rings of even pressure, and the mean of what moves each: P_n by its integral over a ring.
+    # Rings of uniform pressure, and the mean displacement of each: P_n by its integral over a ring.
     gives = RADIUS * (1.0 - 2.0 * nu) / young * np.outer(np.ones(rings), 0.5 * share)
     low, mid = np.ones(rings + 1), np.cos(edges)
     for n in range(1, terms):
@@ -70,10 +70,10 @@ def series(nu, gap, weight, rings=600, terms=3000):
 # ---- finite elements
 
 def section(n):
-    """Half of a disc as quadrilaterals of nine points [2 x 9]: a rectangle amid three blocks, n by n of each 45 degrees."""
+    """Half of a disc as quadrilaterals of nine points [2 x 9]: a rectangle between three blocks, n by n of each 45 degrees."""
     a = 0.5 * RADIUS
 
-    def block(f, g, count):  # from the inner line f to the circle's angle g [degrees], both of s in 0 .. 1
+    def block(f, g, count):  # from the inner line f to the outer angle g [degrees], both of s in 0 .. 1
         def at(s, t):
             angle = math.radians(g(s))
             return (1 - t) * np.array(f(s)) + t * RADIUS * np.array([math.cos(angle), math.sin(angle)])
@@ -124,7 +124,7 @@ class Sphere:
         md.add_Dirichlet_condition_with_simplification("r", 2)
 
     def rest(self):
-        first = self.weight / (1.2 * self.gap)  # by which it would sink a little beyond first touch
+        first = self.weight / (1.2 * self.gap)  # by which it would sink a little beyond first contact
         for share in (1.0, 0.5, 0.3, 0.2, 0.1, 0.05, 0.02, 0.0):
             self.md.set_variable("spring", [share * first])
             found = self.md.solve("max_res", 1e-9 * self.weight * RADIUS ** 3, "max_iter", 60, "lsearch", "simplest")
@@ -136,8 +136,8 @@ class Sphere:
         return float(self.gf.asm_generic(self.mim, 0, "2*pi*X(1)*" + what, region, self.md))
 
     def profile(self, count=1441):
-        """Of the outside, from the lowest point: angles about the shell's middle [degrees] as it is deformed, the
-        pressure there [Pa], the area to there [mm^2], and which share of the weight is carried to there."""
+        """Profile of the outside, from the lowest point: angles about the shell's middle [degrees] when deformed, the pressure there [Pa],
+        the area up to there [mm^2], and the fraction of the weight carried up to there."""
         at = np.linspace(0.0, math.pi, count)[1:-1]
         points = RADIUS * (1 - 1e-9) * np.array([np.sin(at), -np.cos(at)])
         of = lambda what: np.asarray(self.md.interpolation(what, points, self.mesh, -1, 1)).ravel()
@@ -174,7 +174,7 @@ def written(name, rows):
 
 
 def closed_forms():
-    """A thousandth of gap and weight: there strains are small, and all ways are a thousandth."""
+    """Closed forms at a thousandth of gap and weight: strains are small there, and all displacements are a thousandth."""
     for nu, gap in SCENES:
         sinks, angle, pressed = series(nu, gap, WEIGHT)
         found = Sphere(nu, 1e-3 * gap, 1e-3 * WEIGHT, MESHES[-1]).rest().found()

@@ -1,11 +1,11 @@
-// Reference force for pressing a bonded circle into the body of a label image, or into a block with a slit.
+// Reference force of a bonded patch pressed into the body of a label image, or into a block with a slit.
 //
 // Static, nearly incompressible neo-Hooke:
 //   W = mu/2 (J^(-2/3) I1 - 3) + bulk/2 (J - 1)^2
 // CGAL's Mesh_3 fills the body with tetrahedra; displacement is quadratic, pressure linear and continuous
 // (Taylor-Hood), faces are flat. Full Newton on displacement and pressure, MUMPS, load steps that halve when
-// they fail. Surface, base and circle of an image's body, and which label is where, are those of Dimple's
-// preprocess library; nothing else of Dimple is used.
+// they fail. Surface, base, patch and labels of an image's body are those of Dimple's preprocess library;
+// nothing else of Dimple is used.
 //
 //   dimple_reference_tetrahedra BODY rim_mm depth_mm levels [name=value ...]
 //   BODY: block | slit | patch (a homogeneous stretch of the block's mesh) | ellipsoid (cut) | a label image
@@ -58,19 +58,19 @@ struct Options {
       {"label", -1},        // of the image; -1: all foreground
       {"stiff", -1},        // label of a second tissue, of the element that has its centroid in it
       {"times", 5},         // its mu and bulk modulus over the others'
-      {"x", 0},             // of the circle on the ellipsoid, or on an image's organ, LPS mm
-      {"y", std::nan("")},  // likewise on an organ; without it the highest place
+      {"x", 0},             // of the patch on the ellipsoid, or on an organ, LPS mm
+      {"y", std::nan("")},  // on an organ; without it the highest place
       {"z", std::nan("")},
       {"mu", 210e-6},           // N/mm^2
       {"nu", 0.499},            // Poisson's ratio
-      {"extend", 0.2},          // below this J, J^(-2/3) goes on as its quadratic Taylor polynomial
+      {"extend", 0.2},          // below this J, J^(-2/3) is its quadratic Taylor polynomial
       {"slit", 1},              // width
-      {"gap", 3},               // from the rim to the slit's near wall
+      {"gap", 3},               // from the patch edge to the slit's near wall
       {"slit_depth", 25},       // from the top
-      {"growth", 0.3},          // of the wanted edge by the distance from the rim
-      {"far", 6},               // largest wanted edge
-      {"near", 0.08},           // distance allowed between mesh and surface / wanted edge
-      {"farthest", 1},          // the same, largest, mm
+      {"growth", 0.3},          // of the required edge length by the distance from the patch
+      {"far", 6},               // largest required edge
+      {"near", 0.08},           // allowed distance between mesh and surface / required edge
+      {"farthest", 1},          // limit of this distance, mm
       {"manifold", 1},          // 0: do not ask CGAL for a manifold surface
       {"first_depth", 0.5},     // reported before the others
       {"smallest_step", 0.01},  // mm
@@ -115,7 +115,7 @@ struct Scene {
   std::function<double(const Vec3&)> stiffness = {};  // of the tissue there over mu; empty: 1
 };
 
-// The block of 60 x 60 x 30 mm, with a slit along y or without.
+// Block of 60 x 60 x 30 mm, with or without a slit along y.
 Scene analytic_scene(const Options& options) {
   std::vector<std::array<double, 2>> outline = {{-30, 0}, {30, 0}, {30, 30}};
   if (options.body == "slit") {
@@ -158,7 +158,7 @@ Scene analytic_scene(const Options& options) {
   return scene;
 }
 
-// As tests/bench/organs.cpp has it.
+// Scene of the ellipsoids in tests/bench/organs.cpp.
 Scene ellipsoid_scene(const Options& options) {
   BodySurface surface = dimple::cut_ellipsoid_surface({46.25, 31.25, 16.7647}, -11.7353);
   const dimple::BoundaryOptions wanted{.base = "inferior",
@@ -237,11 +237,11 @@ Mesh make_mesh(const Scene& scene, const Options& options) {
 
   const double first = options.rim, growth = options["growth"], far = options["far"];
   const Sizes sizes = [&](const Vec3& x) {
-    // edges at the rim's own length up to one of them away from it
+    // edges have the patch edge's length up to one of them away from it
     const double squared = (rim.colwise() - x).colwise().squaredNorm().minCoeff();
     return std::min(far, first + growth * std::max(0.0, std::sqrt(squared) - first));
   };
-  // The bounds of the circumradii are 0.7 of the wanted edge: equilateral ones have 0.58 and 0.61.
+  // The bounds of the circumradii are 0.7 of the required edge: equilateral ones have 0.58 and 0.61.
   const Field edges{&sizes, 1.0}, radii{&sizes, 0.7}, distances{&sizes, options["near"], options["farthest"]};
   namespace p = CGAL::parameters;
   const Criteria criteria(p::edge_size = edges, p::facet_angle = 25.0, p::facet_size = radii,
@@ -312,7 +312,7 @@ Mesh make_mesh(const Scene& scene, const Options& options) {
       if (pressed) mesh.on_circle[node] = 1;
     }
   }
-  // An image's base ends somewhere in a triangle: each node is asked for itself, with the surface's normal.
+  // An image's base ends inside a triangle, so each node is tested itself, with the surface's normal.
   if (!scene.sharp)
     for (size_t node = 0; node < total; ++node)
       if (mesh.on_outside[node]) {
@@ -388,7 +388,7 @@ Matrix3d second_cofactor(const Matrix3d& F, int i, int j) {
   return result;
 }
 
-// Stresses are in units of mu here.
+// Element with stresses in units of mu.
 struct Element {
   Eigen::Matrix<double, 4, 3> slopes;  // of the barycentric coordinates
   double volume, stiffness = 1.0;
@@ -416,7 +416,7 @@ Gradients shape_gradients(const Element& element, const Eigen::Vector4d& place) 
   return gradients;
 }
 
-// Force and, when wanted, stiffness (full, symmetric) of an element.
+// Force and, on request, stiffness (full, symmetric) of an element.
 void element_response(const Element& element, double plain_bulk, double extend, const Gradients& displacement,
                       const Eigen::Vector4d& pressure, ElementVector& force, ElementMatrix* stiffness,
                       double& smallest_J) {
@@ -604,7 +604,7 @@ Body make_body(const Scene& scene, const Options& options) {
 
 // ---------------------------------------------------------------- solution
 
-// MUMPS' factors of a symmetric indefinite matrix. Old factors precondition GMRES for a new matrix.
+// MUMPS factors of a symmetric indefinite matrix. Old factors precondition GMRES for a new matrix.
 class LinearSolver {
  public:
   LinearSolver() {
@@ -647,7 +647,7 @@ class LinearSolver {
     dmumps_c(&mumps_);
     return right;
   }
-  // Right-preconditioned GMRES; nothing if it takes more than `most` steps.
+  // Solves by right-preconditioned GMRES; empty if it needs more than `most` steps.
   std::optional<VectorXd> iterate(const SparseMatrix& matrix, const VectorXd& right, double tolerance,
                                   int most) {
     std::vector<VectorXd> basis = {right / right.norm()}, preconditioned;
@@ -695,7 +695,7 @@ VectorXd spread(const Body& body, const VectorXd& unknowns) {
   return result;
 }
 
-// Newton at a fixed load. Returns the number of iterations, or -1.
+// Newton iteration at a fixed load. Returns the number of iterations, or -1.
 int newton(const Body& body, VectorXd& state, Response& response, SparseMatrix& stiffness,
            LinearSolver& solver) {
   const int displacements = 3 * static_cast<int>(body.mesh.nodes.size());
@@ -710,10 +710,10 @@ int newton(const Body& body, VectorXd& state, Response& response, SparseMatrix& 
     residual = std::sqrt(residual / reaction), volume = std::sqrt(volume);
     std::fprintf(stderr, "   iteration %d residual %.2e volume %.2e Jmin %.3f, %d factorisations\n",
                  iteration, residual, volume, response.smallest_J, solver.factorisations);
-    if (!(residual < 1e4) || response.smallest_J < -3) return -1;  // astray
+    if (!(residual < 1e4) || response.smallest_J < -3) return -1;  // diverged
     if (residual < 1e-6 && volume < 1e-6) return iteration;
     const VectorXd right = -free_part(body, response.force);
-    // Old factors serve while Newton converges and they need few steps.
+    // Old factors are kept while Newton converges and GMRES needs few steps.
     std::optional<VectorXd> change;
     if (solver.ready() && residual < before) change = solver.iterate(stiffness, right, 1e-3, 25);
     before = residual;
@@ -748,7 +748,7 @@ bool follow(const Body& body, const std::vector<double>& stops, double smallest_
     VectorXd trial = state;
     if (load > load_before) {
       trial += (target - load) / (load - load_before) * (state - before);
-    } else {  // along the tangent: the prescribed part alone would tear the elements at the circle
+    } else {  // along the tangent: the prescribed part alone would tear elements at the patch
       respond(body, state, response, &stiffness);
       Response there;
       const double little = 1e-6;
