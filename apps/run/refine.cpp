@@ -91,7 +91,7 @@ std::optional<RefinementEnd> end_before(Index next, Index nodes, const Level& le
 
 // Bounds the only level with a force, after finer ones failed, by one of half its nodes. It may reach the
 // goal.
-void compare_with_coarser(const Case& given, const Goal& goal, const Origin& from, const LoadedModel& read,
+void compare_with_coarser(const Case& given, const Goal& goal, const Origin& from, const Result& read,
                           const Stopwatch& whole, const RefinementObserver& observer, int number,
                           Refinement& found) {
   Level& finest = *found.finest;

@@ -142,8 +142,7 @@ TEST_F(Fit, OfATouchingToolHasABandWhereItsForceHasOne) {
   EXPECT_LT(s["discretisation_share"], 0.15) << "as much as the depths say that bear the force";
 }
 
-// The curve with half, once and twice its force, in micrometres and millinewtons; the third is cut off deeper
-// cut off.
+// The curve with half, once and twice its force, in micrometres and millinewtons; the third ends earlier.
 TEST_F(Fit, OfManySamplesGivesEachItsModulusAndTheLimitOfGentsLaw) {
   const std::string scene = " --nodes 400 --time quasi-static --tool sphere:8mm";
   good("run " + block +
