@@ -86,9 +86,9 @@ void wait_until(double deadline) {
   // Not if nobody reads stderr, as write() would never return.
   pollfd err{.fd = STDERR_FILENO, .events = POLLOUT, .revents = 0};
   if (poll(&err, 1, 0) == 1 && (err.revents & POLLOUT) != 0) {
-    const std::string line = fmt::format(
-        "dimple: {}, in the midst of work that does not listen; what lies on disk is valid [{}]\n",
-        why.report.fact, why.report.code);
+    const std::string line =
+        fmt::format("dimple: {}, during work that cannot be stopped; files on disk are valid [{}]\n",
+                    why.report.fact, why.report.code);
     [[maybe_unused]] const auto ignored = write(STDERR_FILENO, line.data(), line.size());
   }
   _exit(static_cast<int>(ExitCode::interrupted));

@@ -96,7 +96,8 @@ namespace {
 void require_febio_push(const ElementModel& m) {
   if (m.bonded || axis_of(m.push) < 3) return;
   throw UsageError(
-      {.fact = fmt::format("FEBio cannot let a circle slide that is pushed along ({:.3f}, {:.3f}, {:.3f})",
+      {.fact = fmt::format("FEBio cannot model a frictionless contact patch with the approach direction "
+                           "({:.3f}, {:.3f}, {:.3f})",
                            m.push.x(), m.push.y(), m.push.z()),
        .where = "--contact frictionless",
        .why = "its prescribed displacements are along x, y and z",

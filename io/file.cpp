@@ -54,7 +54,7 @@ std::string remedy_for_writing(int error_number) {
 [[noreturn]] void cannot_write(const fs::path& file, int error_number) {
   throw OutputError({.fact = fmt::format("cannot write '{}': {}", file.string(), reason(error_number)),
                      .where = fmt::format("writing {}", file.filename().string()),
-                     .why = "the system refused; what stood under that name before is unchanged",
+                     .why = "the system refused; an earlier file of that name is unchanged",
                      .remedy = remedy_for_writing(error_number)});
 }
 
@@ -217,9 +217,9 @@ void put_down_in_lists(const fs::path& file) {
     if (!within || known.contains(name)) continue;
     if (is_there)
       throw OutputError(
-          {.fact = fmt::format("{} is a file of others", file.string()),
+          {.fact = fmt::format("{} was not written by this program", file.string()),
            .where = "-o",
-           .why = fmt::format("it is not in {}, the list of what this program has written there",
+           .why = fmt::format("it is not in {}, the list of files that this program wrote there",
                               file_list_name),
            .remedy = "move it away, or give another folder with -o"});
     const fs::path list = folder / file_list_name;
@@ -404,7 +404,7 @@ void try_file(const fs::path& file) {
     if (S_ISDIR(status.st_mode)) cannot_write(file, EISDIR);
     throw OutputError({.fact = fmt::format("cannot write '{}': it is a pipe or a device", file.string()),
                        .where = fmt::format("writing {}", file.filename().string()),
-                       .why = "a file is written beside its name and then takes its place",
+                       .why = "a file is written under a temporary name and then renamed",
                        .remedy = "give the name of a file"});
   }
   if (const int error_number = try_writing(file); error_number != 0) cannot_write(file, error_number);

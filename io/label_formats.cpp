@@ -38,7 +38,7 @@ std::array<Index, 3> checked_size(const std::vector<Index>& size, Index componen
                  "an organ is segmented in one three-dimensional image",
                  "save one time frame or one channel as an image of its own");
   if (dimensions == 0)
-    throw refuse("the image has 0 axes", "the header is damaged", "export the segmentation anew");
+    throw refuse("the image has 0 axes", "the header is damaged", "export the segmentation again");
   if (dimensions < 3 || size[0] == 1 || size[1] == 1 || size[2] == 1)
     throw refuse(fmt::format("the image is flat: {} voxels", fmt::join(size, " x ")),
                  "an organ needs three dimensions, with at least two voxels along each",
@@ -48,7 +48,7 @@ std::array<Index, 3> checked_size(const std::vector<Index>& size, Index componen
   for (std::size_t a = 0; a < 3; ++a) {
     if (size[a] <= 0)
       throw refuse(fmt::format("axis {} is said to hold {} voxels", a + 1, size[a]), "the header is damaged",
-                   "export the segmentation anew");
+                   "export the segmentation again");
     voxels *= static_cast<double>(size[a]);
   }
   if (voxels > limit)
@@ -87,19 +87,19 @@ void check_length(const StoredImage& image, const fs::path& file) {
   const double voxels = static_cast<double>(image.data_bytes()) / static_cast<double>(bytes_of(image.type));
   const double needed = static_cast<double>(image.data_bytes()) + voxels / thinnest * sizeof(std::size_t);
   if (needed > memory)
-    throw InputError({.fact = fmt::format("the voxels need {:.1f} GB of memory, and {:.1f} GB are there",
-                                          needed / 1e9, memory / 1e9),
-                      .where = image_place(file),
-                      .why = fmt::format("the image has {} x {} x {} voxels; or its header is damaged",
-                                         image.size[0], image.size[1], image.size[2]),
-                      .remedy = "crop the image to the organ, resample it to larger voxels, or take a larger "
-                                "machine"});
+    throw InputError(
+        {.fact = fmt::format("the voxels need {:.1f} GB of memory, and {:.1f} GB are available", needed / 1e9,
+                             memory / 1e9),
+         .where = image_place(file),
+         .why = fmt::format("the image has {} x {} x {} voxels; or its header is damaged", image.size[0],
+                            image.size[1], image.size[2]),
+         .remedy = "crop the image to the organ, resample it to larger voxels, or use a larger machine"});
 }
 
 void warn_of_surplus(StoredImage& image, std::uintmax_t bytes) {
   if (bytes == 0) return;
   image.warnings.push_back(fmt::format(
-      "The file goes on for {}{} bytes after its voxels; check that its size of {} x {} x {} is right.",
+      "The file has {}{} more bytes after its voxels; check that its size of {} x {} x {} is right.",
       bytes >= surplus_limit ? "more than " : "", bytes, image.size[0], image.size[1], image.size[2]));
 }
 
@@ -120,7 +120,7 @@ InputError no_place_in_space(const fs::path& file, std::string_view fact) {
       {.fact = printable(fact, most_repeated),
        .where = image_place(file),
        .why = "spacing, direction and origin in the file's header do not describe a place in space",
-       .remedy = "correct the header, or export the segmentation anew"});
+       .remedy = "correct the header, or export the segmentation again"});
 }
 
 InputError truncated(const fs::path& file, std::string_view fact) {

@@ -131,7 +131,7 @@ void check_geometry(const Eigen::Affine3d& to_world, const fs::path& file) {
         fmt::format("the voxel spacing is {:.6g} x {:.6g} x {:.6g} mm", spacing[0], spacing[1], spacing[2]));
   const double volume = std::abs(Mat3(m.colwise().normalized()).determinant());
   if (!(volume > 1e-3))  // 1 for axes at right angles
-    throw refuse("the image's axes do not span space: they lie in one plane or nearly so");
+    throw refuse("the image's axes do not span space: they are in one plane or nearly so");
 }
 
 /// Step from canonical voxels to stored ones: (i, j, k) is number first + i step[0] + j step[1] + k step[2].
@@ -204,7 +204,7 @@ void take_rows(LabelImage& image, const StoredImage& stored, const Walk& walk, c
             {.fact = fmt::format("the labels change more than {} times along the rows of {} x {} x {} voxels",
                                  limit, ni, nj, nk),
              .where = image_place(file),
-             .why = "neighbours are hardly ever alike: this is an MRI or CT rather than its segmentation",
+             .why = "neighbours are rarely equal: this is an MRI or CT rather than its segmentation",
              .remedy = "give the segmentation, exported as a label map"});
     }
   std::partial_sum(image.row_offset.begin(), image.row_offset.end(), image.row_offset.begin());
@@ -514,7 +514,7 @@ void write_label_image(const fs::path& file, const LabelImage& image) {
       written = read_metaimage(temporary);
     }
     // ITK's writers do not notice every failure of the disk.
-    if (written.data != stored.data) throw std::runtime_error("what was written does not read back the same");
+    if (written.data != stored.data) throw std::runtime_error("the written file differs when read back");
   } catch (const OutputError&) {
     std::error_code ignored;
     fs::remove(temporary, ignored);
@@ -525,7 +525,7 @@ void write_label_image(const fs::path& file, const LabelImage& image) {
     throw OutputError(
         {.fact = fmt::format("cannot write '{}': {}", file.string(), error.what()),
          .where = image_place(file),
-         .why = "the image was written beside its name and found incomplete, then removed",
+         .why = "the image was written under a temporary name, found incomplete and removed",
          .remedy = "check the room on that disk, or choose another output folder with --output"});
   }
   // The names first: an image that exists is then complete.

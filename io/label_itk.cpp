@@ -44,9 +44,8 @@ std::string words_of(const std::exception& error) {
   std::replace(text.begin(), text.end(), '\n', ' ');
   for (const char* trace : {"itk::", "ITK ", "ITK_", "/usr/", ".cxx", ".hxx", ".h:", "0x", "[nrrd]", "biff"})
     if (text.find(trace) != std::string::npos) text.clear();
-  return text.empty()
-             ? "its header is damaged, or says what no image can be: the library that reads it gave up"
-             : text;
+  return text.empty() ? "its header is damaged or contradicts itself: the library that reads it failed"
+                      : text;
 }
 
 Number number_type(const itk::ImageIOBase& io, const fs::path& file) {
@@ -120,7 +119,7 @@ StoredImage read_information(itk::ImageIOBase& io, const fs::path& file, std::st
 
 /// File of the voxels: the header's own, or another that it names relative to itself.
 fs::path second_file(const fs::path& header_file, const std::string& name, const std::string& format) {
-  if (name.empty()) throw unreadable(header_file, format, "it does not say in which file its voxels are");
+  if (name.empty()) throw unreadable(header_file, format, "it does not name the file of its voxels");
   const fs::path data = header_file.parent_path() / name;
   try {
     require_regular_file(data);
@@ -280,7 +279,7 @@ void read_nrrd_voxels(StoredImage& image, const TextHeader& header, const fs::pa
   const std::string endian = lower(header.at("endian"));
   const bool is_text = encoding == "ascii" || encoding == "text" || encoding == "txt";
   if (!is_text && bytes_of(image.type) > 1 && endian != "little" && endian != "big")
-    throw unreadable(file, image.format, "it does not say the order of the bytes of a number (endian)");
+    throw unreadable(file, image.format, "it does not state the byte order (endian)");
   if (is_text)
     read_ascii(image, file, begin);
   else if (encoding == "raw")
@@ -384,17 +383,16 @@ StoredImage read_nrrd(const fs::path& file) {
   const auto space = keys.find("NRRD_space");
   if (!header.has("space directions"))
     image.warnings.push_back(
-        "The file does not say how the image lies in the patient (no space directions); its axes are taken "
-        "to run along left, posterior and superior.");
+        "The file does not state the image's orientation in the patient (no space directions); its axes are "
+        "assumed to be left, posterior and superior.");
   else if (space == keys.end() || space->second != "left-posterior-superior")  // ITK has turned RAS to LPS
     image.warnings.push_back(
-        fmt::format("The file does not name patient directions (space: {}); its coordinates are taken as "
-                    "left, posterior, "
-                    "superior.",
+        fmt::format("The file does not name patient directions (space: {}); its coordinates are assumed to "
+                    "be left, posterior, superior.",
                     space == keys.end() ? "none" : space->second));
   if (header.has("space directions") && !header.has("space origin"))
     image.warnings.push_back(
-        "The file does not say where its first voxel lies (no space origin); the origin is taken.");
+        "The file does not state the place of its first voxel (no space origin); 0, 0, 0 is assumed.");
   const std::string said_space = lower(header.at("space"));
   if (said_space == "left-anterior-superior" || said_space == "las")
     image.to_world.matrix().topRows<2>() *= -1.0;  // ITK 5.2 turns LAS to RAS instead of LPS

@@ -256,9 +256,8 @@ std::string other_numbering(const std::string& word, const LabelImage& image) {
   for (const int label : present)
     if (ct.at(label) != mr.at(label))
       return fmt::format(
-          "TotalSegmentator numbers CT and MR differently: label {} is taken for {}, as in CT; for an MR it "
-          "is {} "
-          "(--label-names totalsegmentator-mr).",
+          "TotalSegmentator numbers CT and MR differently: label {} is read as {}, as in CT; for an MR it is "
+          "{} (--label-names totalsegmentator-mr).",
           label, ct.at(label), mr.at(label));
   return {};
 }
@@ -374,10 +373,10 @@ LabelTable read_label_names(const std::filesystem::path& file) {
   }
   if (table.names.empty()) throw bad_table({.file = file}, "the table names no label");
   if (unclear > 0)
-    table.warnings.push_back(fmt::format(
-        "In {} line{} of the table of label names, first in line {}, a name with blanks ends in a "
-        "number; the last four numbers are taken for the colour.",
-        unclear, unclear == 1 ? "" : "s", first_unclear));
+    table.warnings.push_back(
+        fmt::format("In {} line{} of the table of label names, first in line {}, a name with blanks ends in "
+                    "a number; the last four numbers are read as the colour.",
+                    unclear, unclear == 1 ? "" : "s", first_unclear));
   return table;
 }
 

@@ -167,18 +167,18 @@ Header read_header(gzFile in, const fs::path& file, bool is_pair) {
       read_exactly(in, bytes.data() + nifti_1.bytes, nifti_2.bytes - nifti_1.bytes, file);
       // A transfer in text mode changes its last letters.
       if (!says(nifti_2, is_pair ? "ni2\0\r\n\032\n"sv : "n+2\0\r\n\032\n"sv))
-        throw refuse("the file is not a NIfTI-2 image", "check the file; export the segmentation anew");
+        throw refuse("the file is not a NIfTI-2 image", "check the file; export the segmentation again");
       return decoded<std::int64_t, double, std::int64_t, std::int32_t, std::int32_t>(bytes.data(), nifti_2,
                                                                                      swapped);
     }
     if (length(swapped) != nifti_1.bytes) continue;
     if (is_pair && bytes[nifti_1.magic] == std::byte{0})
-      throw refuse("the file is Analyze 7.5, which does not say how it lies in the patient",
+      throw refuse("the file is Analyze 7.5, which does not state its orientation in the patient",
                    "convert it to NIfTI-1, NRRD or MetaImage and check that left is left");
     if (!says(nifti_1, is_pair ? "ni1\0"sv : "n+1\0"sv)) break;
     return decoded<std::int16_t, float, float, std::int16_t, std::int8_t>(bytes.data(), nifti_1, swapped);
   }
-  throw refuse("the file is not a NIfTI-1 image", "check the file; export the segmentation anew");
+  throw refuse("the file is not a NIfTI-1 image", "check the file; export the segmentation again");
 }
 
 // In the order of Number.
@@ -235,7 +235,7 @@ void read_geometry(const Header& h, StoredImage& image, const fs::path& file) {
                              spacing[2], spacing.allFinite() ? "" : ", which is not finite"),
          .where = image_place(file),
          .why = "the header's pixdim is damaged or was never set",
-         .remedy = "correct the header, or export the segmentation anew"});
+         .remedy = "correct the header, or export the segmentation again"});
   const Rows qform = has_q ? qform_of(h) : Rows(Rows::Zero());
   Rows ras = Rows::Zero();
   if (has_s) {
@@ -267,8 +267,8 @@ void read_geometry(const Header& h, StoredImage& image, const fs::path& file) {
     ras.leftCols<3>() = spacing.asDiagonal();
     ras.topRows<2>() *= -1.0;  // ITK: stored axes along +L, +P, +S
     image.warnings.push_back(
-        "The file does not say how the image lies in the patient (no qform, no sform); its axes are taken "
-        "to run along left, posterior and superior from the origin.");
+        "The file does not state the image's orientation in the patient (no qform, no sform); its axes are "
+        "assumed to be left, posterior and superior from the origin.");
   }
   ras.topRows<2>() *= -1.0;  // RAS to LPS
   image.to_world.matrix().topRows<3>() = ras;
@@ -280,7 +280,7 @@ void read_size(const Header& header, StoredImage& image, const NiftiFiles& files
     throw InputError({.fact = fmt::format("the image is said to have {} axes", header.dim[0]),
                       .where = image_place(files.header),
                       .why = "a NIfTI image has 1 to 7; the header is damaged",
-                      .remedy = "export the segmentation anew"});
+                      .remedy = "export the segmentation again"});
   std::vector<Index> size;
   for (std::size_t a = 1; a <= static_cast<std::size_t>(header.dim[0]); ++a)
     size.push_back(a > 3 && header.dim[a] == 0 ? 1 : header.dim[a]);  // 0: the axis does not exist
@@ -294,9 +294,8 @@ void read_size(const Header& header, StoredImage& image, const NiftiFiles& files
 /// Conversion of a voxel's bits to its value: type, slope and intercept.
 void read_scaling(const Header& header, StoredImage& image) {
   if (const auto bits = static_cast<int>(8 * bytes_of(image.type)); header.bitpix != bits)
-    image.warnings.push_back(
-        fmt::format("The header speaks of {} bits per voxel where its type has {}; the type is believed.",
-                    header.bitpix, bits));
+    image.warnings.push_back(fmt::format(
+        "The header states {} bits per voxel where its type has {}; the type is used.", header.bitpix, bits));
   if (header.slope != 0.0 && std::isfinite(header.slope)) {  // 0 means: not scaled
     image.slope = header.slope;
     image.intercept = header.intercept;
@@ -332,7 +331,7 @@ void skip_to_voxels(gzFile in, const Header& header, const StoredImage& image, c
     throw InputError({.fact = fmt::format("the voxels are said to begin at byte {}", offset),
                       .where = image_place(files.data),
                       .why = "the header's vox_offset is damaged",
-                      .remedy = "export the segmentation anew"});
+                      .remedy = "export the segmentation again"});
   const double begin =
       files.is_pair ? offset : std::max(offset, static_cast<double>(header.layout->bytes) + 4.0);
   if (const double held = std::max(length - begin, 0.0);

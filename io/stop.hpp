@@ -45,13 +45,13 @@ inline Stopped::Stopped(StopReason why)
             why == StopReason::out_of_time
                 ? Report{.fact = "the time limit has passed",
                          .where = "--time-limit",
-                         .why = "the work was not done by then",
+                         .why = "the work was not finished by then",
                          .remedy = "give more time, fewer --nodes or fewer --frames",
                          .code = "out-of-time"}
                 : Report{.fact = "interrupted",
                          .where = "",
-                         .why = "Ctrl-C or a signal asked for it",
-                         .remedy = "start the command again; `dimple run --resume` goes on with a run"}),
+                         .why = "it was requested by Ctrl-C or a signal",
+                         .remedy = "start the command again; `dimple run --resume` continues a run"}),
       reason(why) {}
 
 }  // namespace dimple

@@ -270,7 +270,7 @@ void refuse_copies(const fs::path& file, const SurfaceFile& surface) {
                      dimple::in_words(Vec3((place(0) + place(1) + place(2)) / 3.0))),
          fmt::format("{} of its {} triangles are copies of others; inside and outside are not known", copies,
                      surface.triangles.cols()),
-         "remove the copies in the program that drew it");
+         "remove the copies in the program that made it");
 }
 
 }  // namespace
@@ -302,7 +302,7 @@ SurfaceFile read_surface_mesh(const fs::path& file) {
            "name the file of a closed surface");
   if (surface.triangles.cols() > most_triangles)
     refuse(file, fmt::format("{} has {} triangles", file.filename().string(), surface.triangles.cols()),
-           fmt::format("at most {} are taken", most_triangles),
+           fmt::format("at most {} are allowed", most_triangles),
            "reduce it, for instance by the Decimate filter of ParaView");
   refuse_copies(file, surface);
   return surface;

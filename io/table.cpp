@@ -115,8 +115,7 @@ void require_unlike(const std::vector<std::string>& header, const fs::path& file
   for (auto name = header.begin(); name != header.end(); ++name)
     if (!name->empty() && std::find(header.begin(), name, *name) != name)
       throw bad_table(file, line, fmt::format("two columns are called '{}'", *name),
-                      "what a column holds is told by its name alone",
-                      "give one of them another name, or take it out");
+                      "only its name identifies a column", "give one of them another name, or remove it");
 }
 
 double number(const std::string& field, const fs::path& file, std::size_t line, const std::string& column) {
@@ -215,13 +214,12 @@ TextTable read_text_csv(const fs::path& file) {
     if (!split(text, separator, fields))
       throw bad_table(file, lines.number(), "a quote is opened and not closed",
                       "a field in quotes ends in its line, and a quote within it is written twice",
-                      "close the quote, or take it out");
+                      "close the quote, or remove it");
     if (is_header) {
       if (const auto name = std::find(fields.begin(), fields.end(), ""); name != fields.end())
         throw bad_table(file, lines.number(),
                         fmt::format("column {} of {} has no name", name - fields.begin() + 1, fields.size()),
-                        "what a column holds is told by its name alone",
-                        "name it in the header, or take it out");
+                        "only its name identifies a column", "name it in the header, or remove it");
       require_unlike(fields, file, lines.number());
       table.header = std::move(fields);
       continue;

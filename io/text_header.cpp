@@ -165,7 +165,7 @@ InputError unreadable(const fs::path& file, const std::string& format, std::stri
                      .where = image_place(file),
                      .why = printable(why, most_repeated),
                      .remedy = "check that the file is complete and of the format that its suffix names; "
-                               "export the segmentation anew"});
+                               "export the segmentation again"});
 }
 
 void check_nrrd_header(const TextHeader& header, const fs::path& file) {
@@ -195,8 +195,8 @@ void check_nrrd_header(const TextHeader& header, const fs::path& file) {
             file, fmt::format("axis {} has the direction {}, which has no length", a + 1, words[a]));
   } else if (dimension.value_or(0) == 3 && !header.has("spacings")) {
     throw refuse(
-        "it does not say how large a voxel is (no space directions and no spacings): where it is known, a "
-        "line of the header such as `spacings: 1 1 1` says it in mm");
+        "it does not state the voxel size (no space directions and no spacings): if known, add a line such "
+        "as `spacings: 1 1 1`, in mm, to the header");
   } else if (const auto spacings = words_in(header.at("spacings")); !are_finite(spacings)) {
     throw refuse(fmt::format("its spacings are {}", header.at("spacings")));
   } else {
@@ -212,8 +212,8 @@ void check_metaimage_header(const TextHeader& header, const fs::path& file,
   const auto axes = number_in<int>(header.at("NDims"));
   if (!axes || *axes < 1 || *axes > 10)
     throw refuse(header.has("NDims") ? fmt::format("it is said to have {} axes", header.at("NDims"))
-                                     : "it does not say how many axes it has (no NDims)");
-  if (!header.complete) throw refuse("it does not say where its voxels are (no ElementDataFile)");
+                                     : "it does not state its number of axes (no NDims)");
+  if (!header.complete) throw refuse("it does not name the file of its voxels (no ElementDataFile)");
   check_keys(header, file);
   const auto n = static_cast<std::size_t>(*axes);
   const auto check = [&](const std::string& key, std::size_t count) {
@@ -224,8 +224,8 @@ void check_metaimage_header(const TextHeader& header, const fs::path& file,
   };
   const std::string matrix = either(header, {"TransformMatrix", "Rotation", "Orientation"});
   const std::string origin = either(header, {"Offset", "Position", "Origin"});
-  if (!header.has("DimSize")) throw refuse("it does not say its size (no DimSize)");
-  if (!header.has("ElementSpacing")) throw refuse("it does not say how large a voxel is (no ElementSpacing)");
+  if (!header.has("DimSize")) throw refuse("it does not state its size (no DimSize)");
+  if (!header.has("ElementSpacing")) throw refuse("it does not state the voxel size (no ElementSpacing)");
   check("DimSize", n);
   check("ElementSpacing", n);
   check(origin, n);
@@ -251,10 +251,11 @@ void check_metaimage_header(const TextHeader& header, const fs::path& file,
 
   if (matrix.empty())
     warnings.push_back(
-        "The file does not say how the image lies in the patient (no TransformMatrix); its axes are taken to "
-        "run along left, posterior and superior.");
+        "The file does not state the image's orientation in the patient (no TransformMatrix); its axes are "
+        "assumed to be left, posterior and superior.");
   if (origin.empty())
-    warnings.push_back("The file does not say where its first voxel lies (no Offset); the origin is taken.");
+    warnings.push_back(
+        "The file does not state the place of its first voxel (no Offset); 0, 0, 0 is assumed.");
 }
 
 }  // namespace dimple

@@ -67,7 +67,7 @@ void TimeSeries::disappeared(const fs::path& frame) const {
   throw OutputError({.fact = fmt::format("the frame {} has disappeared", frame.string()),
                      .where = fmt::format("listing it in {}", pvd_.string()),
                      .why = "it was written by this run; something else moved or deleted it",
-                     .remedy = "let nothing else work in that folder; start anew with --force"});
+                     .remedy = "let nothing else work in that folder; start again with --force"});
 }
 
 void TimeSeries::add(double time_s) {

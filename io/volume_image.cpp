@@ -59,7 +59,7 @@ VolumeImage::VolumeImage(const fs::path& file) {
     Report report = error.report;
     report.where = "image " + file.string();
     report.remedy =
-        "give a three-dimensional image with one number per voxel, saved anew as .nii.gz, .nrrd or .mha";
+        "give a three-dimensional image with one number per voxel, saved again as .nii.gz, .nrrd or .mha";
     report.code = "bad-image";
     throw InputError(std::move(report));
   }
@@ -71,7 +71,7 @@ VolumeImage::VolumeImage(const fs::path& file) {
                                           spacing[0], spacing[1], spacing[2]),
                       .where = "image " + file.string(),
                       .why = "spacing, direction and origin in its header do not span space",
-                      .remedy = "correct the header, or save the image anew",
+                      .remedy = "correct the header, or save the image again",
                       .code = "bad-image"});
   grid_ = {stored_->size, stored_->to_world};
 }
@@ -278,7 +278,7 @@ struct VolumeWriter::State {
   [[noreturn]] void failed(const std::string& what) {
     throw OutputError({.fact = fmt::format("cannot write '{}': {}", file.string(), what),
                        .where = "images",
-                       .why = "the image is written beside its name first, and was removed",
+                       .why = "the image was written under a temporary name and removed",
                        .remedy = "check the room on that disk, or choose another folder with -o"});
   }
   void put_out(const char* bytes, std::size_t count) {

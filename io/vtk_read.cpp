@@ -98,7 +98,7 @@ Points positions_of(const fs::path& file, vtkPointSet& set) {
   for (Index n = 0; n < position_mm.cols(); ++n)
     if (!position_mm.col(n).allFinite())
       refuse_vtk(file,
-                 fmt::format("point {} of {} lies at ({}, {}, {})", n, position_mm.cols(), position_mm(0, n),
+                 fmt::format("point {} of {} is at ({}, {}, {})", n, position_mm.cols(), position_mm(0, n),
                              position_mm(1, n), position_mm(2, n)),
                  "a position must be three finite numbers; the program that wrote the file did not check",
                  "remove that point or repair the file");
@@ -315,7 +315,7 @@ auto read_xml(const fs::path& file, const std::string& kind, const std::string& 
   } catch (const Error&) {
     throw;
   } catch (const std::exception& e) {  // no memory, or the file has just disappeared
-    refuse_vtk(file, fmt::format("{} is damaged", name), fmt::format("reading gave up: {}", e.what()),
+    refuse_vtk(file, fmt::format("{} is damaged", name), fmt::format("reading failed: {}", e.what()),
                "copy or export it again");
   }
   if (!messages.empty() || reader->GetErrorCode() != 0)

@@ -61,13 +61,13 @@ void refuse_too_thin(double layers, Index nodes) {
   // The number of layers grew with the nodes to the power of 0.36 to 0.38; rounded up to hundreds.
   const double wanted = 100.0 * std::ceil(0.01 * static_cast<double>(nodes) *
                                           std::pow(enough_layers / std::max(layers, 0.1), 2.7));
-  throw ModelError({.fact = fmt::format("the body is {:.2f} node spacings thick under the circle", layers),
-                    .where = "node cloud beneath the tool's circle",
-                    .why = fmt::format("{} nodes are too few for a body as thin as this: the force "
-                                       "may be wrong by 50 % or more",
-                                       nodes),
-                    .remedy = fmt::format("ask for about {:.0f} nodes (--nodes), or a finer --rim", wanted),
-                    .code = "thin"});
+  throw ModelError(
+      {.fact = fmt::format("the body is {:.2f} node spacings thick under the contact patch", layers),
+       .where = "nodes beneath the contact patch",
+       .why = fmt::format("{} nodes are too few for a body this thin: the force may be wrong by 50 % or more",
+                          nodes),
+       .remedy = fmt::format("use about {:.0f} nodes (--nodes), or a finer --rim", wanted),
+       .code = "thin"});
 }
 
 // Largest distance from a node to its nearest neighbour.
@@ -93,12 +93,12 @@ void refuse_beyond_memory(const ModelOptions& options, Index nodes) {
         {.fact = fmt::format("{} nodes with {:.0f} integration points need at least {:.1f} GB of "
                              "memory, and {:.1f} GB are available",
                              nodes, points, needed / 1e9, there / 1e9),
-         .where = options.grid.count > 0 ? "node cloud and integration grid; --nodes and --points"
-                                         : "node cloud and integration grid; --nodes",
-         .why =
-             fmt::format("each point needs about {:.1f} kB while supports are found", bytes_per_point / 1e3),
-         .remedy = "ask for fewer nodes (--nodes, or a larger --spacing) or points (--points), or "
-                   "use a machine with more memory",
+         .where = options.grid.count > 0 ? "nodes and integration grid; --nodes and --points"
+                                         : "nodes and integration grid; --nodes",
+         .why = fmt::format("each point needs about {:.1f} kB during the search for supports",
+                            bytes_per_point / 1e3),
+         .remedy = "use fewer nodes (--nodes, or a larger --spacing) or points (--points), or use a machine "
+                   "with more memory",
          .code = "memory"});
 }
 
@@ -168,7 +168,7 @@ void refuse_without_base_or_on_it(const Boundary& boundary, const NodeCloud& clo
                                   const Discretisation& places) {
   if (places.base.empty())
     throw ModelError(
-        {.fact = "no node lies on the base",
+        {.fact = "no node is on the base",
          .where = "fixed base",
          .why = fmt::format("there is no surface node within {:.2f} mm of the base's lowest point",
                             boundary.base_depth),
@@ -177,9 +177,9 @@ void refuse_without_base_or_on_it(const Boundary& boundary, const NodeCloud& clo
     const Vec3 x = cloud.X.col(a);
     if (boundary.lowest - x.dot(boundary.down) <= boundary.base_depth)
       throw ModelError(
-          {.fact = "the tool's circle lies on the fixed base",
-           .where = "fixed base and tool circle",
-           .why = fmt::format("a node of the circle is within {:.2f} mm of the base's lowest point{}",
+          {.fact = "the contact patch overlaps the fixed base",
+           .where = "fixed base and contact patch",
+           .why = fmt::format("a node of the contact patch is within {:.2f} mm of the base's lowest point{}",
                               boundary.base_depth,
                               boundary.push.dot(boundary.down) < 0.0
                                   ? ", and the tool moves away from the base: its direction may have the "

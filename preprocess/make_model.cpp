@@ -32,8 +32,8 @@ void refuse_too_many_grown(const Model& model) {
                            support.grown, model.point_count(), 100.0 * share, support.largest_growth),
        .where = fmt::format("support domains; fewest nodes, {}, at ({:.2f}, {:.2f}, {:.2f}) mm",
                             support.fewest, x.x(), x.y(), x.z()),
-       .why = "the body is thinner than the node spacing, or its nodes lie nearly in a plane",
-       .remedy = "ask for more nodes (--nodes) or a smaller --spacing",
+       .why = "the body is thinner than the node spacing, or its nodes are nearly in a plane",
+       .remedy = "use more nodes (--nodes) or a smaller --spacing",
        .code = "supports"});
 }
 

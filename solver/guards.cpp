@@ -84,7 +84,7 @@ std::vector<Finding> check_model(const Model& model, const SupportReport& suppor
     throw ModelError({.fact = text("gradients of linear fields are wrong by ", support.linear_error),
                       .where = at(support.worst_pivot_at),
                       .why = text("a moment matrix is nearly singular (pivot ratio ",
-                                  support.worst_pivot_ratio, "): the nodes around lie nearly in a plane"),
+                                  support.worst_pivot_ratio, "): the nodes around it are nearly in a plane"),
                       .remedy = "raise support.radius_factor, or use more nodes (--nodes)",
                       .code = "conditioning"});
   if (support.worst_pivot_ratio < poor_pivot || support.linear_error > linear_noise)
@@ -92,7 +92,7 @@ std::vector<Finding> check_model(const Model& model, const SupportReport& suppor
         {{.fact = text("a moment matrix is badly conditioned: pivot ratio ", support.worst_pivot_ratio,
                        ", linear fields within ", support.linear_error),
           .where = at(support.worst_pivot_at),
-          .why = "the nodes around it lie nearly in a plane or on a line",
+          .why = "the nodes around it are nearly in a plane or on a line",
           .remedy = "raise support.radius_factor, or use more nodes (--nodes)",
           .code = "conditioning"},
          support.worst_pivot_ratio});
@@ -102,8 +102,8 @@ std::vector<Finding> check_model(const Model& model, const SupportReport& suppor
         {{.fact = text(support.grown, " supports had to be enlarged, by up to ", support.largest_growth,
                        ", to hold enough nodes: ", percent(share), " of the points"),
           .where = at(support.fewest_at),
-          .why = text("the cloud is sparse, or thin beside its supports; one point has ", support.fewest,
-                      " nodes"),
+          .why = text("the nodes are sparse, or the body is thin compared with its supports; one point has ",
+                      support.fewest, " nodes"),
           .remedy = "raise support.radius_factor, or use more nodes (--nodes)",
           .code = "supports"},
          share});
@@ -115,14 +115,13 @@ std::vector<Finding> check_model(const Model& model, const SupportReport& suppor
   const double error = 0.04 * std::pow(99.0 / std::max(nodes, 1.0), 1.6) * (0.25 + 0.75 * deep * deep);
   if (error > accuracy)
     findings.push_back(
-        {{.fact = text("only ", nodes, " nodes lie under the circle: the force may be off by ",
+        {{.fact = text("only ", nodes, " nodes are under the contact patch: the force may be off by ",
                        error < 0.5 ? "about " + percent(error) : "half or more"),
-          .where = text("circle at ", in_mm(model.tool.centre), ", ", 2e3 * model.tool.radius,
+          .where = text("contact patch at ", in_mm(model.tool.centre), ", ", 2e3 * model.tool.radius,
                         " mm across, to a depth of ", 1e3 * depth, " mm"),
-          .why = "with as many nodes the force on the verification block, which is known, was that far off",
-          .remedy =
-              text("use more nodes (--nodes) or a finer rim; for ", percent(accuracy), " it takes about ",
-                   std::ceil(nodes * std::pow(error / accuracy, 1.0 / 1.6)), " nodes there"),
+          .why = "on the verification block this number of nodes gives such an error",
+          .remedy = text("use more nodes (--nodes) or a finer --rim; for ", percent(accuracy), " use about ",
+                         std::ceil(nodes * std::pow(error / accuracy, 1.0 / 1.6)), " nodes there"),
           .code = "circle-nodes"},
          nodes});
   return findings;
@@ -155,16 +154,15 @@ void Guards::check_sweep(const ForceSystem::Sweep& sweep, const Moment& now) con
   const std::string where =
       moment(now) + text("; point at rest at ", in_mm(model_.point.col(std::max<Index>(sweep.point, 0))));
   if (!std::isfinite(sweep.J_min))
-    throw SolveError(
-        {.fact = text("the displacement is no longer a number at integration point ", sweep.point),
-         .where = where,
-         .why = "the time step was too long, or the load more than this cloud can follow",
-         .remedy = "use a smaller solver.safety, more nodes (--nodes), or a smaller --depth",
-         .code = "non-finite"});
+    throw SolveError({.fact = text("the displacement is not finite at integration point ", sweep.point),
+                      .where = where,
+                      .why = "the time step is too long, or the load too large for these nodes",
+                      .remedy = "use a smaller solver.safety, more nodes (--nodes), or a smaller --depth",
+                      .code = "non-finite"});
   throw SolveError(
       {.fact = text("the tissue was inverted: det F = ", sweep.J_min, " at integration point ", sweep.point),
        .where = where,
-       .why = "the load is more than this cloud can follow, or the time step was too long",
+       .why = "the load is too large for these nodes, or the time step too long",
        .remedy = "use more nodes (--nodes), a smaller --depth, or a smaller solver.safety",
        .code = "inverted"});
 }
@@ -172,9 +170,9 @@ void Guards::check_sweep(const ForceSystem::Sweep& sweep, const Moment& now) con
 void Guards::check_nodes(const Nodal& u, const Nodal& f, const Moment& now) const {
   if (on_ && now.depth >= beneath_)
     throw SolveError({.fact = text("the tool has passed the far side of the body, ", 1e3 * beneath_,
-                                   " mm beneath the circle: what lies between is inverted"),
+                                   " mm beneath the contact patch: the tissue between is inverted"),
                       .where = moment(now),
-                      .why = "the load is deeper than the body; integration points need not see it",
+                      .why = "the depth exceeds the body's thickness; integration points may not show it",
                       .remedy = "use a smaller --depth",
                       .code = "inverted"});
   if (!on_ || (std::isfinite(u.sum()) && std::isfinite(f.sum()))) return;
@@ -182,9 +180,9 @@ void Guards::check_nodes(const Nodal& u, const Nodal& f, const Moment& now) cons
     for (int i = 0; i < 3; ++i)
       if (!std::isfinite(u(i, a)) || !std::isfinite(f(i, a)))
         throw SolveError({.fact = text("the ", std::isfinite(u(i, a)) ? "force on" : "displacement of",
-                                       " node ", a, " along ", "xyz"[i], " is no longer a number"),
+                                       " node ", a, " along ", "xyz"[i], " is not finite"),
                           .where = moment(now) + text("; node at rest at ", in_mm(model_.X.col(a))),
-                          .why = "the time step was too long, or the load more than this cloud can follow",
+                          .why = "the time step is too long, or the load too large for these nodes",
                           .remedy = "use a smaller solver.safety, more nodes (--nodes), or a smaller --depth",
                           .code = "non-finite"});
 }
@@ -196,9 +194,9 @@ Finding without_stress(Index count, Index of, double share, double J_min, const 
       {.fact = text(count, " of ", of, " integration points ", count == 1 ? "has" : "have", " det F below ",
                     least_J_of_stress, ", ", percent(share), " of the volume; smallest det F ", J_min),
        .where = where,
-       .why = "the strain at a sharp rim is unbounded, and the material law holds for no such strain",
-       .remedy = "keep the force; stresses are not a number at these points, and more nodes or a smaller "
-                 "--depth leave fewer",
+       .why = "the strain at a sharp edge is unbounded, beyond the range of the material law",
+       .remedy = "keep the force; stresses are not finite at these points; more nodes or a smaller --depth "
+                 "reduce their number",
        .code = no_stress},
       static_cast<double>(count),
       share < inverted_minor};
@@ -211,8 +209,9 @@ Report of_inverted(Index inverted, double share, const ForceSystem::Sweep& sweep
                        inverted == 1 ? "is" : "are", " inverted, ", percent(share),
                        " of the volume; smallest det F ", sweep.J_min),
           .where = moment(now) + text("; worst point at rest at ", in_mm(x), ", ",
-                                      1e3 * (x - model.tool.centre).norm(), " mm from the circle's centre"),
-          .why = "the strain at a sharp rim is unbounded; the force is unaffected by so small a volume",
+                                      1e3 * (x - model.tool.centre).norm(),
+                                      " mm from the centre of the contact patch"),
+          .why = "the strain at a sharp edge is unbounded; so small a volume does not affect the force",
           .remedy = text("keep the force; no stress is given where det F is below ", least_J_of_stress),
           .code = "inverted"};
 }
@@ -248,7 +247,7 @@ void Guards::check_points(const ForceSystem::Sweep& sweep, const Moment& now) {
   if (const double share = inverted_volume / whole; inverted > 0) {
     Report report = of_inverted(inverted, share, sweep, model_, now);
     if (share > inverted_wrong) {
-      report.why = "the load is more than this cloud can follow: the sharp rim alone inverts less";
+      report.why = "the load is too large for these nodes: the sharp edge alone inverts less";
       report.remedy =
           "use more nodes (--nodes), shorter steps of the load (--set solver.step_radii=0.05), or a smaller "
           "--depth";
@@ -262,11 +261,11 @@ void Guards::check_points(const ForceSystem::Sweep& sweep, const Moment& now) {
     find(without_stress(crushed, model_.point_count(), crushed_volume / whole, sweep.J_min, moment(now)));
   if (const double share = far_volume / whole; share > volume_poor) {
     Report report = {
-        .fact = text("nearly incompressible tissue changed its volume by more than ", percent(far_from_1),
+        .fact = text("nearly incompressible tissue changes its volume by more than ", percent(far_from_1),
                      " at ", far, " points, ", percent(share), " of the volume; most at one: det F ",
                      1.0 + forces_.dilation(furthest)),
         .where = moment(now) + text("; that point at rest at ", in_mm(model_.point.col(furthest))),
-        .why = "the cloud is too coarse there to bend at constant volume",
+        .why = "the nodes are too coarse there for bending at constant volume",
         .remedy = "use more nodes (--nodes), a smaller --depth, or weaker loads where they bend it",
         .code = "volume"};
     if (share > volume_wrong) throw SolveError(report);
@@ -277,9 +276,9 @@ void Guards::check_points(const ForceSystem::Sweep& sweep, const Moment& now) {
 void Guards::check_energy(const EnergySample& e, double largest_external, double duration, bool conserves,
                           const Moment& now, bool warns_alone) {
   if (!std::isfinite(e.kinetic) || !std::isfinite(e.stored))
-    throw SolveError({.fact = "the energy is no longer a number",
+    throw SolveError({.fact = "the energy is not finite",
                       .where = moment(now),
-                      .why = "the time integration became unstable",
+                      .why = "the time integration is unstable",
                       .remedy = "use a smaller solver.safety, for instance --set solver.safety=0.6",
                       .code = "non-finite"});
   // The printed stress has no energy; the dissipation of viscoelastic tissue is not computed.
@@ -287,13 +286,16 @@ void Guards::check_energy(const EnergySample& e, double largest_external, double
     const double error = e.error(), scale = largest_external;
     const bool gain = error < 0.0;
     Report report = {
-        .fact = text(gain ? "energy appeared from nowhere" : "energy was lost", ": the tool did ",
-                     1e6 * e.external, " uJ of work, the tissue holds ", 1e6 * (e.kinetic + e.stored), " uJ",
-                     e.dissipated != 0.0 ? text(", and ", 1e6 * e.dissipated, " uJ went as heat") : ""),
+        .fact = text(
+            gain ? "energy balance violated (energy gained)" : "energy balance violated (energy lost)",
+            ": the tool did ", 1e6 * e.external, " uJ of work, the tissue holds ",
+            1e6 * (e.kinetic + e.stored), " uJ",
+            e.dissipated != 0.0 ? text(", and ", 1e6 * e.dissipated, " uJ was dissipated by friction") : ""),
         .where = moment(now),
-        .why = now.dt_stable > 0.0
-                   ? "the time integration became unstable"
-                   : "the steps are too long to follow the path, or the tissue gave way between two",
+        .why =
+            now.dt_stable > 0.0
+                ? "the time integration is unstable"
+                : "the steps are too long to follow the path, or the tissue passed a limit point between two",
         .remedy = now.dt_stable > 0.0 ? "use a smaller solver.safety, for instance --set solver.safety=0.6"
                                       : "use shorter steps: --set solver.step_radii=0.05",
         .code = "energy"};
@@ -344,10 +346,10 @@ void Guards::check_smooth(const std::vector<double>& force, double largest, doub
 
 void Guards::check_kinetic(double kinetic, double external, const Moment& now) const {
   if (!on_ || forces_.system().as_printed() || kinetic <= 1.5 * external + energy_floor) return;
-  throw SolveError({.fact = text("energy appeared from nowhere: the tool did ", 1e6 * external,
-                                 " uJ of work, the motion alone holds ", 1e6 * kinetic, " uJ"),
+  throw SolveError({.fact = text("energy balance violated: the tool did ", 1e6 * external,
+                                 " uJ of work, the kinetic energy alone is ", 1e6 * kinetic, " uJ"),
                     .where = moment(now),
-                    .why = "the time integration became unstable",
+                    .why = "the time integration is unstable",
                     .remedy = "use a smaller solver.safety, for instance --set solver.safety=0.6",
                     .code = "energy"});
 }
@@ -355,10 +357,10 @@ void Guards::check_kinetic(double kinetic, double external, const Moment& now) c
 void Guards::check_hourglass(double hourglass, double stored, const Moment& now) {
   if (!on_ || !(stored > energy_floor) || hourglass <= hourglass_poor * stored) return;
   find({{.fact = text(percent(hourglass / stored),
-                      " of the stored energy is in modes that the cells' mean gradients do not see"),
+                      " of the stored energy is in modes that the cells' mean gradients do not resolve"),
          .where = moment(now),
-         .why = "displacements vary within a cell as much as from cell to cell: the cloud is too coarse "
-                "for this load",
+         .why = "displacements vary within a cell as much as from cell to cell: the nodes are too coarse for "
+                "this load",
          .remedy = "use more nodes (--nodes) or more points (--set grid.ratio)",
          .code = "hourglass"},
         hourglass / stored});
@@ -392,10 +394,10 @@ void Guards::check_fluctuation(const Nodal& u, const Moment& now) {
   const double share = energy / std::max(stored, 1e-300);
   if (share <= fluctuation_poor) return;
   Report report = {
-      .fact = text("what nodes move besides what integration points see of it would hold ", share,
+      .fact = text("nodal displacements that integration points do not resolve would hold ", share,
                    " times the stored energy"),
       .where = moment(now),
-      .why = "too few points, or too wide supports, leave modes that nothing resists: the force is too low",
+      .why = "too few points or too wide supports leave modes without stiffness: the force is too low",
       .remedy =
           "use more points (--set grid.ratio=4.5), supports of 1.8 spacings or less, more nodes (--nodes), "
           "or "
@@ -436,23 +438,20 @@ void Guards::check_contact(const TouchingTool::Audit& audit, double most, const 
                            const Moment& now) {
   if (audit.beyond > most)
     throw SolveError(
-        {.fact = text("the tool has come ", 1e3 * audit.beyond,
-                      " mm into a part of the surface on which no contact is looked for"),
+        {.fact = text("the tool penetrates ", 1e3 * audit.beyond,
+                      " mm into a part of the surface without contact points"),
          .where =
              moment(now) + text("; that part at rest at ", in_mm(touch.surface.beyond.col(audit.beyond_at))),
-         .why =
-             "contact is looked for near the tool's axis, to half its radius or the depth beyond it, on what "
-             "faces the tool: it has "
-             "passed through thin tissue, or reached the base or a fold beside it, or was moved or turned to "
-             "where "
-             "none is looked for",
+         .why = "contact points are near the tool's axis, to half its radius or the depth beyond it, on "
+                "surface that faces the tool: the tool has passed through thin tissue, reached the base or a "
+                "fold, or was moved or turned beyond them",
          .remedy = "use a smaller --depth, a smaller tool, or a place further from folds and edges "
                    "(--indent-at)",
          .code = "contact-surface"});
   if (!on_ || audit.penetration <= most) return;
   const double off = now.depth > 0.0 ? off_by_penetration(audit.penetration, now.depth) : 0.0;
-  Report report = {.fact = text("the body's surface reaches ", fixed(1e3 * audit.penetration, 4),
-                                " mm into the tool between the places where contact is enforced"),
+  Report report = {.fact = text("the body's surface penetrates ", fixed(1e3 * audit.penetration, 4),
+                                " mm into the tool between contact points"),
                    .where = moment(now),
                    .why = text("the nodes under the tool are too far apart for its shape",
                                now.depth > 0.0 ? text("; the force may be off by up to ", percent(off)) : ""),
@@ -469,7 +468,8 @@ void Guards::check_contact(const TouchingTool::Audit& audit, double most, const 
       audit.penetration > 2.0 * before->worst) {
     report.why = text("it was ", fixed(1e3 * before->worst, 4),
                       " mm before: without friction the surface has folded at an edge of the tool");
-    report.remedy = "let the tool rub (--friction 0.3, or stick), round its edge, or use a smaller --depth";
+    report.remedy =
+        "use friction (--friction 0.3, or stick), round the tool's edge, or use a smaller --depth";
   }
   throw SolveError(report);
 }
@@ -487,9 +487,8 @@ void Guards::check_wall(const Touch& wall, double penetration, bool touches, con
   const bool is_tool = wall.is_tool;
   if (!on_ || penetration <= (is_tool ? most_penetration * wall.shape.radius : wall_poor * spacing)) return;
   const Report report = {
-      .fact =
-          text("the body's surface reaches ", fixed(1e3 * penetration, is_tool ? 4 : 2), " mm into the ",
-               is_tool ? "tool" : "wall", " '", wall.name, "' between the places where contact is enforced"),
+      .fact = text("the body's surface penetrates ", fixed(1e3 * penetration, is_tool ? 4 : 2),
+                   " mm into the ", is_tool ? "tool" : "wall", " '", wall.name, "' between contact points"),
       .where = moment(now),
       .why = text("nodes are ", fixed(1e3 * spacing, 1),
                   " mm apart there, and the load bends the surface between them"),
@@ -510,19 +509,17 @@ void Guards::found_limit_point(const Nodal& jump, double way, bool folds_touch, 
       std::any_of(findings_.begin(), findings_.end(),
                   [](const Finding& f) { return f.report.code == "limit-point"; }))
     return;
-  find({{.fact = text("the tissue gave way at ", fixed(1e3 * now.depth, 2), " mm: a node moved by ",
-                      fixed(1e3 * largest, largest < 1e-5 ? 6 : 2), " mm while the tool moved by ",
-                      fixed(1e3 * way, 2), " mm, and ", (size.array() > way).count(), " of ", size.size(),
-                      " nodes by more than the tool"),
+  find({{.fact = text("the tissue passed a limit point at ", fixed(1e3 * now.depth, 2),
+                      " mm: a node moved by ", fixed(1e3 * largest, largest < 1e-5 ? 6 : 2),
+                      " mm while the tool moved by ", fixed(1e3 * way, 2), " mm, and ",
+                      (size.array() > way).count(), " of ", size.size(), " nodes by more than the tool"),
          .where = moment(now) + "; " + place_of(model_, furthest),
-         .why =
-             text("the path of equilibria has a limit point there: a wall buckled or a fold rolled over. The "
-                  "force beyond is that of the equilibrium in which the tissue came to rest",
-                  folds_touch ? "" : "; its folds pass through each other (--self-contact)"),
-         .remedy =
-             text("trust the curve to ", fixed(1e3 * (now.depth - way), 2),
-                  " mm; beyond, put the circle further from folds and edges (--indent-at), or follow the "
-                  "motion of a bonded circle with --time explicit"),
+         .why = text("the path of equilibria has a limit point there: a wall buckled or a fold rolled over. "
+                     "The force beyond is that of the equilibrium found there",
+                     folds_touch ? "" : "; its folds pass through each other (--self-contact)"),
+         .remedy = text("trust the curve to ", fixed(1e3 * (now.depth - way), 2),
+                        " mm; beyond, move the tool further from folds and edges (--indent-at), or use the "
+                        "bonded indenter with --time explicit"),
          .code = "limit-point"},
         1e3 * largest});
 }
@@ -534,17 +531,15 @@ void Guards::found_lost_contact(const Nodal& jump, double way, const Moment& now
       std::any_of(findings_.begin(), findings_.end(),
                   [](const Finding& f) { return f.report.code == "tool-left"; }))
     return;
-  find(
-      {{.fact = text("the tool has left the body, and a node sprang back by ", fixed(1e3 * largest, 2),
-                     " mm while the tool moved by ", fixed(1e3 * way, 2), " mm"),
-        .where = moment(now) + "; " + place_of(model_, furthest),
-        .why =
-            "no equilibrium was found any more in which they touch, as where a tool slides off an edge; the "
-            "body at rest is one, and what it held went as heat",
-        .remedy = "trust the curve to the depth before; for the moment at which it leaves take shorter steps "
-                  "(--set solver.step_radii=0.02)",
-        .code = "tool-left"},
-       1e3 * largest});
+  find({{.fact = text("the tool has lost contact, and a node sprang back by ", fixed(1e3 * largest, 2),
+                      " mm while the tool moved by ", fixed(1e3 * way, 2), " mm"),
+         .where = moment(now) + "; " + place_of(model_, furthest),
+         .why = "no equilibrium in contact was found, as when a tool slides off an edge; the body at rest is "
+                "one, and its stored energy was dissipated",
+         .remedy = "trust the curve to the depth before; to resolve the loss of contact use shorter steps "
+                   "(--set solver.step_radii=0.02)",
+         .code = "tool-left"},
+        1e3 * largest});
 }
 
 void Guards::check_step(const Moment& now) const {
@@ -552,8 +547,9 @@ void Guards::check_step(const Moment& now) const {
   throw SolveError({.fact = text("the time step of ", 1e6 * now.dt, " us is above the stable one of ",
                                  1e6 * now.dt_stable, " us"),
                     .where = moment(now),
-                    .why = now.depth > 0.0 ? "compressed tissue has a shorter one than at the last frame"
-                                           : "it was asked for",
+                    .why = now.depth > 0.0
+                               ? "compressed tissue has a shorter stable step than at the last frame"
+                               : "it was requested",
                     .remedy = "use a solver.safety below 1, for instance 0.9, or more frames (--frames)",
                     .code = "time-step"});
 }
@@ -564,7 +560,7 @@ std::string place_of(const Model& model, Index node) {
 
 SolveError after_retries(const SolveError& error, const std::string& what) {
   Report report = error.report;
-  report.why += text("; it came again after ", most_retries, " retries, with ", what);
+  report.why += text("; it recurred after ", most_retries, " retries, with ", what);
   return SolveError(report);
 }
 

@@ -381,7 +381,7 @@ Material mooney_rivlin_from(const MaterialNumbers& m) {
   const double c10 = 0.5 * m.mu_Pa - m.mooney_c01_Pa;
   if (c10 < 0.0)
     refuse_numbers(text("c01 is ", m.mooney_c01_Pa, " Pa, more than mu/2, ", 0.5 * m.mu_Pa, " Pa"),
-                   "c10 = mu/2 - c01 would be negative, and the tissue would give way by itself",
+                   "c10 = mu/2 - c01 would be negative, and the tissue would be unstable",
                    "give a smaller material.mooney_c01_Pa or a larger --mu");
   return mooney_rivlin(c10, m.mooney_c01_Pa, m.nu, m.density_kg_per_m3);
 }
@@ -422,7 +422,7 @@ Material material_from(const MaterialNumbers& m, bool as_printed) {
   if (as_printed && !is_as_printed(result))
     throw UsageError({.fact = "the printed stress is of a neo-Hookean tissue",
                       .where = "--stress printed (material.stress)",
-                      .why = text("another law is asked for, ", words_of(result).title),
+                      .why = text("another law is requested, ", words_of(result).title),
                       .remedy = "leave --stress out, or the preset and the other law's numbers"});
   set_prony(m, result);
   return result;

@@ -30,11 +30,12 @@ Session::Parts::Parts(Model m, std::vector<Material> materials, const SessionOpt
       untouched(system->past()) {
   if (options.touch) {
     if (!model.circle.empty())
-      throw SolveError({.fact = "the model has nodes of a circle, which would hold the tissue under the tool",
-                        .where = "Session",
-                        .why = "a tool that touches presses on the surface of a model without them",
-                        .remedy = "build the model with boundary.contact_radius_mm, or leave the tool out",
-                        .code = "no-live"});
+      throw SolveError(
+          {.fact = "the model has nodes of a bonded patch, which would hold the tissue under the tool",
+           .where = "Session",
+           .why = "a contacting tool needs a model without them",
+           .remedy = "build the model with boundary.contact_radius_mm, or leave the tool out",
+           .code = "no-live"});
     tool.centre = options.touch->pose.tip;
     tool.radius = options.touch->shape.radius;
     longest_tool = options.touch->shape.length;
@@ -53,16 +54,15 @@ Session::Parts::Parts(Model m, std::vector<Material> materials, const SessionOpt
 void Session::Parts::require_curve_of_equilibria() const {
   const bool rubs = options.touch->friction > 0.0;
   if (!rubs && !system->viscoelastic() && relax.has_mixed()) return;
-  throw SolveError({.fact = rubs ? "a tool that rubs cannot be followed"
-                                 : "this tissue cannot be followed under a tool that touches",
+  throw SolveError({.fact = rubs ? "a live tool has no friction"
+                                 : "a live contacting tool cannot be used with this tissue",
                     .where = "Session",
-                    .why = rubs ? "with friction its force depends on the way that it took"
+                    .why = rubs ? "with friction its force depends on its path"
                            : system->viscoelastic()
-                               ? "tissue that relaxes goes on moving where the tool has left it"
-                               : "its contact is found with patches that hold the volume",
-                    .remedy = "take a tool without friction, elastic tissue, the scheme 'converging' and a "
-                              "Poisson's ratio above "
-                              "0.3, or the circle",
+                               ? "tissue that relaxes continues to move after the tool has left"
+                               : "its contact needs pressure patches",
+                    .remedy = "use a tool without friction, elastic tissue, the scheme 'converging' and a "
+                              "Poisson's ratio above 0.3, or the bonded indenter",
                     .code = "no-live"});
 }
 
@@ -218,8 +218,8 @@ void Session::Parts::find_force() {
   if (sweep.ok() && sweep.J_min > 0.0) return;
   throw SolveError({.fact = text("det F is ", sweep.J_min, " at integration point ", sweep.point),
                     .where = text("Session::step, ", 1e3 * depth, " mm"),
-                    .why = "the move is faster or deeper than this cloud can follow",
-                    .remedy = "move less far or slower, or take more nodes",
+                    .why = "the move is too fast or too deep for these nodes",
+                    .remedy = "move less far or slower, or use more nodes",
                     .code = "time-step"});
 }
 
@@ -228,14 +228,13 @@ std::int64_t Session::Parts::count_steps(double dt) {
   const double stable = live_constants.safety * stable_time_step(*system, model.mass, u).dt;
   const double needed = std::max(1.0, std::ceil(dt / stable));
   if (!(needed <= static_cast<double>(options.steps)))
-    throw SolveError({.fact = text("a move of ", dt, " s takes ", needed, " stable steps"),
-                      .where = text("Session::step, ", 1e3 * depth, " mm"),
-                      .why = text("at most ", options.steps,
-                                  " are taken at once (SessionOptions::steps); the "
-                                  "stable step is ",
-                                  stable, " s"),
-                      .remedy = "move in parts, or call equilibrate(), which does not follow waves",
-                      .code = "time-step"});
+    throw SolveError(
+        {.fact = text("a move of ", dt, " s takes ", needed, " stable steps"),
+         .where = text("Session::step, ", 1e3 * depth, " mm"),
+         .why = text("at most ", options.steps,
+                     " are allowed at once (SessionOptions::steps); the stable step is ", stable, " s"),
+         .remedy = "move in parts, or call equilibrate(), which has no inertia",
+         .code = "time-step"});
   return static_cast<std::int64_t>(needed);
 }
 
@@ -280,10 +279,10 @@ LiveFrame Session::follow(double depth, const FrameLimit& limit, double dt) {
     throw std::invalid_argument("Session::follow: the depth must be a number, and the limit positive");
   if (!p.relax.has_mixed())
     throw SolveError(
-        {.fact = "this scheme or material cannot be followed in bounded time",
+        {.fact = "this scheme or material has no solution in bounded time",
          .where = "Session::follow",
-         .why = "its equilibria are found by hundreds of evaluations of the force",
-         .remedy = "take the scheme 'converging' and a Poisson's ratio above 0.3, or call equilibrate()",
+         .why = "each of its equilibria needs hundreds of force evaluations",
+         .remedy = "use the scheme 'converging' and a Poisson's ratio above 0.3, or call equilibrate()",
          .code = "no-live"});
   return p.follow(depth, limit, dt);
 }
@@ -298,9 +297,9 @@ std::int64_t Session::step(double depth, double dt) {
   Parts& p = *parts_;
   if (!(dt > 0.0)) throw std::invalid_argument("Session::step: dt must be positive");
   if (p.options.touch)
-    throw SolveError({.fact = "a tool that touches is not followed with inertia",
+    throw SolveError({.fact = "a contacting tool is not modelled with inertia",
                       .where = "Session::step",
-                      .why = "its contact is solved for in equilibrium",
+                      .why = "its contact is solved in equilibrium",
                       .remedy = "call equilibrate() or follow()",
                       .code = "no-live"});
   return p.step(depth, dt);
@@ -315,8 +314,8 @@ void Session::go_on_from(const Session& before, const Points& u, const std::vect
   if (p.system->viscoelastic())
     throw SolveError({.fact = "tissue that relaxes is not cut while a tool is moved by hand",
                       .where = "Session::go_on_from",
-                      .why = "what each point remembers is not carried over",
-                      .remedy = "take elastic tissue",
+                      .why = "the history of each point is not carried over",
+                      .remedy = "use elastic tissue",
                       .code = "no-live"});
   p.go_on_from(was, u, of_patch);
 }

@@ -52,9 +52,9 @@ void refuse_touch(TimeMode mode, const ForceSystem& tissue, const Model& model) 
                          ? "a scheme or a tissue without patches of pressure"
                          : nullptr;
   if (!what) return;
-  throw SolveError({.fact = text("a tool that touches is asked for together with ", what),
+  throw SolveError({.fact = text("a contacting tool is requested together with ", what),
                     .where = text("time ", name_of(mode), ", tool"),
-                    .why = "its contact is solved for in equilibrium, straight from the first touch",
+                    .why = "its contact is solved in equilibrium, straight from first contact",
                     .remedy = "leave out one of the two",
                     .code = "touch"});
 }
@@ -75,27 +75,25 @@ void solve(TimeMode mode, const ForceSystem& tissue, const Model& model, const L
            const SolverOptions& options, const Observer& observer, History& history, const MarchState* from,
            ScenePart* part) {
   if (!loading.steps.empty() && mode != TimeMode::quasi_static)
-    throw SolveError(
-        {.fact = "a scene of steps is asked for with inertia",
-         .where = text("time ", name_of(mode)),
-         .why = "steps go from equilibrium to equilibrium; where the tool turned a corner with inertia, "
-                "its nodes would change their speed at once",
-         .remedy = "march it quasi-statically (--time quasi-static)",
-         .code = "steps"});
+    throw SolveError({.fact = "a scene of steps is requested with inertia",
+                      .where = text("time ", name_of(mode)),
+                      .why = "steps go from equilibrium to equilibrium; with inertia its nodes would change "
+                             "their speed instantly at a corner of the path",
+                      .remedy = "march it quasi-statically (--time quasi-static)",
+                      .code = "steps"});
   if (loading.touch) refuse_touch(mode, tissue, model);
   if (loading.folds && (mode != TimeMode::quasi_static || !MixedIteration::serves(tissue, model)))
-    throw SolveError({.fact = "folds are to touch, in a march or a scheme that does not look for contact",
+    throw SolveError({.fact = "contact between folds is requested in a march or a scheme without contact",
                       .where = text("time ", name_of(mode)),
-                      .why = "their contact is solved for in equilibrium, with the patches' pressures",
-                      .remedy = "march quasi-statically with the converging scheme, or let folds pass",
+                      .why = "their contact is solved in equilibrium, with the patches' pressures",
+                      .remedy = "march quasi-statically with the converging scheme, or turn self-contact off",
                       .code = "folds"});
   if (!loading.walls.empty() && (mode != TimeMode::quasi_static || !MixedIteration::serves(tissue, model)))
-    throw SolveError(
-        {.fact = "walls stand beside the body, in a march or a scheme that does not look for contact",
-         .where = text("time ", name_of(mode)),
-         .why = "their contact is solved for in equilibrium, with the patches' pressures",
-         .remedy = "march quasi-statically with the converging scheme, or leave the walls out",
-         .code = "walls"});
+    throw SolveError({.fact = "walls are given in a march or a scheme without contact",
+                      .where = text("time ", name_of(mode)),
+                      .why = "their contact is solved in equilibrium, with the patches' pressures",
+                      .remedy = "march quasi-statically with the converging scheme, or leave the walls out",
+                      .code = "walls"});
   try {
     const std::unique_ptr<System> system =
         make_system(tissue, model, loading.contact, loading.further, loading.loads, options.tolerance,

@@ -306,9 +306,9 @@ Rest come_to_rest(System& system, double tolerance) {
       part *= 0.5;
       if (part >= smallest_part && (sweeps() < most_in_all || !relax.has_mixed())) continue;
       Report report = error.report;
-      report.fact =
-          text("the body does not carry its loads: ", report.fact, "; the tolerance is ", tolerance);
-      report.where = text("before the tool touches, at ", percent(share), " of its loads; ", report.where);
+      report.fact = text("the body is not in equilibrium under its loads: ", report.fact,
+                         "; the tolerance is ", tolerance);
+      report.where = text("before first contact, at ", percent(share), " of its loads; ", report.where);
       report.remedy =
           "lower the loads, raise the stiffness, hold more of the body, or accept more unbalanced force, for "
           "instance --set solver.tolerance=1e-3";

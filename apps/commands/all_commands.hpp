@@ -36,24 +36,22 @@ struct WholeCommand {
 
 namespace whole {
 inline constexpr WholeCommand poke = {
-    "poke", "a live organ: press the tool into it with the mouse, a script or a device, and feel the force"};
+    "poke", "a live organ: press the tool into it with the mouse, a script or a haptic device"};
 inline constexpr WholeCommand batch = {"batch", "a run for each row of a table, several at once"};
 inline constexpr WholeCommand collect = {"collect", "one table and one page of all runs in a folder"};
-inline constexpr WholeCommand compare = {
-    "compare",
-    "show two finished runs beside each other: forces with their bands, and what differs in their options "
-    "(a measured curve is for `run --compare`)"};
+inline constexpr WholeCommand compare = {"compare",
+                                         "compare two finished runs: forces with error bounds, and differing "
+                                         "options (for a measured curve use `run --compare`)"};
 inline constexpr WholeCommand fit = {"fit",
-                                     "the tissue's modulus from a measured force curve, with its band"};
+                                     "the tissue's modulus from a measured force curve, with error bounds"};
 inline constexpr WholeCommand shift = {
     "shift", "brain shift after a craniotomy: where the skull is open and fluid is lost"};
 inline constexpr WholeCommand export_mesh = {
-    "export",
-    "write the scene for another program, as a mesh: CalculiX or FEBio; --nodes or --spacing say how fine"};
+    "export", "write the scene as a mesh for CalculiX or FEBio; --nodes or --spacing sets its size"};
 inline constexpr WholeCommand man = {"man", "print a manual page as roff: dimple man run | man -l -",
                                      "About the program"};
 inline constexpr WholeCommand completion = {
-    "completion", "print what a shell needs to complete commands and options", "About the program"};
+    "completion", "print a shell script that completes commands and options", "About the program"};
 }  // namespace whole
 
 inline CLI::App* add_to(CLI::App& app, const WholeCommand& command) {

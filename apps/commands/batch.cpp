@@ -89,7 +89,7 @@ std::size_t index_of(const Cohort& cohort, const std::string& id) {
 
 int run_one(const Cohort& cohort, const Description& of_all_rows, Invocation& shared, std::size_t index) {
   if (index > cohort.size())
-    throw UsageError({.fact = fmt::format("row {} is asked for, and the table has {}", index, cohort.size()),
+    throw UsageError({.fact = fmt::format("row {} is requested, and the table has {}", index, cohort.size()),
                       .where = "--index",
                       .why = "rows are counted from 1, without the header",
                       .remedy = fmt::format("give a number from 1 to {}", cohort.size())});
@@ -116,7 +116,7 @@ int run_all(const Cohort& cohort, const Description& of_all_rows, const Invocati
   else
     print_table(cohort, ends, whole.seconds(), shared.out);
   if (const StopReason why = stop_asked(); why != StopReason::none) {
-    print_error(fmt::format("dimple: {}; the same command goes on from there [{}]\n",
+    print_error(fmt::format("dimple: {}; the same command continues from there [{}]\n",
                             Stopped(why).report.fact, Stopped(why).report.code));
     return static_cast<int>(ExitCode::interrupted);
   }
@@ -139,12 +139,12 @@ Command add_batch(CLI::App& app, Invocation& shared) {
   command->add_option("-o,--out,--output", shared.out, "folder for the results: a folder in it for each id")
       ->required();
   command->add_flag("--force", shared.force,
-                    "replace what other options or another image have given; what the same have given stays");
+                    "replace results of other options or another image; results of the same are kept");
   command
       ->add_option("--index", options->index,
                    "only this row, the first is 1, in this process: for array jobs of a cluster")
       ->check(CLI::Range(std::size_t{1}, std::size_t{1000000000}));
-  command->add_option("--id", options->id, "only the row with this id, likewise: for workflow managers")
+  command->add_option("--id", options->id, "only the row with this id: for workflow managers")
       ->excludes("--index");
   command->add_option("--jobs", options->jobs, "rows at once [as many as threads allow on the cores]")
       ->check(CLI::Range(1, 256));

@@ -34,7 +34,7 @@ constexpr const char* bibtex = R"(@software{{dimple,
 Command add_cite(CLI::App& app, Invocation&) {
   const auto as_bibtex = std::make_shared<bool>(false);
   CLI::App* command =
-      app.add_subcommand("cite", "say how to cite the program and its method")->group("About the program");
+      app.add_subcommand("cite", "print how to cite the program and its method")->group("About the program");
   command->add_flag("--bibtex", *as_bibtex, "as BibTeX entries");
   return {command, [as_bibtex] {
             if (*as_bibtex)

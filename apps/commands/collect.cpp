@@ -33,7 +33,7 @@ std::vector<double> depths_in(const std::vector<std::string>& words) {
                .value = &depth,
                .most = 1000,
                .least_excluded = true,
-               .help = "where the force is wanted"},
+               .help = "depth at which to report the force"},
               word, flag);
     if (std::find(depths.begin(), depths.end(), depth) == depths.end()) depths.push_back(depth);
   }
@@ -49,7 +49,7 @@ void mark_changed(const Cohort& cohort, const fs::path& folder, std::vector<Coll
       if (change.empty()) continue;
       one.status = "changed";
       one.code = other_run;
-      one.fact = "the run in that folder is another one: " + change;
+      one.fact = "the run in that folder differs: " + change;
       one.remedy = "run the batch with --force, or give the table that it was run with";
       warn(fmt::format("{}: {}", one.id, one.fact));
     }
@@ -91,18 +91,17 @@ int perform(const Invocation& shared, const CollectArguments& options) {
 Command add_collect(CLI::App& app, Invocation& shared) {
   const auto options = std::make_shared<CollectArguments>();
   CLI::App* command = add_to(app, whole::collect);
-  command->add_option("FOLDER", options->folder, "which `dimple batch -o` has filled")->required();
+  command->add_option("FOLDER", options->folder, "written by `dimple batch -o`")->required();
   command->add_option("-o,--out,--output", shared.out, "CSV file for the table [printed]");
   command
       ->add_option("--depths", options->depths,
-                   "where the force is wanted besides at the end, for instance 2mm,4mm")
+                   "further depths at which to report the force, for instance 2mm,4mm")
       ->delimiter(',');
-  command->add_option(
-      "--cases", options->cases,
-      "the batch's CSV: cases that were never run, or whose row has changed since, are marked");
+  command->add_option("--cases", options->cases,
+                      "the batch's CSV: cases not run, or changed since, are marked");
   command->add_option("--page", options->page, "HTML page with a picture a case [index.html in the folder]");
   command->add_option("--bids", options->bids,
-                      "folder for the force curves and pictures once more, named as BIDS derivatives");
+                      "folder for copies of the force curves and pictures, named as BIDS derivatives");
   command->add_flag("-q,--quiet", shared.quiet, "errors only");
   add_time_limit(*command, shared);
   return {command, [&shared, options] { return perform(shared, *options); }};

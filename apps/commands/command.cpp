@@ -139,7 +139,7 @@ void add_common(CLI::App& command, Invocation& shared) {
   command.add_flag("-q,--quiet", shared.quiet, "errors only");
   command.add_flag("-v,--verbose", shared.verbose, "more detail");
   command.add_flag("--json", shared.json, "print the result as JSON on stdout");
-  command.add_option("--threads", shared.threads, "at most so many; results are the same [all]")
+  command.add_option("--threads", shared.threads, "largest number of threads; results are the same [all]")
       ->check(CLI::Range(1, 1024));
   add_time_limit(command, shared);
 }
@@ -147,17 +147,16 @@ void add_common(CLI::App& command, Invocation& shared) {
 void add_time_limit(CLI::App& command, Invocation& shared) {
   command
       .add_option("--time-limit", shared.time_limit,
-                  "end after this long as Ctrl-C does, with the best state so far and exit code 130, for "
+                  "end after this time, as Ctrl-C does, with the best state so far and exit code 130, for "
                   "instance 60s, 5min, 2h [none]")
       ->type_name("TIME");
 }
 
 void add_over_results(CLI::App& command, Invocation& shared, bool resumable) {
   CLI::Option* anew =
-      command.add_flag("--force", shared.force, "replace what an earlier run left in the folder");
+      command.add_flag("--force", shared.force, "replace the results of an earlier run in the folder");
   if (resumable)
-    command
-        .add_flag("--resume", shared.resume, "go on with a run that was stopped, from its last checkpoint")
+    command.add_flag("--resume", shared.resume, "continue a stopped run from its last checkpoint")
         ->excludes(anew);
 }
 

@@ -30,12 +30,12 @@ constexpr const char* footer = R"(Examples:
   dimple phantom brain.nrrd                make a swine-brain-sized image
   dimple run brain.nrrd -o out             from the image to the force curve
   dimple run brain.nrrd -o out --label left_hemisphere --depth 5mm
-  dimple run brain.nrrd -o out --resume    go on with a run that was stopped
+  dimple run brain.nrrd -o out --resume    continue a stopped run
   dimple fit brain.nrrd --curve a.csv -o out   the modulus of a measured curve
   dimple batch cases.csv -o out            one run for each row of a table
 Lengths are in mm, stresses in Pa, unless the number says otherwise (0.3kPa, 1cm). Positions are LPS.
-A word after -- is no option: dimple info -- -odd.nrrd
-Ctrl-C ends any command within 2 s, and so does --time-limit: what is on disk then is valid.
+Arguments after -- are not read as options: dimple info -- -odd.nrrd
+Ctrl-C ends any command within 2 s, and so does --time-limit: files on disk are then valid.
 Exit codes: 0 ok, 1 internal error, 2 command line or configuration, 3 input unreadable or unusable, 4 model could not be built, 5 solution failed, 6 results could not be written, 130 interrupted, or out of the time given by --time-limit.)";
 
 // Help as wide as the terminal, with only the common options unless all are requested.
@@ -104,30 +104,29 @@ const std::vector<NotModelled>& not_modelled() {
        "a force cannot be prescribed: the tool is pressed to a depth, and the force is computed",
        "--depth 2mm; read the depth at that force off force.csv"},
       {{"--tool", "--sphere", "--cone", "--indenter", "--indenter-shape", "--tool-shape"},
-       "a tool of another shape than the flat circle is an option of `dimple run`, `fit`, `places` and "
-       "`poke` alone: "
-       "--tool",
+       "only `dimple run`, `fit`, `places` and `poke` have a tool of another shape: --tool",
        fmt::format("dimple run IMAGE --tool {} or probe.stl", fmt::join(tool_examples(), ", "))},
       {{"--unload", "--unloading", "--retract", "--relax", "--hold"},
-       "a tool is held and lifted by steps of a scene, in equilibrium",
+       "steps of a scene hold and lift a tool, in equilibrium",
        "--set step.press.move=4mm --set step.hold.time=5s --set step.lift.move=-2mm, or `dimple poke IMAGE "
-       "--script PATH`, which follows a tool in and out"},
+       "--script PATH`, which moves a tool in and out"},
       {{"--adhesion", "--adhesive", "--stick", "--cohesion"},
-       "adhesion is not modelled: a tool that touches sticks while it is pressed, and does not pull",
-       "--friction stick under --tool; or the circle, which is bonded and pulls"},
+       "adhesion is not modelled: a contacting tool never pulls",
+       "--tool with --friction stick; or the bonded indenter, which pulls"},
       {{"--landmarks", "--targets", "--stress-at", "--probe"},
-       "no table of points that the user names is written, but of a brain's shift (dimple shift --target)",
-       "--quantity displacement@x,y,z for one point with its band; nodes/*.vtu and ParaView's probe for "
-       "stress"},
+       "results at named points are written only for a brain shift (dimple shift --target)",
+       "--quantity displacement@x,y,z for one point with its error bounds; nodes/*.vtu and ParaView's probe "
+       "for stress"},
       {{"--friction", "--mu-friction", "--friction-coefficient"},
-       "friction is an option under a tool that touches, of `dimple run` and `dimple fit` alone: --friction",
-       "dimple run IMAGE --tool sphere:5mm --friction 0.3; the circle has --contact bonded and frictionless"},
+       "only `dimple run` and `dimple fit` have friction, under a contacting tool: --friction",
+       "dimple run IMAGE --tool sphere:5mm --friction 0.3; the bonded indenter has --contact bonded or "
+       "frictionless"},
       {{"--cut", "--cutting", "--incision", "--tear", "--fracture"},
-       "a cut is made before the load, by --cut, or in a step of a scene, and tissue does not tear by itself",
+       "cuts are made before the load (--cut) or in a step of a scene; tearing is not modelled",
        "dimple run IMAGE --cut line:x,y,z,x,y,z,depth=15mm, plane:x,y,z,nx,ny,nz, sheet.stl or label:NAME"},
       {{"--skin", "--pia", "--shell", "--capsule"},
-       "a shell that bends is not modelled: a film on the organ resists stretching alone",
-       "--membrane 0.1mm:400kPa, or a label for its layer with a stiffness of its own, --set "
+       "bending shells are not modelled: a film on the organ resists only stretching",
+       "--membrane 0.1mm:400kPa, or a label for its layer with its own stiffness, --set "
        "tissue.LABEL.mu=3kPa"}};
   return list;
 }
@@ -148,10 +147,9 @@ void refuse_what_is_not_modelled(const CLI::App& app, const std::vector<std::str
         throw UsageError(
             {.fact = one.what,
              .where = flag,
-             .why = "modelled are quasi-static and dynamic indentation by one flat circle, bonded or "
-                    "frictionless, and quasi-static contact with a tool of another shape, with friction or "
-                    "without, of "
-                    "elastic and viscoelastic tissue on a fixed base",
+             .why = "the model covers quasi-static and dynamic indentation with a flat circular patch, "
+                    "bonded or frictionless, and quasi-static contact with other tools, with or without "
+                    "friction, of elastic and viscoelastic tissue on a fixed base",
              .remedy = fmt::format("closest: {}", one.closest),
              .code = "not-modelled"});
 }
@@ -177,12 +175,12 @@ std::string key_of(const std::string& flag) {
   // Message of CLI11: "--depth: At Most 1 required but received 2"
   if (const std::size_t twice = fact.find(": At Most 1 required but received "); twice != std::string::npos) {
     fact = fmt::format("{} is given {} times", fact.substr(0, twice), fact.substr(fact.rfind(' ') + 1));
-    why = "it has one value, and which one is meant is not known";
+    why = "an option has one value";
     remedy = "leave all but one of them out";
   }
   // Message of CLI11: "--gravity: 1 required TEXT missing"
   if (const std::size_t missing = fact.find(": 1 required"); missing != std::string::npos)
-    fact = fmt::format("{} is given without its value", fact.substr(0, missing));
+    fact = fmt::format("{} has no value", fact.substr(0, missing));
   if (!words.empty() && words[0].rfind("-", 0) != 0 &&
       std::find(commands.begin(), commands.end(), words[0]) == commands.end()) {
     fact = fmt::format("there is no command '{}'{}", words[0], did_you_mean(words[0], commands));
@@ -197,7 +195,7 @@ std::string key_of(const std::string& flag) {
       else if (flag.rfind("--", 0) == 0 && !has_option(app, words, flag)) {
         fact = fmt::format("`dimple {}` has no option {}", words[0], flag);
         if (flag == "--wall" || flag == "--membrane")  // also refused as --set load.wall
-          remedy = fmt::format("`dimple run` takes {}", flag);
+          remedy = fmt::format("`dimple run` has {}", flag);
         else if (const std::string key = key_of(flag); !key.empty() && has_option(app, words, "--set"))
           remedy = fmt::format("give it as --set {}={}", key,
                                word.size() > flag.size() ? word.substr(flag.size() + 1) : "VALUE");
@@ -218,9 +216,7 @@ std::vector<std::string> as_run(std::vector<std::string> words) {
 
 // Runs the requested command.
 int perform(Invocation& shared, const ProgramParts& parts) {
-  CLI::App app{
-      "From a label image to a force: meshless soft-tissue indentation, without a mesh and by one command.",
-      "dimple"};
+  CLI::App app{"From a label image to a force: meshless soft-tissue indentation with one command.", "dimple"};
   app.formatter(std::make_shared<WrappedHelp>());
   app.footer(footer);
   app.set_help_all_flag("--help-all", "all options");
@@ -284,7 +280,7 @@ int answered(Invocation& shared, const ProgramParts& parts) {
     if (std::ferror(stdout)) return static_cast<int>(ExitCode::output);  // command_line() reports it
     return fail(Error(ExitCode::internal, {.fact = error.what(),
                                            .where = "",
-                                           .why = "this is a mistake of ours",
+                                           .why = "this is an error in the program",
                                            .remedy = "please report it with the command that you used"}));
   }
 }
@@ -301,7 +297,7 @@ int command_line(int argc, char** argv, const ProgramParts& parts) {
   if (std::fflush(stdout) == 0 && !std::ferror(stdout)) return code;
   return report(OutputError({.fact = "the result could not be printed",
                              .where = "standard output",
-                             .why = "what it goes to takes no more: a full disk, for instance",
+                             .why = "the output accepts no more data: a full disk, for instance",
                              .remedy = "make room there; files in the output folder are complete"}),
                 false);
 }

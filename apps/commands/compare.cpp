@@ -135,8 +135,8 @@ std::string image_in_words(const FinishedRun& a, const FinishedRun& b) {
   const std::string same = same_image(a, b);
   if (same == "yes")
     return "both runs are of the same image (SHA-256 " + a.image_sha256.substr(0, 12) + "...)";
-  if (same == "no") return "the runs are of DIFFERENT images: their forces are of two bodies";
-  return "it is not known whether the runs are of the same image: one of them does not say which it was";
+  if (same == "no") return "the runs are of DIFFERENT images: their forces belong to two bodies";
+  return "the runs may be of different images: one of them does not name its image";
 }
 
 Written force_at(const Row& row) {
@@ -167,15 +167,18 @@ std::string verdict_in_words(const FinishedRun& a, const FinishedRun& b, const R
                 : fmt::format(", B {:.1f} % {}", std::abs(percent), percent > 0.0 ? "above A" : "below A");
   for (const FinishedRun* run : {&a, &b})
     if (run->half.empty())
-      return text + fmt::format("; {} has no band ({}), so it is not known what the discretisation explains",
-                                run == &a ? "A" : "B", run->no_band);
-  return text + (deepest.overlap()
-                     ? "; the bands overlap: the discretisation alone may explain the difference"
-                     : "; the bands do not overlap: the discretisation does not explain the difference");
+      return text + fmt::format(
+                        "; {} has no error estimate ({}), so the discretisation may or may not explain the "
+                        "difference",
+                        run == &a ? "A" : "B", run->no_band);
+  return text +
+         (deepest.overlap()
+              ? "; the error bounds overlap: the discretisation alone may explain the difference"
+              : "; the error bounds do not overlap: the discretisation does not explain the difference");
 }
 
 std::string band_text(const Written& force, bool known, double at, double half) {
-  return known ? fmt::format("{} to {}", force.number(at - half), force.number(at + half)) : "no band";
+  return known ? fmt::format("{} to {}", force.number(at - half), force.number(at + half)) : "none";
 }
 
 void print_table(const FinishedRun& a, const FinishedRun& b, const std::vector<Row>& rows,
@@ -194,7 +197,7 @@ void print_table(const FinishedRun& a, const FinishedRun& b, const std::vector<R
   const Written force = force_of(rows);
   const std::string unit = force.unit;
   print(fmt::format("\n{:>8}  {:>9}  {:>18}  {:>9}  {:>18}  {:>9}  {}\n", "depth_mm", "A_" + unit,
-                    "band of A", "B_" + unit, "band of B", "B-A_%", "bands overlap"));
+                    "bounds of A", "B_" + unit, "bounds of B", "B-A_%", "bounds overlap"));
   for (const Row& row : rows)
     print(fmt::format("{:>8.2f}  {:>9}  {:>18}  {:>9}  {:>18}  {:>+9.1f}  {}\n", 1e3 * row.depth,
                       force.number(row.force_a), band_text(force, !a.half.empty(), row.force_a, row.half_a),
@@ -261,7 +264,7 @@ void add_series(Chart& chart, const char* name, const FinishedRun& run, double p
 
 void draw(const fs::path& file, const FinishedRun& a, const FinishedRun& b, const Row& deepest) {
   const Written force = force_at(deepest);
-  Chart chart{.title = "Force curves of two runs; dashed: the bands of their discretisation",
+  Chart chart{.title = "Force curves of two runs; dashed: error bounds of the discretisation",
               .subtitle = {image_in_words(a, b), verdict_in_words(a, b, deepest)},
               .x_label = "indentation [mm]",
               .y_label = fmt::format("force [{}]", force.unit)};
@@ -279,7 +282,7 @@ int perform(const Invocation& shared, const CompareArguments& options) {
   if (!shared.out.empty() && picture.extension() != ".png" && picture.extension() != ".svg")
     throw UsageError({.fact = fmt::format("'{}' is no name of a picture", printable(shared.out)),
                       .where = "-o",
-                      .why = "its ending says which picture is written: .png or .svg",
+                      .why = "the suffix selects the format: .png or .svg",
                       .remedy = "for instance -o compare.png"});
   const FinishedRun a = read_finished_run(options.a), b = read_finished_run(options.b);
   const std::vector<Row> rows = rows_of(a, b);

@@ -67,10 +67,10 @@ Check check_threads() {
 Check check_simd() {
 #if defined(__x86_64__) && !defined(DIMPLE_NO_CLONES)
   return {true, "SIMD",
-          __builtin_cpu_supports("avx2") ? "AVX2, which this processor has"
-                                         : "SSE2: this processor has no AVX2, and a run takes longer"};
+          __builtin_cpu_supports("avx2") ? "AVX2, supported by this processor"
+                                         : "SSE2: this processor has no AVX2, and runs are slower"};
 #else
-  return {true, "SIMD", "what the compiler chose: this build has no copies of the hot loops for AVX2"};
+  return {true, "SIMD", "the compiler's default: this build has no AVX2 copies of the hot loops"};
 #endif
 }
 
@@ -98,7 +98,7 @@ Check check_writing(const std::string& what, const fs::path& folder, const std::
   return {
       written, what,
       fmt::format("{} {}{}", absolute.string(),
-                  !there    ? "is no folder that is there"
+                  !there    ? "is not an existing folder"
                   : written ? "can be written"
                             : "cannot be written",
                   error ? "" : fmt::format(", {:.1f} GB free", static_cast<double>(space.available) / 1e9)),
@@ -140,7 +140,7 @@ Check check_force() {
     return {std::abs(force - known) < reference_of_600_nodes * known, what,
             fmt::format("{} under a block indented by {} mm, {} by finite elements; {:.1f} s",
                         force_in_words(force), depth_mm, force_in_words(known), whole.seconds()),
-            "the force is wrong by more than a coarse model explains: please report it with this text",
+            "the error of the force exceeds that of a coarse model: please report it with this text",
             ExitCode::solve};
   } catch (const Stopped&) {
     throw;
@@ -178,9 +178,7 @@ int examine(const fs::path& folder, bool as_json) {
 
 Command add_doctor(CLI::App& app, Invocation& shared) {
   CLI::App* command =
-      app.add_subcommand(
-             "doctor",
-             "look whether the program works here: libraries, threads, memory, a force that is known")
+      app.add_subcommand("doctor", "check the installation: libraries, threads, memory, a known force")
           ->group("About the program");
   command->add_option("-o,--out,--output", shared.out, "folder in which results are to be written [.]");
   add_common(*command, shared);

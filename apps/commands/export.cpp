@@ -24,7 +24,7 @@ void require_no_file_of_others(const std::filesystem::path& file) {
   std::string head(4096, '\0');
   std::ifstream(file, std::ios::binary).read(head.data(), std::ssize(head));
   if (head.find(written_by) != std::string::npos) return;
-  throw OutputError({.fact = fmt::format("{} is there, and was not written by dimple", file.string()),
+  throw OutputError({.fact = fmt::format("{} exists and was not written by dimple", file.string()),
                      .where = "-o",
                      .why = "it would be lost",
                      .remedy = "give another name with -o, or --force to replace it"});

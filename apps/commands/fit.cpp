@@ -26,15 +26,13 @@ Command add_fit(CLI::App& app, Invocation& shared) {
   command
       ->add_option(
           "--curve", options->curve,
-          "CSV with indentation_mm (or _um) and force_N (or _mN, _uN, _nN), and time_s if it is known: one "
-          "loading, from contact; with a column sample: many curves of one scene, fitted one by one")
+          "CSV with indentation_mm (or _um) and force_N (or _mN, _uN, _nN), and time_s if known: one "
+          "loading, from contact; with a column sample: many curves of one scene, each fitted")
       ->required();
   command
-      ->add_option(
-          "--of", options->fit.of,
-          "what is looked for: mu, by one run; mu,touch: where the tool first touched too, by the same run; "
-          "mu,alpha: Ogden's exponent too; mu,limit: the limit of Gent's law too; mu,g,tau: one Prony term "
-          "too")
+      ->add_option("--of", options->fit.of,
+                   "unknowns: mu (one run); mu,touch: also the first contact (the same run); mu,alpha: also "
+                   "Ogden's exponent; mu,limit: also the limit of Gent's law; mu,g,tau: also one Prony term")
       ->capture_default_str();
   options->flags.add(*command, "fit");
   add_common(*command, shared);

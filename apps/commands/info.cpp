@@ -41,7 +41,7 @@ void describe_image(const std::filesystem::path& file, const std::filesystem::pa
 
 Command add_info(CLI::App& app, Invocation& shared) {
   const auto label_names = std::make_shared<std::string>();
-  CLI::App* command = app.add_subcommand("info", "say what an image holds");
+  CLI::App* command = app.add_subcommand("info", "print the contents of an image");
   command->add_option("IMAGE", shared.image, "label image")->required();
   command->add_option("--label-names", *label_names,
                       "table of label names (ITK-SNAP, a colour table of 3D Slicer or FreeSurfer), or "

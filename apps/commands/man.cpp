@@ -23,7 +23,7 @@ const CLI::App* command_named(const CLI::App& app, const std::string& name) {
   }
   throw UsageError({.fact = fmt::format("there is no command '{}'{}", name, did_you_mean(name, known)),
                     .where = "dimple man",
-                    .why = "a page is of the program or of one of its commands",
+                    .why = "a manual page describes the program or one of its commands",
                     .remedy = "see `dimple --help` for all of them"});
 }
 

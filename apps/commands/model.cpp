@@ -12,8 +12,8 @@ struct ModelArguments {
 
 Command add_model(CLI::App& app, Invocation& shared) {
   const auto options = std::make_shared<ModelArguments>();
-  CLI::App* command =
-      app.add_subcommand("model", "generate the model of an image: nodes, integration points, base, circle");
+  CLI::App* command = app.add_subcommand(
+      "model", "generate the model of an image: nodes, integration points, base, contact patch");
   command->add_option("IMAGE", shared.image, "label image");
   command->add_option("-o,--out,--output", shared.out, "folder for the model")->required();
   add_over_results(*command, shared, false);

@@ -11,7 +11,7 @@ Command add_options(CLI::App& app, Invocation&) {
   CLI::App* command =
       app.add_subcommand("options", "list every option with its unit, default, range and meaning")
           ->group("About the program");
-  command->add_flag("--pairs", *pairs, "list what does not go together instead, with the reason");
+  command->add_flag("--pairs", *pairs, "list incompatible options instead, with the reason");
   return {command, [pairs] {
             const std::string text = *pairs ? pairs_in_words() : option_reference();
             print(wrapped(text, *pairs ? 13 : 52, terminal_width(STDOUT_FILENO)));

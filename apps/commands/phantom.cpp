@@ -31,9 +31,9 @@ Vec3 lengths(const std::string& text, const std::string& flag) {
 
 Command add_phantom(CLI::App& app, Invocation& shared) {
   const auto options = std::make_shared<PhantomArguments>();
-  CLI::App* command = app.add_subcommand("phantom", "make a label image that needs no download");
+  CLI::App* command = app.add_subcommand("phantom", "create a synthetic test image");
   command->add_option("OUT", shared.out, "image to write: .nrrd, .seg.nrrd, .nii, .nii.gz, .mha")->required();
-  command->add_option("--shape", options->body.shape, "what it shows")
+  command->add_option("--shape", options->body.shape, "shape of the phantom")
       ->type_name("brain|block|cut-ellipsoid|cylinder")
       ->capture_default_str();
   command
@@ -53,7 +53,7 @@ Command add_phantom(CLI::App& app, Invocation& shared) {
           throw UsageError({.fact = fmt::format("a cylinder is {:g} mm wide and {:g} mm deep",
                                                 body.size_mm.x(), body.size_mm.y()),
                             .where = "--size",
-                            .why = "its axis is along S, and its section is a circle",
+                            .why = "its axis is along S, and its section is circular",
                             .remedy = fmt::format("for instance --size {0:g},{0:g},{1:g}", body.size_mm.x(),
                                                   body.size_mm.z())});
         if (!options->voxel.empty())

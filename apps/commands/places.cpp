@@ -33,19 +33,17 @@ void print_place(const UsablePlace& place) {
 
 // Tool as text: "a circle of 10 mm", or "the tool sphere:6mm, pressed in by 3.00 mm".
 std::string tool_in_words(const Scene& scene) {
-  if (!scene.tool) return fmt::format("a circle of {:.4g} mm", scene.boundary.indenter_diameter_mm);
+  if (!scene.tool) return fmt::format("a contact patch of {:.4g} mm", scene.boundary.indenter_diameter_mm);
   return fmt::format("the tool {}, pressed in by {}", scene.tool_words.shape,
                      length_in_words(scene.depth_mm));
 }
 
 void print_places(const UsablePlaces& places, const std::string& tool) {
-  print(fmt::format(
-      "Places for {}; --indent-at takes a side, or x,y,z (LPS, mm) with the base and, "
-      "where the tool "
-      "does not come from opposite to it, its way: --base inferior --direction=-1,0,0.\n\n{:<9}  {:<22}  "
-      "{:<9}"
-      "  {:>9}  {:>10}  {:>7}  {}\n",
-      tool, "tool from", "x,y,z [mm]", "base", "tissue mm", "tilt [deg]", "room mm", "verdict"));
+  print(
+      fmt::format("Places for {}; --indent-at is a side, or x,y,z (LPS, mm) with the base and, if the tool "
+                  "does not approach from the opposite side, its direction: --base inferior "
+                  "--direction=-1,0,0.\n\n{:<9}  {:<22}  {:<9}  {:>9}  {:>10}  {:>7}  {}\n",
+                  tool, "tool from", "x,y,z [mm]", "base", "tissue mm", "tilt [deg]", "room mm", "verdict"));
   for (const UsablePlace& place : places.sides) print_place(place);
   if (places.looked_at == 0) return;
   const std::string& side = places.sides.front().from;
@@ -53,7 +51,7 @@ void print_places(const UsablePlaces& places, const std::string& tool) {
   for (const UsablePlace& place : places.others) print_place(place);
   int against = 0;
   for (const auto& [reason, count] : places.against) against += count;
-  print(fmt::format("\n{} of {} places looked at on the {} side are good. Against the others:\n",
+  print(fmt::format("\n{} of {} places examined on the {} side are good. Reasons against the others:\n",
                     places.looked_at - against, places.looked_at, side));
   for (const auto& [reason, count] : places.against) print(fmt::format("{:>6}  {}\n", count, reason));
 }
@@ -63,7 +61,7 @@ void print_places(const UsablePlaces& places, const std::string& tool) {
 Command add_places(CLI::App& app, Invocation& shared) {
   const auto flags = std::make_shared<Flags>();
   CLI::App* command = app.add_subcommand(
-      "places", "list where the tool may stand on an organ, with reasons against the others");
+      "places", "list usable places for the tool on an organ, with reasons against the others");
   command->add_option("IMAGE", shared.image, "label image");
   flags->add(*command, "places");
   add_common(*command, shared);

@@ -183,7 +183,7 @@ class Poking {
       return;
     }
     if (!to_mm_ || *to_mm_ == *from_mm_)
-      notice_ = "not cut: a stroke goes from place to place on the body";
+      notice_ = "not cut: a stroke needs two places on the body";
     else
       cut(tool_, {1e-3 * *from_mm_, 1e-3 * *to_mm_, *options_.blade}, options_.evaluations == 0);
     from_mm_.reset();
@@ -253,7 +253,7 @@ class Poking {
 
   std::string instrument() const {
     const std::string coarse =
-        tool_.left_out > 0 ? fmt::format("; {} of {} cuts are finer than this cloud, and not in its force",
+        tool_.left_out > 0 ? fmt::format("; {} of {} cuts are finer than these nodes, and not in the force",
                                          tool_.left_out, tool_.sheets.size())
                            : "";
     if (!options_.blade) return coarse;
@@ -334,16 +334,16 @@ void check(const PokeArguments& options) {
     throw UsageError({.fact = fact, .where = where, .why = why, .remedy = remedy});
   };
   if (!(options.rate >= 1.0 && options.rate <= 1000.0))
-    refuse("the rate is not between 1 and 1000 frames a second", "--fps", "a frame takes a time",
+    refuse("the rate is not between 1 and 1000 frames a second", "--fps", "a frame lasts 1 ms to 1 s",
            "give one, such as 25");
   if (!options.socket.empty() && !options.script.empty())
-    refuse("the tool is moved by a script and through a socket", "--script, --socket", "it is in one place",
-           "give one of them");
+    refuse("the tool is moved by a script and through a socket", "--script, --socket",
+           "only one of them can move it", "give one of them");
   if (!options.strokes.empty() && options.script.empty())
-    refuse("strokes have times, and nothing else moves", "--strokes", "their times are those of a script",
+    refuse("strokes have times, and the tool has none", "--strokes", "the times refer to a script",
            "give --script, or cut by hand with --tool scalpel:12mm");
   if (options.socket.size() > 107)
-    refuse("the path of the socket is too long", "--socket", "the system takes 107 characters at most",
+    refuse("the path of the socket is too long", "--socket", "the system allows 107 characters at most",
            "give a shorter one, in /tmp for instance");
 }
 
@@ -368,9 +368,9 @@ int poke(const Invocation& shared, const CLI::App& command, PokeArguments& optio
   const bool windowed = options.window || (options.script.empty() && options.socket.empty());
   if (windowed) require_display();
   if (options.blade && !windowed)
-    throw UsageError({.fact = "a scalpel is asked for, and there is no window",
+    throw UsageError({.fact = "a scalpel is requested, and there is no window",
                       .where = "--tool scalpel",
-                      .why = "it is what the hand holds in a window",
+                      .why = "the mouse moves a scalpel in a window",
                       .remedy = "add --window, or give --strokes"});
   std::optional<ResultFolder> folder;  // until the end: it lists the files and locks the folder
   if (!options.record.empty()) folder.emplace(options.record, shared.existing()).prepare();
@@ -399,14 +399,14 @@ int poke(const Invocation& shared, const CLI::App& command, PokeArguments& optio
     frames = follow_unseen(tool, options, served);
   }
   if (served)
-    print(fmt::format("{} answers, the slowest after {:.2f} ms; {} frames; {} programs turned away\n",
+    print(fmt::format("{} answers, the slowest after {:.2f} ms; {} frames; {} programs refused\n",
                       served->answers, 1e3 * served->slowest_s, served->frames, served->turned_away));
   else if (!frames.empty())
     print(in_words(tool.session->model().node_count(), frames) + "\n");
   for (const CutRecord& record : tool.cuts) print(in_words(record) + "\n");
   if (tool.most_left_out > 0)
     print(
-        fmt::format("{} of {} cuts were finer than the cloud at another place, and not in its force there\n",
+        fmt::format("{} of {} cuts were finer than the nodes at another place, and not in the force there\n",
                     tool.most_left_out, tool.sheets.size()));
   stop_if_asked();
   return 0;
@@ -419,15 +419,13 @@ Command add_poke(CLI::App& app, Invocation& shared) {
   CLI::App* command = add_to(app, whole::poke);
   command->add_option("IMAGE", shared.image, "label image");
   command
-      ->add_option(
-          "--script", options->script,
-          "CSV with time_s, and depth_mm or the tip's x_mm, y_mm, z_mm (LPS): moves the tool without a hand")
+      ->add_option("--script", options->script,
+                   "CSV with time_s, and depth_mm or the tip's x_mm, y_mm, z_mm (LPS): moves the tool")
       ->type_name("FILE");
   command
-      ->add_option(
-          "--strokes", options->strokes,
-          "CSV with time_s, from_x_mm ..., to_x_mm ..., depth_mm (LPS): a scalpel cuts the body beside "
-          "the tool of --script; by hand: --tool scalpel:10mm")
+      ->add_option("--strokes", options->strokes,
+                   "CSV with time_s, from_x_mm ..., to_x_mm ..., depth_mm (LPS): a scalpel cuts the body "
+                   "while --script moves the tool; by hand: --tool scalpel:10mm")
       ->type_name("FILE");
   command
       ->add_option("--record", options->record,
@@ -441,10 +439,11 @@ Command add_poke(CLI::App& app, Invocation& shared) {
   command->add_option("--fps", options->rate, "frames a second")->capture_default_str();
   command
       ->add_option("--evaluations", options->evaluations,
-                   "of the force a frame, instead of a time: the same forces on every machine")
+                   "force evaluations per frame, instead of a time: the same forces on every machine")
       ->check(CLI::Range(1, 1000));
   command->add_option("--seconds", options->seconds, "end after this long")->capture_default_str();
-  command->add_flag("--force", shared.force, "replace what an earlier one left in the folder of --record");
+  command->add_flag("--force", shared.force,
+                    "replace the records of an earlier one in the folder of --record");
   options->flags.add(*command, "live");
   add_common(*command, shared);
   return {command, [&shared, command, options] { return poke(shared, *command, *options); }};

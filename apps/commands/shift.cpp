@@ -52,23 +52,22 @@ Command add_shift(CLI::App& app, Invocation& shared) {
       ->required();
   command
       ->add_option("--fluid-lost", shift_options.fluid_lost,
-                   "share of the brain's height above the level to which the fluid has fallen")
+                   "fraction of the brain's height above the fluid level")
       ->capture_default_str();
   command->add_option(
       "--gap", shift_options.gap,
       "of a label: between brain and skull at the nearest place, else as the image has it; of a "
       "derived skull: in front of the brain's outer hull, else 2 mm");
   command
-      ->add_option(
-          "--target", shift_options.target,
-          "a place x,y,z in LPS mm whose shift is asked for, or a file of 3D Slicer's markups (.mrk.json, "
-          ".fcsv); several")
+      ->add_option("--target", shift_options.target,
+                   "a place x,y,z in LPS mm at which to report the shift, or a file of 3D Slicer's markups "
+                   "(.mrk.json, .fcsv); several")
       ->expected(1)
       ->take_all();
   command->add_flag("--tables", shift_options.tables_alone,
-                    "tables and summary alone, without images, pictures and page");
+                    "only tables and summary, without images, pictures and page");
   command->add_flag("--explain", options->explain,
-                    "then repeat the shift, changing one choice at a time, and show what it depends on");
+                    "then repeat the shift with one choice changed at a time, to show what it depends on");
   options->flags.add(*command, "shift", defaults_of_shift());
   add_common(*command, shared);
   return {command, [&shared, command, options] {

@@ -68,9 +68,9 @@ std::string described(const Option& option) {
     return fmt::format("      <default>{}</default>\n", escaped(standard));
   };
   if (option.key == "boundary.indent_at")  // fiducials; none: the default
-    return parameter("point", " multiple=\"false\" coordinateSystem=\"lps\"", name_of(option), option.flag,
-                     "Indent at",
-                     "where the circle is: a point; none: the highest point opposite to the base", "");
+    return parameter(
+        "point", " multiple=\"false\" coordinateSystem=\"lps\"", name_of(option), option.flag, "Indent at",
+        "where the tool meets the body: a point; none: the highest point opposite to the base", "");
   if (option.key == "output.compare")
     return parameter("file", " fileExtensions=\".csv\"", name_of(option), option.flag, label_of(option),
                      option.help, "      <channel>input</channel>\n");
@@ -113,15 +113,15 @@ std::string slicer_xml() {
       parameter("directory", "", "out", "--out", "Results folder",
                 "a folder of its own for the force curve, the pictures and the files for ParaView", output) +
       parameter("boolean", "", "force", "--force", "Replace results",
-                "replace what an earlier run left in the folder", "      <default>true</default>\n") +
+                "replace the results of an earlier run in the folder", "      <default>true</default>\n") +
       parameter("boolean", " hidden=\"true\"", "slicer", slicer_flag, "Progress for 3D Slicer",
-                "write progress to stdout, and take values that are the default as not given",
+                "write progress to stdout, and treat default values as not given",
                 "      <default>true</default>\n");
   std::string results;
   for (const auto& [name, label, help] :
        {std::tuple{"force_N", "Force [N]", "at the depth that was reached"},
-        std::tuple{"low_N", "Force, at least [N]", "by its discretisation; -1: not known"},
-        std::tuple{"high_N", "Force, at most [N]", "by its discretisation; -1: not known"},
+        std::tuple{"low_N", "Force, at least [N]", "lower error bound by discretisation; -1: unknown"},
+        std::tuple{"high_N", "Force, at most [N]", "upper error bound by discretisation; -1: unknown"},
         std::tuple{"indentation_mm", "Indentation [mm]", "that was reached"}})
     results += parameter("double", "", name, "", label, help, output + "      <default>0</default>\n");
 
@@ -134,10 +134,10 @@ std::string slicer_xml() {
          "authors</contributor>\n"
          "  <acknowledgements>The method grew from Horton, Wittek and Miller, MICCAI "
          "2007.</acknowledgements>\n" +
-         group("Image and results", "What is indented, and where the results go", false, files) +
-         group("Scene", "Organ, base, circle, tissue and load", false, common) +
+         group("Image and results", "Label image and folder of the results", false, files) +
+         group("Scene", "Organ, base, tool, tissue and load", false, common) +
          group("All other options", "Discretisation, supports, time stepping and files", true, others) +
-         group("Force", "What the run has come to", false, results) + "</executable>\n";
+         group("Force", "Results of the run", false, results) + "</executable>\n";
 }
 
 void write_return_parameters(const std::filesystem::path& file, const std::string& summary_json) {

@@ -47,7 +47,7 @@ void become_whole_program(const std::vector<std::string>& words) {
 void refuse_without_whole_program(const std::string& command) {
   throw UsageError({.fact = fmt::format("`dimple {}` has not been built", command),
                     .where = path_of_whole_program().string(),
-                    .why = "`make demo` builds the commands of one run alone",
+                    .why = "`make demo` builds only the commands of one run",
                     .remedy = "`make build` builds all of them",
                     .code = "not-built"});
 }

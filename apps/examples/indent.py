@@ -54,7 +54,7 @@ normal = np.array([0.0, 1.0, 0.0])  # the section is seen from the front
 figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.2), layout="constrained")
 left.plot(1e3 * result.depth_m, result.force_N, "o-", color="tab:blue", label="force")
 if result.band_low_N is not None:
-    left.fill_between(1e3 * result.depth_m, result.band_low_N, result.band_high_N, alpha=0.25, label="band (discretisation)")
+    left.fill_between(1e3 * result.depth_m, result.band_low_N, result.band_high_N, alpha=0.25, label="error bounds (discretisation)")
 left.set(xlabel="indentation [mm]", ylabel="force [N]", title=str(result)[len("<pydimple.Result: ") : -1])
 left.legend()
 

@@ -79,7 +79,7 @@ std::vector<std::uint8_t> bytes_in(const py::tuple& state, std::size_t parts) {
   if (state.size() != parts || !py::isinstance<py::bytes>(state[0]))
     throw InputError({.fact = "a pickled object cannot be read",
                       .where = "pickle",
-                      .why = "its state is not what this module makes",
+                      .why = "its state was not made by this module",
                       .remedy = "compute it again, or read it with the version that it was pickled by"});
   const auto bytes = state[0].cast<std::string_view>();
   return {bytes.begin(), bytes.end()};

@@ -80,7 +80,7 @@ py::array_t<double> at_surface(const ModelInMemory& built,
     throw UsageError(
         {.fact = fmt::format("values of shape {} are given", std::string(py::str(nodal.attr("shape")))),
          .where = "Model.at_surface",
-         .why = fmt::format("the model has {} nodes, and takes a row of values for each",
+         .why = fmt::format("the model has {} nodes and needs one row of values for each",
                             built.model.node_count()),
          .remedy = "give an array of shape (nodes, components), such as nodal_parameter_m[-1]"});
   const Index components = nodal.shape(1);
@@ -110,20 +110,20 @@ void add_arrays(py::class_<ModelInMemory, ModelHolder>& model) {
           "(Q, 3) float64, metres, LPS: the integration points at rest.")
       .def_property_readonly(
           "volume_m3", [](const py::object& self) { return view(self, model_in(self).volume); },
-          "(Q,) float64, cubic metres: of the tissue that each integration point stands for.")
+          "(Q,) float64, cubic metres: volume of tissue of each integration point.")
       .def_property_readonly(
           "label", [](const py::object& self) { return view(self, model_in(self).label); },
           "(Q,) int32: the image's label at each integration point, where the model was made for several "
           "tissues.")
       .def_property_readonly(
           "circle_centre_m", [](const py::object& self) { return view(self, model_in(self).tool.centre); },
-          "(3,) float64, metres, LPS: where the tool touches the body at first.")
+          "(3,) float64, metres, LPS: first contact of the tool.")
       .def_property_readonly(
           "circle_radius_m", [](const ModelInMemory& self) { return self.model.tool.radius; },
           "float, metres.")
       .def_property_readonly(
           "push", [](const py::object& self) { return view(self, model_in(self).tool.push); },
-          "(3,) float64: unit vector, LPS, the way in which the tool moves.")
+          "(3,) float64: unit vector, LPS, approach direction of the tool.")
       .def_property_readonly(
           "surface_mm", [](const py::object& self) { return view(self, model_in(self).surface.vertex_mm); },
           "(V, 3) float64, millimetres, LPS: vertices of the boundary at rest, for pictures.")
@@ -137,7 +137,7 @@ void add_organ(py::module_& m) {
       .def(py::init(&read_organ_of))
       .def_property_readonly(
           "warnings", [](const OrganInMemory& self) { return in_keywords(self.organ.read.warnings); },
-          "list of str: of the image, what may make the organ another than was meant.")
+          "list of str: warnings about the image.")
       .def("__repr__", [](const OrganInMemory& self) { return shown(self); });
 }
 
@@ -162,7 +162,7 @@ ModelHolder take_model(Result& result, const ModelChoices& choices) {
 void add_model(py::module_& m) {
   py::class_<ModelInMemory, ModelHolder> model(
       m, "Model",
-      R"(A body as nodes and integration points, with its base and the circle of the tool.
+      R"(A body as nodes and integration points, with its base and the contact patch of the tool.
 
 Made by `build_model`. Its arrays are read-only views of the library's own memory, which lives as long as one of them.
 Positions are LPS, in metres, but for those whose name ends in `_mm`.)");
@@ -182,13 +182,13 @@ Returns
     In the same unit: with the nodal parameters, ``model.surface_mm + 1e3 * model.at_surface(u)`` is the deformed boundary.)")
       .def_property_readonly(
           "report", [](const ModelInMemory& self) { return dictionary(self.report_json); },
-          "dict: counts, volumes, spacings, and why the base and the circle are where they are.")
+          "dict: counts, volumes, spacings, and the reasons for the base and the place of the tool.")
       .def_property_readonly(
           "warnings", [](const ModelInMemory& self) { return in_keywords(self.warnings); },
-          "list of str: what may make the model another than was meant.")
+          "list of str: warnings about the model.")
       .def("__repr__",
            [](const ModelInMemory& self) {
-             return fmt::format("<pydimple.Model: {} nodes, {} integration points, circle {} wide>",
+             return fmt::format("<pydimple.Model: {} nodes, {} integration points, contact patch {} wide>",
                                 self.model.node_count(), self.model.point_count(),
                                 length_in_words(2e3 * self.model.tool.radius));
            })

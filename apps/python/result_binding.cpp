@@ -142,23 +142,24 @@ void add_forces(py::class_<Solved>& result) {
   result
       .def_property_readonly(
           "depth_m", [](const py::object& self) { return curve(self, &ForceSample::depth); },
-          "(S,) float64, metres: how far the tool has come from where it touched.")
+          "(S,) float64, metres: depth of the tool below first contact.")
       .def_property_readonly(
           "force_N", [](const py::object& self) { return curve(self, &ForceSample::force); },
-          "(S,) float64, newtons: on the tool along its push, positive where the tissue resists.")
+          "(S,) float64, newtons: on the tool along its approach direction, positive where the tissue "
+          "resists.")
       .def_property_readonly(
           "base_force_N", [](const py::object& self) { return curve(self, &ForceSample::base_force); },
-          "(S,) float64, newtons: with which the base holds the body.")
+          "(S,) float64, newtons: reaction of the base.")
       .def_property_readonly(
           "force_on_tool_N", [](const py::object& self) { return on_tool(self, 0); },
-          "(S, 3) float64, newtons, LPS: all of the force on the tool, not along its push alone.")
+          "(S, 3) float64, newtons, LPS: force vector on the tool.")
       .def_property_readonly(
           "moment_on_tool_Nm", [](const py::object& self) { return on_tool(self, 3); },
-          "(S, 3) float64, newton metres, LPS: its moment about the middle of the circle, which moves with "
-          "the tool.")
+          "(S, 3) float64, newton metres, LPS: its moment about the centre of the contact patch, which moves "
+          "with the tool.")
       .def_property_readonly(
           "time_s", [](const py::object& self) { return curve(self, &ForceSample::t); },
-          "(S,) float64, seconds since the tool touched.");
+          "(S,) float64, seconds since first contact.");
 }
 
 void add_band(py::class_<Solved>& result) {
@@ -169,16 +170,16 @@ void add_band(py::class_<Solved>& result) {
             if (!self.band.known()) return py::none();
             return py::module_::import("pydimple").attr("Band")(band_edge(self, -1.0), band_edge(self, 1.0));
           },
-          "Band, or None: between which forces the discretisation lets the true one be, at each sample.")
+          "Band, or None: error bounds of the force by discretisation, at each sample.")
       .def_property_readonly(
           "band_low_N", [](const Solved& self) { return band_edge(self, -1.0); },
-          "(S,) float64, newtons, or None: lower edge of the band that the discretisation gives the force.")
+          "(S,) float64, newtons, or None: lower error bound of the force, by discretisation.")
       .def_property_readonly(
           "band_high_N", [](const Solved& self) { return band_edge(self, 1.0); },
-          "(S,) float64, newtons, or None: its upper edge.")
+          "(S,) float64, newtons, or None: upper error bound of the force.")
       .def_property_readonly(
           "band_unknown", [](const Solved& self) { return in_keywords(self.band.unknown); },
-          "str: why there is no band; empty where there is one.");
+          "str: why there are no error bounds; empty if there are.");
 }
 
 // Displacement of each node at each frame [F x N x 3].
@@ -211,35 +212,33 @@ void add_frames(py::class_<Solved>& result) {
                 self, kept.frame_u.data(),
                 {static_cast<py::ssize_t>(kept.frame_time.size()), kept.model->model.node_count(), 3});
           },
-          "(F, N, 3) float64, metres, LPS: u_a, of which the displacement at X is sum_a phi_a(X) u_a; what "
-          "``Model.at_surface`` takes. A node's displacement is another number.")
+          "(F, N, 3) float64, metres, LPS: u_a, of which the displacement at X is sum_a phi_a(X) u_a; the "
+          "argument of ``Model.at_surface``. A node's displacement differs from it.")
       .def_property_readonly(
           "frame_depth_m",
           [](const py::object& self) { return view(self, self.cast<const Solved&>().frame_depth); },
-          "(F,) float64, metres: the tool's way at each frame.")
+          "(F,) float64, metres: depth of the tool at each frame.")
       .def_property_readonly(
           "frame_time_s",
           [](const py::object& self) { return view(self, self.cast<const Solved&>().frame_time); },
-          "(F,) float64, seconds since the tool touched, at each frame.");
+          "(F,) float64, seconds since first contact, at each frame.");
 }
 
 }  // namespace
 
 void require_nodes_of_circle(const ModelInMemory& built, const char* where) {
   if (!built.model.circle.empty()) return;
-  throw UsageError(
-      {.fact = "the model has no nodes of a circle",
-       .where = where,
-       .why = "it was made for a tool that touches the body, and what moves here is a circle of nodes",
-       .remedy = "make it by build_model, or give the image to run, which takes the tool"});
+  throw UsageError({.fact = "the model has no nodes of a bonded patch",
+                    .where = where,
+                    .why = "it was made for a contacting tool, and a bonded patch of nodes moves here",
+                    .remedy = "make it with build_model, or give the image to run, which has the tool"});
 }
 
 void add_result(py::module_& m) {
-  py::class_<Solved> result(
-      m, "Result",
-      R"(A force curve, the body's displacement along it, and how well the force is known.
+  py::class_<Solved> result(m, "Result",
+                            R"(A force curve with its error bounds, and the body's displacement along it.
 
-Made by `run` and `solve`. S samples, F frames, N nodes; all but the two edges of the band are read-only views of the
+Made by `run` and `solve`. S samples, F frames, N nodes; all but the two error bounds are read-only views of the
 library's own memory, which lives as long as one of them.)");
   add_forces(result);
   add_band(result);
@@ -249,10 +248,10 @@ library's own memory, which lives as long as one of them.)");
           "model", [](const Solved& self) { return self.model; }, "Model: the body at rest.")
       .def_property_readonly(
           "summary", [](const Solved& self) { return dictionary(self.summary_json); },
-          "dict: what summary.json holds: status, material, counts, force and band, guards, times.")
+          "dict: contents of summary.json: status, material, counts, force and error bounds, guards, times.")
       .def_property_readonly(
           "warnings", [](const Solved& self) { return in_keywords(self.warnings); },
-          "list of str: what may make the force another than was meant.")
+          "list of str: warnings about the force.")
       .def("__repr__", [](const Solved& self) { return shown(self); })
       .def(
           py::pickle([](const Solved& self) { return py::make_tuple(as_object(bytes_of(self)), self.model); },

@@ -148,24 +148,24 @@ void add_equilibrate(py::class_<LiveSession>& session) {
         return self.move([=](Session& s) { return s.equilibrate(1e-3 * depth_mm, dt_s); });
       },
       py::kw_only(), py::arg("depth_mm"), py::arg("dt_s") = 0.0,
-      R"(Moves the tool to a depth, or back, and lets the body come to rest there.
+      R"(Moves the tool to a depth, or back, and finds the equilibrium there.
 
 Parameters
 ----------
 depth_mm : float
-    The tool's way along its push from where it first touched, millimetres.
+    Depth of the tool below first contact, along its approach direction, millimetres.
 dt_s : float
-    How long the move takes, seconds: for viscoelastic tissue.
+    Duration of the move, seconds: for viscoelastic tissue.
 
 Returns
 -------
 int
-    Evaluations of the force that it took.
+    Force evaluations of the move.
 
 Raises
 ------
 SolveError
-    There is no equilibrium to be found; the body is then as it was.)");
+    No equilibrium was found; the body is then unchanged.)");
 }
 
 void add_cut(py::class_<LiveSession>& session) {
@@ -176,26 +176,26 @@ void add_cut(py::class_<LiveSession>& session) {
         const Vec3 from = place_of("from_mm", from_mm), to = place_of("to_mm", to_mm);
         require("depth_mm", depth_mm, depth_mm > 0.0 && depth_mm <= 1e3,
                 "it must be a finite number above 0 and not above 1000");
-        if (from == to) require("to_mm", to.x(), false, "a stroke that does not move opens nothing");
+        if (from == to) require("to_mm", to.x(), false, "a stroke that does not move cuts nothing");
         self.cut(from, to, depth_mm);
       },
       py::kw_only(), py::arg("from_mm"), py::arg("to_mm"), py::arg("depth_mm"),
-      R"(Cuts the body as it now is: a scalpel goes from place to place on its surface, straight in.
+      R"(Cuts the deformed body: a scalpel moves from place to place on its surface, straight in.
 
-The banks get nodes behind those that are there, so that arrays are longer afterwards; the first of them are the
-same. The next move finds the equilibrium of the cut body.
+The faces of the cut add nodes at the end of the arrays; the earlier nodes are unchanged.
+The next move finds the equilibrium of the cut body.
 
 Parameters
 ----------
 from_mm, to_mm : sequence of 3 floats
     Places on the surface, millimetres, LPS.
 depth_mm : float
-    How deep the blade goes below the straight way between them, millimetres.
+    Depth of the blade below the straight line between them, millimetres.
 
 Raises
 ------
 ModelError
-    The blade misses the body, or parts a piece off that nothing holds; the body is then as it was.
+    The blade misses the body, or cuts off a piece that is not held; the body is then unchanged.
 SolveError
     The tissue relaxes.)");
 }
@@ -209,45 +209,45 @@ void add_step(py::class_<LiveSession>& session) {
         return self.move([=](Session& s) { return s.step(1e-3 * depth_mm, dt_s); });
       },
       py::kw_only(), py::arg("depth_mm"), py::arg("dt_s"),
-      R"(Moves the tool to a depth at an even speed and follows the body with its inertia, by central differences.
+      R"(Moves the tool to a depth at constant speed and computes the body with inertia, by central differences.
 
 Parameters
 ----------
 depth_mm : float
-    The tool's way along its push from where it first touched, millimetres.
+    Depth of the tool below first contact, along its approach direction, millimetres.
 dt_s : float
-    How long the move takes, seconds.
+    Duration of the move, seconds.
 
 Returns
 -------
 int
-    Steps that it took.
+    Number of steps.
 
 Raises
 ------
 SolveError
-    They would be more than 20000, or the body cannot follow; it is then as it was.)");
+    More than 20000 steps are needed, or the march fails; the body is then unchanged.)");
 }
 
 void add_state(py::class_<LiveSession>& session) {
   session.def("__repr__", [](LiveSession& self) { return shown(self); })
       .def_property_readonly(
           "depth_m", [](LiveSession& self) { return self.now([](Session& s) { return s.depth(); }); },
-          "float, metres: the tool's way from where it first touched.")
+          "float, metres: depth of the tool below first contact.")
       .def_property_readonly(
           "force_N", [](LiveSession& self) { return self.now([](Session& s) { return s.force(); }); },
-          "float, newtons: on the tool along its push, positive where the tissue resists.")
+          "float, newtons: on the tool along its approach direction, positive where the tissue resists.")
       .def_property_readonly(
           "base_force_N",
           [](LiveSession& self) { return self.now([](Session& s) { return s.base_force(); }); },
-          "float, newtons: with which the base holds the body.")
+          "float, newtons: reaction of the base.")
       .def_property_readonly(
           "force_on_tool_N", [](LiveSession& self) { return on_tool(self, 0); },
-          "(3,) float64, newtons, LPS: all of the force on the tool; a new array each time.")
+          "(3,) float64, newtons, LPS: force vector on the tool; a new array each time.")
       .def_property_readonly(
           "moment_on_tool_Nm", [](LiveSession& self) { return on_tool(self, 3); },
-          "(3,) float64, newton metres, LPS: its moment about the middle of the circle, which moves with the "
-          "tool; a new array each time.")
+          "(3,) float64, newton metres, LPS: its moment about the centre of the contact patch, which moves "
+          "with the tool; a new array each time.")
       .def_property_readonly(
           "displacement_m", [](LiveSession& self) { return handed_over(self.displacements()); },
           "(N, 3) float64, metres, LPS: of each node now; a new array each time.")
@@ -264,8 +264,7 @@ void add_state(py::class_<LiveSession>& session) {
       .def_property_readonly(
           "forces_N",
           [](LiveSession& self) { return handed_over(self.now([](Session& s) { return s.forces(); })); },
-          "(N, 3) float64, newtons, LPS: what the tissue resists with at each node now; a new array each "
-          "time.");
+          "(N, 3) float64, newtons, LPS: internal force at each node now; a new array each time.");
 }
 
 }  // namespace

@@ -88,7 +88,7 @@ namespace {
 
 // Reason why there are no bounds for a body with such a length [radii of the patch], or nothing.
 std::string why_outside(const char* what, double value, const Covered& covered) {
-  constexpr const char* reason = "not calibrated for {} {} {:g} radii of the circle (here {:.3g})";
+  constexpr const char* reason = "not calibrated for {} {} {:g} radii of the contact patch (here {:.3g})";
   if (!(value >= covered.least)) return fmt::format(reason, what, "below", covered.least, value);
   return value <= covered.most ? "" : fmt::format(reason, what, "above", covered.most, value);
 }

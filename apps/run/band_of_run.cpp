@@ -125,7 +125,7 @@ std::string why_no_band(const Scene& scene, const std::vector<Material>& tissues
   if (scene.cloud.rim != usual.cloud.rim || scene.cloud.jitter != usual.cloud.jitter ||
       scene.grid.points != usual.grid.points || scene.grid.ratio != usual.grid.ratio ||
       scene.support_radius_factor != usual.support_radius_factor)
-    return "calibrated for the default rim, points and supports only";
+    return "calibrated for the default --rim, points and supports only";
   if (const std::optional<ToolShape> tool = scene.tool) {
     if (!has_error_estimate(*tool)) return fmt::format("not calibrated for {}", in_words(*tool));
     if (1e-3 * scene.depth_mm < shallowest_with_tool_band * tool->radius * (1.0 - 1e-9))
@@ -135,7 +135,7 @@ std::string why_no_band(const Scene& scene, const std::vector<Material>& tissues
     return fmt::format("not calibrated for a depth above {:g} radii of the tool", deepest_with_tool_band);
   }
   if (scene.depth_mm > deepest_with_band * 0.5 * scene.boundary.indenter_diameter_mm)
-    return fmt::format("not calibrated for a depth above {} radii of the circle", deepest_with_band);
+    return fmt::format("not calibrated for a depth above {} radii of the contact patch", deepest_with_band);
   return {};
 }
 

@@ -60,11 +60,10 @@ void BendingOfPart::see(const Frame& frame) {
 std::string BendingOfPart::warning() const {
   if (!(depth_ > 0.0) || moved_ < much * depth_) return {};
   return fmt::format(
-      "{:.0f} % of the push bends the part under the tool and does not indent it: at {:.2f} mm the surface "
-      "on its other "
-      "side, {:.1f} mm below a circle of {:.4g} mm, has moved {:.2f} mm along the push; the force is that of "
-      "the part's "
-      "bending: put the tool elsewhere (`dimple places` lists places), or hold that part with --base",
+      "{:.0f} % of the indentation bends the part under the tool: at {:.2f} mm the surface on its other "
+      "side, {:.1f} mm below a contact patch of {:.4g} mm, has moved {:.2f} mm along the approach direction; "
+      "the force is that of bending: move the tool (`dimple places` lists places), or hold that part with "
+      "--base",
       100.0 * moved_ / depth_, 1e3 * depth_, 1e3 * thickness_, 1e3 * diameter_, 1e3 * moved_);
 }
 

@@ -108,7 +108,7 @@ Checkpoint read_checkpoint(const fs::path& file) {
     throw InputError({.fact = fmt::format("{} cannot be read", file.string()),
                       .where = "--resume",
                       .why = why,
-                      .remedy = "start the run anew with --force"});
+                      .remedy = "start the run again with --force"});
   };
   std::string content = read_file(file);
   const std::size_t length = content.size() - std::min(content.size(), digest_length);
@@ -130,7 +130,7 @@ void require_same_run(const RunIdentity& before, const RunIdentity& now) {
   if (before.version != now.version)
     differs = fmt::format("the program is version {} now, and was {}", now.version, before.version);
   else if (before.input_sha256 != now.input_sha256)
-    differs = "the image or model is another one, or has changed";
+    differs = "the image or model differs or has changed";
   for (const auto& [key, value] : now.options) {
     const auto found = before.options.find(key);
     const std::string was = found == before.options.end() ? "not set" : found->second;
@@ -140,10 +140,10 @@ void require_same_run(const RunIdentity& before, const RunIdentity& now) {
     if (differs.empty() && now.options.count(key) == 0)
       differs = fmt::format("{} is not set now, and was {}", key, value);
   if (!differs.empty())
-    throw UsageError({.fact = "the run in that folder is another one: " + differs,
+    throw UsageError({.fact = "the run in that folder differs: " + differs,
                       .where = "--resume",
-                      .why = "what would come out is neither of the two",
-                      .remedy = "give the same image and options, or start anew with --force",
+                      .why = "the result would belong to neither run",
+                      .remedy = "give the same image and options, or start again with --force",
                       .code = other_run});
 }
 

@@ -75,9 +75,9 @@ void ClosingCut::see(const Frame& frame) {
 std::string ClosingCut::warning() const {
   if (share_ < small) return {};
   return fmt::format(
-      "the load closes the cut and the banks pass through each other: at {} over {:.0f} % of their area, by "
-      "up to {}; in life they would press on each other, so that the force is too low there: give "
-      "--self-contact on, let the cut end farther from the tool, or take less --depth",
+      "the load closes the cut and its faces pass through each other: at {} over {:.0f} % of their area, by "
+      "up to {}; real faces would be in contact, so the force is too low there: give --self-contact on, end "
+      "the cut farther from the tool, or use a smaller --depth",
       length_in_words(1e3 * depth_), 100.0 * share_, length_in_words(1e3 * worst_));
 }
 

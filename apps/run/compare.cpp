@@ -69,9 +69,8 @@ void average(MeasuredCurve& curve) {
   means(curve.depth);
   means(curve.force);
   means(curve.time);
-  curve.averaged =
-      fmt::format("the curve has {} rows: means of {} that follow each other are taken, {} in all", rows,
-                  group, curve.depth.size());
+  curve.averaged = fmt::format("the curve has {} rows: means of {} successive rows are used, {} in all", rows,
+                               group, curve.depth.size());
 }
 
 // The rows of one loading; depth [m], force [N], time [s] or none.
@@ -104,17 +103,17 @@ MeasuredCurve loading_in(const fs::path& file, const std::vector<double>& depth,
     if (!time.empty()) curve.time.push_back(time[k]);
   }
   if (const std::size_t after = depth.size() - last - 1; after > 0)
-    curve.left_out = fmt::format(
-        "{} of {} rows, which come after the largest depth, {:g} mm, are left out: they are no loading",
-        after, depth.size(), 1e3 * *deepest);
+    curve.left_out =
+        fmt::format("{} of {} rows, after the largest depth of {:g} mm, are left out: they are not loading",
+                    after, depth.size(), *deepest);
   double sum = 0.0;
   for (const double f : curve.force) sum += f;
   if (!(sum > 0.0))
     refuse_run(
         file, fmt::format("the forces of the {} rows with a depth add up to {:g} N", curve.force.size(), sum),
         "tissue resists the tool: its force is positive",
-        curve.left_out.empty() ? "turn the sign of the force, if the sensor counts it the other way"
-                               : "turn the sign of the force, or bring the rows into the order of loading");
+        curve.left_out.empty() ? "reverse the sign of the force if the sensor has the opposite sign"
+                               : "reverse the sign of the force, or sort the rows in the order of loading");
   average(curve);
   return curve;
 }
@@ -158,12 +157,12 @@ double ramp_rate(const MeasuredCurve& curve) {
         "give the part with a constant speed, or leave time_s out where time plays no part in the fit");
   };
   if (curve.time.empty())
-    refused("there is no column time_s", "what relaxes in time cannot be told from depths");
+    refused("there is no column time_s", "relaxation cannot be fitted from depths alone");
   for (std::size_t k = 1; k < curve.time.size(); ++k)
     if (!(curve.time[k] > curve.time[k - 1]))
       refused(fmt::format("the time does not rise: {:g} s after {:g} s", curve.time[k], curve.time[k - 1]),
               "each row is one moment of a loading");
-  if (curve.time.size() < 2) refused("there is one row with a depth", "a speed takes two");
+  if (curve.time.size() < 2) refused("there is one row with a depth", "a speed needs two");
   // The clock may start before contact: depth = rate (t - t0), by least squares.
   const auto n = static_cast<double>(curve.time.size());
   double t_mean = 0.0, d_mean = 0.0, tt = 0.0, td = 0.0;
@@ -249,7 +248,8 @@ std::string in_words(const Comparison& c) {
   } else {
     text += fmt::format("measured / ours {:.2f} at {:.2f} mm, {:.2f} on average over {} depths", c.at_end,
                         1e3 * m.depth.back(), c.mean, m.depth.size());
-    if (c.inside_band) text += fmt::format(", {:.0f} % of them inside the band", 100.0 * *c.inside_band);
+    if (c.inside_band)
+      text += fmt::format(", {:.0f} % of them within the error bounds", 100.0 * *c.inside_band);
   }
   if (c.deeper > 0)
     text += fmt::format("; {} row{} deeper than this run {} not compared", c.deeper, c.deeper == 1 ? "" : "s",

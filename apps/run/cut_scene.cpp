@@ -177,8 +177,8 @@ void CutScene::cut(std::size_t k, const ScenePart& part, const RunLog& log, Resu
   made.nodes = result.model.node_count();
   if (const double blade = area_of(made.sheets); blade > 0.0 && made.area_mm2 < hardly * blade)
     log.warn(
-        fmt::format("the cut '{}' opens {:.3g} mm2, of {:.3g} mm2 of its blade at the body: another cut has "
-                    "gone there, or it grazes the surface",
+        fmt::format("the cut '{}' opens {:.3g} mm2, of {:.3g} mm2 of its blade at the body: it overlaps "
+                    "another cut, or grazes the surface",
                     made.name, made.area_mm2, blade));
   made.force_before = result.history.force.back().force;
   result.cuts.push_back(std::move(made));
@@ -213,12 +213,13 @@ void CutScene::tell(const ScenePart& part, const RunLog& log, Solution& result) 
   made.stored_before = made.released + result.history.energy.back().stored;
   log.say("cut      " + in_words(made));
   if (part.done_again)
-    log.say("cut      the tissue springs so far that the steps before were done again on the cut body");
+    log.say("cut      the tissue moves so far that the earlier steps were repeated on the cut body");
   if (!part.cut.gave_way) return;
   result.history.guards.push_back(
-      {{.fact = fmt::format("the tissue gave way at the cut '{}': no equilibrium was near", made.name),
+      {{.fact = fmt::format("the tissue passed a limit point at the cut '{}': no equilibrium was near",
+                            made.name),
         .where = fmt::format("indentation {}", length_in_words(1e3 * made.depth)),
-        .why = "viscous steps at the held pose led to the one that is shown; there may be others",
+        .why = "viscous regularisation at the held pose led to the one shown; there may be others",
         .remedy = "compare with the same cut from the start: --cut, with the blades in the folder cuts",
         .code = "limit-point"},
        0.0});
@@ -228,14 +229,14 @@ std::string in_words(const CutMade& made) {
   std::string words = fmt::format("{}: '{}' at {}", made.name, made.text, length_in_words(1e3 * made.depth));
   if (made.area_mm2 > 0.0) words += fmt::format(", {:.4g} cm2", made.area_mm2 / 1e2);
   const Written written = force_written(std::max(std::abs(made.force), std::abs(made.force_before)));
-  words += fmt::format("; the force goes from {} to {}", written(made.force_before), written(made.force));
+  words += fmt::format("; the force changes from {} to {}", written(made.force_before), written(made.force));
   words += fmt::format("; {} mJ released", three_digits(1e3 * made.released));
   if (made.area_mm2 > 0.0)
     words += fmt::format(", {} J/m2", three_digits(1e6 * made.released / made.area_mm2));
   if (made.stored_before > 0.0 && made.releases_no_more_than_clouds_differ())
-    words += ", no more than the two clouds may differ by";
+    words += ", within the difference between the two node sets";
   if (made.toughness_J_m2 > 0.0)
-    words += fmt::format("; the blade's work, by balance of energy, {} mJ",
+    words += fmt::format("; work of the blade from the energy balance {} mJ",
                          three_digits(1e3 * made.work_of_blade()));
   return words + fmt::format("; {} nodes from here on", made.nodes);
 }

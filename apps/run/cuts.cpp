@@ -26,10 +26,10 @@ std::vector<std::string> warnings_of_small_sheets(const Scene& scene, const Body
     for (const Blade& blade : cut.blades)
       if (const double size = blade.kind == Blade::Kind::sheet ? size_of(blade.sheet) : whole;
           size < small * whole)
-        warnings.push_back(fmt::format(
-            "the sheet of the cut '{}' is {} long, and the body {}: the file has no units, and its "
-            "numbers are read as mm; scale it if it was drawn in metres, inches or cm",
-            blade.text, length_in_words(size), length_in_words(whole)));
+        warnings.push_back(
+            fmt::format("the sheet of the cut '{}' is {} long, and the body {}: the file has no units, and "
+                        "its numbers are read as mm; scale it if it is in metres, inches or cm",
+                        blade.text, length_in_words(size), length_in_words(whole)));
   return warnings;
 }
 
@@ -56,11 +56,12 @@ TriangleMesh line_blade(const Vec3& x, const Vec3& y, double depth, const BodySu
   for (int k = 0; k <= places; ++k) into -= body.normal().col(body.closest(place(k)).triangle) / (places + 1);
   into -= into.dot(along) * along;
   if (!(into.norm() > 0.2))
-    throw ModelError({.fact = fmt::format("there is no one way into the body along the cut '{}'", text),
-                      .where = where,
-                      .why = "the surface near it faces opposite ways, or along it",
-                      .remedy = "give places on one side of the body, or a plane or sheet instead",
-                      .code = "cut"});
+    throw ModelError(
+        {.fact = fmt::format("the direction into the body is not unique along the cut '{}'", text),
+         .where = where,
+         .why = "the surface near it faces opposite directions, or along it",
+         .remedy = "give places on one side of the body, or a plane or sheet instead",
+         .code = "cut"});
   into.normalize();
   // The edge starts outside: the surface may bulge beyond the straight line.
   double above = 0.0;

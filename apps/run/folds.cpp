@@ -32,7 +32,7 @@ std::shared_ptr<const FoldBanks> folds_of(const Scene& scene, double facing_shar
 }
 
 std::string in_words(const FoldBanks& banks, double deepest) {
-  return fmt::format("folds that close touch, without friction: gaps up to {} are watched at {} places",
+  return fmt::format("contact between folds, without friction: gaps up to {}, {} contact points",
                      length_in_words(1e3 * widest * deepest), banks.count());
 }
 

@@ -169,7 +169,7 @@ std::string why_no_image_error(const Scene& scene, const LoadedModel& result) {
   if (!result.origin || result.voxel_edges_mm.isZero(0.0)) return "the model was made without its image";
   if (result.time != TimeMode::quasi_static) return "it was calibrated for equilibrium, not for dynamics";
   if (!scene.walls.empty() || !scene.steps.empty() || !has_tool_alone(scene))
-    return "it was calibrated for one tool alone that is pressed straight in, once";
+    return "it was calibrated for one tool, pressed straight in once";
   if (result.loading.touch && !has_error_estimate(result.loading.touch->shape))
     return fmt::format("it was not calibrated for {}", in_words(result.loading.touch->shape));
   return {};

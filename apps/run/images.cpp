@@ -116,7 +116,7 @@ ImageTask images_asked_for(const Scene& scene) {
   const bool images = wanted_of(scene).images;
   if (images && scene.image.file.empty())
     throw UsageError(
-        {.fact = "images on the grid of the label image are asked for, and the label image is in memory",
+        {.fact = "images on the grid of the label image are requested, and the label image is in memory",
          .where = "--write images (output.write)",
          .why = "they are written as its file is: in its format, on its stored axes",
          .remedy = "begin with a file of it, or name an image of the patient with --warp"});
@@ -135,7 +135,7 @@ ImageTask images_asked_for(const Scene& scene) {
       if (!names.insert(name).second)
         throw UsageError({.fact = fmt::format("two images to be warped are called {}", stem_of(file)),
                           .where = "--warp, --warp-labels (output.warp, output.warp_labels)",
-                          .why = "the results are named after them, and one would replace the other",
+                          .why = "the results have their names, and one would replace the other",
                           .remedy = "give one of them another name, or warp it in a run of its own"});
       try {
         const VoxelGrid grid = VolumeImage(file).grid();
@@ -152,18 +152,18 @@ ImageTask images_asked_for(const Scene& scene) {
   add(output.warp, Sampling::linear);
   add(output.warp_labels, Sampling::nearest);
   if (task.each_frame && !task.any())
-    throw UsageError({.fact = "images are wanted of each frame, but no images",
+    throw UsageError({.fact = "images of each frame are requested, but no images",
                       .where = "--write-frames (output.write_frames)",
-                      .why = "it says of which frames --write images and --warp write",
+                      .why = "it selects the frames for --write images and --warp",
                       .remedy = "add --write all,images or --warp IMAGE, or leave it out"});
   return task;
 }
 
 void require_overlap(const ImageTask& task, const Discretisation& body) {
   if (task.any() && body.surface.empty())
-    throw InputError({.fact = "the model has no surface, and images are asked for",
+    throw InputError({.fact = "images are requested, and the model has no surface",
                       .where = "--warp (output.warp)",
-                      .why = "the surface says which voxels lie inside of the body",
+                      .why = "the surface determines which voxels are inside the body",
                       .remedy = "make the model by dimple model, which writes surface.vtp"});
   for (const ImageTask::Warped& image : task.warped) {
     const double outside = share_outside(image.grid, body.surface);
@@ -175,10 +175,10 @@ void require_overlap(const ImageTask& task, const Discretisation& body) {
     };
     throw InputError(
         {.fact = outside < 1.0
-                     ? fmt::format("{} of the body lies outside of {}", percent(outside), image.file.string())
+                     ? fmt::format("{} of the body is outside of {}", percent(outside), image.file.string())
                      : fmt::format("{} does not overlap the body", image.file.string()),
          .where = "--warp (output.warp)",
-         .why = fmt::format("it reaches from {} to {} mm, and the body from {} to {} mm (LPS)",
+         .why = fmt::format("it extends from {} to {} mm, and the body from {} to {} mm (LPS)",
                             in_words(corners.rowwise().minCoeff()), in_words(corners.rowwise().maxCoeff()),
                             in_words(1e3 * body.X.rowwise().minCoeff()),
                             in_words(1e3 * body.X.rowwise().maxCoeff())),
@@ -308,11 +308,10 @@ std::vector<ImageWriter::Target> ImageWriter::targets_of(const Group& group, std
   for (const ImageTask::Warped* image : group.warped) {
     const VolumeImage& read = images.emplace_back(image->file);
     if (!(read.grid() == group.grid))
-      throw InputError(
-          {.fact = fmt::format("{} is not the image any longer that it was", image->file.string()),
-           .where = "images",
-           .why = "another program has written to it during this run",
-           .remedy = "run it again"});
+      throw InputError({.fact = fmt::format("{} has changed", image->file.string()),
+                        .where = "images",
+                        .why = "another program has written to it during this run",
+                        .remedy = "run it again"});
     targets.push_back(
         {&read, image->how,
          begun(file_of(image->name, suffix_of_labels(image->file)), group.grid, {.like = &read})});
@@ -459,8 +458,7 @@ void ImageWriter::write_group(const Group& group) {
 std::string ImageWriter::warning() const {
   std::string text;
   if (share_beyond_ > 0.0)
-    text = fmt::format("{} of the deformed surface lies beyond the image, whose grid the images keep",
-                       percent(share_beyond_));
+    text = fmt::format("{} of the deformed surface is outside of the image grid", percent(share_beyond_));
   for (const ImageTask::Warped& image : task_.warped) {
     const double outside = share_outside(image.grid, model_.surface);
     const bool is_moved = image.from_labels_mm > 1e-3 * image.grid.spacing().minCoeff();
@@ -476,8 +474,8 @@ std::string ImageWriter::warning() const {
   }
   if (100 * way_back_.unsettled > way_back_.solved)
     text += fmt::format(
-        "{}{} of the images' voxels at the body show the nearest place at rest that was found, not "
-        "the exact one: the tissue is folded there",
+        "{}{} of the images' voxels at the body show the nearest place at rest, not the exact one: the "
+        "tissue is folded there",
         text.empty() ? "" : "; ",
         percent(static_cast<double>(way_back_.unsettled) / static_cast<double>(way_back_.solved)));
   return text;

@@ -153,7 +153,7 @@ void cut(LiveTool& tool, const Stroke& stroke, bool beside) {
 void end_cuts(LiveTool& tool, const std::vector<TimedStroke>& strokes, std::size_t next) {
   finish_cuts(tool);
   for (; next < strokes.size(); ++next)
-    tool.cuts.push_back({.stroke = strokes[next].stroke, .why = "the way ended before its time"});
+    tool.cuts.push_back({.stroke = strokes[next].stroke, .why = "the path ended before its time"});
 }
 
 }  // namespace dimple

@@ -61,10 +61,10 @@ void refuse_under_circle(const SessionGiven& given, const Model& model, const Sh
   if (given.scene.tool || given.scene.contact != Contact::bonded) return;
   for (const Index a : model.circle)
     if (sheet.between(model.X.col(a), model.X.col(model.circle.front())))
-      throw ModelError({.fact = "the cut passes under the circle",
+      throw ModelError({.fact = "the cut passes under the bonded patch",
                         .where = "cut",
-                        .why = "the circle's nodes would hold both banks",
-                        .remedy = "cut beside it, or press with --tool sphere:5mm, which touches alone",
+                        .why = "the nodes of the patch would hold both faces of the cut",
+                        .remedy = "cut elsewhere, or use a contacting tool: --tool sphere:5mm",
                         .code = "cut"});
 }
 

@@ -45,21 +45,21 @@ ToolPath read_tool_path(const fs::path& file) {
                 !time   ? "there is no column time_s"
                 : depth ? "there are both depth_mm and x_mm, y_mm, z_mm"
                         : "there is neither depth_mm nor x_mm, y_mm, z_mm",
-                fmt::format("the columns are named {}, and a path is one of the two over time",
+                fmt::format("the columns are named {}, and a path is one of the two against time",
                             fmt::join(table.header, ", ")),
                 "give time_s and depth_mm, or time_s, x_mm, y_mm and z_mm (LPS)");
   if (table.rows() < 2)
     refuse_path(file, fmt::format("the path has {} row{}", table.rows(), table.rows() == 1 ? "" : "s"),
-                "a way takes two", "give at least where it begins and where it ends");
+                "a path needs two", "give at least its start and its end");
   for (std::size_t k = 1; k < time->size(); ++k)
     if (!((*time)[k] > (*time)[k - 1]))
       refuse_path(
           file,
           fmt::format("row {} is at {:g} s, the one before at {:g} s", k + 1, (*time)[k], (*time)[k - 1]),
-          "time rises along a path", "sort the rows, and leave out those that stand twice");
+          "time must increase along a path", "sort the rows, and remove duplicates");
   if (time->back() - time->front() > longest_path)
     refuse_path(file, fmt::format("the path lasts {:g} s", time->back() - time->front()),
-                "one of an hour is the longest that is followed", "give time_s in seconds, or cut the path");
+                "the longest path is one hour", "give time_s in seconds, or shorten the path");
   ToolPath path;
   path.time = *time;
   if (depth) {
@@ -199,18 +199,17 @@ std::vector<TimedStroke> read_strokes(const fs::path& file) {
       refuse_path(
           file,
           fmt::format("row {} is at {:g} s, the one before at {:g} s", k + 1, one.time, strokes.back().time),
-          "strokes are made one after the other", "sort the rows");
+          "strokes must be in the order of time", "sort the rows");
     constexpr double farthest = 1e3, deepest = 1.0;  // m
     if (one.stroke.from.cwiseAbs().maxCoeff() > farthest || one.stroke.to.cwiseAbs().maxCoeff() > farthest ||
         one.stroke.depth > deepest)
-      refuse_path(file,
-                  fmt::format("the stroke in row {} lies more than 1 km away, or is deeper than 1 m", k + 1),
+      refuse_path(file, fmt::format("the stroke in row {} is more than 1 km away, or deeper than 1 m", k + 1),
                   "places are in mm, LPS", "give millimetres");
     if (!(one.stroke.depth > 0.0) || one.stroke.from == one.stroke.to)
       refuse_path(
           file,
           fmt::format("the stroke in row {} has no {}", k + 1, one.stroke.depth > 0.0 ? "length" : "depth"),
-          "an edge cuts as far as it is moved and as deep as it is pushed",
+          "a blade cuts along its displacement and to its depth",
           "give two places and a depth_mm above zero");
     strokes.push_back(one);
   }
@@ -252,25 +251,25 @@ std::string words_of(const PathFrame& now, bool by_hand) {
   using Tool = LiveFrame::Tool;
   const char* status = f.tool == Tool::lags        ? " (the body lags)"
                        : f.tool == Tool::stopped   ? " (no equilibrium any deeper)"
-                       : f.tool == Tool::elsewhere ? " (the tool was asked to a place beside this one)"
-                       : f.tool == Tool::beyond    ? " (asked to go deeper than the body reaches)"
+                       : f.tool == Tool::elsewhere ? " (the tool is not at the requested place)"
+                       : f.tool == Tool::beyond    ? " (the requested depth exceeds the body)"
                                                    : "";
   if (!(f.depth > 0.0) && f.force == 0.0) {
     if (f.tool == Tool::elsewhere)
       return fmt::format("the force at {} is unknown: no nodes fit there", in_words(1e3 * now.tip));
-    if (by_hand) return "no touch: press the left button on the body and draw it in";
-    return fmt::format("no touch: the tool is at {}{}", in_words(1e3 * now.tip), status);
+    if (by_hand) return "no contact: press the left button on the body and drag inwards";
+    return fmt::format("no contact: the tool is at {}{}", in_words(1e3 * now.tip), status);
   }
   const double error = f.error_at_depth + now.half_band.value_or(0.0);
   const std::string depth = length_in_words(1e3 * f.depth);
   if (!(error <= std::abs(f.force)))
     return fmt::format("force unknown, {} deep: {}{}", depth,
                        std::isfinite(error) ? "its error, " + force_written(error)(error) + ", exceeds it"
-                                            : "nothing bounds its error yet",
+                                            : "no error estimate yet",
                        status);
   const Written written = force_written(f.force);
   return fmt::format("force {} +- {}{}, {} deep{}", written(f.force), written(error),
-                     now.half_band ? "" : " and what the discretisation leaves", depth, status);
+                     now.half_band ? "" : " plus discretisation", depth, status);
 }
 
 namespace {
@@ -284,7 +283,7 @@ std::string others_in_words(const std::vector<PathFrame>& frames) {
   std::vector<std::string> of;
   for (std::size_t k = 1; k < count.size(); ++k)
     if (count[k] > 0) of.push_back(fmt::format("{} {}", count[k], name_of(static_cast<LiveFrame::Tool>(k))));
-  return fmt::format("; the force is not that of the pose asked for in {} of {} frames: {}", others,
+  return fmt::format("; the force is not that of the requested pose in {} of {} frames: {}", others,
                      frames.size(), fmt::join(of, ", "));
 }
 
@@ -308,10 +307,10 @@ std::string in_words(Index nodes, const std::vector<PathFrame>& frames) {
       "{} nodes, {:.0f} fps, force +-{}{}{}{}", thousands, 1.0 / std::max(1e-6, quantile(seconds, 0.99)),
       percent(quantile(error, 0.95)),
       unknown == 0         ? ""
-      : unknown == pressed ? " and what the discretisation leaves, which is unknown"
-                           : " and what the discretisation leaves, unknown in some frames",
+      : unknown == pressed ? " plus an unknown discretisation error"
+                           : " plus discretisation, unknown in some frames",
       penetration > 0.0
-          ? fmt::format("; the body's surface reached {} into the tool between its places of contact",
+          ? fmt::format("; the body's surface penetrated by {} into the tool between contact points",
                         length_in_words(1e3 * penetration))
           : "",
       others_in_words(frames));

@@ -44,8 +44,8 @@ double seconds_since(Clock::time_point begin) {
 [[noreturn]] void fail(const fs::path& path, const std::string& what) {
   throw OutputError({.fact = fmt::format("{}: {}", what, std::strerror(errno)),
                      .where = path.string(),
-                     .why = "forces are given out on a unix domain socket there",
-                     .remedy = "give --socket a short path in a folder of your own that nothing stands at",
+                     .why = "forces are sent through a unix domain socket there",
+                     .remedy = "give --socket a short, unused path in a folder of your own",
                      .code = "socket"});
 }
 
@@ -74,7 +74,7 @@ void listen_at(const fs::path& path, Descriptor& socket) {
   const std::string name = path.string();
   if (name.empty() || name.size() >= sizeof address.sun_path) {
     errno = ENAMETOOLONG;
-    fail(path, "the path of the socket cannot be taken");
+    fail(path, "the path of the socket cannot be used");
   }
   std::memcpy(address.sun_path, name.c_str(), name.size() + 1);
   struct stat there {};
@@ -270,7 +270,7 @@ bool ForceServer::Parts::write_to(int client) {
   const int more = 2 * kept_bytes;
   setsockopt(client, SOL_SOCKET, SO_SNDBUF, &more, sizeof more);
   const std::string rest = within_line ? answers.substr(0, answers.find('\n') + 1) : std::string();
-  send_words(client, rest + "error: the answers were not taken for 1 s; read each before you ask on\n");
+  send_words(client, rest + "error: the answers were not read for 1 s; read each before the next request\n");
   return false;
 }
 
@@ -278,7 +278,7 @@ bool ForceServer::Parts::write_to(int client) {
 Descriptor ForceServer::Parts::turn_away() const {
   Descriptor other(accept4(listening.number, nullptr, nullptr, SOCK_CLOEXEC));
   if (other.number < 0) return other;
-  send_words(other.number, "error: another program moves the tool; try again when it has gone\n");
+  send_words(other.number, "error: another program moves the tool; try again later\n");
   shutdown(other.number, SHUT_WR);
   return other;
 }

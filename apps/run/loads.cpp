@@ -46,10 +46,10 @@ std::string in_words(const Loads& loads) {
 
 void check_loads(const Scene& scene, const Surface& surface) {
   if (!scene.pressures.empty() && surface.empty())
-    throw ModelError({.fact = "a pressure acts on the surface, and this model has none",
+    throw ModelError({.fact = "a pressure needs a surface, and this model has none",
                       .where = "load.pressure",
-                      .why = "its files hold nodes and points alone",
-                      .remedy = "take the label image, or leave the pressure out"});
+                      .why = "its files hold only nodes and points",
+                      .remedy = "use the label image, or leave the pressure out"});
   for (const Scene::Pressure& pressure : scene.pressures) triangles_on(pressure, surface);
   check_membranes(scene, surface);
 }

@@ -40,10 +40,10 @@ void require_room_beneath(const Scene& scene, const Discretisation& places) {
   if (turns(scene)) require_tool_as_long_turned(scene, most_of_tool_below(scene, places.tool));
   if (depth >= beneath)
     throw ModelError(
-        {.fact = fmt::format("an indentation of {} is deeper than the organ beneath the circle, {}",
+        {.fact = fmt::format("an indentation of {} is deeper than the organ beneath the contact patch, {}",
                              length_in_words(1e3 * depth), length_in_words(1e3 * beneath)),
          .where = scene.steps.empty() ? "--depth (load.depth_mm)" : "step",
-         .why = "the tool would come out on the other side",
+         .why = "the tool would pass through to the other side",
          .remedy = "give a smaller --depth, or another place with --indent-at"});
 }
 
@@ -64,12 +64,12 @@ void tell_of_first_touch(const RunLog& log, const Scene& scene, const Model& mod
   if (until < 0.01 * depth) return;  // a flat end touches with all of it at once
   if (until < 0.2 * depth)
     return log.say(
-        fmt::format("touch    up to a depth of {} the contact is less than {:g} node spacings in radius, and "
-                    "the force may be 4 % too high there",
+        fmt::format("contact  up to a depth of {} the contact radius is less than {:g} node spacings; the "
+                    "force may be 4 % too high there",
                     length_in_words(1e3 * until), enough));
   log.warn(
-      fmt::format("up to a depth of {} the contact is less than {:g} node spacings in radius, and the "
-                  "force was up to 12 % too high with such; give more --nodes",
+      fmt::format("up to a depth of {} the contact radius is less than {:g} node spacings; the force may be "
+                  "12 % too high there; give more --nodes",
                   length_in_words(1e3 * until), enough));
 }
 
@@ -78,10 +78,10 @@ void tell_of_fast_steps(const RunLog& log, const LoadedModel& result) {
   const double crossing = shear_crossing_time(result.tissues, result.model);
   for (const Step& step : result.loading.steps)
     if (step.lasts > 0.0 && step.lasts < slow_load * crossing && !step.holds())
-      return log.warn(fmt::format(
-          "the step '{}' lasts {:.3g} s, and a shear wave takes {:.3g} s through the organ: inertia, "
-          "which is left out in steps, would take part in its force",
-          step.name, step.lasts, crossing));
+      return log.warn(
+          fmt::format("the step '{}' lasts {:.3g} s, and a shear wave crosses the organ in {:.3g} s: "
+                      "inertia, which steps neglect, would change its force",
+                      step.name, step.lasts, crossing));
 }
 
 // Refuses features that need equilibrium, in a march with inertia.
@@ -106,20 +106,20 @@ TimeMode time_of(const Scene& scene, const RunLog& log, const LoadedModel& resul
   if (!scene.given.rate || (!result.loading.steps.empty() && at_the_rate.steps.empty()))
     mode = TimeMode::quasi_static;
   if (mode != TimeMode::quasi_static && result.loading.touch)
-    throw UsageError({.fact = "the tool is too fast for its contact to be solved for in equilibrium",
+    throw UsageError({.fact = "the tool is too fast for contact in equilibrium",
                       .where = "--rate (load.rate_mm_per_s)",
-                      .why = "its force holds inertia, which is modelled for the circle alone",
+                      .why = "its force includes inertia, which is modelled for the bonded indenter only",
                       .remedy = "give a lower --rate, or --time quasi-static"});
   if (mode != TimeMode::quasi_static && !scene.further_tools.empty())
-    throw UsageError({.fact = "the load is too fast for the contact of further tools to be solved for",
+    throw UsageError({.fact = "the load is too fast for the contact of further tools",
                       .where = "--rate (load.rate_mm_per_s)",
-                      .why = "contact is solved for in equilibrium, without inertia",
+                      .why = "contact is solved in equilibrium, without inertia",
                       .remedy = "give a lower --rate, or --time quasi-static"});
   if (result.loading.touch) return mode;
   if (mode != TimeMode::quasi_static && !scene.steps.empty())
     throw UsageError({.fact = "the tool is too fast for a scene of steps",
                       .where = "--rate (load.rate_mm_per_s)",
-                      .why = "its force holds inertia, and each step goes from an equilibrium to the next",
+                      .why = "its force includes inertia, and each step goes from an equilibrium to the next",
                       .remedy = "give a lower --rate, or --time quasi-static"});
   if (mode != TimeMode::quasi_static) check_without_equilibrium(scene);
   const double crossings = shear_crossings(result.model, result.tissues, result.loading);
@@ -159,13 +159,12 @@ void bring_tool(const Scene& scene, const RunLog& log, LoadedModel& result) {
     result.stages.done("loads");
   }
   const Touch& touch = *result.loading.touch;
-  log.say(fmt::format(
-      "tool     {}{}, {}; its tip at first touch at {}{}; contact is looked for at {} parts of the "
-      "surface",
-      in_words(touch.shape), depth_of_tool_in_words(scene), friction_in_words(touch.friction),
-      in_words(1e3 * touch.pose.tip), moved ? ", where the loads have moved it" : "", touch.surface.count()));
+  log.say(fmt::format("tool     {}{}, {}; its tip at first contact at {}{}; {} contact points on the surface",
+                      in_words(touch.shape), depth_of_tool_in_words(scene), friction_in_words(touch.friction),
+                      in_words(1e3 * touch.pose.tip), moved ? ", moved by the loads" : "",
+                      touch.surface.count()));
   if (touch.shape.mesh && touch.shape.mesh->turned)
-    log.say("tool     some of its triangles faced inward in the file, and were turned");
+    log.say("tool     some of its triangles faced inward in the file, and were flipped");
   tell_of_first_touch(log, scene, model, touch);
 }
 
@@ -178,11 +177,9 @@ void warn_of_stiff_tissue(const RunLog& log, const Tissues& tissues) {
       used.begin(), used.end(), [](const Material& a, const Material& b) { return a.mu < b.mu; });
   if (used.empty() || !(stiffest->mu > like_bone * softest->mu)) return;
   log.warn(
-      fmt::format("one tissue (mu {}) is {:.3g} times as stiff as another (mu {}): nodes too far apart for "
-                  "the step between them "
-                  "make the soft one too thin by a part of their spacing, and an equilibrium may not be "
-                  "found; a tissue that hardly "
-                  "bends is better held: --set support.bone.on=label:NAME",
+      fmt::format("one tissue (mu {}) is {:.3g} times as stiff as another (mu {}): coarse nodes make the "
+                  "soft tissue too thin at the interface, and an equilibrium may not be found; hold a nearly "
+                  "rigid tissue instead: --set support.bone.on=label:NAME",
                   stress_in_words(stiffest->mu), stiffest->mu / softest->mu, stress_in_words(softest->mu)));
 }
 
@@ -214,7 +211,8 @@ void make_loading(const Case& given, Supports supports, const RunLog& log, Loade
     log.say("folds    " + in_words(*loading.folds, down));
   else if (scene.self_contact == Scene::SelfContact::on)
     log.say(
-        "folds    nothing can touch: the surface nowhere faces itself across twice the tool's way or less");
+        "folds    no contact possible: nowhere does the surface face itself across twice the tool's "
+        "displacement or less");
   stand_walls(given, log, result);
   if (loading.touch) bring_tool(scene, log, result);
 }
@@ -238,8 +236,8 @@ void tell_of_load(const Scene& scene, const RunLog& log, const LoadedModel& resu
   const SolverOptions options = solver_options(scene);
   for (const Membrane& film : loading.loads.membrane) log.say("membrane " + in_words(film));
   if (const std::string loads = in_words(loading.loads); !loads.empty())
-    log.say("loads    " + loads + "; the body comes to rest under it first" +
-            (relaxes(result.tissues.material) ? ", as tissue that has relaxed" : ""));
+    log.say("loads    " + loads + "; the body is in equilibrium under it first" +
+            (relaxes(result.tissues.material) ? ", as relaxed tissue" : ""));
   log.detail(
       fmt::format("load     {} at {} mm/s: {} s, {}, {}", length_in_words(scene.depth_mm),
                   plain(scene.rate_mm_per_s), three_digits(loading.duration()),
@@ -270,7 +268,7 @@ void make_ready(const Case& given, Placed placed, const RunLog& log, Result& res
   complete(scene, std::move(placed), log, result);
   if (!scene.base_is_held) {
     result.model.base.clear();
-    log.say("base     is not held: the body lies on its walls, by contact alone");
+    log.say("base     is free: the body rests on walls by contact only");
   }
   take_loads_off(scene, supports.sets, tissues_of(scene, names, result.model, result.cut.labels).density, log,
                  result);
@@ -281,10 +279,10 @@ void make_ready(const Case& given, Placed placed, const RunLog& log, Result& res
   tell_of_load(scene, log, result);
   if (result.time != TimeMode::quasi_static && scene.material.mu_spread > 0.0)
     throw UsageError(
-        {.fact = "mu is given as known to a share of it, and inertia takes part in the force",
+        {.fact = "mu has an uncertainty, and the force includes inertia",
          .where = "--mu (material.mu_spread_percent)",
          .why = "the load is so short that the run is dynamic, and its force not proportional to mu",
-         .remedy = "run it once with the smallest and once with the largest modulus, or slower"});
+         .remedy = "run once with the smallest and once with the largest modulus, or slower"});
   result.spread = scene.material.mu_spread;
   result.model_warnings = result.warnings.size();
   ask_for_units(log, scene, result);

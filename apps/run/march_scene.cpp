@@ -47,10 +47,10 @@ void tell_of_lost_contact(const RunLog& log, const Result& result) {
   const auto last = std::find_if(force.rbegin(), force.rend(),
                                  [&](const ForceSample& sample) { return size(sample) > nothing * largest; });
   if (largest == 0.0 && force.size() > 1 && !result.history.interrupted)
-    log.warn("the tool never touches the body: its force is 0 at every depth; check its place and direction");
+    log.warn("the tool never makes contact: its force is 0 at every depth; check its place and direction");
   if (last != force.rend() && last != force.rbegin())
     log.say(
-        fmt::format("touch    the tool has left the body: it touched last at a depth of {}, after {:.3g} s",
+        fmt::format("contact  the tool lost contact: the last contact was at a depth of {}, after {:.3g} s",
                     length_in_words(1e3 * last->depth), last->t));
 }
 
@@ -63,9 +63,10 @@ void tell_of_lateral_force(const RunLog& log, const Result& result) {
   const double share = lateral_share(on_tool, result.model.tool.push);
   if (!(share > little)) return;
   const Written written = force_written(on_tool.head<3>().norm());
-  log.say(fmt::format("across   {} of the force on the tool is across its push: x {}, y {}, z {} {} (LPS)",
-                      percent(share), written.number(on_tool[0]), written.number(on_tool[1]),
-                      written.number(on_tool[2]), written.unit));
+  log.say(fmt::format(
+      "across   {} of the force on the tool is across its approach direction: x {}, y {}, z {} {} (LPS)",
+      percent(share), written.number(on_tool[0]), written.number(on_tool[1]), written.number(on_tool[2]),
+      written.unit));
 }
 
 // Reports forces on further tools and walls.
@@ -96,11 +97,11 @@ void find_jump(Result& result) {
   history.guards.push_back(
       {{.fact = fmt::format("the force jumps by {:.0f} % of the largest from one equilibrium to the next",
                             100.0 * jump.force / largest),
-        .where = fmt::format("t = {:.4g} s, indentation {:.4g} mm, {:.4g} mm across the push", at.t,
-                             1e3 * at.depth, 1e3 * aside.norm()),
-        .why = "few nodes touch the tool there, or it comes over an edge or a step of the surface",
-        .remedy = "use more nodes (--nodes), a larger tool, or a shorter way; shorter steps (--set "
-                  "solver.step_radii=0.05) show whether the force goes there smoothly",
+        .where = fmt::format("t = {:.4g} s, indentation {:.4g} mm, {:.4g} mm across the approach direction",
+                             at.t, 1e3 * at.depth, 1e3 * aside.norm()),
+        .why = "few nodes are in contact there, or the tool passes an edge or a step of the surface",
+        .remedy = "use more nodes (--nodes), a larger tool, or a shorter path; shorter steps (--set "
+                  "solver.step_radii=0.05) show whether the force changes smoothly",
         .code = "jagged"},
        jump.force / largest});
 }
@@ -162,16 +163,15 @@ class Watched {
   // Reports the displacement by the loads alone, and warns if the body has lost the shape of the image.
   void tell_of_settling(const RunLog& log) const {
     const double way = 1e3 * result_.history.settled;
-    log.say(fmt::format("settled  by {} at most, under the loads alone", length_in_words(way)));
+    log.say(fmt::format("preload  largest displacement {}", length_in_words(way)));
     if (result_.unloaded) return;  // they bring it back to the image
     const Model& model = result_.model;
     const double size = 1e3 * (model.X.rowwise().maxCoeff() - model.X.rowwise().minCoeff()).minCoeff();
     if (way > 0.5 * size)
-      log.warn(
-          fmt::format("the loads alone move the body by up to {}, more than half of its smallest extent, {}: "
-                      "it has little of the image's shape left; see whether the loads and moduli are right, "
-                      "or say with load.imaged=loaded that the image shows it under them",
-                      length_in_words(way), length_in_words(size)));
+      log.warn(fmt::format(
+          "the loads alone move the body by up to {}, more than half of its smallest extent, {}: check the "
+          "loads and moduli, or give load.imaged=loaded if the image shows the body under them",
+          length_in_words(way), length_in_words(size)));
   }
 
   void see(const Frame& frame) {

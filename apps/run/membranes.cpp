@@ -26,10 +26,10 @@ std::vector<Index> triangles_of(const Scene::Film& film, const Surface& surface)
 void check_membranes(const Scene& scene, const Surface& surface) {
   if (scene.membranes.empty()) return;
   if (surface.empty())
-    throw ModelError({.fact = "a membrane lies on the surface, and this model has none",
+    throw ModelError({.fact = "a membrane needs a surface, and this model has none",
                       .where = "membrane",
-                      .why = "its files hold nodes and points alone",
-                      .remedy = "take the label image, or leave the membrane out"});
+                      .why = "its files hold only nodes and points",
+                      .remedy = "use the label image, or leave the membrane out"});
   for (const Scene::Film& film : scene.membranes) triangles_of(film, surface);
 }
 
@@ -53,7 +53,7 @@ std::string in_words(const Membrane& film) {
     text += fmt::format(" {} of {} ({} N/m)", length_in_words(1e3 * film.thickness),
                         stress_in_words(film.shear_modulus), three_digits(stiffness));
   if (film.tension > 0.0)
-    text += fmt::format("{} tension {} N/m; the body comes to rest under it first",
+    text += fmt::format("{} tension {} N/m; the body is in equilibrium under it first",
                         stiffness > 0.0 ? "," : "", three_digits(film.tension));
   if (!film.wrinkles) text += ", bears compression";
   return text + fmt::format(", on {} mm2 of the surface", three_digits(1e6 * area_of(film.patch)));

@@ -58,12 +58,12 @@ PointFile read_points(const fs::path& file) {
       if (points.find(before) && !points.find(now))
         refuse(file, fmt::format("its array '{}' has no unit in its name", before),
                "the file was written by an earlier version or by something else",
-               fmt::format("make the model anew with `dimple model`, or call the array {}", now));
+               fmt::format("make the model again with `dimple model`, or name the array {}", now));
     return points;
   }
   if (file.extension() != ".csv")
     refuse(file, fmt::format("'{}' is neither .vtu nor .csv", file.filename().string()),
-           "the suffix says what a list of locations is", "give nodes and points as .vtu or .csv");
+           "the suffix determines the format of a list", "give nodes and points as .vtu or .csv");
   const Table table = read_csv(file);
   if (table.rows() == 0)
     refuse(file, "the list is empty", "it has a header and no rows", "give at least a few hundred locations");
@@ -97,7 +97,7 @@ void require_places(const fs::path& file, const Points& position_mm) {
              fmt::format("location {} is ({:.6g}, {:.6g}, {:.6g}) mm", n, position_mm(0, n),
                          position_mm(1, n), position_mm(2, n)),
              "no organ is more than a kilometre from the origin",
-             "mend that location, or the unit of the list");
+             "correct that location, or the unit of the list");
 }
 
 // A millionth of a millimetre is zero on the grid of files.
@@ -106,14 +106,14 @@ void require_positive(const fs::path& file, const Field& field, const std::strin
   for (const double value : field.values.row(0))
     if (!(value > 1e-6) || !std::isfinite(value))
       refuse(file, fmt::format("{} is {}, not positive", what, value), why,
-             "mend the column, or leave it out");
+             "correct the column, or leave it out");
 }
 
 void require_whole(const fs::path& file, const Field& field, double most) {
   for (const double value : field.values.row(0))
     if (!(value >= 0.0 && value <= most) || value != std::floor(value))
       refuse(file, fmt::format("{} is {}", field.name, value),
-             fmt::format("it is a whole number from 0 to {}", most), "mend the column, or leave it out");
+             fmt::format("it is a whole number from 0 to {}", most), "correct the column, or leave it out");
 }
 
 // Mean distance to the six nearest neighbours, the spacing of even nodes in make_node_cloud().
@@ -159,10 +159,10 @@ void choose_sets_by_place(ModelFiles& files) {
     else if (lateral <= model.tool.radius * (1.0 + 1e-9) && std::abs(d.dot(push)) < 0.35 * h)
       model.circle.push_back(a);
   }
-  files.notes.push_back(fmt::format(
-      "nodes carry no node_set: {} within a third of a spacing of the far end are the base, {} within the "
-      "circle and as near to its plane are the tool's",
-      model.base.size(), model.circle.size()));
+  files.notes.push_back(
+      fmt::format("nodes have no node_set: {} within a third of a spacing of the far end are the base, {} "
+                  "within the contact patch and as near to its plane are the tool's",
+                  model.base.size(), model.circle.size()));
 }
 
 Vec3 vector_of(const toml::table& table, const std::string& section, const std::string& key,
@@ -183,7 +183,7 @@ Vec3 vector_of(const toml::table& table, const std::string& section, const std::
 
 toml::table table_of(const fs::path& file) {
   if (!fs::exists(file))
-    refuse(file, "there is no model here", "a model is a folder with a model.toml",
+    refuse(file, "there is no model in this folder", "a model is a folder with a model.toml",
            "make one with `dimple model IMAGE -o MODEL`");
   toml::table table;
   try {
@@ -191,7 +191,7 @@ toml::table table_of(const fs::path& file) {
   } catch (const toml::parse_error& error) {
     refuse(file, fmt::format("not valid TOML: {}", error.description()),
            fmt::format("line {}, column {}", error.source().begin.line, error.source().begin.column),
-           "mend that line");
+           "correct that line");
   }
   if (table["format"].value_or(std::string()) != "dimple model 1")
     refuse(file, "the format is not \"dimple model 1\"",
@@ -203,7 +203,7 @@ toml::table table_of(const fs::path& file) {
 fs::path beside(const fs::path& file, const toml::table& table, const char* key) {
   const auto name = table[key].value<std::string>();
   if (!name || name->empty())
-    refuse(file, fmt::format("it does not say which file holds the {}", key),
+    refuse(file, fmt::format("it does not name the file of the {}", key),
            fmt::format("the key {} is missing", key), fmt::format("add {} = \"{}.vtu\" or a .csv", key, key));
   return file.parent_path() / *name;
 }
@@ -217,10 +217,10 @@ void take_spacing(const fs::path& file, const PointFile& nodes, ModelFiles& file
   }
   model.spacing = estimate_spacing(model.X);
   if (!(model.spacing[0] > 0.0))
-    refuse(file, "most nodes lie on one place", "their spacing is taken from their distances",
+    refuse(file, "most nodes are at one place", "their spacing is derived from their distances",
            "give each node a place of its own");
   files.notes.push_back(
-      fmt::format("nodes carry no spacing: taken as {:.3f} mm, the median distance to the six nearest",
+      fmt::format("nodes have no spacing: {:.3f} mm is used, the median distance to the six nearest",
                   millimetres(model.spacing[0])));
 }
 
@@ -240,19 +240,18 @@ void require_each_node_once(const fs::path& file, const Points& X) {
 void take_volume(const fs::path& file, const PointFile& points, ModelFiles& files) {
   Discretisation& model = files.places;
   if (const Field* volume = points.find("volume_mm3")) {
-    require_positive(file, *volume, "a point's volume", "each point stands for some tissue");
+    require_positive(file, *volume, "a point's volume", "each point represents a volume of tissue");
     model.volume = volume->values.row(0).transpose().unaryExpr(&cubic_metres);
     return;
   }
   const double cell = estimate_cell_volume(points.position_mm);
   if (!(cell > 1e-6) || !std::isfinite(cell))
-    refuse(file, "most points lie on one place, or there is only one",
-           "their volume is taken from their distances",
+    refuse(file, "most points are at one place, or there is only one",
+           "their volume is derived from their distances",
            "give each point a place of its own, or a volume_mm3");
   model.volume = Eigen::VectorXd::Constant(model.point_count(), cubic_metres(cell));
-  files.notes.push_back(fmt::format(
-      "points carry no volume: each stands for a whole cell of {:.3f} mm^3, the cube of their distance",
-      cell));
+  files.notes.push_back(
+      fmt::format("points have no volume: each is a cell of {:.3f} mm^3, the cube of their distance", cell));
 }
 
 void take_axes(const fs::path& file, const toml::table& table, Mat3& to) {
@@ -263,7 +262,7 @@ void take_axes(const fs::path& file, const toml::table& table, Mat3& to) {
       for (int i = 0; i < 3; ++i)
         to(i, d) = (*axis)[static_cast<std::size_t>(i)].value_or(i == d ? 1.0 : 0.0);
   if (!((to.colwise().norm().array() - 1.0).abs().maxCoeff() < 1e-6) || !to.allFinite())
-    refuse(file, "axes are not three unit vectors", "the points' cells lie along them",
+    refuse(file, "axes are not three unit vectors", "the points' cells are aligned with them",
            "write axes = [[1, 0, 0], [0, 1, 0], [0, 0, 1]], or leave the line out");
 }
 
@@ -280,14 +279,14 @@ void take_spread(const fs::path& file, const PointFile& points, ModelFiles& file
   if (const Field* spread = points.find("spread_mm2"); spread && spread->values.rows() == 6) {
     if (!spread->values.allFinite())
       refuse(file, "a point's spread is not finite", "it is the size of the point's cell",
-             "mend the column, or leave it out");
+             "correct the column, or leave it out");
     model.second_moments = spread->values.unaryExpr(&square_metres);
     return;
   }
   model.second_moments = SecondMoments::Zero(6, model.point_count());
   for (int d = 0; d < 3; ++d)
     model.second_moments.row(d) = model.volume.transpose().array().pow(2.0 / 3.0) / 12.0;
-  files.notes.push_back("points carry no spread: each stands for a cube of its volume");
+  files.notes.push_back("points have no spread: each is a cube of its volume");
 }
 
 void take_tool(const fs::path& file, const toml::table& table, ToolPlace& tool) {
@@ -301,7 +300,7 @@ void take_tool(const fs::path& file, const toml::table& table, ToolPlace& tool) 
   const double diameter_mm = table["indenter"]["diameter_mm"].value_or(10.0);
   if (!(diameter_mm > 1e-6 && diameter_mm <= 1000.0))
     refuse(file, fmt::format("indenter.diameter_mm is {}", diameter_mm),
-           "the circle is above 0 to 1000 mm wide", "write for instance diameter_mm = 10");
+           "the contact patch is above 0 to 1000 mm wide", "write for instance diameter_mm = 10");
   tool.radius = metres(0.5 * diameter_mm);
 }
 
@@ -313,9 +312,9 @@ void take_sets(const fs::path& file, const PointFile& nodes, ModelFiles& files) 
       const int bits = static_cast<int>(set->values(0, a));
       if (bits == (base_bit | circle_bit))
         refuse(file,
-               fmt::format("node {} at {} belongs to the base and to the circle", a,
+               fmt::format("node {} at {} belongs to the base and to the contact patch", a,
                            in_words(to_mm(model.X.col(a)))),
-               "its node_set is 3, and the base stays where it is while the circle moves",
+               "its node_set is 3, and the base is fixed while the contact patch moves",
                "set its node_set to 1 or to 2");
       if (bits & base_bit) model.base.push_back(a);
       if (bits & circle_bit) model.circle.push_back(a);
@@ -324,17 +323,18 @@ void take_sets(const fs::path& file, const PointFile& nodes, ModelFiles& files) 
     choose_sets_by_place(files);
   }
   if (model.base.empty())
-    refuse(file, "no node belongs to the base", "node_set has no odd number, or no node lies at the far end",
+    refuse(file, "no node belongs to the base", "node_set has no odd number, or no node is at the far end",
            "set node_set to 1 for the nodes to hold");
   if (model.circle.empty())
-    refuse(file, "no node belongs to the tool's circle", "node_set has no 2, or the circle misses the nodes",
-           "set node_set to 2 for the nodes to push, or mend indenter.centre_mm");
+    refuse(file, "no node belongs to the contact patch",
+           "node_set has no 2, or the contact patch misses the nodes",
+           "set node_set to 2 for the nodes to move, or correct indenter.centre_mm");
 }
 
 std::string scheme_named_in(const fs::path& file, const toml::table& table, const Scheme& otherwise) {
   std::string name = table["scheme"].value_or(std::string(otherwise.name));
   if (!scheme_named(name))
-    refuse(file, fmt::format("there is no scheme '{}'", name), "it decides how the points are used",
+    refuse(file, fmt::format("there is no scheme '{}'", name), "it defines the use of the points",
            "write scheme = \"converging\" or \"horton2007\"");
   return name;
 }
@@ -353,8 +353,8 @@ Scheme scheme_in(const fs::path& file, const toml::table& table, const std::stri
   }
   for (const auto& [key, word] : {std::pair{"basis", "linear"}, std::pair{"weight", "quartic"}})
     if (table["support"][key].value_or(std::string(word)) != word)
-      refuse(file, fmt::format("support.{} is not '{}'", key, word),
-             "earlier versions had others, which are no more", fmt::format("remove support.{}", key));
+      refuse(file, fmt::format("support.{} is not '{}'", key, word), "earlier versions had other values",
+             fmt::format("remove support.{}", key));
   choices.scheme = name;
   Scheme scheme = scheme_of(choices);
   double& interpolation = scheme.support.interpolation;

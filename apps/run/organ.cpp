@@ -73,11 +73,10 @@ std::vector<int> chosen_labels(const LabelImage& image, const std::vector<LabelM
                 (elsewhere.empty() ? "" : "; it would be " + elsewhere),
          .remedy =
              elsewhere.empty()
-                 ? "choose by number, or give names with --label-names; `dimple info IMAGE` shows what there "
-                   "is"
-                 : fmt::format("add --label-names {} if that made the image; `dimple info IMAGE` shows what "
-                               "there is",
-                               elsewhere.substr(elsewhere.rfind(' ') + 1))});
+                 ? "choose by number, or give names with --label-names; `dimple info IMAGE` shows the labels"
+                 : fmt::format(
+                       "add --label-names {} if that made the image; `dimple info IMAGE` shows the labels",
+                       elsewhere.substr(elsewhere.rfind(' ') + 1))});
   }
   for (const int value : result)
     if (std::none_of(present.begin(), present.end(), [&](const LabelMeasure& m) { return m.value == value; }))
@@ -107,10 +106,10 @@ void cut_out(const std::vector<std::string>& labels, const std::string& where, c
   std::copy_if(taken.labels.begin(), taken.labels.end(), std::back_inserter(taken.cut_out), is_gone);
   std::erase_if(taken.labels, is_gone);
   if (taken.labels.empty())
-    throw InputError({.fact = "nothing of the body is left when its labels are taken out",
+    throw InputError({.fact = "nothing of the body is left without these labels",
                       .where = where,
                       .why = "all labels that form the body are cut out",
-                      .remedy = "leave one, or take more with --label"});
+                      .remedy = "leave one, or choose more with --label"});
   taken.chosen.clear();
   for (const LabelMeasure& m : taken.labels) taken.chosen.push_back(m.value);
 }
@@ -134,14 +133,13 @@ Taken take_labels(const RunLog& log, const Scene& scene, const LabelImage& image
     if (!support.part) asked_for[fmt::format("support.{}.on", support.name)] = support.label;
   for (const auto& [where, label] : asked_for)
     if (const int value = number_of_label(label, names); !has(taken.labels, value))
-      throw InputError(
-          {.fact = fmt::format("no part of the body has label '{}'", label),
-           .where = where,
-           .why = has(taken.cut_out, value) ? "--cut takes it out"
-                  : has(present, value)     ? "--label leaves it out"
-                                            : "the image has no such label",
-           .remedy =
-               "`dimple info IMAGE` shows the labels; take several with --label 1,2, or leave --label out"});
+      throw InputError({.fact = fmt::format("no part of the body has label '{}'", label),
+                        .where = where,
+                        .why = has(taken.cut_out, value) ? "--cut removes it"
+                               : has(present, value)     ? "--label excludes it"
+                                                         : "the image has no such label",
+                        .remedy = "`dimple info IMAGE` shows the labels; choose several with --label 1,2, or "
+                                  "leave --label out"});
   return taken;
 }
 
@@ -156,9 +154,8 @@ void say_labels(const RunLog& log, const Scene& scene, const std::vector<int>& c
       alike.push_back(label);
   if (chosen.empty() && alike.size() > 1)
     log.warn(
-        fmt::format("{} labels form one body of one material, because no --label was given: {}; choose with "
-                    "--label {}, or "
-                    "give one a material of its own, as in --set tissue.{}.mu=300Pa",
+        fmt::format("no --label given: {} labels are merged into one body with one material: {}; choose with "
+                    "--label {}, or give one its own material, as in --set tissue.{}.mu=300Pa",
                     alike.size(), in_words(alike), alike.front().value, alike.back().value));
 }
 
@@ -184,12 +181,11 @@ std::optional<ClosedImage> closed(const Scene& scene, const LabelImage& image, c
 void warn_of_narrow_gaps(const Scene& scene, double share, const RunLog& log) {
   if (share <= most_facing || scene.image.close_mm >= narrow_gap_mm) return;
   log.warn(fmt::format(
-      "{:.0f} % of the surface faces another part of it across less than {:.0f} mm of air: the walls of "
-      "these folds, which touch in life, {}; --close {:.0f}mm closes such folds: compare "
-      "the two forces, which may differ much",
+      "{:.0f} % of the surface faces another part of it across a gap of less than {:.0f} mm: the walls of "
+      "these folds {}; --close {:.0f}mm closes such folds: compare the two forces, which may differ much",
       100.0 * share, narrow_gap_mm,
-      folds_touch(scene, share) ? "touch here in equilibrium, without friction"
-                                : "move freely here and pass through each other",
+      folds_touch(scene, share) ? "come into contact in equilibrium, without friction"
+                                : "move freely and pass through each other",
       narrow_gap_mm));
 }
 
@@ -231,10 +227,10 @@ Work work_of(const Scene& scene, const LoadedModel& result) {
 
 void say_default_stiffness(const RunLog& log, const Scene& scene) {
   if (!scene.given.stiffness)
-    log.say(fmt::format(
-        "material mu {} of swine brain (Horton et al. 2007), because no material was given; for other "
-        "tissues give --mu, --young or --preset",
-        stress_in_words(scene.material.mu_Pa)));
+    log.say(
+        fmt::format("material mu {} of swine brain (Horton et al. 2007), as no material was given; for other "
+                    "tissues give --mu, --young or --preset",
+                    stress_in_words(scene.material.mu_Pa)));
 }
 
 TissueOptions tissues_of(const Scene& scene, const std::map<std::string, int>& label_names,
@@ -253,13 +249,11 @@ TissueOptions tissues_of(const Scene& scene, const std::map<std::string, int>& l
     const bool is_gone = std::any_of(taken_out.begin(), taken_out.end(),
                                      [&](const LabelMeasure& m) { return m.value == value; });
     if (!is_gone && !(places.label.array() == value).any())
-      throw InputError(
-          {.fact = fmt::format("no tissue of the model has label '{}'", label),
-           .where = fmt::format("tissue.{}", label),
-           .why = "no integration point lies in it",
-           .remedy =
-               "`dimple info IMAGE` shows the labels; take them all with --label, or leave --label out; "
-               "a model made without tissues knows only one"});
+      throw InputError({.fact = fmt::format("no tissue of the model has label '{}'", label),
+                        .where = fmt::format("tissue.{}", label),
+                        .why = "no integration point is in it",
+                        .remedy = "`dimple info IMAGE` shows the labels; choose them all with --label, or "
+                                  "leave --label out; a model made without tissues has only one"});
   }
   return tissues;
 }
@@ -330,7 +324,7 @@ Organ read_organ(const Case& given, const ModelOptions& options, const RunLog& l
                         100.0 * segment.dropped_volume_mm3 / segment.label_volume_mm3));
   if (segment.dropped_volume_mm3 > 0.05 * segment.label_volume_mm3)
     log.warn(fmt::format(
-        "{:.1f} % of the labelled volume lies in pieces that do not touch the largest and was dropped",
+        "{:.1f} % of the labelled volume was dropped: its pieces are not connected to the largest",
         100.0 * segment.dropped_volume_mm3 / segment.label_volume_mm3));
   const double volume = segment.voxel_volume_mm3;
   log.say("organ    " + volume_in_words(volume));
@@ -377,11 +371,11 @@ void refuse_circle_over_cut(const BodySurface& before, const BodySurface& body, 
       const Vec3 x = at.centre + step * (i * e + k * g);
       if ((x - at.centre).norm() > at.radius) continue;
       if (const double whole = touch(before, x); !(touch(body, x) > whole + 0.01 * gap)) continue;
-      throw ModelError({.fact = "a cut passes under the circle",
+      throw ModelError({.fact = "a cut passes under the bonded patch",
                         .where = "--cut (image.cut) and --indent-at (boundary.indent_at)",
-                        .why = fmt::format("the circle's nodes would hold both banks at {}",
+                        .why = fmt::format("the nodes of the patch would hold both faces of the cut at {}",
                                            in_words(body.to_world() * x)),
-                        .remedy = "move one of them, or press with --tool sphere:5mm, which touches alone",
+                        .remedy = "move one of them, or use a contacting tool: --tool sphere:5mm",
                         .code = "cut"});
     }
 }
@@ -389,7 +383,7 @@ void refuse_circle_over_cut(const BodySurface& before, const BodySurface& body, 
 void refuse_without_base(const BodySurface& body, const Boundary& at) {
   for (Index t = 0; t < body.triangles().cols(); ++t)
     if (on_base(at, body.vertex().col(body.triangles()(0, t)), body.normal().col(t))) return;
-  throw ModelError({.fact = "the tool stands on a piece that the cut has parted from the base",
+  throw ModelError({.fact = "the tool is on a piece that the cut has separated from the base",
                     .where = "--cut (image.cut)",
                     .why = "nothing holds that piece",
                     .remedy = "let the cut end in the tissue, or give another --base or --indent-at",
@@ -404,16 +398,16 @@ std::string sentence_of(const Scene& scene, const ImageFacts::Cut& cut) {
     sentence += fmt::format("{}'{}'", sentence.empty() ? "" : ", ", one.text);
   if (cut.area_mm2 > 0.0)
     sentence +=
-        fmt::format(": {:.4g} cm2, its banks {:.4g} mm apart", cut.area_mm2 / 1e2, scene.image.cut_gap_mm);
+        fmt::format(": {:.4g} cm2, its faces {:.4g} mm apart", cut.area_mm2 / 1e2, scene.image.cut_gap_mm);
   if (cut.removed_mm3 > 2.0 * cut.area_mm2 * scene.image.cut_gap_mm)  // more than the gaps: a closed region
     sentence += fmt::format("; {} removed", volume_in_words(cut.removed_mm3));
-  if (!cut.labels.empty()) sentence += fmt::format("; taken out: {}", in_words(cut.labels));
+  if (!cut.labels.empty()) sentence += fmt::format("; removed: {}", in_words(cut.labels));
   return sentence;
 }
 
 void warn_of_parted(const RunLog& log, const std::vector<CutPiece>& parted) {
   for (const CutPiece& piece : parted)
-    log.warn(fmt::format("the cut parts {} at {} from what is under the tool: it is left out",
+    log.warn(fmt::format("the cut separates {} at {} from the part under the tool: it is left out",
                          volume_in_words(piece.volume_mm3), in_words(piece.centre)));
 }
 
@@ -546,8 +540,8 @@ Discretisation place_nodes(const Scene& scene, const Organ& organ, const ModelOp
   if (const double apart = result.cut.sizing * report.spacing_mm, gap = scene.image.cut_gap_mm;
       apart > widest_over_gap * gap)
     log.warn(
-        fmt::format("a cut reaches to where nodes are {} apart, which see across a gap of {} as if it were "
-                    "not there; give more --nodes, or a wider gap with --set image.cut_gap={:.2g}mm",
+        fmt::format("a cut extends to nodes {} apart, whose supports bridge a gap of {}; give more --nodes, "
+                    "or a wider gap with --set image.cut_gap={:.2g}mm",
                     length_in_words(apart), length_in_words(gap), apart / widest_over_gap));
   const FacesAlongVoxels flat = faces_along_voxels(organ.body->surface, report.boundary);
   if (scene.base_is_held)
@@ -556,10 +550,11 @@ Discretisation place_nodes(const Scene& scene, const Organ& organ, const ModelOp
   if (options.boundary.is_pressed && !flat.tool.empty()) log.say("flat     " + flat.tool);
   const std::string centre = in_words(places.tool.centre * 1e3);
   if (options.boundary.contact_radius_mm > 0.0 && options.boundary.is_pressed)
-    log.say(fmt::format("contact  nodes are finest around a circle {:.1f} mm across at {}: {}",
-                        2e3 * places.tool.radius, centre, report.boundary.circle_reason));
+    log.say(fmt::format(
+        "contact  nodes are refined around the expected contact, {:.1f} mm in diameter, at {}: {}",
+        2e3 * places.tool.radius, centre, report.boundary.circle_reason));
   else if (options.boundary.is_pressed)
-    log.say(fmt::format("circle   {} nodes, {} on its rim, {:.1f} mm across at {}: {}", report.circle_nodes,
+    log.say(fmt::format("contact  {} nodes, {} on the edge, {:.1f} mm across at {}: {}", report.circle_nodes,
                         report.rim_nodes, 2e3 * places.tool.radius, centre, report.boundary.circle_reason));
 
   const Vec3& push = places.tool.push;

@@ -41,11 +41,11 @@ ToolPlace stand_of(const Scene::FurtherTool& tool, const BodySurface& surface) {
   const auto near = surface.closest(asked);
   const double away = (near.place - asked).norm();
   if (away > 2.0 * radius_mm)
-    throw ModelError(report_on(
-        name, "at_mm",
-        fmt::format("is to touch at {}, and the surface is {} away", in_words(asked), length_in_words(away)),
-        fmt::format("the nearest place of the surface is {}", in_words(near.place)),
-        "give at_mm on the surface or near to it, x,y,z in LPS mm"));
+    throw ModelError(report_on(name, "at_mm",
+                               fmt::format("is to be in contact at {}, and the surface is {} away",
+                                           in_words(asked), length_in_words(away)),
+                               fmt::format("the nearest place of the surface is {}", in_words(near.place)),
+                               "give at_mm on the surface or near to it, x,y,z in LPS mm"));
   Vec3 push = Vec3::Zero();
   if (tool.direction) {
     push = tool.direction->normalized();
@@ -66,7 +66,7 @@ ToolPlace stand_of(const Scene::FurtherTool& tool, const BodySurface& surface) {
         name, "direction", fmt::format("does not point into the body at {}", in_words(near.place)),
         fmt::format("the surface faces ({:.2f}, {:.2f}, {:.2f}) there", surface.normal()(0, near.triangle),
                     surface.normal()(1, near.triangle), surface.normal()(2, near.triangle)),
-        "give a direction that goes in, or leave it out"));
+        "give a direction into the body, or leave it out"));
   return {1e-3 * near.place, push, radius};
 }
 
@@ -99,9 +99,9 @@ OtherTools other_tools_of(const Scene& scene, const Model& model, const std::vec
   OtherTools result;
   if (scene.further_tools.empty()) return result;
   if (model.surface.empty())
-    throw ModelError({.fact = "a further tool touches the surface, and this model has none",
+    throw ModelError({.fact = "a further tool needs a surface, and this model has none",
                       .where = "tool",
-                      .why = "its files hold nodes and points alone",
+                      .why = "its files hold only nodes and points",
                       .remedy = "begin with the label image"});
   const BodySurface surface(model.surface.vertex_mm, model.surface.triangles);
   for (const Scene::FurtherTool& tool : scene.further_tools) {
@@ -114,9 +114,9 @@ OtherTools other_tools_of(const Scene& scene, const Model& model, const std::vec
     if (depth > touch.shape.length)
       throw UsageError(
           report_on(name, "move_mm",
-                    fmt::format("is to be pushed in by {}, and is {} long", length_in_words(1e3 * depth),
+                    fmt::format("is to be pressed in by {}, and is {} long", length_in_words(1e3 * depth),
                                 length_in_words(1e3 * touch.shape.length)),
-                    "what holds it at its upper end is not modelled", "move it less, or give a longer tool"));
+                    "the holder at its upper end is not modelled", "move it less, or give a longer tool"));
     // A tool at rest is pressed by the tissue that comes towards it.
     touch.surface =
         contact_surface(model, at, reach_of_contact(touch.shape, std::max(depth, touch.shape.radius)), way);
@@ -128,11 +128,11 @@ OtherTools other_tools_of(const Scene& scene, const Model& model, const std::vec
     touch.motion = scene.steps.empty() ? Vec3(1e-3 * way_of(tool.move_mm, at.push) / (1e-3 * scene.depth_mm))
                                        : Vec3::Zero();
     result.words.push_back(fmt::format(
-        "{}: {}, {}; its tip at first touch at {}, pointing along ({:.2f}, {:.2f}, {:.2f}){}", name,
+        "{}: {}, {}; its tip at first contact at {}, direction ({:.2f}, {:.2f}, {:.2f}){}", name,
         in_words(touch.shape), friction_in_words(touch.friction), in_words(1e3 * touch.pose.tip),
         at.push.x() + 0.0, at.push.y() + 0.0, at.push.z() + 0.0,
         scene.steps.empty() ? stands(tool)
-                                  ? "; it stands"
+                                  ? "; it does not move"
                                   : fmt::format("; it moves with the tool, by ({:.4g}, {:.4g}, {:.4g}) mm",
                                                 1e3 * way.back().x() + 0.0, 1e3 * way.back().y() + 0.0,
                                                 1e3 * way.back().z() + 0.0)
@@ -151,7 +151,7 @@ void require_tools_apart(const Loading& loading) {
 }
 
 std::string at_the_end_in_words(const std::string& name, const TouchingTool::Touched& now) {
-  if (now.samples == 0) return name + ": touches nothing at the end";
+  if (now.samples == 0) return name + ": not in contact at the end";
   const Written written = force_written(now.force.norm());
   return fmt::format("{}: the tissue's force on it is x {}, y {}, z {} {} (LPS) at the end", name,
                      written.number(now.force.x()), written.number(now.force.y()),

@@ -133,7 +133,7 @@ Placed place(const Case& given, const std::optional<Organ>& organ, const RunLog&
   if (made) result.build_s += made->places_s;
   if (result.nodes_for_band > 0)
     result.chosen["cloud.nodes"] += result.nodes_for_band == fewest_nodes_under_tool(given.scene)
-                                        ? ", as the tool's edge asks for them and none were given"
+                                        ? ", as the tool's edge needs them and none were given"
                                         : ", as the body is folded and none were given";
   return placed;
 }
@@ -166,7 +166,7 @@ std::optional<Followed> followed_in(const Scene& scene, const Organ& organ) {
   const Vec3 there = surface.to_world().inverse() * (*place * 1e3);
   if (!surface.contains(there)) {
     const BodySurface::Closest closest = surface.closest(there);
-    throw UsageError({.fact = fmt::format("the place {} lies outside of the body", in_words(*place * 1e3)),
+    throw UsageError({.fact = fmt::format("the place {} is outside of the body", in_words(*place * 1e3)),
                       .where = "--quantity (accuracy.quantity)",
                       .why = fmt::format("its surface is {:.1f} mm away, at {}", closest.distance,
                                          in_words(surface.to_world() * closest.place)),

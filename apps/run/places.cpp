@@ -71,8 +71,8 @@ std::string warning_of_bending(const BodySurface& body, const Boundary& boundary
   if (!will_bend(what.bending)) return {};
   const auto better = next_better_place(body, boundary);
   return fmt::format(
-      "the tool stands on a thin part that is free to bend: {:.1f} mm of tissue along the push under a "
-      "circle of {:.4g} mm, and nothing of the base behind it; {}",
+      "the tool is on a thin part that is free to bend: {:.1f} mm of tissue along the approach direction "
+      "under a contact patch of {:.4g} mm, with no base behind it; {}",
       what.thickness_mm, 2.0 * boundary.radius,
       better ? fmt::format(
                    "the next better place is {}, with {:.1f} mm of tissue: --indent-at {:.1f},{:.1f},{:.1f}",

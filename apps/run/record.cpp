@@ -111,9 +111,10 @@ Outcome record_run(const Description& options, const fs::path& folder, Existing 
                     nodes_in_words(model.node_count(), report), model.point_count()),
         fmt::format("base: {} nodes, {}", model.base.size(), report.boundary.base_reason),
         result.loading.touch
-            ? fmt::format("tool: {}, its tip at first touch at {}, {}", in_words(result.loading.touch->shape),
+            ? fmt::format("tool: {}, its tip at first contact at {}, {}",
+                          in_words(result.loading.touch->shape),
                           in_words(1e3 * result.loading.touch->pose.tip), report.boundary.circle_reason)
-            : fmt::format("circle: {} nodes at {}, {}", report.circle_nodes,
+            : fmt::format("contact patch: {} nodes at {}, {}", report.circle_nodes,
                           in_words(model.tool.centre * 1e3), report.boundary.circle_reason)};
   };
   how.subject = fs::path(name_of_image(scene)).filename().string();
@@ -124,7 +125,7 @@ Outcome record_run(const Description& options, const fs::path& folder, Existing 
 void add_explained(Outcome& outcome, const fs::path& folder, double seconds, const std::string& ended_by) {
   if (!ended_by.empty()) {
     outcome.interrupted = true;
-    outcome.ended_by = ended_by + "; explain.md has what was compared until then";
+    outcome.ended_by = ended_by + "; explain.md has the comparisons made before";
   }
   Json summary = Json::parse(outcome.summary_json);
   outcome.times.emplace_back("comparing", seconds);

@@ -85,10 +85,10 @@ class Recorder {
     if (!given_.model) kept_.run.input_sha256 = result.provenance.at("image_sha256");
     if (how_.resumed && how_.resumed->model_sha256 != kept_.model_sha256)
       throw InputError(
-          {.fact = "the model has not come out as it was when the run began",
+          {.fact = "the model differs from that at the start of the run",
            .where = "--resume",
-           .why = "another build of the program, or another processor, computes a little otherwise",
-           .remedy = "start anew with --force, or resume where the run was begun"});
+           .why = "another build of the program, or another processor, gives slightly different numbers",
+           .remedy = "start again with --force, or resume where the run was begun"});
   }
 
   // Starts writers for the present body, from the next frame on.
@@ -345,7 +345,7 @@ std::string Recorder::ended_by(const Report& stopped, const End& end) const {
                         loading.duration());
   return fmt::format(
       "{} at {}, after {:.1f} s; {} [{}]", stopped.fact, come, how_.whole.seconds(),
-      result.levels.empty() ? "--resume goes on from there" : "this is the finest cloud so far",
+      result.levels.empty() ? "--resume continues from there" : "these are the finest nodes so far",
       stopped.code);
 }
 
@@ -364,27 +364,23 @@ void Recorder::tell_end(const End& end) {
     facts_.push_back(
         fmt::format("equilibrium at {} depths: {:.0f} force evaluations, {:.2f} ms each, {:.1f} s",
                     history.force.size() - 1, evaluations, ms, end.solve_s));
-    observer_.tell(
-        Line::detail,
-        fmt::format("done     {} force evaluations, {:.3f} ms each; residual {} of the reactions, the "
-                    "base carries {}",
-                    history.evaluations, ms, percent(history.residual), base));
+    observer_.tell(Line::detail, fmt::format("done     {} force evaluations, {:.3f} ms each; residual {} of "
+                                             "the reactions, force on the base {}",
+                                             history.evaluations, ms, percent(history.residual), base));
   } else {
     const std::string step = three_digits(1e6 * history.dt_first);
     facts_.push_back(fmt::format(
         "{} steps of {} us (stable {} us), {:.2f} ms each, {:.1f} s: {:.2f} x real time", history.evaluations,
         step, three_digits(1e6 * history.dt_stable_first), ms, end.solve_s, times_real));
-    observer_.tell(
-        Line::detail,
-        fmt::format("done     {} steps of {} us, {:.3f} ms each, {:.2f} x real time; energy error "
-                    "{}, the base carries {}",
-                    history.evaluations, step, ms, times_real, percent(largest_energy_error(history)), base));
+    observer_.tell(Line::detail, fmt::format("done     {} steps of {} us, {:.3f} ms each, {:.2f} x real "
+                                             "time; energy error {}, force on the base {}",
+                                             history.evaluations, step, ms, times_real,
+                                             percent(largest_energy_error(history)), base));
   }
   if (band.known())
     observer_.tell(
         Line::detail,
-        fmt::format("band     {} to {}, +- {}, error of the discretisation alone, estimated from {} and "
-                    "{} nodes{}",
+        fmt::format("bounds   {} to {}, +- {}, discretisation error only, estimated from {} and {} nodes{}",
                     written.number(end.force - end.half), written(end.force + end.half),
                     percent(end.half / std::abs(end.force)), result.model.node_count(), band.coarse_nodes,
                     band.seconds < 0.05 ? "" : fmt::format(", {:.1f} s more", band.seconds)));
@@ -398,8 +394,8 @@ void Recorder::tell_of_voxels(const End& end) {
   const Written written = force_written(end.force);
   observer_.tell(
       Line::detail,
-      fmt::format("voxels   +- {}, +- {}, by the image's resolution: {} by the surface's shape, "
-                  "{} by the thickness, with voxels of {} along the push",
+      fmt::format("voxels   +- {}, +- {}, by the image's resolution: {} by the surface's shape, {} by the "
+                  "thickness, with voxels of {} along the approach direction",
                   written(image.half.back()), percent(image.half.back() / std::abs(end.force)),
                   written.number(image.shape), written(image.thickness), length_in_words(1e3 * image.voxel)));
 }

@@ -123,9 +123,9 @@ void compare_with_coarser(const Case& given, const Goal& goal, const Origin& fro
 
 void refuse_without_band(const std::string& none) {
   if (none.empty()) return;
-  throw UsageError({.fact = "the accuracy of this run cannot be told",
+  throw UsageError({.fact = "the accuracy of this run cannot be estimated",
                     .where = "--accuracy (accuracy.goal) or --budget (accuracy.budget_s)",
-                    .why = "it is told by a band of the force, and " + none,
+                    .why = "it needs error bounds of the force: " + none,
                     .remedy = "leave them out, and compare several --nodes"});
 }
 
@@ -133,12 +133,12 @@ void check_goal(const Scene& scene) {
   if (!scene.goal || scene.followed) return;
   const double least = band_floor(scene)(most_nodes_for_accuracy);
   if (scene.goal->share == 0.0 || scene.goal->share >= least) return;
-  throw UsageError({.fact = fmt::format("an accuracy of {} is asked for", scene.goal->text),
+  throw UsageError({.fact = fmt::format("an accuracy of {} is requested", scene.goal->text),
                     .where = "--accuracy (accuracy.goal)",
                     .why = fmt::format("the error of this load cannot be shown to be below {:.2g} %: two "
-                                       "clouds agree that well by chance",
+                                       "node sets may agree that well by chance",
                                        100.0 * least),
-                    .remedy = "ask for less accuracy, or for less depth than the circle's radius"});
+                    .remedy = "request less accuracy, or a depth below the radius of the contact patch"});
 }
 
 std::pair<double, double> asked_for(const RefinementLevel& level, const Solution& result) {

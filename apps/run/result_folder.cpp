@@ -191,12 +191,13 @@ void require_ours(const fs::path& folder, const fs::path& model) {
   std::error_code ignored;
   if (fs::is_directory(folder, ignored) && !holds_only(folder, "") && !listed_files(folder) &&
       !holds_only_a_word(folder) && !(!model.empty() && fs::equivalent(folder, model, ignored)))
-    throw OutputError({.fact = fmt::format("{} holds files that are not results of dimple", folder.string()),
-                       .where = "-o",
-                       .why = fmt::format("there is no {}, the list of what a run has written, and files of "
-                                          "others are never removed or replaced",
-                                          file_list_name),
-                       .remedy = "give an empty or a new folder with -o"});
+    throw OutputError(
+        {.fact = fmt::format("{} holds files that are not results of dimple", folder.string()),
+         .where = "-o",
+         .why = fmt::format(
+             "there is no {}, the list of a run's files, and other files are never removed or replaced",
+             file_list_name),
+         .remedy = "give an empty or a new folder with -o"});
 }
 
 // A run neither writes through links nor deletes behind them.
@@ -239,7 +240,7 @@ void ResultFolder::require_nothing_to_lose() const {
        .why = "it would be lost",
        .remedy = is_model || finished()
                      ? "give another folder with -o, or --force to replace it"
-                     : "go on with that run by --resume, start anew by --force, or give another -o"});
+                     : "continue that run with --resume, start again with --force, or give another -o"});
 }
 
 bool ResultFolder::finished() const {

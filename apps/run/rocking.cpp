@@ -97,9 +97,9 @@ void RockingOfBody::see(const Frame& frame) {
 std::string RockingOfBody::warning() const {
   if (!(depth_ > 0.0) || rigid_ < rocks_much * depth_ || rest_ > mostly_rigid * rigid_) return {};
   return fmt::format(
-      "far from the tool the organ moves as a body, by {} of the {} that the tool moved ({:.0f} %): it rocks "
-      "or yields on its base, and the force depends on how it is held; see what --base-depth and --base "
-      "change",
+      "far from the tool the organ moves as a rigid body, by {} of the tool's {} ({:.0f} %): it rocks or "
+      "yields on its base, and the force depends on the base; compare other values of --base-depth and "
+      "--base",
       length_in_words(1e3 * rigid_), length_in_words(1e3 * depth_), 100.0 * rigid_ / depth_);
 }
 

@@ -17,9 +17,9 @@ namespace {
 
 std::string crossings_in_words(double crossings) {
   return crossings < 1.0
-             ? fmt::format("the load lasts {} of the time that a shear wave takes through the organ",
+             ? fmt::format("the load lasts {} of the travel time of a shear wave through the organ",
                            percent(crossings))
-             : fmt::format("the load lasts {} times as long as a shear wave takes through the organ",
+             : fmt::format("the load lasts {} times the travel time of a shear wave through the organ",
                            three_digits(crossings));
 }
 
@@ -91,16 +91,14 @@ std::vector<std::string> scene_in_words(const Scene& scene, const Result& result
 
 std::string nodes_for_band_in_words(Index nodes, Index usual, double facing_share) {
   return fmt::format(
-      "nodes    {} instead of {}, as none were given: {:.0f} % of the surface faces another part of "
-      "it, and the force of such a body is known from {} nodes on",
+      "nodes    {} instead of {}, as none were given: {:.0f} % of the surface faces another part of it, and "
+      "error bounds of such a body need at least {} nodes",
       nodes, usual, 100.0 * facing_share, nodes);
 }
 
 std::string nodes_for_edge_in_words(Index nodes, Index usual) {
-  return fmt::format(
-      "nodes    {} instead of {}, as none were given: fewer do not follow edges, as a punch or a "
-      "drawn tool may have them",
-      nodes, usual);
+  return fmt::format("nodes    {} instead of {}, as none were given: tools with edges need finer nodes",
+                     nodes, usual);
 }
 
 void tell_of_supports(const RunLog& log, const Model& model) {
@@ -118,9 +116,8 @@ void tell_of_supports(const RunLog& log, const Model& model) {
         consistency.before, consistency.after, consistency.largest_change));
   if (support.unseen > 0)
     log.detail(
-        fmt::format("folds    {} pairs of a node and a point are near each other across a gap and do not "
-                    "belong together; {} "
-                    "points see too few nodes and take what is near",
+        fmt::format("folds    {} pairs of a node and a point across a gap are separated; {} points have too "
+                    "few nodes and use the nearest ones",
                     support.unseen, support.unconnected.size()));
   else if (model.scheme.consistent_gradients && model.surface.empty())
     log.warn("without a surface the gradients are not made consistent: forces at high pressure are too low");
@@ -161,16 +158,15 @@ std::string time_in_words(TimeMode mode, double crossings, bool shallow) {
   return fmt::format(
       "time     {}: {}{}", mode == TimeMode::explicit_ ? "explicit dynamics" : "quasi-static",
       crossings_in_words(crossings),
-      shallow ? "; the load is short, but its tool is slow; --time explicit follows the waves" : "");
+      shallow ? "; the load is short, but its tool is slow; --time explicit resolves the waves" : "");
 }
 
 void ask_for_units(const RunLog& log, const Scene& scene, const LoadedModel& result) {
   constexpr double shallowest_mm = 0.05, softest_Pa = 5.0, thinnest_film_mm = 0.005, softest_film_Pa = 1e3;
   const auto ask = [&](const std::string& what, const std::string& least, const std::string& option,
                        const char* unit) {
-    log.warn(
-        fmt::format("{} is less than {}: are the units of {} those of its numbers? A bare number is in {}",
-                    what, least, option, unit));
+    log.warn(fmt::format("{} is less than {}: check the units of {}: a bare number is in {}", what, least,
+                         option, unit));
   };
   if (scene.depth_mm < shallowest_mm)
     ask("a depth of " + length_in_words(scene.depth_mm), length_in_words(shallowest_mm),
@@ -196,11 +192,11 @@ void warn_of_inertia(const RunLog& log, const Result& result) {
   const ForceSample& last = result.history.force.back();
   const double off = std::abs(last.base_force - last.force);
   if (!(off > inertia_to_check * std::abs(last.force))) return;
-  log.warn(fmt::format(
-      "inertia takes part in the force: the tool has {} at the end, the base {}; {}; give a lower --rate, or "
-      "--time quasi-static for the force of equilibrium",
-      force_in_words(last.force), force_in_words(last.base_force),
-      crossings_in_words(shear_crossings(result.model, result.tissues, result.loading))));
+  log.warn(
+      fmt::format("the force includes inertia: {} on the tool at the end, {} on the base; {}; give a lower "
+                  "--rate, or --time quasi-static for the force of equilibrium",
+                  force_in_words(last.force), force_in_words(last.base_force),
+                  crossings_in_words(shear_crossings(result.model, result.tissues, result.loading))));
 }
 
 std::string level_in_words(int number, const RefinementLevel& level, bool has_displacement) {
@@ -226,7 +222,7 @@ std::string in_words(const RefinementEnd& end, const Goal& goal) {
     case RefinementEnd::Why::failed:
       return fmt::format("with {} nodes: {}", end.nodes, end.fact);
     case RefinementEnd::Why::out_of_time:
-      return fmt::format("{} nodes would take about {:.0f} s more, beyond the {:g} s given", end.nodes,
+      return fmt::format("{} nodes would need about {:.0f} s more, beyond the {:g} s given", end.nodes,
                          end.seconds, goal.budget_s);
     case RefinementEnd::Why::too_many_nodes:
       return fmt::format("more than {} nodes are not tried", most_nodes_for_accuracy);
@@ -236,15 +232,15 @@ std::string in_words(const RefinementEnd& end, const Goal& goal) {
 
 std::string shortfall_in_words(const std::string& asked, std::optional<double> share,
                                const std::string& ended) {
-  return fmt::format("the accuracy asked for, {}, was not reached: {}; {}", asked,
+  return fmt::format("the requested accuracy, {}, was not reached: {}; {}", asked,
                      share ? "the error is +- " + percent(*share) : "the error is unknown so far", ended);
 }
 
 std::string next_half_in_words(const Refinement& refinement, Index more) {
   const Index nodes = refinement.finest->result.model.node_count();
   const double more_s = refinement.finest->seconds * static_cast<double>(more) / static_cast<double>(nodes);
-  return fmt::format("refine   {} nodes in {:.1f} s; half the error would take about {} nodes and {:.0f} s",
-                     nodes, refinement.seconds, (more + 50) / 100 * 100, more_s + refinement.seconds);
+  return fmt::format("refine   {} nodes in {:.1f} s; half the error needs about {} nodes and {:.0f} s", nodes,
+                     refinement.seconds, (more + 50) / 100 * 100, more_s + refinement.seconds);
 }
 
 }  // namespace dimple

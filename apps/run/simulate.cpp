@@ -121,8 +121,9 @@ void tell_how_it_ended(const Scene& scene, const Goal& goal, Refinement& found, 
   const bool would_fail = found.failed && more >= found.failed->nodes;
   if (known && !would_fail && more <= most_nodes_for_accuracy) log.say(next_half_in_words(found, more));
   if (goal.budget_s > 0.0)
-    finest.chosen["accuracy.budget_s"] = fmt::format(
-        "another machine finds another cloud; these bits again: --budget 0 --nodes {}", found.finest->asked);
+    finest.chosen["accuracy.budget_s"] =
+        fmt::format("another machine uses other nodes; to repeat this result: --budget 0 --nodes {}",
+                    found.finest->asked);
 }
 
 void simulate_to(const Goal& goal, const Case& given, const RunObserver& observer, Result& result) {
@@ -189,11 +190,11 @@ void simulate(const Case& given, const RunObserver& observer, Result& result) {
   check_goal(given.scene);
   if (given.model) {
     if (!given.origin && given.model->provenance.contains("cut") && !given.scene.membranes.empty())
-      throw UsageError({.fact = "a membrane is asked for on the model of a body that was cut",
-                        .where = "membrane",
-                        .why = "the model's files do not say which of its surface the cut has opened, where "
-                               "none lies",
-                        .remedy = "begin with the image: dimple run IMAGE --cut ... --membrane ..."});
+      throw UsageError(
+          {.fact = "a membrane is requested on the model of a cut body",
+           .where = "membrane",
+           .why = "the model's files do not mark the surface opened by the cut, which has no membrane",
+           .remedy = "begin with the image: dimple run IMAGE --cut ... --membrane ..."});
   }
   if (const Case refined = with_origin(given); const std::optional<Goal> goal = refined.scene.goal)
     return simulate_to(*goal, refined, observer, result);

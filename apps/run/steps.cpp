@@ -68,10 +68,11 @@ void require_near(const std::vector<Step>& steps, const Points& body) {
     if (!step.holds() && step.length() > furthest * size)
       throw UsageError(
           {.fact =
-               fmt::format("the step '{}' goes {} far, more than {:g} times the body's size of {}", step.name,
+               fmt::format("the step '{}' moves by {}, more than {:g} times the body's size of {}", step.name,
                            length_in_words(1e3 * step.length()), furthest, length_in_words(1e3 * size)),
            .where = fmt::format("step.{}.{}", step.name, step.turns() ? "about_mm" : "move_mm"),
-           .why = step.turns() ? "a turn about a far place is a long way" : "nothing of the body is there",
+           .why = step.turns() ? "a rotation about a distant centre is a long path"
+                               : "nothing of the body is there",
            .remedy = "give lengths and places in mm, LPS, near the body"});
 }
 
@@ -153,7 +154,7 @@ std::string in_words(const Step& step) {
   const std::string who = step.moves.empty() ? "the tool" : step.moves;
   const std::string moves = fmt::format("moves by ({:.4g}, {:.4g}, {:.4g}) mm", mm.x(), mm.y(), mm.z());
   const std::string lasts = step.lasts > 0.0 ? fmt::format(", in {:.4g} s", step.lasts) : "";
-  if (step.holds()) return fmt::format("{}: all stands for {:.4g} s", step.name, step.lasts);
+  if (step.holds()) return fmt::format("{}: nothing moves for {:.4g} s", step.name, step.lasts);
   if (!step.turns()) return fmt::format("{}: {} {}{}", step.name, who, moves, lasts);
   std::string about = "its tip";
   if (step.about) {

@@ -530,8 +530,9 @@ void add_run(Json& summary, const Scene& scene, const Result& result, const RunT
   summary["precision"] = scene.solver.precision == Precision::single_ ? "single" : "double";
   summary["requested"] = {
       {"depth_mm", scene.depth_mm}, {"rate_mm_per_s", scene.rate_mm_per_s}, {"frames", scene.solver.frames}};
-  summary["contact"] = result.loading.touch ? "touching, " + friction_in_words(result.loading.touch->friction)
-                                            : std::string(name_of(scene.contact));
+  summary["contact"] = result.loading.touch
+                           ? "in contact, " + friction_in_words(result.loading.touch->friction)
+                           : std::string(name_of(scene.contact));
   add_loads_and_supports(summary, result);
   summary["material"] = materials_json(scene, result.tissues);
   summary["counts"] = counts_json(model);

@@ -91,22 +91,22 @@ void check_nodes(const Scene::Support& held, const Chosen& chosen, const Discret
   if (nodes.empty())
     throw ModelError(
         report_on(name, "on", fmt::format("on '{}' meets no node", held.on_words),
-                  of_label ? "no integration point has that label, or none that is nearest to a node"
+                  of_label ? "no integration point has that label, or none is nearest to a node"
                   : std::isfinite(chosen.nearest_mm)
                       ? fmt::format("the nearest node of the surface is {} from the ball's middle",
                                     length_in_words(chosen.nearest_mm))
-                      : "no node of the surface lies there",
-                  of_label ? "`dimple info IMAGE` shows the labels; a model made without this support "
-                             "knows no labels, unless tissues differ"
+                      : "no node of the surface is there",
+                  of_label ? "`dimple info IMAGE` shows the labels; a model made without this support has no "
+                             "labels, unless tissues differ"
                            : "give another side, a larger ball on the surface, or more --nodes"));
   const auto of_tool =
       std::count_if(nodes.begin(), nodes.end(), [&](Index a) { return has(places.circle, a); });
   if (of_tool > 0)
     throw ModelError(
         report_on(name, "on",
-                  fmt::format("on '{}' takes {} of the {} nodes of the tool's circle", held.on_words, of_tool,
-                              places.circle.size()),
-                  fmt::format("the circle's middle is at {}, and its nodes move with the tool",
+                  fmt::format("on '{}' contains {} of the {} nodes of the contact patch", held.on_words,
+                              of_tool, places.circle.size()),
+                  fmt::format("the centre of the contact patch is at {}, and its nodes move with the tool",
                               in_words(1e3 * places.tool.centre)),
                   "move or shrink the support (a ball in place of a side), or move the tool (--indent-at)"));
   if (std::all_of(nodes.begin(), nodes.end(), [&](Index a) { return has(base, a); }))
@@ -126,7 +126,7 @@ HeldSet set_of(const Scene::Support& held, const Chosen& chosen, double depth_mm
   }
   if (chosen.normal.norm() < facing)
     throw ModelError(
-        report_on(name, "hold", "slides along a patch that faces all ways",
+        report_on(name, "hold", "slides along a patch that faces all directions",
                   fmt::format("the mean of its unit normals has a length of {:.2f}", chosen.normal.norm()),
                   "give a side or a smaller ball, or hold = \"fixed\""));
   set.hold = HeldSet::Hold::along;
@@ -137,7 +137,7 @@ HeldSet set_of(const Scene::Support& held, const Chosen& chosen, double depth_mm
         name, "move_mm", "moves along the surface on which it slides",
         fmt::format("the patch's mean normal is ({:.2f}, {:.2f}, {:.2f}), and across it nothing is held",
                     set.direction.x(), set.direction.y(), set.direction.z()),
-        "give a way within 45 degrees of the normal, or hold = \"fixed\""));
+        "give a displacement within 45 degrees of the normal, or hold = \"fixed\""));
   set.share = along / depth_mm;
   return set;
 }
@@ -155,7 +155,7 @@ std::string sentence(const HeldSet& set, double depth_mm, Index of_base, Index o
     text += fmt::format("{}moves {} mm", set.hold == HeldSet::Hold::along ? ", " : "", three(moves));
   else if (set.hold == HeldSet::Hold::all)
     text += "fixed";
-  if (of_base > 0) text += fmt::format("; {} more are the base's and stay", of_base);
+  if (of_base > 0) text += fmt::format("; {} more belong to the base and do not move", of_base);
   if (of_others > 0) text += fmt::format("; {} more belong to supports named after it", of_others);
   return text;
 }
@@ -182,10 +182,10 @@ Supports supports_of(const Scene& scene, const Discretisation& places,
   const bool all_labels = std::none_of(scene.supports.begin(), scene.supports.end(),
                                        [](const Scene::Support& support) { return support.part; });
   if (!all_labels && places.surface.empty())
-    throw ModelError({.fact = "a support lies on the surface, and this model has none",
+    throw ModelError({.fact = "a support needs a surface, and this model has none",
                       .where = "support",
-                      .why = "its files hold nodes and points alone",
-                      .remedy = "take the label image, or the tissue of a label (on = \"label:NAME\")"});
+                      .why = "its files hold only nodes and points",
+                      .remedy = "use the label image, or the tissue of a label (on = \"label:NAME\")"});
   std::optional<BodySurface> surface;
   if (!all_labels) surface.emplace(places.surface.vertex_mm, places.surface.triangles);
   std::vector<Chosen> chosen;
@@ -211,8 +211,7 @@ Supports supports_of(const Scene& scene, const Discretisation& places,
         set.node.push_back(a);
     }
     if (set.node.empty())
-      throw ModelError(report_on(set.name, "on", "has no node left",
-                                 "supports named after it take all of them",
+      throw ModelError(report_on(set.name, "on", "has no node left", "later supports contain all of them",
                                  "leave one of them out, or make the others smaller"));
     taken += static_cast<Index>(set.node.size());
     result.words.push_back(sentence(set, scene.depth_mm, of_base, of_others));
@@ -220,9 +219,9 @@ Supports supports_of(const Scene& scene, const Discretisation& places,
   Index held_before = 0;
   for (Index a = 0; a < places.node_count(); ++a) held_before += has(base, a) || has(places.circle, a);
   if (taken + held_before == places.node_count())
-    throw ModelError({.fact = fmt::format("the supports take all of the {} nodes that are free", taken),
+    throw ModelError({.fact = fmt::format("the supports contain all of the {} free nodes", taken),
                       .where = "support",
-                      .why = "with the base and the tool's circle nothing is left to deform",
+                      .why = "with the base and the contact patch nothing is left to deform",
                       .remedy = "make the supports smaller"});
   return result;
 }
@@ -243,8 +242,8 @@ void require_free_under(const Touch& tool, double depth, const std::vector<HeldS
         report_on(set.name, "on",
                   fmt::format("holds {} of the nodes under the tool{}", held,
                               tool.name.empty() ? "" : fmt::format(" '{}'", tool.name)),
-                  fmt::format("the tool presses {} nodes around {}, and what is held does not give way",
-                              under.size(), in_words(1e3 * tool.pose.tip)),
+                  fmt::format("the tool presses {} nodes around {}, and held nodes cannot move", under.size(),
+                              in_words(1e3 * tool.pose.tip)),
                   fmt::format("move or shrink the support (a ball in place of a side), or move the tool ({})",
                               tool.name.empty() ? "--indent-at" : fmt::format("tool.{}.at_mm", tool.name))));
   }

@@ -23,7 +23,7 @@ constexpr double power_of_a_round_tip = 1.5;  // Hertz
 std::string depth_of_tool_in_words(const Scene& scene) {
   if (!scene.given.depth_is_of_tool) return {};
   return fmt::format(
-      ", pushed in by {}{}, as no --depth was given", length_in_words(scene.depth_mm),
+      ", pressed in by {}{}, as no --depth was given", length_in_words(scene.depth_mm),
       scene.depth_mm < Scene{}.depth_mm ? fmt::format(", {:g} of its radius", usual_depth_in_radii) : "");
 }
 
@@ -31,14 +31,13 @@ void require_tool_as_long_turned(const Scene& scene, double below) {
   const ToolShape tool = scene.tool.value();
   const double known = tool.mesh ? std::min(2.0 * tool.mesh->width, tool.mesh->length) : tool.length;
   if (below <= known) return;
-  throw UsageError({.fact = fmt::format(
-                        "the tool turns until {} of it, along its axis, lie below its first touch, and its "
-                        "surface is known to {} above its tip",
-                        length_in_words(1e3 * below), length_in_words(1e3 * known)),
+  throw UsageError({.fact = fmt::format("the tool turns until {} of it, along its axis, is below first "
+                                        "contact, and its surface is defined to {} above its tip",
+                                        length_in_words(1e3 * below), length_in_words(1e3 * known)),
                     .where = "step",
-                    .why = tool.mesh ? "a tool that was drawn is sampled to two widths above its tip"
-                                     : "what holds it at its upper end is not modelled",
-                    .remedy = "turn it less, press it in less, or give a longer tool"});
+                    .why = tool.mesh ? "a mesh is sampled to two widths above its tip"
+                                     : "the holder at its upper end is not modelled",
+                    .remedy = "turn it less, press it less deep, or give a longer tool"});
 }
 
 Index fewest_nodes_under_tool(const Scene& scene) {

@@ -106,16 +106,15 @@ void unload_cells(const Discretisation& imaged, const std::vector<Mat3>& F, Disc
 
 void check_imaged(const Scene& scene, const ModelFiles* model) {
   if (model && model->provenance.contains(taken_off) && names_parts(scene))
-    refuse(
-        "the body was imaged under its loads, this model is without them, and something acts on a part of it",
-        "which part a side or a ball names was decided on the image's shape, and is another here",
-        "take the label image with --set load.imaged=loaded, or put it on all of the surface");
+    refuse("the model is load-free, and a load or membrane acts on a part of the loaded body's surface",
+           "a side or a ball was chosen on the image's shape, which differs from this one",
+           "use the label image with --set load.imaged=loaded, or all of the surface");
   if (!was_loaded(scene)) return;
   if (model && model->provenance.contains(taken_off))
-    refuse("the body was imaged under its loads, and this model is without them already",
-           "they were taken off when it was made", "leave load.imaged out, and give the loads");
+    refuse("load.imaged=loaded is given, and this model is already load-free",
+           "its loads were removed when it was made", "leave load.imaged out, and give the loads");
   if (!has_loads(scene) && scene.membranes.empty())
-    refuse("the body was imaged under its loads, and there are none", "nothing would be taken off",
+    refuse("load.imaged=loaded is given, and there are no loads", "there is nothing to remove",
            "give --gravity or a pressure");
 }
 
@@ -123,9 +122,9 @@ void take_loads_off(const Scene& scene, const std::vector<HeldSet>& further,
                     const std::vector<double>& density, const RunLog& log, LoadedModel& result) {
   if (!was_loaded(scene)) return;
   if (folds_touch(scene, result.facing_share))
-    refuse("folds that touch stand beside a body that was imaged under its loads",
-           "the shape without loads is looked for without their contact", "give --self-contact off");
-  log.doing("taking the loads off");
+    refuse("contact between folds cannot be combined with a body imaged under its loads",
+           "the load-free shape is computed without their contact", "give --self-contact off");
+  log.doing("computing the load-free shape");
   const Discretisation imaged = result.model;
   const Points vertex = 1e-3 * imaged.surface.vertex_mm;
   const double size = (imaged.X.rowwise().maxCoeff() - imaged.X.rowwise().minCoeff()).norm();
@@ -145,15 +144,13 @@ void take_loads_off(const Scene& scene, const std::vector<HeldSet>& further,
     if (unloaded.rounds == 0) first = unloaded.within;
     if (++unloaded.rounds > most_rounds || !(unloaded.within < 2.0 * first))
       throw SolveError(
-          {.fact =
-               fmt::format("the shape without loads was not found: after {} rounds the body comes to lie {} "
-                           "beside the image",
-                           unloaded.rounds, length_in_words(1e3 * unloaded.within)),
-           .where = "before the tool touches, load.imaged",
-           .why = "the loads deform the body so much that going back by as much comes no closer",
+          {.fact = fmt::format(
+               "the load-free shape was not found: after {} iterations the loaded body is {} from the image",
+               unloaded.rounds, length_in_words(1e3 * unloaded.within)),
+           .where = "before first contact, load.imaged",
+           .why = "the deformation is so large that the iteration does not converge",
            .remedy =
-               "lower gravity or the pressures, raise the stiffness, or take the image's shape for that "
-               "without loads",
+               "lower gravity or the pressures, raise the stiffness, or use the image's shape as load-free",
            .code = "unloaded"});
     if (!(unloaded.within < comes_closer * before)) share = std::max(0.5 * share, least_share);
     before = unloaded.within;
@@ -171,10 +168,10 @@ void take_loads_off(const Scene& scene, const std::vector<HeldSet>& further,
   for (const Index a : imaged.circle) back += result.model.X.col(a) - imaged.X.col(a);
   if (!imaged.circle.empty()) result.model.tool.centre += back / static_cast<double>(imaged.circle.size());
   result.provenance[taken_off] =
-      fmt::format("the loads, from {} beside the image", length_in_words(1e3 * unloaded.taken_back));
+      fmt::format("the loads, from {} off the image", length_in_words(1e3 * unloaded.taken_back));
   log.say(fmt::format(
-      "unloaded the shape without loads lies up to {} beside the image's; from it they bring the body "
-      "back to within {} of that, in {} rounds",
+      "unloaded load-free shape up to {} from the image; reloading reproduces the image within {}; {} "
+      "iterations",
       length_in_words(1e3 * unloaded.taken_back), length_in_words(1e3 * unloaded.within), unloaded.rounds));
 }
 

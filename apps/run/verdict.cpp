@@ -60,7 +60,7 @@ Answer of_image(const Result& result) {
   if (!(labelled > 0.0)) {  // a run from a model's files
     answer.value = static_cast<double>(result.model.node_count());
     answer.unit = "nodes";
-    answer.of = "of a model that was made before: no image was read";
+    answer.of = "of an existing model: no image was read";
     return answer;
   }
   // The body may be smaller than the labels.
@@ -132,16 +132,15 @@ Answer of_equilibrium(const Result& result, const std::string& status) {
 }
 
 Answer of_energy(const Result& result) {
-  Answer answer{
-      .value = 100.0 * largest_energy_error(result.history),
-      .unit = "%",
-      .of = result.loading.loads.move_the_body() || !result.loading.further.empty()
-                ? "of the work done since the body came to rest is what the energy balance is off by"
-                : "of the tool's work is what the energy balance is off by"};
+  Answer answer{.value = 100.0 * largest_energy_error(result.history),
+                .unit = "%",
+                .of = result.loading.loads.move_the_body() || !result.loading.further.empty()
+                          ? "energy balance error, relative to the work done since the preload"
+                          : "energy balance error, relative to the work of the tool"};
   answer.reasons = fired(result, {"energy"});
   answer.check_beyond(100.0 * energy_to_check);
   if (!answer.reasons.empty() && relaxes(result.tissues.material))
-    answer.reasons.insert("the tissue relaxes, and stored energy is counted as if it did not");
+    answer.reasons.insert("the stored energy does not include relaxation");
   return answer;
 }
 
@@ -156,7 +155,7 @@ Answer of_accuracy(const Scene& scene, const Result& result) {
   if (!band.known() || result.history.force.empty()) {
     Answer answer{.value = static_cast<double>(result.model.node_count()),
                   .unit = "nodes",
-                  .of = "and an unknown discretisation error of the force",
+                  .of = "without an error estimate of the force",
                   .reasons = {band.unknown.empty() ? "there is no force" : band.unknown}};
     check_image(answer, 0.0);
     return answer;
@@ -166,7 +165,7 @@ Answer of_accuracy(const Scene& scene, const Result& result) {
   const std::optional<Goal> goal = scene.goal;
   const bool asked = goal && (goal->share > 0.0 || goal->absolute > 0.0);
   if (asked && half > goal->half_width(force))
-    answer.reasons.insert("larger than the accuracy asked for");
+    answer.reasons.insert("larger than the requested accuracy");
   else if (!asked)
     answer.check_beyond(100.0 * band_to_check);
   check_image(answer, half);

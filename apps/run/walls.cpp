@@ -112,7 +112,7 @@ void check_walls(const Scene& scene, const LabelImage& image, const std::vector<
                                        wall.name)
                          : fmt::format("the image has no label '{}' for the wall '{}'", label, wall.name),
            .where = wall_key(wall.name, "shape"),
-           .why = there ? "a wall is rigid, and what is soft is another label" : "no voxel has it",
+           .why = there ? "a wall is rigid and needs a label of its own" : "no voxel has it",
            .remedy = there ? "choose the labels of the body with --label"
                            : "`dimple info IMAGE` shows the labels"});
     }
@@ -138,10 +138,9 @@ ContactSurface facing_surface(const Model& model, const Touch& wall, double reac
       most_places);
   if (opening && !opens && surface.count() > 0)
     throw ModelError(
-        {.fact =
-             fmt::format("the opening of the wall '{}' at ({:.4g}, {:.4g}, {:.4g}) mm opens nothing of the "
-                         "wall that the body could touch",
-                         wall.name, (*opening)[0], (*opening)[1], (*opening)[2]),
+        {.fact = fmt::format("the opening of the wall '{}' at ({:.4g}, {:.4g}, {:.4g}) mm opens no part of "
+                             "the wall near the body",
+                             wall.name, (*opening)[0], (*opening)[1], (*opening)[2]),
          .where = wall_key(wall.name, "opening"),
          .why = fmt::format("no part of the wall within its radius of {} faces the body within {}",
                             length_in_words((*opening)[3]), length_in_words(1e3 * reach)),
@@ -169,10 +168,10 @@ std::string set_back(const std::string& name, const WallShape& shape, std::optio
   if (nearest + whole < -allowed)
     throw ModelError(
         {.fact =
-             fmt::format("the wall '{}' lies {} in the body at {}", name,
+             fmt::format("the wall '{}' overlaps the body by {} at {}", name,
                          length_in_words(-1e3 * (nearest + whole)), in_words(1e3 * surface.place.col(first))),
          .where = wall_key(name, "shape"),
-         .why = fmt::format("more than {} of overlap are not taken for neighbours that touch",
+         .why = fmt::format("an overlap of more than {} is not treated as contact",
                             length_in_words(1e3 * allowed)),
          .remedy = fmt::format("correct the image or the wall, or give it a gap, as wall.{}.gap = 0", name),
          .code = "wall"});
@@ -181,7 +180,7 @@ std::string set_back(const std::string& name, const WallShape& shape, std::optio
   const double overlap = std::max(0.0, -(nearest + whole));
   std::string words =
       overlap > 0.0
-          ? fmt::format("overlaps of up to {} at rest are taken for touching", length_in_words(1e3 * overlap))
+          ? fmt::format("overlaps of up to {} at rest are treated as contact", length_in_words(1e3 * overlap))
           : fmt::format("{} away at the nearest place, {}", length_in_words(1e3 * (nearest + whole)),
                         in_words(Vec3(1e3 * surface.place.col(first))));
   if (gap)
@@ -290,8 +289,8 @@ std::string tool_in_wall(const Scene& scene, const Model& model, const Loading& 
         if (!(-nearest.gap > std::max(most, 1e3 * little * radius))) continue;
         most = -nearest.gap;
         words = fmt::format(
-            "the {} is {} inside of the wall '{}' at {}, and passes through it: walls hold the body alone; "
-            "where the tool comes in give the wall an opening, as --set wall.{}.opening=x,y,z,radius",
+            "the {} is {} inside of the wall '{}' at {}, and passes through it: walls act on the body only; "
+            "give the wall an opening for the tool, as --set wall.{}.opening=x,y,z,radius",
             name, length_in_words(most), nearest.wall->wall.name, in_words(place), nearest.wall->wall.name);
       }
   };
@@ -308,11 +307,10 @@ std::string tool_in_wall(const Scene& scene, const Model& model, const Loading& 
 std::string in_words(const std::string& name, const TouchingTool::Touched& wall) {
   if (wall.samples == 0 && wall.penetration > 0.0)
     return fmt::format(
-        "{}: touched at none of its places of contact at the end; between them the surface reaches {} into "
-        "it",
+        "{}: in contact at none of its contact points at the end; between them the surface penetrates by {}",
         name, length_in_words(1e3 * wall.penetration));
-  if (wall.samples == 0) return name + ": not touched at the end";
-  return fmt::format("{}: pushed with {} net over {:.0f} mm2; the surface reaches {} into it at most", name,
+  if (wall.samples == 0) return name + ": not in contact at the end";
+  return fmt::format("{}: net force {} over {:.0f} mm2; the surface penetrates by {} at most", name,
                      force_in_words(wall.force.norm()), 1e6 * wall.area,
                      length_in_words(1e3 * wall.penetration));
 }
@@ -321,10 +319,10 @@ Walls walls_beside(const Scene& scene, const Model& model, const LabelImage* ima
   Walls walls;
   if (scene.walls.empty()) return walls;
   if (model.surface.empty())
-    throw ModelError({.fact = "a wall stands beside the body, and this model has no surface to touch it with",
+    throw ModelError({.fact = "a wall needs the body's surface, and this model has none",
                       .where = "wall",
-                      .why = "its files hold nodes and points alone",
-                      .remedy = "take the label image, or leave the wall out"});
+                      .why = "its files hold only nodes and points",
+                      .remedy = "use the label image, or leave the wall out"});
   const double size = (model.X.rowwise().maxCoeff() - model.X.rowwise().minCoeff()).maxCoeff();
   const double reach =
       std::max(std::clamp(reach_of_size * size, least_reach, most_reach), 1.5 * deepest(scene, model.tool));
@@ -340,12 +338,11 @@ Walls walls_beside(const Scene& scene, const Model& model, const LabelImage* ima
     wall.surface = facing_surface(model, wall, reach, its.opening, its.places);
     if (wall.surface.count() == 0)
       throw ModelError(
-          {.fact = fmt::format("nothing of the body can come to the wall '{}'", name),
+          {.fact = fmt::format("no part of the body can reach the wall '{}'", name),
            .where = wall_key(name, "shape"),
-           .why = fmt::format(
-               "no part of its surface that is free faces it within {}: what the base or a support "
-               "holds and what lies in an opening does not touch a wall",
-               length_in_words(1e3 * reach)),
+           .why = fmt::format("no free part of its surface faces it within {}: held surface and surface in "
+                              "an opening have no contact with walls",
+                              length_in_words(1e3 * reach)),
            .remedy =
                "`dimple info IMAGE` shows where the body is; a plane's normal points to it; make its opening "
                "smaller, if it has one",
@@ -353,9 +350,8 @@ Walls walls_beside(const Scene& scene, const Model& model, const LabelImage* ima
     const double allowed = image && !image->run.empty() ? 1e-3 * overlap_voxels * image->spacing().maxCoeff()
                                                         : overlap_spacings * model.spacing.mean();
     const std::string apart = set_back(name, shape, its.gap, allowed, wall);
-    walls.words.push_back(fmt::format("{}: {}, {}; {}; {} parts of the surface may touch it", name,
-                                      shape.words, friction_in_words(wall.friction), apart,
-                                      wall.surface.count()));
+    walls.words.push_back(fmt::format("{}: {}, {}; {}; {} contact points", name, shape.words,
+                                      friction_in_words(wall.friction), apart, wall.surface.count()));
     walls.touch.push_back(std::move(wall));
   }
   return walls;

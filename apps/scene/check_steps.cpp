@@ -35,27 +35,28 @@ Vec3 three(const std::vector<double>& numbers) {
 void check_turn(const Scene::Step& step) {
   if (step.turn_deg.empty()) {
     if (!step.about_mm.empty())
-      refuse_step(step.name, "about_mm", "has a place to turn about, and does not turn",
-                  "about_mm says where a turn has its middle", "give turn_deg too, or leave about_mm out");
+      refuse_step(step.name, "about_mm", "has a centre of rotation, and does not turn",
+                  "about_mm is the centre of a rotation", "give turn_deg too, or leave about_mm out");
     return;
   }
   if (!is_of_tool(step))
     refuse_step(step.name, "turn_deg", fmt::format("turns '{}'", step.moves),
-                "only the tool whose force is measured turns; supports and further tools go straight",
+                "only the measured tool turns; supports and further tools translate",
                 "move it by move_mm, or let the tool turn (moves = \"tool\")");
   if (step.turn_deg.size() != 3)
     refuse_step(step.name, "turn_deg", fmt::format("turns by {} numbers", step.turn_deg.size()),
                 "a turn is a rotation vector x,y,z in LPS: its direction is the axis, its length the angle",
                 "give for instance turn_deg = [0, 20, 0]");
   if (all_zero(step.turn_deg))
-    refuse_step(step.name, "turn_deg", "turns by nothing", "a step ends where something has come",
+    refuse_step(step.name, "turn_deg", "turns by zero", "a step ends at a displacement",
                 "leave turn_deg out");
   if (const double angle = three(step.turn_deg).norm(); angle > most_turned_deg * (1.0 + 1e-9))
     refuse_step(step.name, "turn_deg", fmt::format("turns by {:.4g} degrees", angle),
                 fmt::format("a step turns by {:g} degrees at most", most_turned_deg),
                 "give it several steps, one after the other");
   if (!step.about_mm.empty() && step.about_mm.size() != 3)
-    refuse_step(step.name, "about_mm", fmt::format("turns about {} numbers", step.about_mm.size()),
+    refuse_step(step.name, "about_mm",
+                fmt::format("has a centre of rotation of {} numbers", step.about_mm.size()),
                 "a place is x,y,z in LPS", "give for instance about_mm = [0, 0, 40]");
 }
 
@@ -69,12 +70,12 @@ void check_way(const Scene& scene, const Scene::Step& step) {
   if (count != 3 && !along_push)
     refuse_step(step.name, "move_mm",
                 count == 0 ? "moves nothing" : fmt::format("moves by {} numbers", count),
-                is_a_tool ? "a tool moves by x,y,z in LPS, or by one number along its push"
+                is_a_tool ? "a tool moves by x,y,z in LPS, or by one number along its approach direction"
                           : "a support moves by x,y,z in LPS",
-                "give for instance move_mm = [3, 0, 0], or time_s alone to hold so long");
+                "give for instance move_mm = [3, 0, 0], or time_s alone to hold for that time");
   if (all_zero(step.move_mm))
-    refuse_step(step.name, "move_mm", "moves by nothing", "a step ends where something has come",
-                "leave move_mm out and give time_s, which holds so long; or leave the step out");
+    refuse_step(step.name, "move_mm", "moves by zero", "a step ends at a displacement",
+                "leave move_mm out and give time_s to hold for that time, or leave the step out");
 }
 
 std::string first_turn(const Scene& scene) {
@@ -88,19 +89,19 @@ void check_cut_steps(const Scene& scene) {
   for (const Scene::Step& step : scene.steps) {
     if (!step.cut) continue;
     if (!step.move_mm.empty() || !step.turn_deg.empty() || !is_of_tool(step))
-      refuse_step(step.name, "cut", "cuts and moves something", "a cut is made while all stands still",
+      refuse_step(step.name, "cut", "cuts and moves something", "nothing moves while a cut is made",
                   "give it two steps, one after the other");
     if (step.time_s > 0.0)
-      refuse_step(step.name, "time_s", "cuts, and lasts", "a cut is made in no time",
+      refuse_step(step.name, "time_s", "cuts, and lasts", "a cut takes no time",
                   "give it a step of its own to hold");
   }
   for (const Scene::Step& step : moving_steps(scene))
     if (step.toughness_J_m2 > 0.0)
       refuse_step(step.name, "toughness_J_m2", "has a toughness and cuts nothing",
-                  "it is the energy that a cut's area takes", "give it to a step with a cut");
+                  "toughness is the energy per area of a cut", "give it to a step with a cut");
   if (moving_steps(scene).empty())
     refuse_step(scene.steps.front().name, "cut", "cuts, and no step moves anything",
-                "where there are steps they say how the tool moves",
+                "with steps, only the steps move the tool",
                 "add one, as step.press.move = 4mm, or cut the body at rest by --cut");
 }
 
@@ -122,9 +123,9 @@ std::vector<Scene::Step> steps_named(const std::map<std::string, StepText>& text
     if (!text.cut.empty()) {
       step.cut = cut_named(text.cut, fmt::format("step.{}.cut", name), cut_gap_mm);
       if (!step.cut)
-        throw UsageError({.fact = fmt::format("the cut '{}' says nothing", text.cut),
+        throw UsageError({.fact = fmt::format("the cut '{}' is empty", text.cut),
                           .where = step.cut.where,
-                          .why = "a step that cuts says what",
+                          .why = "a step with a cut needs its shape",
                           .remedy = "give it a plane, a line, a sheet or a label"});
     }
     steps.push_back(std::move(step));
@@ -140,7 +141,7 @@ void check_steps(const Scene& scene) {
         return step.move_mm.empty() && step.turn_deg.empty() && step.time_s > 0.0;
       }))
     refuse_step(moving.front().name, "time_s", "holds, and no step moves anything",
-                "nothing would ever touch or be touched", "press first, as step.press.move_mm = 4");
+                "the tool would never make contact", "press first, as step.press.move_mm = 4");
   double pushed = 0.0;
   for (const Scene::Step& step : moving) {
     if (!is_of_tool(step)) {
@@ -154,16 +155,16 @@ void check_steps(const Scene& scene) {
     }
     if (named(scene.walls, step.moves))
       refuse_step(step.name, "moves", fmt::format("moves '{}', and a wall has that name too", step.moves),
-                  "a wall stands, and things are moved by their names", "name the wall differently");
+                  "a wall does not move, and bodies are moved by name", "name the wall differently");
     check_way(scene, step);
     if (is_of_tool(step) && step.move_mm.size() == 1) pushed += step.move_mm[0];
     if (pushed < 0.0 && scene.contact == Contact::frictionless)
-      refuse_step(step.name, "move_mm", "lifts the tool above where it touched, and it is frictionless",
-                  "only a tool that the tissue is bonded to pulls", "lift it less, or give --contact bonded");
+      refuse_step(step.name, "move_mm", "lifts a frictionless tool above its first contact",
+                  "only a bonded tool pulls", "lift it less, or give --contact bonded");
   }
   if (turns(scene) && deepest_push(moving) <= 0.0)
     refuse_step(first_turn(scene), "turn_deg", "turns the tool, and no step presses it in",
-                "the nodes are laid for the depth that it is pressed to",
+                "the nodes are placed for the depth to which it is pressed",
                 "press it first, as step.press.move_mm = 2");
 }
 

@@ -76,7 +76,7 @@ void resolve_young(Config& config) {
                              m.young_Pa),
          .where = fmt::format("{} and {}", mu->second, young->second),
          .why = "one follows from the other: mu = E / (2 (1 + nu))",
-         .remedy = "give one of --mu and --young; material.young_Pa = 0 takes back one from a file"});
+         .remedy = "give one of --mu and --young; material.young_Pa = 0 unsets one from a file"});
   m.mu_Pa = m.young_Pa / (2.0 * (1.0 + m.nu));
   config.source["material.mu_Pa"] = fmt::format("Young's modulus {} Pa, {}", m.young_Pa, young->second);
   m.young_Pa = 0.0;
@@ -118,8 +118,8 @@ void resolve_spacing(Config& config) {
     return source != config.source.end() && source->second.starts_with("--");
   };
   if (in_terminal("cloud.nodes") && in_terminal("cloud.spacing_mm"))
-    throw UsageError({.fact = fmt::format("both {} nodes and a spacing of {} are asked for",
-                                          config.cloud.nodes, length_in_words(config.cloud.spacing_mm)),
+    throw UsageError({.fact = fmt::format("both {} nodes and a spacing of {} are given", config.cloud.nodes,
+                                          length_in_words(config.cloud.spacing_mm)),
                       .where = fmt::format("{} and {}", config.source.at("cloud.nodes"),
                                            config.source.at("cloud.spacing_mm")),
                       .why = "one follows from the other",
@@ -133,7 +133,7 @@ void resolve_points(Config& config) {
   if (points < ratio) config.grid.points = 0;
   if (points > ratio) config.grid.ratio = 0.0;
   if (points == ratio)
-    throw UsageError({.fact = fmt::format("both {} integration points and {} of them per node are asked for",
+    throw UsageError({.fact = fmt::format("both {} integration points and {} of them per node are given",
                                           config.grid.points, plain(config.grid.ratio)),
                       .where = "--points (grid.points) and grid.ratio",
                       .why = "one follows from the other",
@@ -147,12 +147,12 @@ void take_poses(Config& config) {
   if (!config.step.empty())
     throw UsageError({.fact = "the tool is moved by poses and by steps",
                       .where = "--poses (load.poses)",
-                      .why = "poses are steps from each to the next",
+                      .why = "poses are steps from one to the next",
                       .remedy = "leave one of the two out"});
   if (weight_of(config, "load.rate_mm_per_s") > 0)
     throw UsageError({.fact = "a rate is given, and poses",
                       .where = "--rate (load.rate_mm_per_s)",
-                      .why = "the times of the poses say how fast the tool goes",
+                      .why = "the times of the poses set the speed of the tool",
                       .remedy = "leave one of the two out"});
   PosesTaken taken = steps_of_poses(config.load.poses);
   config.step = std::move(taken.steps);
@@ -180,7 +180,7 @@ void resolve_steps(Config& config) {
         {.fact = fmt::format("a depth of {} is given, and {}", length_in_words(config.load.depth_mm),
                              config.load.poses_taken.empty() ? "steps" : "poses, which are steps"),
          .where = given->second,
-         .why = fmt::format("the steps say how the tool moves: its depth becomes {}", length_in_words(depth)),
+         .why = fmt::format("the steps move the tool to a depth of {}", length_in_words(depth)),
          .remedy = "leave the depth out, or the steps"});
   config.load.depth_mm = depth;
   config.source["load.depth_mm"] = "the steps";

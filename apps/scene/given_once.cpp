@@ -15,7 +15,7 @@ void GivenOnce::add(const std::string& key, const std::string& text, const std::
   throw UsageError({.fact = fmt::format("{} is given twice: {} = {}, and {} = {}", option, first.key,
                                         first.text, key, text),
                     .where = first.source == source ? source : fmt::format("{}; {}", first.source, source),
-                    .why = "an option has one value, and which one is meant is not known",
+                    .why = "an option has one value",
                     .remedy = "leave one of them out"});
 }
 

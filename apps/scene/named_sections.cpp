@@ -54,10 +54,9 @@ Option option_of(const NamedSection& section, Config& config, const std::string&
                       .remedy = remedy});
   if (name.find('.') != std::string::npos)
     throw UsageError(
-        {.fact = fmt::format("a {} is called '{}', and a name holds no dot", what, name),
+        {.fact = fmt::format("a {} is called '{}', and a name has no dot", what, name),
          .where = source,
-         .why = fmt::format("dots part keys: {}.name.option, here and in summary.json's own paths",
-                            section.section),
+         .why = fmt::format("dots separate keys: {}.name.option, also in summary.json", section.section),
          .remedy = remedy});
   std::vector<Option> options = section.options_of(config, name);
   Option* option = find_option(options, fmt::format("{}{}", what, key.substr(dot)));

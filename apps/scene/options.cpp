@@ -30,7 +30,7 @@ std::vector<Option> image_options(Config& c) {
   return {
       {.key = "image.file", .value = &c.image.file, .help = "the label image"},
       {.key = "image.label", .flag = "--label", .value = &c.image.label, .stage = "model", .common = true,
-       .help = "labels to take, by number or name, comma-separated; empty: all but 0"},
+       .help = "labels of the body, by number or name, comma-separated; empty: all but 0"},
       {.key = "image.label_names", .flag = "--label-names", .value = &c.image.label_names, .stage = "model",
        .help = "table of label names (ITK-SNAP, a colour table of 3D Slicer or FreeSurfer), or "
                "totalsegmentator, totalsegmentator-mr, freesurfer"},
@@ -41,7 +41,7 @@ std::vector<Option> image_options(Config& c) {
        .help = "cut the body before the load: line:x,y,z,x,y,z,depth=15mm, plane:x,y,z,nx,ny,nz, sheet.stl, "
                "label:NAME"},
       {.key = "image.cut_gap_mm", .unit = "mm", .value = &c.image.cut_gap_mm, .least = 0.01, .most = 100,
-       .stage = "model", .help = "width of the gap that a cut leaves between its banks"},
+       .stage = "model", .help = "width of the gap between the faces of a cut"},
   };
 }
 
@@ -49,21 +49,21 @@ std::vector<Option> discretisation_options(Config& c) {
   return {
       {.key = "scheme.name", .flag = "--scheme", .value = &c.scheme.name,
        .choices = {"converging", "horton2007"}, .stage = "model",
-       .help = "converging: averaged gradients, volume held on patches, nodes graded to the rim; "
-               "horton2007: the paper's"},
+       .help = "converging: averaged gradients, volume constrained on patches, nodes graded towards the edge "
+               "of the contact patch; horton2007: the scheme of Horton et al. (2007)"},
       {.key = "cloud.nodes", .flag = "--nodes", .value = &c.cloud.nodes, .least = 100, .most = 1e6,
        .stage = "model", .common = true, .help = "number of nodes"},
       {.key = "cloud.spacing_mm", .flag = "--spacing", .unit = "mm", .value = &c.cloud.spacing_mm,
        .most = 1000, .stage = "model",
-       .help = "node spacing that the grading reaches far from the tool, with --rim 1 everywhere, instead of "
-               "a number; 0: from the number"},
+       .help = "target node spacing far from the tool, or everywhere with --rim 1 (alternative to --nodes); "
+               "0: derived from --nodes"},
       {.key = "cloud.rim", .flag = "--rim", .value = &c.cloud.rim, .most = 1, .stage = "model",
-       .help = "node spacing on the circle's rim as a fraction of that far away; 1: even; 0: 0.02, but no "
-               "less than 0.11 radii of the circle (converging), 1 (horton2007)"},
+       .help = "node spacing at the edge of the contact patch, as a fraction of that far away; 1: even; 0: "
+               "0.02, but at least 0.11 radii of the patch (converging), 1 (horton2007)"},
       {.key = "cloud.jitter", .value = &c.cloud.jitter, .most = 0.5, .stage = "model",
        .help = "move inner nodes at random by up to this fraction of their spacing"},
       {.key = "cloud.seed", .flag = "--seed", .value = &c.cloud.seed, .most = 1e15, .stage = "model",
-       .help = "seed of the random node cloud"},
+       .help = "seed of the random node positions"},
       {.key = "grid.points", .flag = "--points", .value = &c.grid.points, .most = 1e7, .stage = "model",
        .help = "approximate number of integration points; 0: from the ratio"},
       {.key = "grid.ratio", .value = &c.grid.ratio, .most = 100, .stage = "model",
@@ -77,22 +77,23 @@ std::vector<Option> boundary_options(Config& c) {
   return {
       {.key = "boundary.base", .flag = "--base", .value = &c.boundary.base, .stage = "model",
        .common = true, .words = with_sides({"auto", "organ"}),
-       .help = "side the organ rests on: auto, superior, inferior, anterior, posterior, left, right, "
-               "x,y,z in LPS, or organ: as its shape alone suggests"},
+       .help = "side on which the organ rests: auto, superior, inferior, anterior, posterior, left, right, "
+               "x,y,z in LPS, or organ: from its shape only"},
       {.key = "boundary.base_depth_mm", .flag = "--base-depth", .unit = "mm",
        .value = &c.boundary.base_depth_mm, .most = 1000, .stage = "model",
        .help = "the surface is fixed up to this height above the base's lowest point; 0: all of a flat face, "
                "else a third of the organ's height"},
       {.key = "boundary.base_hold", .flag = "--base-hold", .value = &c.boundary.base_hold,
        .choices = {"fixed", "none"}, .stage = "solve",
-       .help = "fixed: the base's nodes stand still; none: walls carry the body (--wall), by contact alone"},
+       .help = "fixed: the nodes of the base do not move; none: the body rests on walls (--wall) by contact "
+               "only"},
       {.key = "boundary.indent_at", .flag = "--indent-at", .value = &c.boundary.indent_at, .stage = "model",
        .common = true, .words = with_sides({"opposite"}),
-       .help = "where the circle is: opposite (to the base), a side, x,y,z in LPS (mm, or 2cm,-5mm,3cm) "
-               "or x,y,top"},
+       .help = "where the tool meets the body: opposite (to the base), a side, x,y,z in LPS (mm, or "
+               "2cm,-5mm,3cm) or x,y,top"},
       {.key = "boundary.indenter_diameter_mm", .flag = "--indenter-diameter", .unit = "mm",
        .value = &c.boundary.indenter_diameter_mm, .most = 1000, .least_excluded = true, .stage = "model",
-       .common = true, .help = "diameter of the circle"},
+       .common = true, .help = "diameter of the contact patch"},
       {.key = "boundary.direction", .flag = "--direction", .value = &c.boundary.direction, .stage = "model",
        .help = "direction in which the tool moves: auto (away from its side, or towards the base), or "
                "x,y,z in LPS"},
@@ -116,7 +117,7 @@ std::vector<Option> material_options(Config& c) {
        .help = "mass density"},
       {.key = "material.stress", .flag = "--stress", .value = &c.material.stress,
        .choices = {"consistent", "printed"}, .stage = "solve",
-       .help = "consistent: zero at rest; printed: the form printed in the paper"},
+       .help = "consistent: zero at rest; printed: as printed by Horton et al. (2007)"},
       {.key = "material.preset", .flag = "--preset", .value = &c.material.preset,
        .choices = names_of_presets(),
        .stage = "solve", .common = true,
@@ -141,39 +142,39 @@ std::vector<Option> load_options(Config& c) {
   return {
       {.key = "tool.shape", .flag = "--tool", .value = &c.tool.shape, .stage = "run", .common = true,
        .words = {"circle"},
-       .help = fmt::format("circle; or what touches: {} or FILE.stl", fmt::join(tool_examples(), ", "))},
+       .help = fmt::format("circle, the bonded indenter; or a contacting tool: {} or FILE.stl",
+                           fmt::join(tool_examples(), ", "))},
       {.key = "tool.friction", .flag = "--friction", .value = &c.tool.friction, .stage = "run",
-       .help = "under a tool that touches: Coulomb's coefficient, as 0.3, or stick: what has touched moves "
-               "along it no more"},
+       .help = "under a contacting tool: Coulomb's coefficient, as 0.3, or stick: no slip"},
       {.key = "load.depth_mm", .flag = "--depth", .unit = "mm", .value = &c.load.depth_mm, .least = 1e-7, .most = 1000,
        .least_excluded = true, .stage = "solve", .common = true, .help = "indentation at the end"},
       {.key = "load.poses", .flag = "--poses", .value = &c.load.poses, .stage = "solve",
-       .help = "CSV of where the tool's tip goes: time_s, x_mm, y_mm, z_mm (LPS), and qw, qx, qy, qz where "
-               "it turns; the first row is where it first touches, each further one a step from there"},
+       .help = "CSV of the path of the tool's tip: time_s, x_mm, y_mm, z_mm (LPS), and qw, qx, qy, qz if it "
+               "turns; the first row is the first contact, each further row a step"},
       {.key = "load.rate_mm_per_s", .flag = "--rate", .unit = "mm/s", .value = &c.load.rate_mm_per_s,
        .most = 1e5, .least_excluded = true, .stage = "solve", .common = true, .help = "speed of the tool"},
       {.key = "load.contact", .flag = "--contact", .value = &c.load.contact,
        .choices = {"bonded", "frictionless"}, .stage = "solve", .common = true,
-       .help = "whether the circle's nodes move with it or slide under it"},
+       .help = "bonded: the tissue moves with the contact patch; frictionless: it slides under the patch"},
       {.key = "load.self_contact", .flag = "--self-contact", .value = &c.load.self_contact,
        .choices = {"auto", "off", "on"}, .stage = "solve",
-       .help = "on: folds and cuts that close touch without friction, in equilibrium; off: their walls pass "
-               "through each other; auto: on in folded bodies"},
+       .help = "on: folds and cuts that close come into contact without friction, in equilibrium; off: their "
+               "walls pass through each other; auto: on in folded bodies"},
       {.key = "load.wall", .flag = "--wall", .value = &c.load.wall, .stage = "solve", .words = {"none"},
-       .help = "what is rigid beside or around the body, and touches it without friction: label:NAME of "
-               "the image, a closed mesh FILE.stl, plane:x,y,z,nx,ny,nz, or around:2mm, its outer hull at "
+       .help = "rigid obstacle next to or around the body, in contact without friction: label:NAME of the "
+               "image, a closed mesh FILE.stl, plane:x,y,z,nx,ny,nz, or around:2mm, the body's outer hull at "
                "that gap; none"},
       {.key = "load.gravity", .flag = "--gravity", .value = &c.load.gravity, .stage = "solve",
        .words = with_sides({"none"}),
-       .help = "none; the side towards which it pulls with 9.81 m/s2; or x,y,z in LPS, in m/s2: the body "
-               "comes to rest under it before the tool touches"},
+       .help = "none; the side towards which it pulls with 9.81 m/s2; or x,y,z in LPS, in m/s2: the body is "
+               "in equilibrium under it before the tool makes contact"},
       {.key = "load.imaged", .value = &c.load.imaged, .choices = {"unloaded", "loaded"}, .stage = "solve",
-       .help = "what the image shows: the body before gravity, pressures and membranes act, or as they have it, "
-               "so that the shape without them is looked for"},
+       .help = "what the image shows: the body before gravity, pressures and membranes act, or the body "
+               "under them; then the load-free shape is computed"},
       {.key = "load.fluid_lost", .value = &c.load.fluid_lost, .stage = "solve", .words = {"none"},
-       .help = "fluid around the body whose level has fallen: the side that is up (or x,y,z) and the share "
-               "of the body's height that lies above the level, as anterior,60%; there its buoyancy is "
-               "lost, and nothing else of gravity acts; none"},
+       .help = "fluid around the body whose level has fallen: the side that is up (or x,y,z) and the "
+               "fraction of the body's height above the level, as anterior,60%; buoyancy is lost there, and "
+               "gravity has no other effect; none"},
       {.key = "load.membrane", .flag = "--membrane", .value = &c.load.membrane, .stage = "solve",
        .words = {"none"},
        .help = "a thin film bonded to all of the surface, as a pia or a capsule: thickness:shear modulus, "
@@ -190,8 +191,8 @@ std::vector<Option> solver_options_of(Config& c) {
       {.key = "solver.frames", .flag = "--frames", .value = &c.solver.frames, .least = 1, .most = 100000,
        .stage = "solve", .help = "frames written after the first"},
       {.key = "solver.step_radii", .value = &c.solver.step_radii, .most = 1, .stage = "solve",
-       .help = "longest step of the load between two equilibria, in radii of the tool, at least 0.001; 0: 0.2, "
-               "0.1 under a tool that touches"},
+       .help = "longest step of the load between two equilibria, in radii of the tool, at least 0.001; 0: "
+               "0.2, 0.1 under a contacting tool"},
       {.key = "solver.time", .flag = "--time", .value = &c.solver.time,
        .choices = {"auto", "quasi-static", "explicit"}, .stage = "solve",
        .help = "quasi-static: equilibrium after each step of the load; explicit: central differences; "
@@ -199,14 +200,14 @@ std::vector<Option> solver_options_of(Config& c) {
                "horton2007 is explicit"},
       {.key = "solver.precision", .flag = "--precision", .value = &c.solver.precision,
        .choices = {"single", "double"}, .stage = "solve",
-       .help = "of the numbers with which forces are computed"},
+       .help = "floating-point precision of the force computation"},
       {.key = "solver.tolerance", .value = &c.solver.tolerance, .least = 1e-8, .most = 0.1,
        .stage = "solve", .help = "equilibrium is reached when unbalanced force / reactions is below this"},
       {.key = "solver.evaluations", .value = &c.solver.evaluations, .least = 100, .most = 1e9,
-       .stage = "solve", .help = "evaluations of the force for one equilibrium, at most"},
+       .stage = "solve", .help = "largest number of force evaluations for one equilibrium"},
       {.key = "solver.sample_rate_per_s", .unit = "1/s", .value = &c.solver.sample_rate_per_s, .most = 1e6,
        .least_excluded = true, .stage = "solve",
-       .help = "rows per second of force.csv; where none is given a load with inertia has 20 at least"},
+       .help = "rows per second of force.csv; by default a load with inertia has at least 20"},
   };
 }
 
@@ -216,24 +217,22 @@ std::vector<Option> output_options(Config& c) {
        .common = true,
        .help = "refine the nodes until the error of the force, or of --quantity, is at most 2%, 1mN, 0.1mm"},
       {.key = "accuracy.quantity", .flag = "--quantity", .value = &c.accuracy.quantity, .stage = "run",
-       .help = "force, or displacement@x,y,z: tell too where the load brings the point that is there at "
-               "rest, in LPS mm, with its error, to which --accuracy then refers"},
+       .help = "force, or displacement@x,y,z: also report the displacement of the point at x,y,z at rest, in "
+               "LPS mm, with its error; --accuracy then refers to it"},
       {.key = "accuracy.budget_s", .flag = "--budget", .unit = "s", .value = &c.accuracy.budget_s,
        .most = 1e9, .stage = "run",
-       .help = "refine the cloud of nodes as far as about this time allows; 0: no limit of time"},
+       .help = "refine the nodes as far as about this time allows; 0: no limit of time"},
       {.key = "accuracy.band", .flag = "--band", .value = &c.accuracy.band, .choices = {"on", "off"},
-       .stage = "run", .help = "discretisation error of the force, estimated from a second, coarser cloud"},
+       .stage = "run", .help = "discretisation error of the force, estimated from a second, coarser node set"},
       {.key = "output.write", .flag = "--write", .value = &c.output.write,
        .choices = {"all", "force", "nodes", "points", "surface", "picture", "model", "label", "report",
                    "images", "fine"},
        .stage = "files",
-       .help = "files to write, comma-separated; force: only tables and summary, which are always "
-               "written; all: everything but images, which lie on the label image's grid; fine: the "
-               "surface as it was drawn, and the points of every frame instead of the last (alone: of "
-               "all)"},
+       .help = "files to write, comma-separated; force: only tables and summary, which are always written; "
+               "all: everything but images, which have the label image's grid; fine: the surface as it was "
+               "drawn, and the points of every frame instead of the last (alone: of all)"},
       {.key = "output.warp", .flag = "--warp", .value = &c.output.warp, .stage = "files",
-       .help = "images of the same patient to be deformed as the body is, comma-separated; linear between "
-               "voxels"},
+       .help = "images of the same patient to deform with the body, comma-separated; linear between voxels"},
       {.key = "output.warp_labels", .flag = "--warp-labels", .value = &c.output.warp_labels,
        .stage = "files", .help = "the same for label maps: each voxel takes the nearest voxel's number"},
       {.key = "output.write_frames", .flag = "--write-frames", .value = &c.output.write_frames,
@@ -265,7 +264,8 @@ std::vector<Option> options_of(PressureText& p) {
       {.key = "pressure.pressure_Pa", .unit = "Pa", .value = &p.pressure_Pa, .least = -1e9, .most = 1e9,
        .stage = "solve", .help = "pressure on the surface, into the tissue; also in a cavity, which it widens"},
       {.key = "pressure.on", .value = &p.on, .stage = "solve",
-       .help = "where: all of the surface, what faces a side, or what lies in a ball x,y,z,radius in mm"},
+       .help = "where: all of the surface, the part that faces a side, or the part in a ball x,y,z,radius in "
+               "mm"},
       {.key = "pressure.follows", .value = &p.follows, .choices = {"yes", "no"}, .stage = "solve",
        .help = "yes: it acts along the normals of the deformed surface; no: as on the surface at rest"},
   };
@@ -292,12 +292,14 @@ std::vector<Option> options_of(FilmText& m) {
        .help = "shear modulus of the film itself, neo-Hookean"},
       {.key = "membrane.tension_N_per_m", .unit = "N/m", .value = &m.tension_N_per_m, .most = 1e6,
        .stage = "solve",
-       .help = "tension at rest, in all directions: the body comes to rest under it before the tool touches"},
+       .help = "tension at rest, in all directions: the body is in equilibrium under it before the tool "
+               "makes contact"},
       {.key = "membrane.on", .value = &m.on, .stage = "solve",
-       .help = "where: all of the surface, what faces a side, or what lies in a ball x,y,z,radius in mm"},
+       .help = "where: all of the surface, the part that faces a side, or the part in a ball x,y,z,radius in "
+               "mm"},
       {.key = "membrane.wrinkles", .value = &m.wrinkles, .choices = {"yes", "no"}, .stage = "solve",
-       .help = "yes: it bears no compression, as a thin film that folds into fine wrinkles; no: as much "
-               "as tension"},
+       .help = "yes: it bears no compression, as a thin film that wrinkles; no: its compression and tension "
+               "are alike"},
   };
 }
 
@@ -309,41 +311,42 @@ std::vector<Option> options_of(WallText& w) {
                "plane:x,y,z,nx,ny,nz, whose normal points to the body; or around:GAP, the outer hull of the "
                "body, folds closed, at that gap"},
       {.key = "wall.friction", .value = &w.friction, .stage = "solve",
-       .help = "Coulomb's coefficient, as 0.3, or stick: what has touched moves along it no more"},
+       .help = "Coulomb's coefficient, as 0.3, or stick: no slip"},
       {.key = "wall.gap", .value = &w.gap, .stage = "solve", .words = {"image"},
-       .help = "gap to the body at the nearest place, as 0.5mm: the wall is set back or forward by as much "
-               "everywhere; image: as the image has it"},
+       .help = "gap to the body at the nearest place, as 0.5mm: the wall is offset everywhere to this gap; "
+               "image: as in the image"},
       {.key = "wall.opening", .value = &w.opening, .stage = "solve", .words = {"none"},
        .help = "x,y,z,radius in mm: there the wall is open; none"},
       {.key = "wall.places", .value = &w.places, .least = 10, .most = 20000, .stage = "solve",
-       .help = "of the body's surface where it is looked for, at most: their pairs are a dense matrix"},
+       .help = "largest number of contact points on the body's surface: their pairs form a dense matrix"},
   };
 }
 
 std::vector<Option> options_of(SupportText& h) {
   return {
       {.key = "support.on", .value = &h.on, .stage = "solve",
-       .help = "where: the surface that faces a side, what of it lies in a ball x,y,z,radius in mm, or "
-               "the tissue label:NAME"},
+       .help = "where: the surface that faces a side, its part in a ball x,y,z,radius in mm, or the tissue "
+               "label:NAME"},
       {.key = "support.hold", .value = &h.hold, .choices = {"fixed", "sliding"}, .stage = "solve",
-       .help = "fixed: it holds in all directions; sliding: along the surface's normal alone"},
+       .help = "fixed: held in all directions; sliding: held along the surface's normal only"},
       {.key = "support.move_mm", .unit = "mm", .value = &h.move_mm, .stage = "solve",
-       .help = "where it has come when the tool is at its depth, x,y,z; it moves evenly with the tool"},
+       .help = "its displacement when the tool is at its depth, x,y,z; it moves in proportion to the tool"},
   };
 }
 
 std::vector<Option> options_of(FurtherToolText& t) {
   return {
       {.key = "tool.shape", .value = &t.shape, .stage = "model",
-       .help = "what touches beside the tool, as --tool has it: sphere:RADIUS, ..., FILE.stl"},
+       .help = "shape of the further tool, as in --tool: sphere:RADIUS, ..., FILE.stl"},
       {.key = "tool.friction", .value = &t.friction, .stage = "solve",
        .help = "Coulomb's coefficient under it, or the word stick"},
       {.key = "tool.at_mm", .unit = "mm", .value = &t.at_mm, .stage = "model",
-       .help = "x,y,z in LPS: it first touches the body at the nearest place of the surface"},
+       .help = "x,y,z in LPS: first contact is at the nearest point of the surface"},
       {.key = "tool.direction", .value = &t.direction, .stage = "model",
-       .help = "the way that it points and is pushed, x,y,z in LPS; none: straight into the surface there"},
+       .help = "its approach direction, x,y,z in LPS; none: along the surface's normal there"},
       {.key = "tool.move_mm", .unit = "mm", .value = &t.move_mm, .stage = "solve",
-       .help = "where it has come when the tool is at its depth: x,y,z, or one number along its push"},
+       .help = "its displacement when the tool is at its depth: x,y,z, or one number along its approach "
+               "direction"},
   };
 }
 
@@ -352,20 +355,20 @@ std::vector<Option> options_of(StepText& s) {
       {.key = "step.moves", .value = &s.moves, .stage = "solve",
        .help = "what moves in this step: tool, or the name of a support or of a further tool"},
       {.key = "step.move_mm", .unit = "mm", .value = &s.move_mm, .stage = "solve",
-       .help = "how far it moves: x,y,z in LPS, or of a tool one number, along its push"},
+       .help = "displacement: x,y,z in LPS, or for a tool one number, along its approach direction"},
       {.key = "step.turn_deg", .unit = "deg", .value = &s.turn_deg, .stage = "solve",
-       .help = "how a tool that touches turns meanwhile: a rotation vector x,y,z in LPS, right-handed; its "
-               "length is the angle"},
+       .help = "rotation of a contacting tool in this step: a rotation vector x,y,z in LPS, right-handed; "
+               "its length is the angle"},
       {.key = "step.about_mm", .unit = "mm", .value = &s.about_mm, .stage = "solve",
-       .help = "what it turns about, x,y,z in LPS; none: its tip as it is when the step begins"},
+       .help = "centre of the rotation, x,y,z in LPS; none: its tip at the start of the step"},
       {.key = "step.cut", .value = &s.cut, .stage = "solve",
-       .help = "what is cut in this step, as image.cut, where the body then is; nothing moves in it"},
+       .help = "cut made in this step, as image.cut, in the deformed body; nothing moves in it"},
       {.key = "step.toughness_J_m2", .unit = "J/m2", .value = &s.toughness_J_m2, .least = 0.0, .most = 1e6,
        .stage = "solve",
-       .help = "of a step that cuts: energy that a square metre of new area takes; 0: not known"},
+       .help = "for a step that cuts: energy per square metre of new area; 0: not known"},
       {.key = "step.time_s", .unit = "s", .value = &s.time_s, .least = 0.0, .most = 1e7, .stage = "solve",
-       .help = "how long it lasts, for tissue that relaxes; 0: as long as its way takes at load.rate. Where "
-               "nothing moves, it holds so long"},
+       .help = "duration, for tissue that relaxes; 0: from its path and load.rate. If nothing moves, the "
+               "duration of the hold"},
   };
 }
 

@@ -33,7 +33,7 @@ Eigen::Quaterniond turn_of(const std::string& file, const std::array<const std::
   const Eigen::Quaterniond q((*column[0])[row], (*column[1])[row], (*column[2])[row], (*column[3])[row]);
   if (!(std::abs(q.norm() - 1.0) < of_length_one))
     refuse_poses(file, fmt::format("the quaternion in row {} has the length {:.4g}", row + 1, q.norm()),
-                 "a turn is a quaternion of length one", "give qw, qx, qy, qz with w first");
+                 "a rotation is a quaternion of length one", "give qw, qx, qy, qz with w first");
   return q.normalized();
 }
 
@@ -46,9 +46,9 @@ PosesTaken steps_of_poses(const std::string& file) {
   const auto *time = table.find("time_s"), *x = table.find("x_mm"), *y = table.find("y_mm"),
              *z = table.find("z_mm");
   if (!time || !x || !y || !z)
-    refuse_poses(file, "a column of time_s, x_mm, y_mm, z_mm is not there",
+    refuse_poses(file, "a column of time_s, x_mm, y_mm, z_mm is missing",
                  fmt::format("the columns are named {}", fmt::join(table.header, ", ")),
-                 "give these, of the tool's tip in LPS, and qw, qx, qy, qz where it turns");
+                 "give these, of the tool's tip in LPS, and qw, qx, qy, qz if it turns");
   const std::array<const std::vector<double>*, 4> turn = {table.find("qw"), table.find("qx"),
                                                           table.find("qy"), table.find("qz")};
   if (std::count(turn.begin(), turn.end(), nullptr) % 4 != 0)
@@ -56,8 +56,8 @@ PosesTaken steps_of_poses(const std::string& file) {
                  "give all of them, or none");
   if (table.rows() < 2 || table.rows() > most)
     refuse_poses(file, fmt::format("there are {} rows", table.rows()),
-                 fmt::format("a way takes two and has {} at most, each a search for equilibria", most),
-                 "give where it first touches and where it goes from there");
+                 fmt::format("a path has two to {} rows, each a search for equilibria", most),
+                 "give the first contact and the poses after it");
   PosesTaken taken;
   bool moves = false;
   for (std::size_t k = 1; k < table.rows(); ++k) {
@@ -65,7 +65,7 @@ PosesTaken steps_of_poses(const std::string& file) {
       refuse_poses(
           file,
           fmt::format("row {} is at {:g} s, the one before at {:g} s", k + 1, (*time)[k], (*time)[k - 1]),
-          "time rises along a way", "sort the rows, and leave out those that stand twice");
+          "time must increase along a path", "sort the rows, and remove duplicates");
     StepText step;
     step.order = static_cast<int>(k);
     const Vec3 way((*x)[k] - (*x)[k - 1], (*y)[k] - (*y)[k - 1], (*z)[k] - (*z)[k - 1]);
@@ -78,13 +78,13 @@ PosesTaken steps_of_poses(const std::string& file) {
     taken.steps[fmt::format("pose_{:04d}", k + 1)] = step;
   }
   if (!moves)
-    refuse_poses(file, "the tool is in one place all the time", "a way goes somewhere", "let it move");
+    refuse_poses(file, "the tool is in one place all the time", "a path needs a displacement", "let it move");
   const double turned = 180.0 / std::numbers::pi * Eigen::AngleAxisd(turn_of(file, turn, 0)).angle();
   taken.words = fmt::format(
-      "its first row, at {}{}, is where the tool first touches{}; time counts from there",
+      "its first row, at {}{}, is the first contact of the tool{}; time starts there",
       in_words(Vec3((*x)[0], (*y)[0], (*z)[0])),
       turned > least_turned_deg ? fmt::format(" and turned by {:.4g} degrees", turned) : "",
-      turned > least_turned_deg ? ", and there it stands upright: later rows turn it from that" : "");
+      turned > least_turned_deg ? ", where the tool is upright: later rows are rotations from it" : "");
   return taken;
 }
 

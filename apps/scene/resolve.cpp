@@ -22,9 +22,9 @@ std::optional<Goal> goal_of(const Config& config) {
     if (const auto source = config.source.find(key);
         source != config.source.end() && (is_other || is_of_caller(source->second)))
       throw UsageError(
-          {.fact = "both an accuracy and a number of nodes are asked for",
+          {.fact = "both an accuracy and a number of nodes are given",
            .where = fmt::format("{} and {}", source->second, text.empty() ? "--budget" : "--accuracy"),
-           .why = "the nodes follow from the accuracy",
+           .why = "the accuracy determines the nodes",
            .remedy = "leave one of them out"});
   if (text.empty()) return goal;
   const bool of_place = followed_named(config.accuracy.quantity).has_value();

@@ -17,19 +17,19 @@ const WordTable& cut_words() {
     const double far_mm = 1e6;
     WordNumber radius = length_number("radius", 1.0, far_mm);
     radius.usual = 0.0;
-    return WordTable{"the cut",
-                     {{"plane",
-                       joined(place_numbers(), direction_numbers()),
-                       "plane:x,y,z,nx,ny,nz[,radius=20mm]",
-                       {radius}},
-                      {"line",
-                       joined(place_numbers(), place_numbers()),
-                       "line:x,y,z,x,y,z,depth=15mm",
-                       {length_number("depth", 1.0, far_mm)}},
-                      {.kind = "label", .between = '\0', .names = "NAME"}},
-                     fmt::format("it is a plane, a line, a label or a surface, which is read from {} files",
-                                 surface_suffixes),
-                     true};
+    return WordTable{
+        "the cut",
+        {{"plane",
+          joined(place_numbers(), direction_numbers()),
+          "plane:x,y,z,nx,ny,nz[,radius=20mm]",
+          {radius}},
+         {"line",
+          joined(place_numbers(), place_numbers()),
+          "line:x,y,z,x,y,z,depth=15mm",
+          {length_number("depth", 1.0, far_mm)}},
+         {.kind = "label", .between = '\0', .names = "NAME"}},
+        fmt::format("a cut is a plane, a line, a label or a surface from {} files", surface_suffixes),
+        true};
   }();
   return table;
 }
@@ -50,9 +50,9 @@ Blade blade_of(const OptionWord& word) {
   blade.kind = word.kind == "plane" ? Blade::Kind::plane : Blade::Kind::line;
   blade.first = word.three(), blade.second = word.three(3), blade.length = word.number.back();
   if (blade.kind == Blade::Kind::plane && !(blade.second.norm() > 0.0))
-    refuse_word(word, "has no normal", "three zeros are no direction");
+    refuse_word(word, "has no normal", "a direction is not zero");
   if (blade.kind == Blade::Kind::line && !((blade.first - blade.second).norm() > 0.0))
-    refuse_word(word, "begins where it ends", "an edge that does not move opens nothing");
+    refuse_word(word, "begins where it ends", "an edge that does not move cuts nothing");
   return blade;
 }
 
@@ -73,7 +73,7 @@ void require_more_than_gap(const OptionWord& word, const Blade& blade, double ga
       fmt::format("its faces are {} apart (image.cut_gap), so that it would cut nothing{}",
                   length_in_words(gap_mm),
                   word.kind == "file" ? "; the file has no units, and its numbers are read as mm" : ""),
-      "give its lengths in mm, a thousand times as much if they are metres, or a smaller gap");
+      "give its lengths in mm, multiplied by 1000 if they are metres, or a smaller gap");
 }
 
 }  // namespace

@@ -46,7 +46,7 @@ void check(const std::string& name, const FilmText& film) {
                                    : "has no thickness",
                     fmt::format("membrane.{}", name),
                     "its stiffness is its thickness times its shear modulus",
-                    "give both, as in --membrane 0.1mm:400kPa, or a tension alone");
+                    "give both, as in --membrane 0.1mm:400kPa, or only a tension");
 }
 
 void check(const std::string& name, const BodyForceText& text) {
@@ -59,7 +59,7 @@ void check(const std::string& name, const BodyForceText& text) {
         {.fact = fmt::format("the body force '{}' {}", name,
                              is_far ? "is out of range" : fmt::format("has {} numbers", numbers.size())),
          .where = fmt::format("load.body_force.{}.{}", name, key),
-         .why = fmt::format("this option takes {} numbers from {:g} to {:g}", count, -most, most),
+         .why = fmt::format("this option has {} numbers from {:g} to {:g}", count, -most, most),
          .remedy = "give x,y,z in LPS; of the gradient three rows of them, or none"});
   };
   require("force_N_per_m3", text.force_N_per_m3, 3, 1e9);
@@ -126,10 +126,10 @@ std::optional<Scene::Fluid> fluid_named(const std::string& text) {
   const OptionWord word = parse_word(
       {"the lost fluid",
        {{.numbers = joined(direction_numbers(), {share_of_lost_fluid()}),
-         .example = "the direction that is up and a share of the height: anterior,60%, or 0,-1,0,60%",
+         .example = "the direction that is up and a fraction of the height: anterior,60%, or 0,-1,0,60%",
          .is_side = true}}},
       text, "load.fluid_lost");
-  if (word.three().isZero(0.0)) refuse_word(word, "has no direction", "three zeros are no direction");
+  if (word.three().isZero(0.0)) refuse_word(word, "has no direction", "a direction is not zero");
   return Scene::Fluid{word.is_side ? word.three() : Vec3(word.three().stableNormalized()),
                       word.number.back()};
 }

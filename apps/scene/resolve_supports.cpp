@@ -31,7 +31,7 @@ void check(const std::string& name, const SupportText& held) {
   if (name == base_set || name == "tool")
     throw UsageError({.fact = fmt::format("a support is named '{}'", name),
                       .where = fmt::format("support.{}", name),
-                      .why = "what is held is told of and moved by its name, and the body has that already",
+                      .why = "supports are reported and moved by name, and the body has that name already",
                       .remedy = "name it differently"});
   if (held.on.empty())
     throw UsageError(support_report(name, "on", "is nowhere", "a support is a part of the body",
@@ -42,7 +42,8 @@ void check(const std::string& name, const SupportText& held) {
                                     "give hold = \"fixed\", or a side or a ball in place of the label"));
   if (held.move_mm.size() != 3)
     throw UsageError(support_report(name, "move_mm", fmt::format("moves by {} numbers", held.move_mm.size()),
-                                    "a way has three components, LPS", "give x,y,z in mm, such as 3,0,0"));
+                                    "a displacement has three components, LPS",
+                                    "give x,y,z in mm, such as 3,0,0"));
 }
 
 Report tool_report(const std::string& name, const char* key, const std::string& fact, const std::string& why,
@@ -55,12 +56,12 @@ Report tool_report(const std::string& name, const char* key, const std::string& 
 
 ToolShape shape_of(const std::string& name, const FurtherToolText& tool) {
   const auto refuse = [&](const std::string& fact) {
-    throw UsageError(tool_report(name, "shape", fact, "a further tool touches the body and holds no nodes",
+    throw UsageError(tool_report(name, "shape", fact, "a further tool makes contact and holds no nodes",
                                  "give for instance shape = \"sphere:4mm\""));
   };
   if (tool.shape.empty()) refuse("has no shape");
   const auto shape = tool_named(tool.shape, fmt::format("tool.{}.shape", name));
-  if (!shape) refuse("is a circle");
+  if (!shape) refuse("is a bonded indenter");
   return *shape;
 }
 
@@ -79,7 +80,7 @@ void check(const std::string& name, const FurtherToolText& tool) {
         "a direction has three components, LPS", "give x,y,z, or leave it out"));
   if (tool.move_mm.size() != 1 && tool.move_mm.size() != 3)
     throw UsageError(tool_report(name, "move_mm", fmt::format("moves by {} numbers", tool.move_mm.size()),
-                                 "it moves by x,y,z in LPS, or by one number along its push",
+                                 "it moves by x,y,z in LPS, or by one number along its approach direction",
                                  "give for instance move_mm = 2"));
 }
 
@@ -102,7 +103,7 @@ std::vector<Scene::Support> supports_named(const std::map<std::string, SupportTe
   if (supports.size() > most_supports)
     throw UsageError({.fact = fmt::format("{} supports are given", supports.size()),
                       .where = "support",
-                      .why = fmt::format("at most {} can be told apart in the results", most_supports),
+                      .why = fmt::format("the results have room for at most {}", most_supports),
                       .remedy = "join some that are held alike"});
   return supports;
 }
@@ -128,10 +129,10 @@ void check_names(const Scene& scene) {
       throw UsageError(tool_report(
           name, "shape",
           name == base_set ? "has the name of the fixed base" : "has the name of the measured one",
-          "things are told of and moved by their names", "name it differently"));
+          "bodies are reported and moved by name", "name it differently"));
     if (named(scene.supports, name) || named(scene.walls, name))
       throw UsageError(tool_report(name, "shape", "has the name of a support or a wall",
-                                   "things are told of and moved by their names", "name them differently"));
+                                   "bodies are reported and moved by name", "name them differently"));
   }
 }
 

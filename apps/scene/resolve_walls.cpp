@@ -35,7 +35,7 @@ WordNumber gap_number() {
 
 OptionWord word_of_wall(const std::string& name, const WallText& wall) {
   if (trimmed(wall.shape).empty())
-    refuse_wall(name, "has no shape", "shape", "it is not known where it stands",
+    refuse_wall(name, "has no shape", "shape", "its place is not known",
                 "give label:NAME, a closed mesh such as skull.stl, plane:x,y,z,nx,ny,nz, or around:2mm");
   return parse_word({"the shape",
                      {{.kind = "label", .names = "NAME"},
@@ -81,7 +81,7 @@ void set_shape(const OptionWord& word, Scene::Wall& wall) {
   } else if (word.kind == "plane") {
     wall.kind = Kind::plane;
     wall.place = word.three(), wall.normal = word.three(3);
-    if (!(wall.normal.norm() > 0.0)) refuse_word(word, "has no normal", "three zeros are no direction");
+    if (!(wall.normal.norm() > 0.0)) refuse_word(word, "has no normal", "a direction is not zero");
     wall.normal.normalize();
   } else {
     wall.kind = Kind::around;
@@ -126,7 +126,7 @@ void check_bed(const Scene& scene) {
   if (scene.base_is_held) return;
   constexpr const char* option = "--base-hold (boundary.base_hold)";
   if (scene.walls.empty() && scene.supports.empty())
-    throw UsageError({.fact = "the base is not held, and nothing carries the body",
+    throw UsageError({.fact = "the base is free, and nothing supports the body",
                       .where = option,
                       .why = "it would move as a whole",
                       .remedy = "give a wall below it, as --wall plane:0,0,0,0,0,1, or a support"});
@@ -138,9 +138,9 @@ void check_bed(const Scene& scene) {
   throw UsageError(
       {.fact = "nothing holds the body sideways before it is pressed on its walls",
        .where = option,
-       .why = "the base is not held, walls and tools press alone, and friction holds only what is pressed",
+       .why = "the base is free, walls and tools only press, and friction acts only under pressure",
        .remedy =
-           "take a bonded circle without gravity or pressures, or give a [support.NAME] that is fixed"});
+           "use the bonded indenter without gravity or pressures, or give a [support.NAME] that is fixed"});
 }
 
 }  // namespace dimple

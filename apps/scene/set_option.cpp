@@ -55,8 +55,8 @@ bool set_tissue(Config& config, const std::string& key, const std::string& text,
     throw UsageError({.fact = fmt::format("tissue '{}' is given a modulus with an uncertainty", label),
                       .where = source,
                       .why = "the force of several tissues is proportional to no single modulus, so its "
-                             "uncertainty would take several runs",
-                      .remedy = "run it once with the smallest and once with the largest modulus"});
+                             "uncertainty needs several runs",
+                      .remedy = "run once with the smallest and once with the largest modulus"});
   std::vector<Option> options = options_of(scratch);
   config.tissue[label][find_option(options, "material." + key.substr(dot + 1))->key] = text;
   return true;

@@ -40,7 +40,7 @@ void set_all(Config& config, const std::string& section, const toml::node& node,
   if (table->empty())
     throw UsageError({.fact = fmt::format("the section [{}] is empty", section),
                       .where = fmt::format("{}, line {}", file.string(), table->source().begin.line),
-                      .why = "it would change nothing, and what it is to be is not known",
+                      .why = "an empty section has no effect",
                       .remedy = "give it its options (`dimple options`), or leave it out"});
   for (const auto& [name, value] : *table) {
     const std::string key = fmt::format("{}.{}", section, name.str()), text = text_of_value(value),

@@ -87,11 +87,11 @@ const ToolKind* kind_of(const std::string& name) {
 }
 
 WordTable make_tool_words() {
-  WordTable table{
-      "the tool",
-      {{"circle"}},
-      fmt::format("it is circle, or a shape that touches; a mesh is read from {} files", surface_suffixes),
-      true};
+  WordTable table{"the tool",
+                  {{"circle"}},
+                  fmt::format("it is circle, or the shape of a contacting tool; a mesh is read from {} files",
+                              surface_suffixes),
+                  true};
   for (const ToolKind& kind : tool_kinds()) table.forms.push_back(kind.form);
   return table;
 }
@@ -185,7 +185,7 @@ double friction_named(const std::string& friction, const std::string& option) {
 
 std::string friction_in_words(double friction) {
   if (friction == 0.0) return "without friction";
-  return std::isinf(friction) ? "stuck where it has touched" : fmt::format("with friction {:g}", friction);
+  return std::isinf(friction) ? "without slip" : fmt::format("with friction {:g}", friction);
 }
 
 std::string in_words(const ToolShape& shape) {

@@ -66,7 +66,7 @@ void require_ids(const Cohort& cohort) {
     if (const std::string why = why_no_id(id); !why.empty())
       throw InputError({.fact = fmt::format("'{}' cannot be the id of a case", id),
                         .where = line_of(cohort, row),
-                        .why = "a folder is called by it, and " + why,
+                        .why = "it names a folder, and " + why,
                         .remedy = "use letters, digits, - and _"});
     // Some file systems do not distinguish A and a.
     std::string small = id;
@@ -77,8 +77,8 @@ void require_ids(const Cohort& cohort) {
       throw InputError({.fact = fmt::format("the id '{}' is there twice", id),
                         .where = fmt::format("{}, and line {}", line_of(cohort, row),
                                              cohort.table.row[other->second].line),
-                        .why = "a folder is called by it, and two cases would write into one",
-                        .remedy = "give each case an id of its own; capitals do not tell two apart"});
+                        .why = "it names a folder, and two cases would have the same one",
+                        .remedy = "give each case an id of its own; ids must differ in more than capitals"});
   }
 }
 
@@ -135,14 +135,15 @@ void put_down(const Cohort& cohort, std::size_t row, const fs::path& folder, con
 
 Error crashed(int signal, const fs::path& log) {
   const bool killed = signal == SIGKILL;
-  return {killed ? ExitCode::model : ExitCode::internal,
-          {.fact = fmt::format("the process of this case died of signal {} ({})", signal, strsignal(signal)),
-           .where = log.string(),
-           .why = killed ? "somebody has killed it, or the system because memory was short"
-                         : "this is a mistake of ours",
-           .remedy = killed ? "start the batch again; with fewer --jobs or --nodes if memory is short"
-                            : "please report it with the command and the image that you used",
-           .code = "crashed"}};
+  return {
+      killed ? ExitCode::model : ExitCode::internal,
+      {.fact = fmt::format("the process of this case was ended by signal {} ({})", signal, strsignal(signal)),
+       .where = log.string(),
+       .why = killed ? "it was killed, possibly by the system for lack of memory"
+                     : "this is an error in the program",
+       .remedy = killed ? "start the batch again; with fewer --jobs or --nodes if memory is short"
+                        : "please report it with the command and the image that you used",
+       .code = "crashed"}};
 }
 
 // Error of a process that ended with that code, from its messages.
@@ -151,7 +152,7 @@ Error failure_of(int code, const fs::path& folder, const fs::path& log) {
   if (const auto failure = failure_in(folder, code)) return {exit_code, *failure};
   Report report{.fact = fmt::format("the process of this case ended with code {}", code),
                 .where = log.string(),
-                .why = "its last words are there",
+                .why = "its last output is there",
                 .remedy = "read them"};
   try {
     std::istringstream lines(read_file(log));
@@ -222,7 +223,7 @@ Cohort read_cohort(const fs::path& file) {
       throw UsageError({.fact = fmt::format("two columns give {}", key),
                         .where = where,
                         .why = "a case has one value of it",
-                        .remedy = "take one of them out"});
+                        .remedy = "remove one of them"});
     if (key == "id") cohort.id_column = c, has_id = true;
     has_image = has_image || key == "image.file";
     cohort.key.push_back(key);
@@ -230,7 +231,7 @@ Cohort read_cohort(const fs::path& file) {
   if (!has_id || !has_image)
     throw InputError({.fact = fmt::format("the table has no column {}", has_id ? "image" : "id"),
                       .where = file.string(),
-                      .why = "each case has an id, after which its folder is called, and an image",
+                      .why = "each case has an id, which names its folder, and an image",
                       .remedy = "head the columns id,image and the options that differ"});
   if (cohort.size() == 0)
     throw InputError({.fact = "the table has no rows",
@@ -368,7 +369,7 @@ std::vector<CaseEnd> run_cohort(const Cohort& cohort, const Description& of_all_
       } catch (const std::exception& error) {
         fail(row, Error(ExitCode::internal, {.fact = error.what(),
                                              .where = cohort.id(row),
-                                             .why = "this is a mistake of ours",
+                                             .why = "this is an error in the program",
                                              .remedy = "please report it with the command that you used"}));
       }
     }

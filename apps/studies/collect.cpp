@@ -129,29 +129,28 @@ Json columns_of(const Table& table) {
   static const std::map<std::string, std::pair<const char*, const char*>> known = {
       {"time_s", {"time since contact", "s"}},
       {"indentation_mm", {"depth of the tool since contact", "mm"}},
-      {"force_N", {"force on the tool along its way", "N"}},
-      {"base_force_N", {"force that the held base carries", "N"}},
-      {"low_N", {"low end of the force's band, by its discretisation", "N"}},
-      {"high_N", {"high end of the force's band, by its discretisation", "N"}},
+      {"force_N", {"force on the tool along its approach direction", "N"}},
+      {"base_force_N", {"force on the fixed base", "N"}},
+      {"low_N", {"lower error bound of the force, by discretisation", "N"}},
+      {"high_N", {"upper error bound of the force, by discretisation", "N"}},
       {"force_x_N", {"force of the tissue on the tool, towards the patient's left", "N"}},
       {"force_y_N", {"force of the tissue on the tool, towards posterior", "N"}},
       {"force_z_N", {"force of the tissue on the tool, towards superior", "N"}},
       {"moment_x_Nm",
-       {"its moment about the middle of the circle, or the tip of a tool that touches, which moves with it; "
-        "about the axis to the left",
+       {"its moment about the centre of the contact patch or the tip of a contacting tool, which moves with "
+        "the tool; about the axis to the left",
         "N.m"}},
       {"moment_y_Nm", {"the same about the axis to posterior", "N.m"}},
       {"moment_z_Nm", {"the same about the axis to superior", "N.m"}},
-      {"aside_x_mm", {"how far the tool has come across its push, towards the patient's left", "mm"}},
+      {"aside_x_mm",
+       {"displacement of the tool across its approach direction, towards the patient's left", "mm"}},
       {"aside_y_mm", {"the same towards posterior", "mm"}},
       {"aside_z_mm", {"the same towards superior", "mm"}},
-      {"turned_x_deg",
-       {"by which rotation vector the tool has turned from where it began: towards the patient's left",
-        "deg"}},
+      {"turned_x_deg", {"rotation vector of the tool from its start: towards the patient's left", "deg"}},
       {"turned_y_deg", {"the same towards posterior", "deg"}},
       {"turned_z_deg", {"the same towards superior", "deg"}},
-      {"mu_low_N", {"low end of the force's band, by the shear modulus", "N"}},
-      {"mu_high_N", {"high end of the force's band, by the shear modulus", "N"}}};
+      {"mu_low_N", {"lower bound of the force, by the shear modulus", "N"}},
+      {"mu_high_N", {"upper bound of the force, by the shear modulus", "N"}}};
   Json columns = Json::object();
   for (const std::string& name : table.header)
     if (const auto found = known.find(name); found != known.end())
@@ -195,7 +194,7 @@ std::string page_of(const std::vector<CollectedCase>& cases, const std::string& 
   std::string text = page_head;
   text += fmt::format("<h1>{} cases</h1>\n<p>", cases.size());
   for (const auto& [status, count] : counts) text += fmt::format("{} {}. ", count, escaped(status));
-  text += "Those that are not finished come first.</p>\n<main>\n";
+  text += "Unfinished cases come first.</p>\n<main>\n";
   for (const CollectedCase* one : order) text += figure_of(*one, to_cases);
   return text + "</main></body></html>\n";
 }

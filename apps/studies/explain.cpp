@@ -85,7 +85,7 @@ Tried run(const Case& given, const std::vector<double>& depths_mm) {
   tried.force = forces_at(tried.result.history.force, depths_mm);
   while (tried.force.size() > 1 && depths_mm[tried.force.size() - 1] > gave_way_mm - 1e-6) {
     tried.force.pop_back();
-    tried.deeper = "the tissue gave way deeper";
+    tried.deeper = "the tissue passed a limit point deeper";
   }
   if (tried.force.empty())
     throw SolveError({.fact = "there is no force at " + length_in_words(depths_mm.front()),
@@ -270,7 +270,7 @@ std::optional<Explanation> explain_with(Index nodes, Index* more, const Scene& g
       if (trial.what == "cloud" && alternative->failed.empty()) {
         explanation.noise = std::max(explanation.noise, std::abs(alternative->effect));
         if (more && explanation.noise > least_effect) {
-          say(fmt::format("explain  another random cloud changes the force by {:.1f} %: more nodes are taken",
+          say(fmt::format("explain  other random nodes change the force by {:.1f} %: more nodes are used",
                           100.0 * explanation.noise));
           *more = std::min(2 * nodes, most_nodes_to_explain);
           return std::nullopt;

@@ -68,13 +68,10 @@ void write_explanation(const std::filesystem::path& folder, const Explanation& e
                        const std::string& subject) {
   const std::string unchanged = fmt::format("{} with {} nodes", force_title(e.force, e.depth_mm), e.nodes);
   ChoiceTable table{
-      .text = fmt::format(
-          "{}: {}, in {:.1f} s. Each line repeats that run with one choice changed. Effects below {:.1f} % "
-          "do "
-          "not matter: "
-          "another random cloud of nodes changes the force by {:.1f} %. By default a run makes none of the "
-          "simplifications.\n\n",
-          subject, unchanged, e.seconds, 100.0 * threshold(e), 100.0 * e.noise),
+      .text = fmt::format("{}: {}, in {:.1f} s. Each line repeats that run with one choice changed. Effects "
+                          "below {:.1f} % are negligible: other random nodes change the force by {:.1f} %. "
+                          "By default a run makes none of the simplifications.\n\n",
+                          subject, unchanged, e.seconds, 100.0 * threshold(e), 100.0 * e.noise),
       .effect = "effect on the force, %",
       .csv_header = "choice,instead,kind,indentation_mm,force_N,effect_percent,wall_s,verdict",
       .title = fmt::format("What the force depends on: {}", subject),
@@ -82,13 +79,12 @@ void write_explanation(const std::filesystem::path& folder, const Explanation& e
                                unchanged, e.total_s)},
       .axis = "effect on the force [%]",
       .shade = 100.0 * threshold(e),
-      .shade_text = fmt::format("below {:.1f} %: no matter", 100.0 * threshold(e))};
+      .shade_text = fmt::format("below {:.1f} %: negligible", 100.0 * threshold(e))};
   if (!e.run.empty()) {
-    table.text =
-        fmt::format("The run: {}. The comparisons: {}, so that the cloud of nodes does not decide them.\n\n",
-                    e.run, unchanged) +
-        table.text;
-    table.subtitle.push_back("the run that this explains: " + e.run);
+    table.text = fmt::format("The run: {}. The comparisons: {}, so that random nodes do not decide them.\n\n",
+                             e.run, unchanged) +
+                 table.text;
+    table.subtitle.push_back("the explained run: " + e.run);
   }
   for (const std::string& warning : e.warnings)
     table.text = "Of the unchanged run: " + warning + ".\n\n" + table.text;

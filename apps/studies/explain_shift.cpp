@@ -92,7 +92,7 @@ class Trials {
 
   void discretisation() {
     for (const int more : {1, 2})
-      add("cloud", "two other random clouds",
+      add("cloud", "two other random node sets",
           fmt::format("seed {} instead of {}", unchanged_.cloud.seed + more, unchanged_.cloud.seed),
           Kind::cloud, [&](Scene& c) { c.cloud.seed += more; });
     add("number of nodes", "",
@@ -139,7 +139,7 @@ class Trials {
     const Vec3 u = (Vec3::Unit(axis) - fluid.up[axis] * fluid.up).normalized(), v = fluid.up.cross(u);
     const double angle = tilt_degrees_of_up * std::numbers::pi / 180.0;
     for (const Vec3& way : {u, Vec3(-u), v, Vec3(-v)})
-      add("direction of up", fmt::format("tilted by {:g} degrees four ways", tilt_degrees_of_up),
+      add("direction of up", fmt::format("tilted by {:g} degrees in four directions", tilt_degrees_of_up),
           fmt::format("tilted by {:g} degrees, {}", tilt_degrees_of_up, side_of(way)), Kind::doubt,
           [&](Scene& c) {
             c.fluid_lost->up = (std::cos(angle) * fluid.up + std::sin(angle) * way).normalized();
@@ -160,11 +160,11 @@ class Trials {
           fmt::format("held to {:.1f} mm instead of {:.1f} mm", factor * base_depth, base_depth), Kind::doubt,
           [&](Scene& c) { c.boundary.base_depth_mm = factor * base_depth; });
     if (!(unchanged_.image.close_mm > 0.0)) return;
-    const std::string all =
-        fmt::format("open instead of filled below {} mm, touching or not", plain(unchanged_.image.close_mm));
+    const std::string all = fmt::format("open instead of filled below {} mm, with contact or without",
+                                        plain(unchanged_.image.close_mm));
     for (const bool touch : {false, true})
       add("sulci", all,
-          touch ? "open, and their walls touch" : "open, and their walls pass through each other",
+          touch ? "open, with contact of their walls" : "open, and their walls pass through each other",
           Kind::doubt, [touch](Scene& c) {
             c.image.close_mm = 0.0;
             c.self_contact = touch ? Scene::SelfContact::on : Scene::SelfContact::off;
@@ -259,14 +259,11 @@ void write_explanation(const std::filesystem::path& folder, const ShiftExplanati
   const std::string unchanged =
       fmt::format("largest shift at the opening {} with {} nodes", length_in_words(e.shift_mm), e.nodes);
   ChoiceTable table{
-      .text = fmt::format(
-          "{}: {}, in {:.1f} s. Each line repeats that shift with one choice changed. Changes below {} do "
-          "not "
-          "matter: other clouds of nodes, also of twice as many, change the largest shift at the opening by "
-          "up to {}. "
-          "elsewhere_mm of explain.csv is the longest change of a displacement at the targets and in "
-          "depth.\n\n",
-          subject, unchanged, e.seconds, length_in_words(least), length_in_words(e.noise_mm)),
+      .text = fmt::format("{}: {}, in {:.1f} s. Each line repeats that shift with one choice changed. "
+                          "Changes below {} are negligible: other node sets, also with twice as many nodes, "
+                          "change the largest shift at the opening by up to {}. elsewhere_mm of explain.csv "
+                          "is the largest change of a displacement at the targets and in depth.\n\n",
+                          subject, unchanged, e.seconds, length_in_words(least), length_in_words(e.noise_mm)),
       .effect = "change of the shift, mm",
       .csv_header = "choice,instead,kind,change_mm,elsewhere_mm,wall_s,verdict",
       .title = fmt::format("What the shift depends on: {}", subject),
@@ -274,7 +271,7 @@ void write_explanation(const std::filesystem::path& folder, const ShiftExplanati
                                unchanged, e.total_s)},
       .axis = "change of the largest shift at the opening [mm]",
       .shade = least,
-      .shade_text = fmt::format("below {}: no matter", length_in_words(least))};
+      .shade_text = fmt::format("below {}: negligible", length_in_words(least))};
   if (!e.ended_by.empty()) table.text = "Some choices are missing: " + e.ended_by + ".\n\n" + table.text;
   std::vector<Alternative> sorted = e.alternatives;
   sort_by_effect(sorted);

@@ -45,7 +45,7 @@ void add(std::vector<Trial>& trials, const Unchanged& u, const std::string& what
 void add_discretisation(std::vector<Trial>& trials, const Unchanged& u) {
   const Scene& scene = u.scene;
   for (const int more : {1, 2})
-    add(trials, u, "cloud", "two other random clouds",
+    add(trials, u, "cloud", "two other random node sets",
         fmt::format("seed {} instead of {}", scene.cloud.seed + more, scene.cloud.seed), Kind::cloud,
         [&](Case& c) { c.scene.cloud.seed += more; });
   add(trials, u, "number of nodes", "",
@@ -151,7 +151,7 @@ void add_folds(std::vector<Trial>& trials, const Unchanged& u) {
   if (!(u.found.facing_share > most_facing) || u.found.time != TimeMode::quasi_static) return;
   const bool touch = u.found.loading.folds != nullptr;
   add(trials, u, "walls of folds", "",
-      touch ? "pass through each other" : "touch where they close, without friction", Kind::doubt,
+      touch ? "pass through each other" : "come into contact where they close, without friction", Kind::doubt,
       [touch](Case& c) { c.scene.self_contact = touch ? Scene::SelfContact::off : Scene::SelfContact::on; });
 }
 
@@ -261,9 +261,9 @@ std::string left_out(const Trial& trial, const LoadedModel& now, const LoadedMod
   if (const Scene& scene = trial.given.scene;
       trial.what == "far tissue" &&
       !(scene.supports.empty() && scene.pressures.empty() && scene.walls.empty()))
-    return "supports, pressures and walls would lie where it is cut";
+    return "supports, pressures and walls would be where it is cut";
   if (trial.what == "far tissue" && now.segment.voxel_volume_mm3 == found.segment.voxel_volume_mm3)
-    return "no tissue lies that far away";
+    return "no tissue is that far away";
   return {};
 }
 

@@ -33,7 +33,7 @@ std::string chosen_format(const std::string& format, const fs::path& file) {
                       .remedy = "choose one of these"});
   if (suffix == ".inp") return "calculix";
   if (suffix == ".feb") return "febio";
-  throw UsageError({.fact = fmt::format("'{}' does not say for which program it is", file.string()),
+  throw UsageError({.fact = fmt::format("'{}' does not name a program's format", file.string()),
                     .where = "-o",
                     .why = "CalculiX reads .inp, FEBio .feb",
                     .remedy = "name it so, or give --format calculix or --format febio"});
@@ -88,10 +88,10 @@ ElementModel element_model(const Scene& scene, const RunObserver& observer) {
                     volume_in_words(mesh.volume_mm3), volume_in_words(surface.volume()),
                     100.0 * std::abs(off), off > 0.0 ? "more" : "less"));
   if (scene.material.nu > nu_that_locks)
-    log.warn(fmt::format(
-        "ten-node tetrahedra lock at nu {:g}: with up to 18,000 nodes their force was 14 to 76 % too "
-        "large; take a mixed element of the other program's, such as C3D10H of Abaqus",
-        scene.material.nu));
+    log.warn(
+        fmt::format("ten-node tetrahedra lock at nu {:g}: with up to 18,000 nodes their force was 14 to 76 % "
+                    "too large; use a mixed element of the other program, such as C3D10H of Abaqus",
+                    scene.material.nu));
   ElementModel model = mesh.model;
   model.X = surface.to_world() * model.X.colwise().homogeneous();
   model.mu = material.mu;
@@ -103,12 +103,12 @@ ElementModel element_model(const Scene& scene, const RunObserver& observer) {
   model.remarks = {
       fmt::format("{}, indented by {:.6g} mm ({}); {} {}", fs::path(scene.image.file).filename().string(),
                   scene.depth_mm, name_of(scene.contact), written_by, DIMPLE_VERSION),
-      fmt::format("{} nodes, {} tetrahedra, edges of {:.4g} mm, {:.4g} mm at the circle's rim; {}, the "
-                  "surface's {}",
+      fmt::format("{} nodes, {} tetrahedra, edges of {:.4g} mm, {:.4g} mm at the edge of the contact patch; "
+                  "{}, the surface's {}",
                   model.X.cols(), model.elements.cols(), mesh.spacing_mm, mesh.spacing_mm * mesh.rim,
                   volume_in_words(mesh.volume_mm3), volume_in_words(surface.volume())),
       fmt::format("base: {} nodes, {}", model.base.size(), boundary.base_reason),
-      fmt::format("circle: {} nodes, {}", model.circle.size(), boundary.circle_reason)};
+      fmt::format("contact patch: {} nodes, {}", model.circle.size(), boundary.circle_reason)};
   return model;
 }
 

@@ -62,7 +62,7 @@ std::vector<std::string> warnings_of(const MeasuredCurve& curve, const Scene& ow
     if (!words->empty()) warnings.push_back(*words);
   if (curve.time.empty() && !own.material.prony_g.empty())
     warnings.push_back(
-        fmt::format("the curve has no time_s, and the tissue relaxes: {} mm/s is taken for the speed",
+        fmt::format("the curve has no time_s, and the tissue relaxes: a speed of {} mm/s is used",
                     plain(own.rate_mm_per_s)));
   return warnings;
 }
@@ -127,9 +127,8 @@ void require_no_inertia(const Scene& given, const FoundFit& found) {
       choose_time(result.model, {materials_of(found.scene), result.tissues.of_point}, result.loading) ==
           TimeMode::quasi_static)
     return;
-  require_proportional(
-      fmt::format("with the {} that would fit, the load is so short that inertia takes part in it",
-                  stress_in_words(found.fit.number[0].value)));
+  require_proportional(fmt::format("with the fitted {} the load is so short that inertia is not negligible",
+                                   stress_in_words(found.fit.number[0].value)));
 }
 
 // Case and run with the numbers of the best fit.
@@ -147,10 +146,10 @@ FoundFit found_with(const Description& options, Runs& runs, const CurveFit& best
   constexpr double softest_Pa = 10.0, stiffest_Pa = 2e5;
   if (const double mu = best.number[0].value;
       best.number[0].determined && !(mu > softest_Pa && mu < stiffest_Pa))
-    found.warnings.push_back(fmt::format(
-        "a shear modulus of {} is not known of soft tissue, which has some {} to {}: are the units in the "
-        "curve's header those of its numbers?",
-        stress_in_words(mu), stress_in_words(softest_Pa), stress_in_words(stiffest_Pa)));
+    found.warnings.push_back(
+        fmt::format("a shear modulus of {} is unusual for soft tissue, which has about {} to {}: check the "
+                    "units in the curve's header",
+                    stress_in_words(mu), stress_in_words(softest_Pa), stress_in_words(stiffest_Pa)));
   return found;
 }
 
@@ -171,10 +170,10 @@ void add_errors(FoundFit& found, const MeasuredCurve& curve, const std::string& 
 void warn_of_residuals(FoundFit& found, const MeasuredCurve& curve, const std::string& of) {
   const double off = found.fit.rms / largest_force(curve);
   if (off > 0.02 && found.fit.memory > 2.0 / std::sqrt(static_cast<double>(curve.depth.size())))
-    found.warnings.push_back(
-        fmt::format("the residuals, {:.1f} % of the largest force (rms), are no noise: neighbours lie on one "
-                    "side. The tissue follows another law, or the indentation is not counted from contact{}",
-                    100.0 * off, of == "mu" ? " (--of mu,touch looks for that)" : ""));
+    found.warnings.push_back(fmt::format(
+        "the residuals, {:.1f} % of the largest force (rms), are not noise: neighbours have the same sign. "
+        "The tissue follows another law, or the indentation does not start at contact{}",
+        100.0 * off, of == "mu" ? " (--of mu,touch fits it)" : ""));
 }
 
 // Warns that the sign of alpha is not determined if the other one fits as well.
@@ -184,8 +183,7 @@ void weigh_other_sign(FoundFit& found, const CurveFit& other) {
   const FittedNumber &mu2 = other.number[0], &alpha2 = other.number[1];
   found.warnings.push_back(
       fmt::format("{} {} with mu {} fits as well, within the noise, as {} with mu {}: this curve does not "
-                  "tell its sign; "
-                  "a deeper or less noisy curve may",
+                  "determine its sign; a deeper or less noisy curve may",
                   alpha.name, plain(alpha2.value, 3), stress_in_words(mu2.value), plain(alpha.value, 3),
                   stress_in_words(mu.value)));
   alpha.determined = false;

@@ -36,7 +36,7 @@ void require_long_tool(const std::optional<ToolShape>& tool, double depth_mm, co
         {.fact = fmt::format("the curve goes to {}, and the tool is {} long",
                              length_in_words(1e3 * curve.depth.back()), length_in_words(1e3 * length)),
          .where = curve.name,
-         .why = "what holds a tool at its upper end is not modelled",
+         .why = "the holder at its upper end is not modelled",
          .remedy = "fit a shallower part of the curve, or give the tool that it was measured with",
          .code = "bad-curve"});
 }
@@ -65,18 +65,18 @@ const FitNumbers& fit_numbers(const std::string& of) {
 
 void refuse_paper_values(const std::filesystem::path& curve) {
   if (curve != paper_word) return;
-  throw UsageError({.fact = "the paper's values are three end values of two hemispheres, and no curve",
+  throw UsageError({.fact = "the published values are three end values of two hemispheres, not a curve",
                     .where = "--curve",
-                    .why = "they are a comparison and never tuned to",
+                    .why = "they serve for comparison only",
                     .remedy = "dimple run IMAGE -o OUT --compare horton2007"});
 }
 
 void require_proportional(const std::string& why) {
   if (why.empty()) return;
   throw UsageError(
-      {.fact = "the modulus of this case cannot be told from a force",
+      {.fact = "the modulus of this case cannot be fitted to a force",
        .where = "dimple fit",
-       .why = "it is told by a force that is proportional to it, and " + why,
+       .why = "the fit needs a force that is proportional to the modulus: " + why,
        .remedy = "fit one tissue of neo-Hookean or Ogden's law in equilibrium (--time quasi-static)"});
 }
 
@@ -92,7 +92,7 @@ Description case_of(const Description& described, const Scene& given, const FitO
   check_pairs(given, Feature::fit);
   refuse_given(described, {"load.depth_mm"}, "the run is as deep as the curve");
   refuse_given(described, {"material.mu_Pa", "material.young_Pa", "material.mu_spread_percent"},
-               "the modulus is what is looked for");
+               "the modulus is the unknown");
   Description own = described;
   put_numbers(own, "material.mu_spread_percent", {0.0});
   const double depth_mm =
@@ -105,8 +105,8 @@ Description case_of(const Description& described, const Scene& given, const FitO
     put_numbers(own, "load.rate_mm_per_s", {1e3 * ramp_rate(curve)}, curve.name);
   }
   if (takes_one_run(options.of) && !given.given.nodes)
-    put_numbers(own, "cloud.nodes", {nodes_for_one_run}, "one run is all that it takes");
-  refuse_given(described, fit_numbers(options.of).keys, "the curve determines them");
+    put_numbers(own, "cloud.nodes", {nodes_for_one_run}, "the fit needs one run only");
+  refuse_given(described, fit_numbers(options.of).keys, "they are the unknowns");
   if (options.of == "mu,g,tau") ramp_rate(curve);  // throws where the curve has no times
   return own;
 }

@@ -124,21 +124,21 @@ void require_more_rows(Index rows, Index numbers) {
   throw InputError({.fact = fmt::format("the curve has {} row{} with a depth above 0, for {} number{}", rows,
                                         rows == 1 ? "" : "s", numbers, numbers == 1 ? "" : "s"),
                     .where = "--curve",
-                    .why = "without one row more than numbers nothing tells how well they fit",
-                    .remedy = "measure at more depths, or look for fewer numbers (--of)",
+                    .why = "the quality of a fit needs one row more than unknowns",
+                    .remedy = "measure at more depths, or fit fewer numbers (--of)",
                     .code = "bad-curve"});
 }
 
 // Refuses a modulus far beyond any tissue; the option of the modulus has the same upper limit.
 void require_possible(double mu) {
   if (mu > least_modulus && mu < most_modulus) return;
-  throw InputError({.fact = fmt::format("the best modulus would be {} Pa", plain(mu, 3)),
-                    .where = "--curve",
-                    .why = mu > 0.0 ? "no tissue has that" : "the forces do not grow with the depth",
-                    .remedy =
-                        "look at the file: units as the columns say, force positive where tissue resists, "
-                        "near 0 at contact",
-                    .code = "bad-curve"});
+  throw InputError(
+      {.fact = fmt::format("the best modulus would be {} Pa", plain(mu, 3)),
+       .where = "--curve",
+       .why = mu > 0.0 ? "no tissue has that modulus" : "the forces do not grow with the depth",
+       .remedy =
+           "check the file: units as in its header, force positive where tissue resists, near 0 at contact",
+       .code = "bad-curve"});
 }
 
 VectorXd start_of(const std::vector<FitParameter>& sought) {
@@ -288,7 +288,7 @@ double farthest_first_touch(double depth) {
 }
 
 std::vector<std::string> settle(CurveFit& fit, bool discretisation_known) {
-  constexpr const char* remedy = "a longer, deeper or less noisy one may, or look for fewer numbers (--of)";
+  constexpr const char* remedy = "a longer, deeper or less noisy one may, or fit fewer numbers (--of)";
   std::vector<std::string> words;
   for (FittedNumber& f : fit.number) {
     const double half = f.half() + (discretisation_known ? 0.0 : f.by_tilt);
@@ -297,8 +297,8 @@ std::vector<std::string> settle(CurveFit& fit, bool discretisation_known) {
           fmt::format("the search for {} ran to its limit, {}: this curve does not determine it; {}", f.name,
                       plain(f.value, 3), remedy));
     else if (!(2.0 * half < (f.scale > 0.0 ? f.scale : std::abs(f.value))))
-      words.push_back(fmt::format("this curve does not determine {}: its band is wider than {}; {}", f.name,
-                                  f.scale > 0.0 ? "the search for it" : "its value", remedy));
+      words.push_back(fmt::format("this curve does not determine {}: its error bounds are wider than {}; {}",
+                                  f.name, f.scale > 0.0 ? "the search for it" : "its value", remedy));
     else
       continue;
     f.determined = false;

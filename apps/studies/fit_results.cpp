@@ -36,7 +36,7 @@ std::string in_words(const FittedNumber& f, const std::string& unknown) {
   const std::string from_to = fmt::format("{} {}, {} to {}", f.name, with_unit(f.value, f.unit),
                                           plain(f.value - f.half(), 4), plain(f.value + f.half(), 4));
   if (!unknown.empty())
-    return fmt::format("{} by noise alone ({}; discretisation unknown)", from_to, plus_minus(f.noise, f));
+    return fmt::format("{} by noise only ({}; discretisation unknown)", from_to, plus_minus(f.noise, f));
   return fmt::format("{} (noise {}, discretisation {})", from_to, plus_minus(f.noise, f),
                      plus_minus(f.discretisation, f));
 }
@@ -45,17 +45,15 @@ std::string in_words(const FittedNumber& f, const std::string& unknown) {
 std::string first_touch_in_words(const FittedNumber& f, double off) {
   if (std::isnan(f.earlier)) return {};
   const auto [low, high] = std::minmax(f.earlier, f.later);
-  return fmt::format("{} {} to {}{} with the first touch {} off", f.name, plain(low, 4), plain(high, 4),
+  return fmt::format("{} {} to {}{} with the first contact {} off", f.name, plain(low, 4), plain(high, 4),
                      f.unit.empty() ? "" : " " + f.unit, length_in_words(1e3 * off));
 }
 
 std::string in_words(const HalfSpaceCheck& check, double mu) {
   return fmt::format(
       "check    the formula of Hertz and Sneddon for a half-space without friction gives {} from this curve, "
-      "{:+.1f} "
-      "%: a check and not the answer, as it leaves out the body's shape and large strain, and is too high on "
-      "a "
-      "thin layer; here the body is {:.3g} radii of the contact thick",
+      "{:+.1f} %. It neglects the body's shape and large strain, and is too high on a thin layer; here the "
+      "body is {:.3g} contact radii thick",
       stress_in_words(check.mu), 100.0 * (check.mu / mu - 1.0), check.thickness);
 }
 
@@ -123,12 +121,11 @@ std::string fitted_toml(const MeasuredCurve& curve, const FoundFit& found,
 }
 
 constexpr const char* not_in_the_band =
-    "the band leaves out the base, the circle's place, the contact, the segmentation and whether the tissue "
-    "follows this law";
+    "the error bounds exclude the base, the place of the contact patch, the contact, the segmentation and "
+    "the choice of this law";
 constexpr const char* not_in_the_band_of_a_tool =
-    "the band leaves out the base, the tool's place and shape, its friction, its first touch, the "
-    "segmentation "
-    "and whether the tissue follows this law";
+    "the error bounds exclude the base, the tool's place and shape, its friction, its first contact, the "
+    "segmentation and the choice of this law";
 
 Json to_json(const FittedNumber& f, bool known) {
   const auto finite = [](double x) { return std::isfinite(x) ? Json(x) : Json(); };
@@ -226,13 +223,13 @@ void say_fit(const MeasuredCurve& curve, const FoundFit& found,
              const std::function<void(const std::string&)>& progress) {
   for (const std::string& warning : found.warnings) progress("warning: " + warning);
   if (const std::string& unknown = found.result.band.unknown; !unknown.empty()) {
-    progress("band     discretisation unknown: " + unknown);
+    progress("bounds   discretisation unknown: " + unknown);
     for (const FittedNumber& f : found.fit.number)
       if (f.by_tilt > 0.0 && std::isfinite(f.by_tilt))
-        progress(fmt::format(
-            "band     if the computed forces were 1 % too large at first and 1 % too small at the end, {} "
-            "would change by {}",
-            f.name, plain(f.by_tilt, 2)));
+        progress(
+            fmt::format("bounds   with computed forces 1 % too large at first and 1 % too small at the end, "
+                        "{} would change by {}",
+                        f.name, plain(f.by_tilt, 2)));
   }
   progress(fmt::format(
       "fit      {} rows to {}, {} run{} with {} nodes, residuals {:.2f} % of the largest force (rms)",

@@ -58,7 +58,7 @@ std::vector<Vec3> read_fcsv(const fs::path& file, const std::string& content) {
     for (std::string field; std::getline(row, field, ',');) fields.push_back(field);
     if (fields.size() < 4)
       refuse_markups(file, fmt::format("the row '{}' has {} fields", text, fields.size()),
-                     "a point is id,x,y,z and more");
+                     "a row is id,x,y,z and more");
     places.push_back(in_lps(
         file, space,
         {coordinate_in(file, fields[1]), coordinate_in(file, fields[2]), coordinate_in(file, fields[3])}));
@@ -98,7 +98,7 @@ std::vector<Vec3> read_markups(const fs::path& file) {
   const std::vector<Vec3> places =
       lower(file.extension().string()) == ".fcsv" ? read_fcsv(file, content) : read_mrk_json(file, content);
   if (places.empty())
-    refuse_markups(file, "no point is in the file", "there is nothing to report a shift of");
+    refuse_markups(file, "no point is in the file", "there is no place at which to report a shift");
   return places;
 }
 

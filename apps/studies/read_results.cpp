@@ -46,7 +46,7 @@ Report failure_of(const Json& summary) {
 }
 
 Json finished_summary(const fs::path& folder, const std::string& name) {
-  const std::string remedy = "give the folder that `dimple run -o` has filled";
+  const std::string remedy = "give a folder written by `dimple run -o`";
   std::error_code ignored;
   if (!fs::is_directory(folder, ignored))
     refuse(fmt::format("there is no folder {}", name), "command line", "a run's results are a folder",
@@ -61,11 +61,11 @@ Json finished_summary(const fs::path& folder, const std::string& name) {
   const Json* ended = part_of(summary, {"status"});
   if (!ended || !ended->is_string())
     refuse(fmt::format("{} holds no run", name), (fs::path(name) / "summary.json").string(),
-           "its summary.json does not say how a run has ended", remedy);
+           "its summary.json has no status", remedy);
   const std::string status = *ended;
   if (status != "finished")
     refuse(fmt::format("the run in {} is not finished", name), (fs::path(name) / "summary.json").string(),
-           fmt::format("its status is '{}', and its curve may end anywhere", printable(status)),
+           fmt::format("its status is '{}', and its curve may be incomplete", printable(status)),
            "run it to its end, then compare");
   for (const char* key : {"force_N", "indentation_mm"})
     if (const Json* number = part_of(summary, {key}); !number || !number->is_number())
@@ -73,8 +73,8 @@ Json finished_summary(const fs::path& folder, const std::string& name) {
              fmt::format("its summary.json has no {}", key), remedy);
   if (summary.contains("scene"))
     refuse(fmt::format("the run in {} is a scene of steps", name), (fs::path(name) / "summary.json").string(),
-           "its tool goes back or aside, so that there is no one force at a depth",
-           "compare what `scene` of each summary.json says of the ends of the steps");
+           "its tool moves back or sideways, so the force at a depth is not unique",
+           "compare the ends of the steps in `scene` of each summary.json");
   return summary;
 }
 
@@ -86,7 +86,7 @@ void read_curve(const fs::path& folder, FinishedRun& run) {
   const auto *low = table.find("low_N"), *high = table.find("high_N");
   if (!depth || !force)
     refuse("the force curve cannot be read", where, "it has no columns indentation_mm and force_N",
-           "run the scene anew with --force");
+           "run the scene again with --force");
   for (std::size_t k = 0; k < table.rows(); ++k) {
     if ((*depth)[k] <= 0.0) continue;
     if (!run.curve.empty() && (*depth)[k] <= 1e3 * run.curve.back().depth) continue;  // a dwell
@@ -96,7 +96,7 @@ void read_curve(const fs::path& folder, FinishedRun& run) {
   const double last = table.rows() > 0 ? force->back() : 0.0, told = run.summary.at("force_N");
   if (run.curve.empty() || std::abs(last - told) > 1e-9 * std::abs(told))
     refuse(fmt::format("the files in {} are not of one run", run.folder), where,
-           "its last force is not that of summary.json", "run the scene anew with --force");
+           "its last force is not that of summary.json", "run the scene again with --force");
 }
 
 // Reads the cut area and stored energy, from which the energy released by a cut follows.
@@ -156,7 +156,7 @@ void read_summary(const fs::path& folder, const std::vector<double>& depths_mm, 
   const Json summary = summary_of(folder);
   if (!summary.is_object())
     refuse("summary.json is damaged", (folder / "summary.json").string(), "it is no JSON object",
-           "run the case anew with --force");
+           "run the case again with --force");
   one.status = field(summary, {"status"});
   take_failure(failure_of(summary), one);
   one.image = field(summary, {"image"});
@@ -178,7 +178,8 @@ void read_summary(const fs::path& folder, const std::vector<double>& depths_mm, 
   one.version = field(summary, {"version"});
   const std::string diameter = field(summary, {"counts", "circle_diameter_mm"});
   one.tool = field(summary, {"tool", "words"});
-  if (one.tool.empty() && !diameter.empty()) one.tool = fmt::format("a circle of {} mm diameter", diameter);
+  if (one.tool.empty() && !diameter.empty())
+    one.tool = fmt::format("a contact patch of {} mm diameter", diameter);
   if (!depths_mm.empty() && !one.force[0].empty()) one.at_depth = forces_at(folder, depths_mm);
 }
 
@@ -191,8 +192,8 @@ CollectedCase case_in(const fs::path& folder, const std::vector<double>& depths_
       read_summary(folder, depths_mm, one);
     } else if (fs::is_directory(folder, ignored)) {
       one.status = "unfinished";
-      one.fact = "the run has not come to its end";
-      one.remedy = "start the batch again: it goes on from where the run was";
+      one.fact = "the run is not finished";
+      one.remedy = "start the batch again: it continues from there";
     } else {
       one.status = "missing";
       one.fact = "the case has not been run";
@@ -235,7 +236,7 @@ std::string read_small_file(const fs::path& file) {
   require_regular_file(file);
   if (fs::file_size(file) > most_bytes_of_text)
     refuse(fmt::format("{} is larger than {} MB", file.filename().string(), most_bytes_of_text / 1'000'000),
-           file.string(), "no run writes such a one", "run the case anew with --force");
+           file.string(), "no run writes a file of this size", "run the case again with --force");
   return read_file(file);
 }
 
@@ -268,7 +269,7 @@ std::vector<CollectedCase> collect(const fs::path& out, const std::vector<double
   std::error_code error;
   if (!fs::is_directory(out, error))
     refuse(fmt::format("there is no folder {}", out.string()), "command line",
-           "the cases of a batch are folders in one", "give the folder that `dimple batch -o` has filled");
+           "the cases of a batch are folders in one", "give a folder written by `dimple batch -o`");
   std::set<std::string> ids(expected.begin(), expected.end());
   for (const auto& entry : fs::directory_iterator(out)) {
     stop_if_asked();
@@ -277,7 +278,7 @@ std::vector<CollectedCase> collect(const fs::path& out, const std::vector<double
   }
   if (ids.empty())
     refuse(fmt::format("{} holds no case", out.string()), "command line",
-           "no folder in it has a summary.json", "give the folder that `dimple batch -o` has filled");
+           "no folder in it has a summary.json", "give a folder written by `dimple batch -o`");
   std::vector<CollectedCase> cases;
   for (const std::string& id : ids) {
     stop_if_asked();

@@ -48,7 +48,7 @@ ProgramRun run_program(const std::vector<std::string>& arguments, const fs::path
     throw UsageError({.fact = fmt::format("{} cannot be started", words.front()),
                       .where = "another program",
                       .why = std::strerror(failed),
-                      .remedy = "give the path of a program that works"});
+                      .remedy = "give the path of an executable program"});
 
   const Child ends_with_this_process(child);
   ProgramRun run;

@@ -33,9 +33,8 @@ namespace {
 namespace fs = std::filesystem;
 
 const char* shift_leaves_out =
-    "Left out: the falx and the tentorium, vessels, drugs and swelling, flow in the tissue, what is "
-    "resected, and adhesion to the skull (no cohesion). Sulci that stay open pass through each other, unless "
-    "they are "
+    "Not modelled: the falx and the tentorium, vessels, drugs and swelling, flow in the tissue, resection, "
+    "and adhesion to the skull (no cohesion). Sulci that stay open pass through each other, unless they are "
     "many or --self-contact is on.";
 Json json_of(const Vec3& v) {
   return Json::array({v.x(), v.y(), v.z()});
@@ -79,29 +78,29 @@ Json json_of(const Points& place_mm, const Points& shift_mm, const Vec3& up, boo
 void warn_of_narrow_opening(const RunLog& log, const Shifted& now, const Eigen::Vector4d& opening) {
   const Vec3 at = now.result.model.surface.vertex_mm.col(now.largest_in(opening)), middle = opening.head<3>();
   if (const double away = (at - middle).norm(); away > opening[3])
-    log.warn(fmt::format(
-        "the opening of {} radius lies between the vertices of the surface: the shift at the opening is that "
-        "of the nearest vertex, {}, which is {} from its middle",
-        length_in_words(opening[3]), dimple::in_words(at), length_in_words(away)));
+    log.warn(
+        fmt::format("the opening of {} radius is between the vertices of the surface: the shift at the "
+                    "opening is that of the nearest vertex, {}, which is {} from its middle",
+                    length_in_words(opening[3]), dimple::in_words(at), length_in_words(away)));
 }
 
 void warn_of_shift(const RunLog& log, const Shifted& now, double shift_mm) {
   if (now.sweep.inverted > 0)
-    log.warn(fmt::format("{} of {} integration points are inverted: the shift is not to be trusted there",
+    log.warn(fmt::format("{} of {} integration points are inverted: do not use the shift there",
                          now.sweep.inverted, now.result.model.point_count()));
   for (std::size_t k = 0; k < now.result.history.walls.size(); ++k) {
     const Touch& wall = now.result.loading.walls[k];
     const double in = now.result.history.walls[k].penetration, apart = wall.surface.spacing.mean();
     if (in > 0.15 * apart)
       log.warn(
-          fmt::format("the brain's surface reaches {} into the wall '{}' between the places where contact is "
-                      "looked for, which are {} apart; give more --nodes",
+          fmt::format("the brain's surface penetrates by {} into the wall '{}' between contact points, which "
+                      "are {} apart; give more --nodes",
                       length_in_words(1e3 * in), wall.name, length_in_words(1e3 * apart)));
   }
   if (shift_mm < least_measured_mm || shift_mm > most_measured_mm)
     log.warn(fmt::format(
-        "the largest shift at the opening, {}, is outside of what was measured in 16 craniotomies, "
-        "{:g} to {:g} mm: the fluid lost, the stiffness, the gap or the part that is held decide it",
+        "the largest shift at the opening, {}, is outside of the measured range of 16 craniotomies, {:g} to "
+        "{:g} mm: check the fluid lost, the stiffness, the gap and the fixed part",
         length_in_words(shift_mm), least_measured_mm, most_measured_mm));
 }
 
@@ -202,7 +201,7 @@ std::string headline_of(const Json& shift, const ShiftBand& band) {
           ? fmt::format(" ({:.1f} to {:.1f} mm)", std::max(0.0, middle - band.half_mm), middle + band.half_mm)
           : "",
       length("middle_along_gravity_mm"), length("largest_at_opening_mm"),
-      band.known() ? "" : "; band " + in_words(band));
+      band.known() ? "" : "; error " + in_words(band));
 }
 
 Json times_json(const Shifted& now, double band_s, double images_s, double pictures_s, double total_s) {

@@ -101,7 +101,7 @@ ShiftBand band_of_shift(const Scene& scene, const ShiftScene& asked, const Shift
 
 std::string in_words(const ShiftBand& band) {
   if (!band.known()) return "unknown: " + band.unknown;
-  return fmt::format("at most {} by its nodes: half as many change it by up to {}",
+  return fmt::format("at most {} by discretisation: halving the nodes changes it by up to {}",
                      length_in_words(band.half_mm), length_in_words(band.change_mm));
 }
 

@@ -220,7 +220,7 @@ std::string before_and_after(const Shifted& now, const ShiftScene& asked, const 
     mark_targets(now, asked.targets, slice, plane);
   }
   told = fmt::format(
-      "{} in three planes through a place below the opening, before and after; targets within {:g} mm of a "
+      "{} in three planes through a point below the opening, before and after; targets within {:g} mm of a "
       "plane",
       shown.before.filename().string(), near_plane_mm);
   picture.lines = {told};

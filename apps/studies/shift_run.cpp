@@ -98,13 +98,13 @@ void require_on_brain(const Organ& organ, const Eigen::Vector4d& opening, const 
         {.fact = fmt::format("the opening at {} is {} from the brain's surface",
                              dimple::in_words(Vec3(opening.head<3>())), length_in_words(nearest.distance)),
          .where = "--opening",
-         .why = fmt::format("nothing of the brain lies in it; the nearest place is {}",
+         .why = fmt::format("no part of the brain is in it; the nearest place is {}",
                             dimple::in_words(surface.to_world() * nearest.place)),
          .remedy = "give a place on the brain's surface, in LPS mm; 3D Slicer's coordinates are RAS"});
   for (const Vec3& target : targets)
     if (!surface.contains(surface.to_world().inverse() * target))
       throw UsageError(
-          {.fact = fmt::format("the target {} lies outside of the brain", dimple::in_words(target)),
+          {.fact = fmt::format("the target {} is outside of the brain", dimple::in_words(target)),
            .where = "--target",
            .why = fmt::format("its surface is {} away", length_in_words(closest(target).distance)),
            .remedy = "give a place of the brain at rest, in LPS mm"});
@@ -231,7 +231,7 @@ std::vector<std::string> assumptions_of(const Description& described, const Shif
   if (assumed("material.mu_Pa"))
     all.push_back(fmt::format("the brain's shear modulus is {}", stress_in_words(brain_mu_Pa)));
   if (assumed("image.close_mm"))
-    all.push_back(fmt::format("sulci narrower than {} are filled with tissue, as their walls hold together",
+    all.push_back(fmt::format("sulci narrower than {} are filled with tissue, as if their walls were bonded",
                               length_in_words(closed_sulci_mm)));
   if (assumed("boundary.base")) all.push_back("the brain is held at its inferior side, whichever side is up");
   if (options.skull == "derived")
@@ -239,9 +239,9 @@ std::vector<std::string> assumptions_of(const Description& described, const Shif
         fmt::format("the skull is the brain's outer hull at a gap of {} mm", plain(gap_of_skull(options))));
   if (was_given(described, "material.density_kg_per_m3"))
     all.push_back(
-        "the tissue's density, which was given, plays no part: what it weighs it weighed in the image too, "
-        "and only the fluid's buoyancy (1007 kg/m3) has gone");
-  all.push_back("the skull holds the brain back without friction");
+        "the given density of the tissue has no effect: the image shows the brain under its weight, and only "
+        "the buoyancy of the fluid (1007 kg/m3) is lost");
+  all.push_back("contact with the skull is without friction");
   return all;
 }
 

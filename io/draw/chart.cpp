@@ -341,7 +341,7 @@ void draw_panel(Canvas& canvas, const Rect& tile, const Chart& chart) {
 void check(const Tornado& tornado) {
   for (const Tornado::Row& row : tornado.rows)
     if (!is_shown(row.low) || !is_shown(row.high))
-      throw std::invalid_argument(fmt::format("the bar \"{}\" ends nowhere", row.name));
+      throw std::invalid_argument(fmt::format("the bar \"{}\" has no finite end", row.name));
 }
 
 constexpr Style bar_name{.size = 14.0, .bold = true}, bar_note{.size = 13.0, .colour = soft_ink};

@@ -135,7 +135,7 @@ void draw_cloud(Canvas& canvas, const Rect& rect, const Overview& o, const BodyF
   };
   std::vector<LegendEntry> entries = {{"free", interior, Mark::dot},
                                       {fmt::format("fixed base ({})", in(1)), base, Mark::dot}};
-  if (o.tool.empty()) entries.push_back({fmt::format("tool circle ({})", in(2)), circle, Mark::dot});
+  if (o.tool.empty()) entries.push_back({fmt::format("contact patch ({})", in(2)), circle, Mark::dot});
   draw_corners(canvas, room, projection, entries);
 }
 
@@ -432,7 +432,7 @@ void draw_body(Canvas& canvas, const Rect& room, const Overview& o, const Deform
   const std::vector<LegendEntry> tool = tool_entry(o);
   draw_corners(
       canvas, room, body.projection,
-      tool.empty() ? std::vector<LegendEntry>{{"nodes of the tool circle", circle, Mark::dot}} : tool);
+      tool.empty() ? std::vector<LegendEntry>{{"nodes of the contact patch", circle, Mark::dot}} : tool);
 }
 
 void draw_dimple(Canvas& canvas, const Rect& rect, const Overview& o, const Deformed& body, double spacing) {
@@ -467,9 +467,9 @@ void draw_force(Canvas& canvas, const Rect& rect, const Overview& o) {
   const bool has_band = !o.half_N.empty() && o.half_N.size() == o.force_N.size(), in_time = !o.time_s.empty();
   const Rect room = draw_panel(
       canvas, rect, in_time ? "Force over time" : "Force against indentation",
-      fmt::format("{}; {}", o.tool.empty() ? "reaction of the circle's nodes" : "contact force on the tool",
-                  has_band ? "shaded: how far the discretisation may be off"
-                           : "its discretisation error is not known"));
+      fmt::format("{}; {}",
+                  o.tool.empty() ? "reaction of the contact patch's nodes" : "contact force on the tool",
+                  has_band ? "shaded: discretisation error" : "no error estimate"));
   const double largest = std::max({std::abs(largest_of(o.force_N)), std::abs(largest_of(o.beside_force_N)),
                                    std::abs(largest_of(o.lateral_N))});
   const Written written = force_written(largest);
@@ -483,7 +483,7 @@ void draw_force(Canvas& canvas, const Rect& rect, const Overview& o) {
   if (has_band)
     for (std::size_t i = 0; i < force.x.size(); ++i) force.half.push_back(written.per_unit * o.half_N[i]);
   force.end = end_of_curve(o);
-  force.name = !lateral.x.empty() ? "along the push" : !beside.x.empty() ? "this run" : "";
+  force.name = !lateral.x.empty() ? "along the approach direction" : !beside.x.empty() ? "this run" : "";
   lateral.name = "across it";
   beside.name = o.beside;
   lateral.colour = beside.colour = 2;

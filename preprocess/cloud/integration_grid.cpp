@@ -250,7 +250,7 @@ std::vector<Part> parts_by_label(const BodySurface& body, const Leaf& leaf, cons
        .where = "integration grid",
        .why = fmt::format("the body fills {} of its bounding box of {:.4g} x {:.4g} x {:.4g} mm",
                           percent(body.volume() / size.prod()), size.x(), size.y(), size.z()),
-       .remedy = "ask for more nodes (--nodes) or points (--points), or a coarser --rim"});
+       .remedy = "use more nodes (--nodes) or points (--points), or a coarser --rim"});
 }
 
 }  // namespace
@@ -284,7 +284,7 @@ IntegrationGrid make_integration_grid(const BodySurface& body, const GridOptions
     throw ModelError({.fact = fmt::format("only {} integration cells meet the body", kept.size()),
                       .where = "integration grid",
                       .why = fmt::format("the cells' edge is {:.2f} mm", edge),
-                      .remedy = "ask for more points with --points"});
+                      .remedy = "use more points with --points"});
   grid.point.resize(3, static_cast<Index>(kept.size()));
   grid.volume.resize(static_cast<Index>(kept.size()));
   for (std::size_t q = 0; q < kept.size(); ++q) {
@@ -392,7 +392,7 @@ IntegrationGrid make_graded_grid(const BodySurface& body, const GridOptions& opt
     throw ModelError({.fact = fmt::format("only {} integration cells meet the body", kept.size()),
                       .where = "integration grid",
                       .why = fmt::format("the largest cell's edge is {:.2f} mm", grid.cell),
-                      .remedy = "ask for more points with --points"});
+                      .remedy = "use more points with --points"});
   merge_slivers(body, slivers, kept, grid);
   // Lines sample the surface; the missing volume, a few in ten thousand, is distributed evenly.
   double sum = 0.0;

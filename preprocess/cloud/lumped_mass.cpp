@@ -21,7 +21,7 @@ Eigen::VectorXd lumped_mass(const Model& model, const Eigen::VectorXd& density) 
     throw ModelError(
         {.fact = fmt::format("node {} is in no support domain, so it has no mass", a),
          .where = fmt::format("nodal masses; node at ({:.2f}, {:.2f}, {:.2f}) mm", x.x(), x.y(), x.z()),
-         .why = "no integration point lies within its support radius",
+         .why = "no integration point is within its support radius",
          .remedy = "use more integration points (--points) or a larger support.radius_factor"});
   }
   return mass;

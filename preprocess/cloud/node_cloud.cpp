@@ -100,13 +100,12 @@ struct Measured {
 };
 
 ModelError too_fine_a_rim(const Sizing& sizing) {
-  return ModelError(
-      {.fact = fmt::format("a node spacing on the circle's rim of {:.3g} times that far away takes more "
-                           "nodes than are asked for",
-                           sizing.least()),
-       .where = "node cloud",
-       .why = fmt::format("the rim is {:.3g} mm long", sizing.rim_length()),
-       .remedy = "give a coarser --rim, more --nodes or a smaller --indenter-diameter"});
+  return ModelError({.fact = fmt::format("a node spacing at the edge of the contact patch of {:.3g} times "
+                                         "that far away needs more nodes than requested",
+                                         sizing.least()),
+                     .where = "nodes",
+                     .why = fmt::format("the edge is {:.3g} mm long", sizing.rim_length()),
+                     .remedy = "give a coarser --rim, more --nodes or a smaller --indenter-diameter"});
 }
 
 Measured measure(const BodySurface& body, const Sizing& sizing, double rough_spacing) {
@@ -391,11 +390,11 @@ double rough_spacing(const BodySurface& body, double count) {
 
 void refuse_too_many(double nodes, const char* option) {
   if (nodes > most_nodes)
-    throw ModelError({.fact = fmt::format("{:.0f} nodes are asked for, and at most {:.0f} are possible",
+    throw ModelError({.fact = fmt::format("{:.0f} nodes are requested, and at most {:.0f} are possible",
                                           nodes, most_nodes),
-                      .where = fmt::format("node cloud; {}", option),
+                      .where = fmt::format("nodes; {}", option),
                       .why = "their lists are numbered with 32 bits",
-                      .remedy = "ask for fewer nodes (--nodes) or a larger --spacing"});
+                      .remedy = "use fewer nodes (--nodes) or a larger --spacing"});
 }
 
 }  // namespace
@@ -464,9 +463,9 @@ NodeCloud make_node_cloud(const BodySurface& body, const Boundary& boundary, con
   if (inner < 8)
     throw ModelError(
         {.fact = fmt::format("{} nodes leave {} for the inside", count, std::max<Index>(inner, 0)),
-         .where = "node cloud",
-         .why = fmt::format("the circle takes {} and the surface {}", circle.cols(), free_surface),
-         .remedy = "ask for more nodes (--nodes) or a smaller --spacing"});
+         .where = "nodes",
+         .why = fmt::format("the contact patch needs {} and the surface {}", circle.cols(), free_surface),
+         .remedy = "use more nodes (--nodes) or a smaller --spacing"});
 
   std::mt19937_64 random(options.seed);
   const auto on_surface =
@@ -478,11 +477,10 @@ NodeCloud make_node_cloud(const BodySurface& body, const Boundary& boundary, con
   const Index wanted = count - cloud.surface_count;
   const auto inside = inner_candidates(body, candidates_per_node * wanted, sizing, h, random);
   if (static_cast<Index>(inside.size()) < wanted)
-    throw ModelError(
-        {.fact = fmt::format("only {} places for {} inner nodes were found", inside.size(), wanted),
-         .where = "node cloud",
-         .why = "the body is thinner than a node spacing almost everywhere",
-         .remedy = "ask for more nodes (--nodes) or a smaller --spacing"});
+    throw ModelError({.fact = fmt::format("only {} of {} inner nodes could be placed", inside.size(), wanted),
+                      .where = "nodes",
+                      .why = "the body is thinner than a node spacing almost everywhere",
+                      .remedy = "use more nodes (--nodes) or a smaller --spacing"});
   const std::vector<Vec3> surface_nodes = placed;
   for (const Vec3& x : thin_out(inside, surface_nodes, wanted, 1.12, spacing)) placed.push_back(x);
   cloud.X = to_points(placed);

@@ -76,9 +76,10 @@ struct Crowded {
   throw ModelError(
       {.fact = fmt::format("{} candidate places for nodes have over {} neighbours each", candidates,
                            crowd_per_candidate),
-       .where = "node cloud",
-       .why = "the spacing changes too steeply beside the circle, or the body is folded too finely for it",
-       .remedy = "ask for more nodes (--nodes), a coarser --rim or a larger --indenter-diameter"});
+       .where = "nodes",
+       .why =
+           "the spacing changes too steeply near the contact patch, or the body is folded too finely for it",
+       .remedy = "use more nodes (--nodes), a coarser --rim or a larger --indenter-diameter"});
 }
 
 }  // namespace

@@ -51,8 +51,8 @@ void refuse_too_wide(const VoxelSet& body, const Vec3& spacing, double width_mm)
     smallest = std::min(smallest, spacing[static_cast<Index>(d)] * static_cast<double>(body.size[d] - 2));
   if (width_mm <= smallest) return;
   throw ModelError(
-      {.fact = fmt::format("gaps of up to {:.4g} mm are to be closed in an organ that is {:.4g} mm thick",
-                           width_mm, smallest),
+      {.fact = fmt::format("gaps of up to {:.4g} mm are to be closed in an organ {:.4g} mm thick", width_mm,
+                           smallest),
        .where = "--close (image.close_mm)",
        .why = "no gap in it can be that wide, and closing it would leave nothing of the organ's shape",
        .remedy = "give the width of the folds' gaps, for a brain about --close 4mm",
@@ -75,7 +75,7 @@ Room room_around(const VoxelSet& body, const Vec3& spacing, double radius_mm) {
                              "available",
                              count, needed / 1e9, there / 1e9),
          .where = "--close (image.close_mm)",
-         .why = fmt::format("each voxel of the organ's box takes {:.0f} bytes", bytes_per_voxel),
+         .why = fmt::format("each voxel of the organ's box needs {:.0f} bytes", bytes_per_voxel),
          .remedy = "give an image with larger voxels, or leave --close out",
          .code = "memory"});
   return room;

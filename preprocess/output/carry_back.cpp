@@ -130,17 +130,16 @@ class WayBack {
 };
 
 [[noreturn]] void refuse_two_places(const Vec3& x) {
-  refuse(
-      fmt::format("the blade passes through {}, where two parts of the body have come to lie", in_words(x)),
-      "its walls have passed through each other there, and which of them is cut is not known",
-      "let them touch with --self-contact on, or cut before they close");
+  refuse(fmt::format("the blade passes through {}, where two parts of the body overlap", in_words(x)),
+         "its walls have passed through each other there, so the cut is ambiguous",
+         "give --self-contact on, or cut before they close");
 }
 
 [[noreturn]] void refuse_lost(const Vec3& x) {
-  refuse(fmt::format("what the blade passes through at {} cannot be followed back to where it was at rest",
-                     in_words(x)),
-         "the field of displacements cannot be inverted there: tissue may be turned inside out",
-         "use more nodes, or cut before the body is deformed so much");
+  refuse(
+      fmt::format("tissue in the blade's path at {} cannot be mapped back to its place at rest", in_words(x)),
+      "the displacement field cannot be inverted there: tissue may be inverted",
+      "use more nodes, or cut at a smaller deformation");
 }
 
 // Displacement of the surface next to a place outside of the body [mm].
@@ -309,7 +308,7 @@ TriangleMesh carried_back(const TriangleMesh& sheet, const Model& model, const P
   if (!is_open(sheet.triangles)) return at_rest;
   TriangleMesh result = near_part(sheet, at_rest, away);
   if (result.triangles.cols() == 0)
-    refuse("a cut meets no tissue", "its blade misses the organ as it then is",
+    refuse("a cut meets no tissue", "its blade misses the deformed organ",
            "move it; the surface of the frame before shows where the body is");
   return result;
 }
@@ -336,9 +335,9 @@ TriangleMesh stroke_at_rest(const Vec3& x, const Vec3& y, double depth, double s
   }
   into -= into.dot(along) * along;
   if (!(into.norm() > steepest * (samples + 1)))
-    refuse("there is no one way into the body along the stroke",
-           "the surface near it faces opposite ways, or along it",
-           "go from place to place on one side of the body");
+    refuse("the direction into the body is not unique along the stroke",
+           "the surface near it faces opposite directions, or along it",
+           "keep the stroke on one side of the body");
   const TriangleMesh sheet = swept_sheet(x, y, into.normalized(), above + 0.1 * step, depth, step);
   Points way = Points::Zero(3, sheet.vertex.cols());
   std::vector<char> known(static_cast<std::size_t>(sheet.vertex.cols()), 0);
@@ -357,8 +356,7 @@ TriangleMesh stroke_at_rest(const Vec3& x, const Vec3& y, double depth, double s
   }
   if (3 * lost_ones > settled && lost_ones > 0) refuse_lost(last_lost);  // more than a quarter of both
   if (settled == 0)
-    refuse("the blade meets no tissue", "its way lies beside the body as it now is",
-           "move it, or cut deeper");
+    refuse("the blade meets no tissue", "its path is outside of the deformed body", "move it, or cut deeper");
   continue_over(sheet, known, way);
   return {sheet.vertex + way, sheet.triangles};
 }

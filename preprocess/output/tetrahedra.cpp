@@ -211,14 +211,14 @@ void find_base_and_circle(const Cells& mesh, const std::map<Edge, Index>& middle
 
 void require_apart(const std::set<Index>& base, const std::set<Index>& circle, double spacing_mm) {
   if (base.empty() || circle.empty())
-    throw ModelError({.fact = fmt::format("no triangle of the mesh lies {}",
-                                          base.empty() ? "on the base" : "in the circle"),
+    throw ModelError({.fact = fmt::format("no triangle of the mesh is {}",
+                                          base.empty() ? "on the base" : "in the contact patch"),
                       .where = "tetrahedral mesh",
-                      .why = fmt::format("edges of {:.3g} mm are too long for it", spacing_mm),
+                      .why = fmt::format("edges of {:.3g} mm are too long", spacing_mm),
                       .remedy = "give a smaller --spacing or more --nodes"});
   for (const Index v : base)
     if (circle.count(v) > 0)
-      throw ModelError({.fact = "the tool's circle lies on the fixed base",
+      throw ModelError({.fact = "the contact patch overlaps the fixed base",
                         .where = "tetrahedral mesh",
                         .why = "a node of the mesh belongs to both",
                         .remedy = "choose another place (--indent-at) or another --base"});

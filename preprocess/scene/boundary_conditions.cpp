@@ -69,7 +69,7 @@ Asked parse_place(const std::string& text) {
       return {.from = Vec3(0, 0, 1), .half = {}, .place = flat, .z_is_free = true};
   if (part.size() == 1 && text == "top")
     throw UsageError(
-        {.fact = "'top' does not say where to indent",
+        {.fact = "'top' is ambiguous",
          .where = "--indent-at (boundary.indent_at)",
          .why =
              "it may mean the side opposite to the base, whichever that is, or the patient's superior side",
@@ -106,19 +106,18 @@ std::string from_its_side(const BodySurface& body, const Vec3& asked, const Boun
 [[noreturn]] void refuse_edge(const BodySurface& body, const Vec3& asked, const Vec3& touch, double room,
                               double least_room, bool touches, const Boundary& boundary) {
   if (touches)
-    throw ModelError(
-        {.fact = fmt::format("the tool of {:.4g} mm diameter at {} would touch the organ over an edge, which "
-                             "is not modelled",
-                             2.0 * boundary.radius, words(body, touch)),
-         .where = "--indent-at (boundary.indent_at) and --tool (tool.shape)",
-         .why = fmt::format("it may touch out to {:.1f} mm from its middle, and {:.1f} mm from there the "
-                            "surface ends or drops by more than a radius",
-                            least_room, room),
-         .remedy = "move it with --indent-at, or give it a smaller radius; for a plate take a sphere that is "
-                   "nearly flat, such as --tool sphere:1000mm",
-         .code = "tool-too-wide"});
+    throw ModelError({.fact = fmt::format("the tool of {:.4g} mm diameter at {} would be in contact over an "
+                                          "edge of the organ, which is not modelled",
+                                          2.0 * boundary.radius, words(body, touch)),
+                      .where = "--indent-at (boundary.indent_at) and --tool (tool.shape)",
+                      .why = fmt::format("contact may extend to {:.1f} mm from its middle, and at {:.1f} mm "
+                                         "the surface ends or drops by more than a radius",
+                                         least_room, room),
+                      .remedy = "move it with --indent-at, or give it a smaller radius; for a plate use a "
+                                "sphere that is nearly flat, such as --tool sphere:1000mm",
+                      .code = "tool-too-wide"});
   throw ModelError(
-      {.fact = fmt::format("the tool's circle of {:.4g} mm diameter at {} hangs over the organ's edge",
+      {.fact = fmt::format("the contact patch of {:.4g} mm diameter at {} extends beyond the organ's edge",
                            2.0 * boundary.radius, words(body, touch)),
        .where = "--indent-at (boundary.indent_at)",
        .why = fmt::format("{:.1f} mm from its middle the surface ends or drops by more than a radius", room),
@@ -139,7 +138,7 @@ void place_as_asked(const BodySurface& body, const std::string& asked_for, const
     throw ModelError(
         {.fact = fmt::format("the tool at {} mm misses the organ", asked_for),
          .where = "--indent-at (boundary.indent_at)",
-         .why = fmt::format("a line through it along the push meets no tissue; the organ lies "
+         .why = fmt::format("a line through it along the approach direction meets no tissue; the organ is "
                             "between ({:.1f}, {:.1f}, {:.1f}) and ({:.1f}, {:.1f}, {:.1f}) mm",
                             std::min(lower.x(), upper.x()), std::min(lower.y(), upper.y()),
                             std::min(lower.z(), upper.z()), std::max(lower.x(), upper.x()),
@@ -152,12 +151,11 @@ void place_as_asked(const BodySurface& body, const std::string& asked_for, const
   const double moved = (*touch - asked).norm();
   if (moved > 4.0 * result.radius && !place.z_is_free)
     throw ModelError(
-        {.fact = fmt::format("the place {} mm lies {:.1f} mm from where the circle meets the organ",
+        {.fact = fmt::format("the place {} mm is {:.1f} mm from where the contact patch meets the organ",
                              asked_for, moved),
          .where = "--indent-at (boundary.indent_at)",
-         .why = fmt::format("moved along the push, the circle of {:.4g} mm diameter first touches the organ "
-                            "at {}; that is more "
-                            "than two diameters away, so another place is likely to be meant",
+         .why = fmt::format("along the approach direction the contact patch of {:.4g} mm diameter meets the "
+                            "organ at {}, more than two diameters away",
                             2.0 * result.radius, words(body, *touch)),
          .remedy =
              from_its_side(body, asked, result) +
@@ -165,12 +163,13 @@ void place_as_asked(const BodySurface& body, const std::string& asked_for, const
                          "which another --direction may be needed",
                          words(body, body.closest(asked).place)),
          .code = "place-moved"});
-  result.circle_reason = fmt::format("asked for; moved {:.1f} mm along the push onto the surface", moved);
+  result.circle_reason =
+      fmt::format("as requested; projected {:.1f} mm along the approach direction onto the surface", moved);
   if (moved > result.radius && !place.z_is_free)
-    result.warnings.push_back(fmt::format(
-        "the place {} mm that --indent-at gives was moved by {:.1f} mm, more than the circle's radius: "
-        "along the push the organ is met first at {}",
-        asked_for, moved, words(body, *touch)));
+    result.warnings.push_back(
+        fmt::format("the place {} mm of --indent-at was moved by {:.1f} mm, more than the radius of the "
+                    "contact patch: along the approach direction the organ is met first at {}",
+                    asked_for, moved, words(body, *touch)));
   const Room room = room_around(view, view.flat(*touch), result.radius);
   result.room = room.even;
   if (room.whole < least_room) refuse_edge(body, asked, *touch, room.whole, least_room, touches, result);
@@ -186,13 +185,13 @@ Vec3 push_of(const BodySurface& body, const BoundaryOptions& options, const Aske
     throw UsageError({.fact = fmt::format("'{}' is not a direction", options.direction),
                       .where = "--direction (boundary.direction)",
                       .why = "a direction is auto or three numbers x,y,z in LPS",
-                      .remedy = "for instance --direction 0,0,-1 to push down"});
+                      .remedy = "for instance --direction 0,0,-1 to press down"});
   if (asked.from && !(vector->dot(*asked.from) < 0.0))
-    throw UsageError({.fact = fmt::format("a tool that moves along {} does not come from the {} side",
+    throw UsageError({.fact = fmt::format("a tool with the direction {} does not approach from the {} side",
                                           options.direction, side_towards(*asked.from)),
                       .where = "--direction and --indent-at",
-                      .why = fmt::format("--indent-at {} is met from that side alone", options.indent_at),
-                      .remedy = "turn --direction round, or give the other side or a place x,y,z"});
+                      .why = fmt::format("--indent-at {} is met from that side only", options.indent_at),
+                      .remedy = "reverse --direction, or give the other side or a place x,y,z"});
   return local_direction(body, vector->normalized());
 }
 
@@ -213,17 +212,16 @@ void check_width(const BoundaryOptions& options, Boundary& result) {
          .where = touches ? "--tool (tool.shape)" : "--indenter-diameter (boundary.indenter_diameter_mm)",
          .why = "the image does not show the shape of the surface beneath it",
          .remedy =
-             enough > widest_circle
-                 ? std::string("no tool is wide enough for such voxels: check the unit of the image's voxel "
-                               "spacing, which is taken as millimetres")
+             enough > widest_circle ? std::string("no tool is wide enough for such voxels: check the unit of "
+                                                  "the image's voxel spacing, which is read as millimetres")
              : touches ? fmt::format("give a radius of at least {:.4g} mm, or a finer image", 0.5 * enough)
                        : fmt::format("give at least {:.4g} mm, or a finer image", enough),
          .code = "circle-too-small"});
   if (options.voxel_mm > 0.0 && across < few_voxels)
-    result.warnings.push_back(fmt::format(
-        "the tool of {:.4g} mm diameter is {:.1f} voxels across: the image hardly shows the shape of the "
-        "surface beneath it",
-        options.indenter_diameter_mm, across));
+    result.warnings.push_back(
+        fmt::format("the tool of {:.4g} mm diameter is {:.1f} voxels across: the image barely resolves the "
+                    "surface beneath it",
+                    options.indenter_diameter_mm, across));
 }
 
 void place_on_highest(const BodySurface& body, const Moments& moments, const BoundaryOptions& options,
@@ -232,11 +230,12 @@ void place_on_highest(const BodySurface& body, const Moments& moments, const Bou
   if (asked.half) half = view.flat(local_direction(body, *asked.half));
   const std::string side = side_in_words(body, -result.push);
   if (half && half->norm() < 0.1)
-    throw UsageError({.fact = fmt::format("'{}' names no half of the {}", options.indent_at, side),
-                      .where = "--indent-at (boundary.indent_at)",
-                      .why = "the tool comes from that side or from the opposite one, so that half is all of "
-                             "the surface or none of it",
-                      .remedy = "name a half across the push, for instance --indent-at superior,left"});
+    throw UsageError(
+        {.fact = fmt::format("'{}' names no half of the {}", options.indent_at, side),
+         .where = "--indent-at (boundary.indent_at)",
+         .why = "the tool approaches from that side or the opposite one, so that half is all of the surface "
+                "or none of it",
+         .remedy = "name a half across the approach direction, for instance --indent-at superior,left"});
   const auto is_free = [&](const Vec3& leaves) {
     return result.lowest - leaves.dot(result.down) > result.base_depth;
   };
@@ -255,22 +254,22 @@ void place_on_highest(const BodySurface& body, const Moments& moments, const Bou
     throw ModelError(
         {.fact = fmt::format("no place on the {} has room for a tool of {:.1f} mm diameter", side,
                              options.indenter_diameter_mm),
-         .where = "tool circle",
+         .where = "contact patch",
          .why = has_odd_unit ? fmt::format("the body is {:.2g} mm wide: the image may be in metres", widest)
-                             : "it would hang over the organ's edge everywhere",
+                             : "it would extend beyond the organ's edge everywhere",
          .remedy = has_odd_unit ? "check the unit of the image: voxel sizes are millimetres"
                                 : "make it smaller with --indenter-diameter (or --tool), or see `dimple "
                                   "places IMAGE` for where it fits"});
   }
   result.centre = *touch;
   result.room = place->room;
-  result.circle_reason =
-      fmt::format("highest point with room for the circle{} on the {}{}{}",
-                  asked.half ? fmt::format(" of the {} half", side_towards(*asked.half)) : "", side,
-                  result.push == result.down ? ", opposite to the base" : "",
-                  place->equals == 2  ? "; another point is as high"
-                  : place->equals > 2 ? fmt::format("; {} other points are as high", place->equals - 1)
-                                      : "");
+  result.circle_reason = fmt::format(
+      "highest point with room for the contact patch{} on the {}{}{}",
+      asked.half ? fmt::format(" of the {} half", side_towards(*asked.half)) : "", side,
+      result.push == result.down ? ", opposite to the base" : "",
+      place->equals == 2  ? "; another point has the same height"
+      : place->equals > 2 ? fmt::format("; {} other points have the same height", place->equals - 1)
+                          : "");
 }
 
 // A tilted tool keeps the place that it would have upright, `straight`, not the highest along `push`.
@@ -311,17 +310,16 @@ void find_circle(const BodySurface& body, const Moments& moments, const Boundary
     result.circle_reason +=
         fmt::format("; no fold or edge within {:.1f} mm of its middle", wanted_room * result.radius);
   if (result.room < little_room * result.radius)
-    result.warnings.push_back(fmt::format(
-        "the tool has little room for a circle of {:.4g} mm diameter: {:.1f} mm from its middle a fold, an "
-        "edge or a "
-        "steep slope cuts the surface; {:.4g} mm would be enough. Under a deep push tissue may fold onto "
-        "itself there{}",
-        2.0 * result.radius, result.room, wanted_room * result.radius,
-        asked.place ? "" : "; no other place has more room"));
+    result.warnings.push_back(
+        fmt::format("the tool has little room for a contact patch of {:.4g} mm diameter: a fold, an edge or "
+                    "a steep slope is {:.1f} mm from its middle; {:.4g} mm would be enough. At large depths "
+                    "tissue may fold onto itself there{}",
+                    2.0 * result.radius, result.room, wanted_room * result.radius,
+                    asked.place ? "" : "; no other place has more room"));
   if (!body.image_ends().empty() && body.at_image_end(result.centre))
     result.warnings.push_back(
-        "THE TOOL STANDS WHERE THE IMAGE ENDS: the surface beneath it is where the scan was cut, not the "
-        "organ's own surface; `dimple places IMAGE` lists other places");
+        "THE TOOL IS WHERE THE IMAGE ENDS: the surface beneath it is where the scan was cut, not the organ's "
+        "own surface; `dimple places IMAGE` lists other places");
 }
 
 }  // namespace
@@ -400,13 +398,12 @@ Vec3 touch_of_circle(const BodySurface& body, const Boundary& boundary, const Ve
   if (touch && is_near_middle(boundary, *touch)) return *touch;
   const Vec3 world = body.to_world() * boundary.centre;
   throw ModelError(
-      {.fact = fmt::format("the tool's circle of {:.1f} mm diameter at ({:.1f}, {:.1f}, {:.1f}) mm hangs "
-                           "over the organ's edge",
+      {.fact = fmt::format("the contact patch of {:.1f} mm diameter at ({:.1f}, {:.1f}, {:.1f}) mm extends "
+                           "beyond the organ's edge",
                            2.0 * boundary.radius, world.x(), world.y(), world.z()),
-       .where = "tool circle",
-       .why = touch
-                  ? "below a part of its rim the surface lies more than a diameter deeper than at its middle"
-                  : "a part of its rim meets no tissue",
+       .where = "contact patch",
+       .why = touch ? "below a part of its edge the surface is more than a diameter deeper than at its middle"
+                    : "a part of its edge meets no tissue",
        .remedy = "move it with --indent-at or make it smaller with --indenter-diameter (or --tool)"});
 }
 

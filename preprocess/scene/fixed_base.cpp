@@ -155,10 +155,9 @@ void tell_of_turned_axes(const BodySurface& body, const Vec3& lps, const std::st
                      std::acos(std::min(1.0, nearest_axis(body, lps).dot(local_direction(body, lps))));
   if (off > much_degrees)
     result.warnings.push_back(fmt::format(
-        "the scan's axes are turned by {:.0f} degrees against the patient's, and the base on the "
-        "{} side is that of the scan's nearest axis, against which the tool comes, while supports, loads "
-        "and films on a side, and gravity, go by the patient's; for the patient's own base give it in "
-        "numbers, as --base {:g},{:g},{:g}",
+        "the scan's axes are rotated by {:.0f} degrees against the patient's: the base on the {} side and "
+        "the approach direction follow the scan's nearest axis; gravity, and supports, loads and films on a "
+        "side, follow the patient's. For a base on the patient's axis give --base {:g},{:g},{:g}",
         off, side, lps.x() + 0.0, lps.y() + 0.0, lps.z() + 0.0));
 }
 
@@ -209,7 +208,7 @@ void find_base(const BodySurface& body, const Moments& moments, const BoundaryOp
         body, moments,
         side_named(options.base, base_option) ? nearest_axis(body, *asked) : local_direction(body, *asked),
         result);
-    reason = "as asked for";
+    reason = "as requested";
     if (side_named(options.base, base_option)) tell_of_turned_axes(body, *asked, options.base, result);
   } else if (face) {
     rest_on(*face, result);
@@ -222,7 +221,7 @@ void find_base(const BodySurface& body, const Moments& moments, const BoundaryOp
     result.base_by_axes = true;
   }
   if (options.base_depth_mm > 0.0) result.base_depth = options.base_depth_mm;
-  const char* why_so_deep = options.base_depth_mm > 0.0 ? ", as asked for,"
+  const char* why_so_deep = options.base_depth_mm > 0.0 ? ", as requested,"
                             : result.flat_base          ? ""
                                                         : ", a third of the organ's height (--base-depth),";
   result.base_reason = fmt::format("{}; {}; surface up to {:.1f} mm above it{} is fixed",
@@ -252,12 +251,11 @@ void warn_of_base_at_image_end(const BodySurface& body, Boundary& result) {
     if (cut(x)) at_end += seen;
   }
   if (!(at_end > border_share * base)) return;
-  result.warnings.push_back(fmt::format(
-      "THE BASE IS WHERE THE IMAGE ENDS: {:.0f} % of the base ({}) lies on the image's border, where the "
-      "scan ends and the organ does not; the force depends on where the scan ends: give an image that holds "
-      "the "
-      "whole organ, or another side with --base",
-      100.0 * at_end / base, side_in_words(body, result.down)));
+  result.warnings.push_back(
+      fmt::format("THE BASE IS WHERE THE IMAGE ENDS: {:.0f} % of the base ({}) is on the image's border, "
+                  "where the scan ends and the organ does not; the force depends on where the scan ends: "
+                  "give an image of the whole organ, or another side with --base",
+                  100.0 * at_end / base, side_in_words(body, result.down)));
 }
 
 }  // namespace dimple

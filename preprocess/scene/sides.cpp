@@ -32,8 +32,8 @@ std::optional<Vec3> side_named(const std::string& word, const std::string& where
     if (word == of_room)
       throw UsageError({.fact = fmt::format("'{}' is no side of the patient", word),
                         .where = where,
-                        .why = "which side it means depends on how the patient lies: of a supine patient "
-                               "anterior is up, of a standing one superior",
+                        .why = "it depends on the patient's position: anterior is up in a supine patient, "
+                               "superior in a standing one",
                         .remedy = "give superior, inferior, anterior, posterior, left or right"});
   const auto other = same_side.find(word);
   const std::string& name = other == same_side.end() ? word : other->second;

@@ -41,11 +41,11 @@ constexpr double margin = 0.25;          // of the width, around the tool
 void refuse_other_units(const Drawing& of, const Points& vertex) {
   const double size = (vertex.rowwise().maxCoeff() - vertex.rowwise().minCoeff()).maxCoeff();
   if (size < smallest_mm || size > largest_mm)
-    refuse(
-        of, fmt::format("is {:.3g} mm long", size),
-        fmt::format("a {} of {:g} to {:g} mm is taken; the file has no units, and its numbers are read as mm",
-                    of.what, smallest_mm, largest_mm),
-        size < smallest_mm ? "scale it by 1000 if it was drawn in metres" : "scale it to mm");
+    refuse(of, fmt::format("is {:.3g} mm long", size),
+           fmt::format(
+               "a {} must be {:g} to {:g} mm long; the file has no units, and its numbers are read as mm",
+               of.what, smallest_mm, largest_mm),
+           size < smallest_mm ? "scale it by 1000 if it was drawn in metres" : "scale it to mm");
 }
 
 void refuse_border(const Drawing& of, const TriangleMesh& mesh) {
@@ -67,7 +67,7 @@ void refuse_border(const Drawing& of, const TriangleMesh& mesh) {
     refuse(of, fmt::format("has an open border of {} edges", open),
            fmt::format("one of them is near {} in its file; inside and outside are not known",
                        in_words(Vec3(0.5 * (mesh.vertex.col(at[0]) + mesh.vertex.col(at[1]))))),
-           "close its holes in the program that drew it");
+           "close its holes in the program that made it");
 }
 
 // Turns all triangles outward; true if some were not.
@@ -116,7 +116,7 @@ void refuse_crossing(const Drawing& of, const TriangleMesh& mesh) {
   refuse(of, fmt::format("passes through itself: {} pairs of its triangles cross", crossing.size()),
          fmt::format("two of them are near {} in its file; inside and outside are not known",
                      in_words(Vec3(0.5 * (middle(t) + middle(other))))),
-         "unite its parts in the program that drew it");
+         "unite its parts in the program that made it");
 }
 
 // Distances from `low` upwards to `height`, with a margin around.

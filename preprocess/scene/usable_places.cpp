@@ -37,8 +37,9 @@ Judged judged(const BodySurface& body, const Boundary& at, const Beneath& what) 
   if (will_bend(what.bending))
     return {
         doubtful,
-        fmt::format("free to bend: {:.1f} mm of tissue under a circle of {:.4g} mm, nothing fixed behind it",
-                    what.thickness_mm, 2.0 * at.radius)};
+        fmt::format(
+            "free to bend: {:.1f} mm of tissue under a contact patch of {:.4g} mm, nothing fixed behind it",
+            what.thickness_mm, 2.0 * at.radius)};
   if (at.room < little_room * at.radius)
     return {doubtful,
             fmt::format("little room: a fold, an edge or a steep slope {:.1f} mm from its middle", at.room)};
@@ -62,7 +63,7 @@ UsablePlace described(const BodySurface& body, const Boundary& at) {
 // Judgement of a place of the survey, in few words.
 Judged judged(const BodySurface& body, const Boundary& boundary, const SurveyedPlace& place) {
   using enum UsablePlace::Verdict;
-  if (place.room.whole < boundary.radius) return {refused, "the circle would hang over an edge"};
+  if (place.room.whole < boundary.radius) return {refused, "the contact patch would extend beyond an edge"};
   if (reaches_base(boundary, place.touch)) return {refused, "on the fixed base"};
   if (body.at_image_end(place.touch)) return {doubtful, "the image ends there, not the organ"};
   if (will_bend(place.bending)) return {doubtful, "free to bend: thin tissue, nothing fixed behind it"};

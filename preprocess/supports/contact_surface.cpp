@@ -103,7 +103,7 @@ Cells without_small(const Model& model, const Points& place, const Points& area,
 [[noreturn]] void refuse(const std::string& fact) {
   throw ModelError({.fact = fact,
                     .where = "surface beneath the tool",
-                    .why = "a tool that touches is followed on samples of the body's surface",
+                    .why = "contact with a tool is enforced at points of the body's surface",
                     .remedy = "begin with the label image, choose another place (--indent-at), or leave "
                               "--tool out",
                     .code = "contact-surface"});
@@ -136,7 +136,7 @@ ContactSurface contact_surface(const Model& model, double reach, const std::vect
 
 ContactSurface contact_surface(const Model& model, const ToolPlace& tool, double reach,
                                const std::vector<Vec3>& way) {
-  if (model.surface.empty()) refuse("the model has no surface that a tool could touch");
+  if (model.surface.empty()) refuse("the model has no surface for contact");
   const std::vector<Vec3> axes = axes_along(tool, way, 0.25 * reach);
   const SurfacePieces pieces = pieces_around(model, tool, axes, looked_at * reach);
   const Neighbours nodes(model.X);

@@ -218,10 +218,10 @@ Share share_of(const Model& model, const PointPlaces& places, const Nearby& near
   for (double grown = 1.0; list.size() < enough; grown *= 1.1) {
     if (grown > largest_growth)
       throw ModelError(
-          {.fact = fmt::format("integration point {} lies out of reach of all pressure patches", q),
+          {.fact = fmt::format("integration point {} is out of reach of all pressure patches", q),
            .where = "pressure patches",
            .why = fmt::format("it is more than {:.0f} times their radius away", largest_growth),
-           .remedy = "ask for more nodes (--nodes) or a smaller --spacing"});
+           .remedy = "use more nodes (--nodes) or a smaller --spacing"});
     if (grown > 1.0 && static_cast<int>(near.size()) < most) near = tree.nearest(places.x.col(q), most);
     list.clear();
     sum = 0.0;

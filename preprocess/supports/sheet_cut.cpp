@@ -335,9 +335,9 @@ void refuse_parted(const Model& model, const std::vector<Index>& held) {
   Index loose = 0;
   for (Index a = 0; a < model.node_count(); ++a) loose += is_held[static_cast<std::size_t>(root(a))] ? 0 : 1;
   if (loose > 0)
-    refuse(fmt::format("the blade parts {} of {} nodes from all that is held", loose, model.node_count()),
-           "what nothing holds has no equilibrium",
-           "let the blade end in the tissue, or take the piece out with `dimple run --cut`");
+    refuse(fmt::format("the blade separates {} of {} nodes from every held part", loose, model.node_count()),
+           "a part that is not held has no equilibrium",
+           "let the blade end in the tissue, or remove the piece with `dimple run --cut`");
 }
 
 }  // namespace
@@ -425,8 +425,8 @@ std::shared_ptr<const Sheet> not_cut_yet(const Model& before, const std::shared_
   if (!goes_along) return sheet;
   if (left.triangle.empty())
     refuse("the body is cut there already",
-           "all of the blade's way lies within a quarter of a node spacing of an earlier cut",
-           "cut beside it, or deeper");
+           "the whole path of the blade is within a quarter of a node spacing of an earlier cut",
+           "cut elsewhere, or deeper");
   Points vertex(3, static_cast<Index>(left.vertex.size()));
   for (Index v = 0; v < vertex.cols(); ++v) vertex.col(v) = left.vertex[static_cast<std::size_t>(v)];
   Triangles triangles(3, static_cast<Index>(left.triangle.size()));
@@ -453,8 +453,7 @@ SheetCut cut_by_sheet(const Model& before, const std::shared_ptr<const Sheet>& b
   cut.added = inner_interpolation(before, model.X.rightCols(model.node_count() - before.node_count()));
   cut.changed = static_cast<Index>(changed.size());
   if (changed.empty())
-    refuse("the blade meets no tissue", "its way lies beside the body, or goes where another cut has gone",
-           "move it");
+    refuse("the blade meets no tissue", "its path is outside of the body, or along another cut", "move it");
   const Eigen::VectorXd radius = model.scheme.support.radius_factor * model.spacing;
   const auto sight = std::make_shared<const Sight>(before.sight, sheet, model, radius, divided.whole);
   model.sight = sight;

@@ -166,9 +166,8 @@ struct InOwnAxes {
        .where =
            fmt::format("support domains; point at ({:.2f}, {:.2f}, {:.2f}) mm, radii enlarged {:.1f} times",
                        mm.x(), mm.y(), mm.z(), largest_support_growth),
-       .why = "the cloud is too sparse or too flat there",
-       .remedy = fmt::format("raise support.radius_factor from {:.2f}, or ask for more nodes "
-                             "(--nodes)",
+       .why = "the nodes are too sparse or too nearly in a plane there",
+       .remedy = fmt::format("raise support.radius_factor from {:.2f}, or use more nodes (--nodes)",
                              options.radius_factor),
        .code = s.failed_nodes < enough_nodes ? "supports" : "conditioning"});
 }
@@ -181,7 +180,7 @@ void make_room(Model& model, Index members, Index done) {
                                           most_members, members / done, model.point_count()),
                       .where = "support domains",
                       .why = "their lists are numbered with 32 bits",
-                      .remedy = "ask for fewer nodes (--nodes) or points (--points), or a smaller --support",
+                      .remedy = "use fewer nodes (--nodes) or points (--points), or a smaller --support",
                       .code = "too-large"});
   if (members <= model.support.member.size()) return;
   const Index room = std::lround(1.05 * static_cast<double>(members) *

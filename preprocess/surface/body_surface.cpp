@@ -71,11 +71,10 @@ BodySurface::BodySurface(Points vertex, Triangles triangles, const Eigen::Isomet
       to_world_(to_world),
       tree_(std::make_unique<Tree>()) {
   if (triangles_.cols() < 4 || !is_closed(triangles_, vertex_.cols()))
-    throw ModelError(
-        {.fact = fmt::format("the surface of {} triangles is not closed", triangles_.cols()),
-         .where = "body surface",
-         .why = "it has a border, or more than two triangles meet at an edge",
-         .remedy = "give a watertight surface; for an image, please report this as a mistake of ours"});
+    throw ModelError({.fact = fmt::format("the surface of {} triangles is not closed", triangles_.cols()),
+                      .where = "body surface",
+                      .why = "it has a border, or more than two triangles meet at an edge",
+                      .remedy = "give a watertight surface; for an image, please report this error"});
 
   normal_.resize(3, triangles_.cols());
   triangle_area_.resize(triangles_.cols());

@@ -72,7 +72,7 @@ Pairs pairs_of(const TriangleMesh& mesh) {
           {.fact = fmt::format("the surface of {} triangles is not closed", mesh.triangles.cols()),
            .where = "body surface",
            .why = fmt::format("{} triangles meet at one of its edges", up.size() + down.size()),
-           .remedy = "please report this, with the image, as a mistake of ours"});
+           .remedy = "please report this error with the image"});
     const bool is_crowded = up.size() > 1;
     for (const Side& one : up) {
       auto best = down.begin();

@@ -43,8 +43,8 @@ Mesh to_mesh(const Points& vertex, const Triangles& triangles) {
   for (const auto& t : triangles.colwise())
     if (mesh.add_face(at(t[0]), at(t[1]), at(t[2])) == Mesh::null_face())
       refuse("the sheet of a cut is no surface",
-             "more than two of its triangles meet at an edge, or neighbours face opposite ways",
-             "give a sheet of one layer that faces one way");
+             "more than two of its triangles meet at an edge, or neighbours face opposite directions",
+             "give a sheet of one layer with consistent orientation");
   return mesh;
 }
 
@@ -172,10 +172,10 @@ TriangleMesh thickened(const TriangleMesh& sheet, double gap) {
 void refuse_folded(const Mesh& solid, bool is_region, double gap) {
   if (!pmp::does_self_intersect(solid)) return;
   if (is_region)
-    refuse("the closed surface of a cut passes through itself", "what lies in it is not known",
-           "unite its parts in the program that drew it");
+    refuse("the closed surface of a cut passes through itself", "its inside is not defined",
+           "unite its parts in the program that made it");
   refuse("the sheet of a cut passes through itself, or is bent too sharply",
-         fmt::format("it is taken to be {:g} mm thick, and its two faces cross", gap),
+         fmt::format("it is modelled as {:g} mm thick, and its two faces cross", gap),
          "give a smoother sheet, or a narrower gap with --set image.cut_gap");
 }
 
@@ -291,13 +291,13 @@ CutBody cut(const BodySurface& body, const std::vector<TriangleMesh>& sheets, do
     taken.emplace_back(outline.vertex, outline.triangles);
     Mesh left;
     if (!pmp::corefine_and_compute_difference(mesh, solid, left))
-      refuse("the surface around a cut cannot be drawn", "it would touch itself along an edge",
+      refuse("the surface around a cut cannot be drawn", "it would be in contact with itself along an edge",
              "move the cut a little");
     double now = 0.0;
     for (const Shell& shell : shells_of(left)) now += shell.volume;
     if (!(volume - now > nothing * body.volume()))
-      refuse("a cut meets no tissue", "its blade misses the organ, or goes where another cut has gone",
-             "move it; `dimple info IMAGE` shows where the labels lie");
+      refuse("a cut meets no tissue", "its blade misses the organ, or follows another cut",
+             "move it; `dimple info IMAGE` shows where the labels are");
     if (!is_region) area += (volume - now) / gap;
     volume = now;
     now_is = in_order(from_mesh(left), now_is, outline);
@@ -308,7 +308,7 @@ CutBody cut(const BodySurface& body, const std::vector<TriangleMesh>& sheets, do
   std::erase_if(shells, [&](const Shell& s) { return std::abs(s.volume) < nothing * body.volume(); });
   std::sort(shells.begin(), shells.end(), [](const Shell& a, const Shell& b) { return a.volume > b.volume; });
   if (shells.empty() || shells.front().volume <= 0.0)
-    refuse("nothing of the organ is left beside a cut", fmt::format("its gap is {:g} mm wide", gap),
+    refuse("a cut leaves nothing of the organ", fmt::format("its gap is {:g} mm wide", gap),
            "give a smaller sheet, or a narrower gap with --set image.cut_gap");
   std::optional<std::size_t> kept;
   std::vector<BodySurface> pieces;

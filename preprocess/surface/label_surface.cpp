@@ -41,7 +41,7 @@ VoxelSet chosen_voxels(const LabelImage& image, const std::vector<int>& labels) 
   throw InputError({.fact = fmt::format("no voxel has label {}", wanted.empty() ? "other than 0" : wanted),
                     .where = "choice of labels",
                     .why = "the image does not hold it",
-                    .remedy = "see `dimple info IMAGE` for what it holds and choose with --label"});
+                    .remedy = "see the labels with `dimple info IMAGE` and choose with --label"});
 }
 
 bool touches_border(const VoxelSet& set, const LabelImage& image) {
@@ -69,8 +69,8 @@ void tell_of_dropped_labels(const LabelImage& image, const VoxelSet& kept, Segme
                [&](int label) { return !left.contains(label); });
   if (!dropped.empty())
     report.warnings.push_back(
-        fmt::format("label{} {} {} dropped whole: choose {} with --label {}; none of it touches the largest "
-                    "piece of the labels",
+        fmt::format("label{} {} {} dropped completely: choose {} with --label {}; no part of it is connected "
+                    "to the largest piece of the labels",
                     dropped.size() > 1 ? "s" : "", fmt::join(dropped, ", "),
                     dropped.size() > 1 ? "are" : "is", dropped.size() > 1 ? "one" : "it", dropped.front()));
 }
@@ -110,7 +110,7 @@ VoxelSet one_body(const LabelImage& image, const VoxelSet& set, double voxel_vol
   if (kept < 64)
     throw ModelError({.fact = fmt::format("the largest piece has {} voxels; a body needs at least 64", kept),
                       .where = "choice of labels",
-                      .why = "the label marks only a speck, or the image is too coarse for it",
+                      .why = "the label is too small, or the image is too coarse for it",
                       .remedy = "choose another --label, or give a finer image"});
   return cropped(complement(selection(around, gaps, empty)));
 }
@@ -135,8 +135,8 @@ void tell_of_cavities(SegmentReport& report) {
                           count == 1 ? "one cavity" : fmt::format("{} cavities", count),
                           count == 1 ? "was" : "were", volume_in_words(volume), list,
                           count == 1 ? "it is" : "each is")
-            : fmt::format("the organ has {}, {} in all ({}): kept as empty space with free walls; "
-                          "label what lies in it if it is not empty",
+            : fmt::format("the organ has {}, {} in all ({}): kept as empty space with free walls; label its "
+                          "content if it is not empty",
                           count == 1 ? "a cavity" : fmt::format("{} cavities", count),
                           volume_in_words(volume), list));
   }
@@ -414,8 +414,8 @@ SegmentedBody make_body_surface(const LabelImage& image, const std::vector<int>&
                     100.0 * std::abs(error), error > 0.0 ? "more" : "less", step));
   if (report.cut_by_border)
     report.warnings.push_back(
-        "the organ touches the border of the image, where the scan cuts it off: the cut face is "
-        "taken as its surface");
+        "the organ reaches the border of the image, where the scan cuts it off: the cut face is used as its "
+        "surface");
   SegmentedBody result{BodySurface(std::move(surface.vertex), std::move(surface.triangles), frame.to_world),
                        std::move(report)};
   result.surface.ends_with_image(image_ends(image, in_image, frame.to_world));

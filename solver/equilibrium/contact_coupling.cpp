@@ -55,12 +55,12 @@ void ContactCoupling::extend() {
   const auto count = static_cast<Index>(body_.active().size());
   if (count > mixed_constants.most_contact_points)
     throw SolveError(
-        {.fact = text("contact is met at ", count, " places, and at most ",
-                      mixed_constants.most_contact_points, " are computed"),
+        {.fact = text("contact has ", count, " points, and at most ", mixed_constants.most_contact_points,
+                      " are computed"),
          .where = "static solver",
-         .why = "how far a force at each place moves every other one is kept, and takes memory and time as "
-                "the square and the cube of their number",
-         .remedy = "enforce it at fewer places: fewer nodes (--nodes), or --set wall.NAME.places for a wall",
+         .why = "the compliances between all contact points are stored; memory grows with the square of "
+                "their number and time with the cube",
+         .remedy = "use fewer contact points: fewer nodes (--nodes), or --set wall.NAME.places for a wall",
          .code = "contact-places"});
   if (const Index known = compliance_.rows(); count > known) {
     compliance_.conservativeResize(count, count);

@@ -46,11 +46,11 @@ constexpr int memory = 60;  // iterations over which a change is compared for th
 SolveError no_equilibrium(const Relaxed& found, const Model& model) {
   const bool gave_way = found.gave_way(), drifts = model.base.empty() && !gave_way;
   return SolveError(
-      {.fact = text(gave_way ? "the tissue gave way, and no equilibrium was found beyond: "
+      {.fact = text(gave_way ? "the tissue passed a limit point, and no equilibrium was found beyond: "
                              : "no equilibrium was found: ",
                     std::isfinite(found.residual)
                         ? text("unbalanced forces are ", found.residual, " of the reactions")
-                        : std::string("the displacements are no longer numbers"),
+                        : std::string("the displacements are not finite"),
                     " after ", found.evaluations, " evaluations"),
        .where = text("static solver",
                      found.sweep.point < 0
@@ -58,25 +58,19 @@ SolveError no_equilibrium(const Relaxed& found, const Model& model) {
                          : text("; smallest det F ", found.sweep.J_min, " at integration point ",
                                 found.sweep.point, ", ", found.sweep.inverted, " inverted points"),
                      found.furthest < 0 ? std::string() : "; moving: " + place_of(model, found.furthest)),
-       .why = gave_way
-                  ? "the path of equilibria has a limit point here: a wall has buckled, a fold rolled over, "
-                    "or what a tool held has slipped from under it"
+       .why = gave_way ? "the path of equilibria has a limit point here: a wall has buckled, a fold has "
+                         "rolled over, or tissue has slipped from under a tool"
               : drifts
-                  ? "nothing but walls holds the body, which drifts where they stand apart from it or the "
-                    "load does "
-                    "not press it against them; or the load is more than this cloud can follow in one step"
-                  : "the load is more than this cloud can follow in one step, or the body has lost its "
-                    "stiffness",
-       .remedy =
-           gave_way
-               ? "use a smaller --depth, a coarser spacing at the circle's rim (--rim 0.15 or more), a "
-                 "place further from folds and edges (--indent-at), or for a bonded circle --time explicit"
-           : drifts ? "let a wall touch it at rest beneath the tool, hold its base (--base-hold fixed), or "
-                      "use a smaller "
-                      "--depth"
-                    : "use shorter steps of the load (--set solver.step_radii=0.05), a coarser spacing at "
-                      "the circle's "
-                      "rim (--rim 0.15 or more), or a smaller --depth",
+                  ? "only walls hold the body, which moves freely unless the load presses it against them; "
+                    "or the load is too large for one step with these nodes"
+                  : "the load is too large for one step with these nodes, or the body has lost its stiffness",
+       .remedy = gave_way ? "use a smaller --depth, a coarser spacing at the edge of the contact patch "
+                            "(--rim 0.15 or more), a place further from folds and edges (--indent-at), or "
+                            "for the bonded indenter --time explicit"
+                 : drifts ? "place a wall in contact with it beneath the tool, hold its base (--base-hold "
+                            "fixed), or use a smaller --depth"
+                          : "use shorter steps of the load (--set solver.step_radii=0.05), a coarser spacing "
+                            "at the edge of the contact patch (--rim 0.15 or more), or a smaller --depth",
        .code = gave_way ? "limit-point" : "no-equilibrium"});
 }
 

@@ -66,8 +66,8 @@ void FramesBetween::tell_of_line(double depth) {
   history.guards.push_back(
       {.report = {.fact = text("the frame at ", 1e3 * depth, " mm shows the line between two equilibria"),
                   .where = "static solver",
-                  .why = "none was found at its own depth; the force curve leaves it out",
-                  .remedy = "look at the frames before and after it, or choose other --frames",
+                  .why = "no equilibrium was found at its depth; the force curve omits it",
+                  .remedy = "use the frames before and after it, or choose other --frames",
                   .code = "frame"},
        .worst = depth});
 }

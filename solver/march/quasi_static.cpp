@@ -522,8 +522,8 @@ void QuasiStaticMarch::go_back(const Increment& increment, const Found& found, c
     if (after_failure_ < shortest * step_ || history_.evaluations >= most_) {
       Report report = error.report;
       report.where = text("indentation ", 1e3 * depth, " mm; ", report.where);
-      report.why += text("; it came again with steps of the load down to ", 1e3 * increment.length,
-                         " mm, after ", history_.evaluations, " evaluations in all");
+      report.why += text("; it recurred with steps of the load down to ", 1e3 * increment.length,
+                         " mm, after ", history_.evaluations, " force evaluations in all");
       throw SolveError(report);
     }
   }

@@ -459,7 +459,7 @@ void ProjectedKernel<Real>::restore_past(State& s, const std::vector<double>& pa
   std::size_t at = 0;
   visit_past(s, [&](double* to, Index count) {
     if (past.size() - at < static_cast<std::size_t>(count))
-      throw std::invalid_argument("the past of another model cannot be taken over");
+      throw std::invalid_argument("the history of another model cannot be used");
     std::copy_n(past.data() + at, count, to);
     at += static_cast<std::size_t>(count);
   });

@@ -69,9 +69,9 @@ void ProjectedKernel<Real>::lay_out_supports(const Model& model) {
   for (std::size_t b = 0; b + 1 < nodes_of_block_.offset.size(); ++b)
     if (const auto met = nodes_of_block_.offset[b + 1] - nodes_of_block_.offset[b]; met > 1 << 15)
       throw SolveError({.fact = text("the supports of ", points_per_block, " neighbouring points hold ", met,
-                                     " nodes, of 32768 that have a number"),
+                                     " nodes, and at most 32768 can be numbered"),
                         .where = text("solver, points from ", static_cast<Index>(b) * points_per_block),
-                        .why = "the supports reach across too many nodes",
+                        .why = "the supports hold too many nodes",
                         .remedy = "use smaller supports (support.radius_factor)"});
   quad_.reserve(static_cast<std::size_t>(model.support.member.size() / 4 + points_ + 1));
   point_offset_.push_back(0);

@@ -3,9 +3,9 @@
 
     python3 live_minutes.py PROGRAM IMAGE OUT.csv [--minutes 20] [--nodes 500] [--seed 1] [options of dimple ...]
 
-A sphere is moved in all directions: in and out, sideways by less and by more than a quarter of its radius, back and forth, and
-off the organ. Some frames of each minute are drawn at random. The reference is the force of `dimple run` at the place
-below the requested tip, with as many nodes, at the depth of that tip.
+A sphere is moved in all directions: in and out, aside by less and by more than a quarter of its radius, to and fro, and
+off the organ. Of each minute some frames are taken at random. The reference is a run of `dimple run` at the place below
+the tip that was requested, with as many nodes, its force taken at the depth of that tip.
 OUT.csv has a row for each such frame; the last lines printed count the forces outside of their stated error by status.
 """
 import argparse

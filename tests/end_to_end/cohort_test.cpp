@@ -151,7 +151,7 @@ TEST_F(Batch, SkipsWhatIsFinishedAndSaysSoOfWhatIsAnotherRun) {
   ran = dimple(folder, line);
   EXPECT_EQ(ran.code, 2) << ran.err;
   expect_words(ran.out, {"0 finished, 0 skipped, 2 failed", "material.mu_Pa is 300.0 now, and was 200.0",
-                         "the image or model is another one, or has changed", "--force", "[other-run]"});
+                         "the image or model differs or has changed", "--force", "[other-run]"});
   EXPECT_EQ(text_of(folder / "out/one/summary.json"), before);
 
   // With --force a changed case is computed again, and no other.
@@ -181,7 +181,7 @@ TEST_F(Batch, TakesOneRowOfAnArrayJob) {
   const Ran again = good(line + "2");
   EXPECT_THAT(again.err, HasSubstr("nothing to do"));
   EXPECT_EQ(again.out, ran.out);
-  ends_with(folder, 2, line + "3", {"row 3 is asked for, and the table has 2"});
+  ends_with(folder, 2, line + "3", {"row 3 is requested, and the table has 2"});
   EXPECT_EQ(dimple(folder, line + "0").code, 2);
   ends_with(folder, 2, "batch cases.csv -o out --id tow", {"did you mean 'two'?"});
 
@@ -306,7 +306,7 @@ TEST_F(Batch, LosesNoOtherCaseWhenTheProcessOfOneDies) {
   Ran ran = program.wait();
   EXPECT_EQ(ran.code, 4) << ran.err;
   EXPECT_THAT(ran.out, HasSubstr("1 finished, 0 skipped, 1 failed"));
-  EXPECT_THAT(ran.out, HasSubstr("died of signal 9"));
+  EXPECT_THAT(ran.out, HasSubstr("was ended by signal 9"));
   EXPECT_EQ(summary("out/slow").at("failure").at("code"), "crashed");
   EXPECT_TRUE(fs::exists(folder / "out/slow.log"));
   ran = good(command);
@@ -336,7 +336,7 @@ TEST_F(Batch, IsCollectedAsOneTableWithForcesAtDepths) {
   EXPECT_LT(std::stod(b.at("force_at_1mm_N")), std::stod(b.at("force_at_1.7mm_N")));
   EXPECT_LT(std::stod(b.at("force_at_1.7mm_N")), std::stod(b.at("force_at_2mm_N")));
   EXPECT_EQ(b.at("mu_Pa"), "200");
-  EXPECT_EQ(b.at("tool"), "a circle of 10 mm diameter");
+  EXPECT_EQ(b.at("tool"), "a contact patch of 10 mm diameter");
   EXPECT_EQ(b.at("image"), "block.nrrd");
   EXPECT_EQ(b.at("nodes"), std::to_string(summary("out/b").at("counts").at("nodes").get<int>()));
   EXPECT_EQ(b.at("volume_mm3"), shortest(summary("out/b").at("volume_mm3").get<double>()));

@@ -61,7 +61,7 @@ TEST_F(Compare, ShowsThatAnotherModulusIsTheOnlyDifference) {
     EXPECT_EQ(row["bands_overlap"], false);
   }
   const Ran ran = good("compare a b -o both.png");
-  EXPECT_THAT(ran.out, HasSubstr("B 50.0 % above A; the bands do not overlap"));
+  EXPECT_THAT(ran.out, HasSubstr("B 50.0 % above A; the error bounds do not overlap"));
   EXPECT_THAT(ran.out,
               testing::ContainsRegex("at 1\\.00 mm: A [0-9]{1,2}\\.[0-9]+ mN, B [0-9]{2}\\.[0-9]+ mN"));
   EXPECT_THAT(ran.out, HasSubstr("differs  material.mu_Pa: A 210.0, B 315.0\n"));
@@ -73,7 +73,7 @@ TEST_F(Compare, ARunIsItself) {
   EXPECT_EQ(ran.err, "");
   EXPECT_THAT(ran.out, HasSubstr("of the same image"));
   EXPECT_THAT(ran.out, HasSubstr("options  no difference\n"));
-  EXPECT_THAT(ran.out, HasSubstr("the same force; the bands overlap"));
+  EXPECT_THAT(ran.out, HasSubstr("the same force; the error bounds overlap"));
 }
 
 TEST_F(Compare, SaysHowManyNodesAnAccuracyHasTakenAndNotHowManyWereNotAskedFor) {
@@ -120,7 +120,7 @@ TEST_F(Compare, WithoutABandItIsNotKnownWhetherTheyOverlap) {
   const Json row = compared("a", "b")["at_depth"][3];
   EXPECT_TRUE(row.at("bands_overlap").is_null());
   EXPECT_TRUE(row.at("b_low_N").is_null());
-  EXPECT_THAT(dimple(folder, "compare a b").out, HasSubstr("B has no band"));
+  EXPECT_THAT(dimple(folder, "compare a b").out, HasSubstr("B has no error estimate"));
 }
 
 TEST_F(Compare, RefusesASceneWhoseToolGoesBackOrAside) {

@@ -175,7 +175,7 @@ TEST_F(StepsThatCut, WhereAnotherHasGoneSayThatTheyOpenHardlyAnythingAndChangeNo
   const Json step = quick("out", first +
                                      " --set step.lift.move=-2mm --set step.b.cut=first/cuts/cut_0001.vtp "
                                      "--set step.again.move=2mm");
-  EXPECT_THAT(step["warnings"].dump(), HasSubstr("another cut has gone there"));
+  EXPECT_THAT(step["warnings"].dump(), HasSubstr("overlaps another cut"));
   EXPECT_LT(step["scene"][3]["area_mm2"], 0.1);
   const double before = step["scene"][1]["force_N"], after = step["force_N"];
   EXPECT_NEAR(after, before, 0.01 * before);
@@ -186,8 +186,8 @@ TEST_F(StepsThatCut, ThatCannotBeMadeLeaveTheCurveUntilThenAndSayWhy) {
     const char* cut;
     const char* words;
   } refused[] = {{"plane:200,0,0,1,0,0", "meets no tissue"},
-                 {"plane:0,0,15,0,0,1", "parted from the base"},
-                 {"line:-9,-20,28,9,20,28,depth=10mm", "passes under the circle"},
+                 {"plane:0,0,15,0,0,1", "separated from the base"},
+                 {"line:-9,-20,28,9,20,28,depth=10mm", "passes under the bonded patch"},
                  {"label:nowhere", "no label is called"}};
   for (const auto& [cut, words] : refused) {
     const Ran ran = dimple(folder, "run " + block + " -q --force --write force --nodes 400 -o out" + press +
@@ -210,7 +210,7 @@ TEST_F(StepsThatCut, ThatNothingCanBeMadeOfAreRefusedBeforeAnythingIsBuilt) {
                   {{2, cut, {"no step moves anything"}},
                    {2, press + cut + " --set step.slit.move=1mm", {"cuts and moves something"}},
                    {2, press + "--set step.slit.cut=hatchet:1,2", {"is not known"}},
-                   {2, press + "--set step.slit.cut=;", {"says nothing"}},
+                   {2, press + "--set step.slit.cut=;", {"is empty"}},
                    {2, press + "--set step.press.toughness_J_m2=3", {"cuts nothing"}},
                    {2, press + cut + " --tool sphere:5mm --friction 0.3", {"friction"}}});
   EXPECT_FALSE(fs::exists(folder / "out"));

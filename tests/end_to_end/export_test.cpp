@@ -85,7 +85,7 @@ TEST(Export, ReplacesNoFileOfOthersUnlessForced) {
     SCOPED_TRACE(name);
     const std::string line = std::string("export block.nrrd --nodes 500 -q -o ") + name;
     std::ofstream(folder / name) << "mine\n";
-    ends_with(folder, 6, line, {std::string(name) + " is there, and was not written by dimple"});
+    ends_with(folder, 6, line, {std::string(name) + " exists and was not written by dimple"});
     EXPECT_EQ(text_of(folder / name), "mine\n");
     good(folder, line + " --force");
     EXPECT_NE(text_of(folder / name), "mine\n");
@@ -99,7 +99,7 @@ TEST(Export, RefusesWhatItCannotSay) {
   expect_refusals(
       folder, "export block.nrrd -o",
       {{2, "a.inp --format ansys", {"'ansys' is no format"}},
-       {2, "a.txt", {"does not say for which program"}},
+       {2, "a.txt", {"does not name a program's format"}},
        {2, "a.inp --elements hexahedra", {"there are no hexahedra to export", "ten-node tetrahedra"}}});
   EXPECT_FALSE(fs::exists(folder / "a.inp"));
 }

@@ -16,8 +16,8 @@ TEST_F(Fit, FindsTheModulusOfACurveMadeWithAnotherCloud) {
   const Ran ran = good("fit " + block + " -o out --curve made/force.csv");
   EXPECT_THAT(ran.out, testing::MatchesRegex("mu [0-9.]+ Pa, [0-9.]+ to [0-9.]+ \\(noise \\+-[0-9.]+ %, "
                                              "discretisation \\+-[0-9.]+ %\\); mu [0-9.]+ to [0-9.]+ Pa with "
-                                             "the first touch 0.10 mm off\tout\n"));
-  EXPECT_THAT(ran.err, HasSubstr("the band leaves out the base"));
+                                             "the first contact 0.10 mm off\tout\n"));
+  EXPECT_THAT(ran.err, HasSubstr("the error bounds exclude the base"));
   const Json s = summary("out");
   EXPECT_NEAR(s["mu_Pa"], 300.0, 6.0);
   EXPECT_LT(s["mu_low_Pa"], 300.0);
@@ -57,8 +57,8 @@ TEST_F(Fit, OfASphereGivesTheModulusOfSneddonsHalfSpaceBack) {
   curve.close();
   const Ran ran = good("fit big.nrrd -o out --curve curve.csv --tool sphere:5mm --nu 0.499 --nodes 800");
   EXPECT_THAT(ran.out,
-              testing::MatchesRegex("mu [0-9.]+ Pa, [0-9.]+ to [0-9.]+ by noise alone \\(.*discretisation "
-                                    "unknown\\); mu [0-9.]+ to [0-9.]+ Pa with the first touch "
+              testing::MatchesRegex("mu [0-9.]+ Pa, [0-9.]+ to [0-9.]+ by noise only \\(.*discretisation "
+                                    "unknown\\); mu [0-9.]+ to [0-9.]+ Pa with the first contact "
                                     "0.0150 mm off\tout\n"));
   EXPECT_THAT(ran.err, HasSubstr("check    the formula of Hertz and Sneddon for a half-space"));
   const Json s = summary("out");
@@ -101,7 +101,7 @@ TEST_F(Fit, OfATouchingToolFindsTheModulusThatItsOwnRunWasGivenWithFrictionAndWi
     // The force grows as depth^1.5, so a tenth of 2 mm changes it by some 7 %.
     EXPECT_NEAR(s["first_touch"]["mu_if_earlier_Pa"], 0.92, 0.03);
     EXPECT_NEAR(s["first_touch"]["mu_if_later_Pa"], 1.09, 0.03);
-    EXPECT_THAT(s["not_in_the_band"].get<std::string>(), HasSubstr("its first touch"));
+    EXPECT_THAT(s["not_in_the_band"].get<std::string>(), HasSubstr("its first contact"));
   }
   good("run --config out/fitted.toml -o again --write force --band off --compare made/force.csv");
   EXPECT_NEAR(summary("again")["compare"]["mean_ratio"], 1.0, 1e-5);
@@ -188,7 +188,7 @@ TEST_F(Fit, AsksForTheUnitsWhereItsModulusIsOfNoSoftTissue) {
   std::ofstream(folder / "right.csv") << "indentation_mm,force_mN\n" << rows;
   std::ofstream(folder / "wrong.csv") << "indentation_mm,force_N\n" << rows;
   const std::string scene = "fit " + block + " --tool sphere:5mm --nodes 600 --curve ";
-  const std::string asks = "is not known of soft tissue";
+  const std::string asks = "is unusual for soft tissue";
   EXPECT_THAT(good(scene + "wrong.csv -o wrong").err, HasSubstr(asks));
   EXPECT_THAT(good(scene + "right.csv -o right").err, testing::Not(HasSubstr(asks)));
 }
@@ -207,8 +207,8 @@ TEST_F(Fit, RefusesWhatItCannotDo) {
            {3, "good.csv --of mu,g,tau", {"no column time_s"}},
            {2, "good.csv --of nu", {"--of"}},
            {2, "good.csv --depth 3mm", {"as deep as the curve"}},
-           {2, "good.csv --mu 200", {"what is looked for"}},
-           {2, "horton2007", {"never tuned"}},
+           {2, "good.csv --mu 200", {"is the unknown"}},
+           {2, "horton2007", {"for comparison only"}},
            {3, "deep.csv --tool sphere:2mm", {"the tool is 4.00 mm long"}},
            {2, "deep.csv --tool pyramid:2mm", {"is not known"}},
            {2, "deep.csv --tool sphere:5mm --depth 3mm", {"as deep as the curve"}}});

@@ -43,7 +43,7 @@ TEST_F(GuardedRun, ThatHasNoEquilibriumEndsWithItsCodeAndKeepsWhatThereIs) {
              " --set solver.evaluations=100 --set solver.precision=single");
   EXPECT_EQ(ran.code, 5) << ran.err;
   expect_words(ran.err,
-               {"no equilibrium", "where:", "try:", "code:  no-equilibrium", "it came again", "retry"});
+               {"no equilibrium", "where:", "try:", "code:  no-equilibrium", "it recurred", "retry"});
   const Json s = summary("out");
   EXPECT_EQ(s.at("status"), "failed");
   EXPECT_EQ(s.at("failure").at("code"), "no-equilibrium");
@@ -93,7 +93,7 @@ TEST_F(GuardedRun, OfThePapersSchemeWithTooWideSupportsStopsWithItsCode) {
 
 TEST_F(GuardedRun, SaysThatTheCircleHasTooFewNodes) {
   const Ran ran = good("run block.nrrd -o out --nodes 300 --rim 0.05 --depth 6mm --frames 4");
-  EXPECT_THAT(ran.err, HasSubstr("nodes lie under the circle"));
+  EXPECT_THAT(ran.err, HasSubstr("nodes are under the contact patch"));
   EXPECT_THAT(ran.err, HasSubstr("[circle-nodes]"));
   const Json s = summary("out");
   const Json* found = with_code(s.at("guards"), "circle-nodes");

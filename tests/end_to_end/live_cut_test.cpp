@@ -69,7 +69,7 @@ TEST(LiveCut, ThatMissesTheBodyOrPartsAPieceOffIsNotMadeAndSaidSo) {
   EXPECT_EQ((*cuts.find("cut"))[0] + (*cuts.find("cut"))[1], 0.0);
   EXPECT_EQ(at_time(felt, "force_N", 0.76), at_time(felt, "force_N", 1.0));
   EXPECT_THAT(ran.out, HasSubstr("not cut: the blade meets no tissue"));
-  EXPECT_THAT(ran.out, HasSubstr("from all that is held"));
+  EXPECT_THAT(ran.out, HasSubstr("from every held part"));
 }
 
 TEST(LiveCut, UnderTheBondedCircleOrAfterTheEndOfTheWayIsNotMadeAndSaidSo) {
@@ -77,8 +77,8 @@ TEST(LiveCut, UnderTheBondedCircleOrAfterTheEndOfTheWayIsNotMadeAndSaidSo) {
   write_script(folder, "0.8,1,-8,29,1,8,29,5\n7,9,-8,29,9,8,29,5\n");
   const Ran ran = poke(folder, "-q", "live");
   ASSERT_EQ(ran.code, 0) << ran.err;
-  EXPECT_THAT(ran.out, HasSubstr("not cut: the cut passes under the circle"));
-  EXPECT_THAT(ran.out, HasSubstr("not cut: the way ended before its time"));
+  EXPECT_THAT(ran.out, HasSubstr("not cut: the cut passes under the bonded patch"));
+  EXPECT_THAT(ran.out, HasSubstr("not cut: the path ended before its time"));
   EXPECT_EQ(read_csv(folder / "live" / "cuts.csv").rows(), 2u);
 }
 

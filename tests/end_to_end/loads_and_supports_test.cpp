@@ -83,8 +83,7 @@ TEST_F(GravityInAScene, IsNoWorkOfTheTool) {
   double largest = 0.0;
   for (const double e : error) largest = std::max(largest, std::abs(e));
   EXPECT_NEAR(summary["energy_error"], largest / (work.back() - work.front()), 1e-6);
-  EXPECT_THAT(summary["verdict"]["energy"]["of"].get<std::string>(),
-              HasSubstr("since the body came to rest"));
+  EXPECT_THAT(summary["verdict"]["energy"]["of"].get<std::string>(), HasSubstr("since the preload"));
 }
 
 TEST_F(GravityInAScene, ThatCrushesTheBodyIsToldOfAndThatSettlesItALittleIsNot) {
@@ -288,7 +287,7 @@ TEST_F(ASupport, MayBeTheTissueOfALabel) {
           {"label '7'", "support.bone.on", "dimple info"});
   good("model two.nrrd -o model --nodes 500 -q");
   refused(4, "solve model -o no -q --depth 1mm --set support.bone.on=label:1",
-          {"'bone'", "meets no node", "knows no labels"});
+          {"'bone'", "meets no node", "has no labels"});
 }
 
 TEST_F(Block, SaysAtTheStartWhatHoldsIt) {
@@ -312,7 +311,7 @@ TEST_F(Block, SaysAtTheStartWhatHoldsIt) {
 TEST_F(Block, WithoutTheLoadsUnderWhichItWasImagedIsNotSolvedWithAnythingOnAPartOfIt) {
   run(" --nodes 600 --depth 0.5mm --write model --gravity inferior --set load.imaged=loaded");
   refused(2, "solve out/model -o no -q --depth 0.5mm --gravity inferior --set support.r.on=left",
-          {"this model is without them, and something acts on a part of it", "decided on the image's shape"});
+          {"the model is load-free", "chosen on the image's shape"});
 }
 
 TEST_F(Block, RefusesLoadsAndSupportsThatItDoesNotUnderstand) {
@@ -326,10 +325,10 @@ TEST_F(Block, RefusesLoadsAndSupportsThatItDoesNotUnderstand) {
                    pressure + "pressure=1Pa " + pressure + "on=500,0,0,1",
                    {"meets no part of the surface", "it would act on nothing"}},
                   {2, pressure + "pressure=50N", {"pressure_Pa = 50N"}},
-                  {2, "--set load.imaged=loaded", {"imaged under its loads, and there are none"}},
+                  {2, "--set load.imaged=loaded", {"load.imaged=loaded is given, and there are no loads"}},
                   {5,
                    pressure + "pressure=1e9Pa " + pressure + "on=superior",
-                   {"does not carry its loads", "the tolerance is", "--set solver.tolerance"}}});
+                   {"is not in equilibrium under its loads", "the tolerance is", "--set solver.tolerance"}}});
   refuses(start + " --set",
           {{2, "support.r.hold=fixed", {"'r' is nowhere", "support.r.on"}},
            {2, "support.r.om=left", {"there is no option 'support.r.om'"}},
@@ -351,12 +350,12 @@ TEST_F(Block, RefusesLoadsAndSupportsThatItDoesNotUnderstand) {
            {2, "support.r.on=left --set support.r.hold=loose", {"hold = loose", "fixed, sliding"}},
            {2, "support.r.on=left --set support.r.move=1,2", {"2 numbers", "x,y,z in mm"}},
            {4, "support.r.on=500,0,0,3", {"meets no node", "from the ball's middle", "a larger ball"}},
-           {4, "support.r.on=superior", {"nodes of the tool's circle", "--indent-at"}},
+           {4, "support.r.on=superior", {"nodes of the contact patch", "--indent-at"}},
            {4, "support.r.on=inferior", {"no node but the base's", "--base-depth"}}});
   refused(4,
           "poke block.nrrd --socket s -q --base inferior --indent-at 0,0,top --nodes 600 --set "
           "support.r.on=superior",
-          {"nodes of the tool's circle"});
+          {"nodes of the contact patch"});
 }
 
 }  // namespace

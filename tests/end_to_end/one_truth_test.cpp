@@ -116,7 +116,7 @@ class OneTruth : public testing::Test {
     expect_on_stderr("organ    " + volume_in_words(model.at("organ_volume_mm3")) + "\n");
     expect_on_stderr("base     " + count("base_nodes") +
                      " nodes: " + model.at("base_reason").get<std::string>());
-    expect_on_stderr("circle   " + count("circle_nodes") + " nodes, ");
+    expect_on_stderr("contact  " + count("circle_nodes") + " nodes, ");
     expect_on_stderr(model.at("circle_reason").get<std::string>());
   }
 

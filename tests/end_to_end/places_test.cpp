@@ -27,7 +27,7 @@ TEST_F(Places, OfThePhantomAreListedInWordsAndAsJsonAndARunTakesThem) {
   EXPECT_EQ(listed.at("circle_diameter_mm"), 10.0);
   const std::string table = good("places brain.nrrd").out;
   expect_words(table, {"tool from", "superior", "anterior", "posterior", "left", "right", "inferior",
-                       "refused: on the fixed base", "places looked at on the superior side are good"});
+                       "refused: on the fixed base", "places examined on the superior side are good"});
 
   // The first place is the default of a run; the others are accepted as printed.
   good("model brain.nrrd -o own --nodes 500 -q");
@@ -52,7 +52,7 @@ TEST_F(Places, OnEachSideAreTakenWithTheBaseBesideThemAndTheWayFromThere) {
     const Json& push = side.at("push");
     const std::string way = fmt::format(" --direction={},{},{}", push[0].get<double>(), push[1].get<double>(),
                                         push[2].get<double>());
-    EXPECT_THAT(good(place + base + way).err, HasSubstr("asked for; moved 0.0 mm"));
+    EXPECT_THAT(good(place + base + way).err, HasSubstr("as requested; projected 0.0 mm"));
     if (side.at("from") == "superior") continue;
     // From above the slope there is too steep, or nearly so.
     const Ran ran = dimple(folder, place);
@@ -61,7 +61,7 @@ TEST_F(Places, OnEachSideAreTakenWithTheBaseBesideThemAndTheWayFromThere) {
       continue;
     }
     ++others;
-    EXPECT_THAT(ran.err, HasSubstr("hangs over the organ's edge"));
+    EXPECT_THAT(ran.err, HasSubstr("extends beyond the organ's edge"));
   }
   EXPECT_GE(others, 2);
 }
@@ -108,7 +108,7 @@ TEST_F(Places, AnOrganThatMovesAsABodyFarFromTheToolIsWarnedOf) {
   good("phantom tall.nrrd --shape block --size 30,30,90 --spacing 2");
   good("phantom low.nrrd --shape block --size 60,60,40 --spacing 2");
   const std::string scene = " --base inferior --depth 2mm --nodes 600 --band off --write force";
-  const std::string moves = "far from the tool the organ moves as a body";
+  const std::string moves = "far from the tool the organ moves as a rigid body";
   const Ran down = good("run tall.nrrd -o tall --indenter-diameter 8" + scene);
   EXPECT_THAT(down.err, HasSubstr(moves));
   EXPECT_THAT(down.err, HasSubstr("--base-depth"));
@@ -129,15 +129,16 @@ TEST_F(Places, OnAPartThatSwingsAreWarnedOfWithNumbersAndABetterPlace) {
   std::smatch said;
   ASSERT_TRUE(std::regex_search(
       arm.err, said,
-      std::regex("free to bend: ([0-9.]+) mm of tissue along the push under a circle of 6 mm")))
+      std::regex(
+          "free to bend: ([0-9.]+) mm of tissue along the approach direction under a contact patch of 6 mm")))
       << arm.err;
   EXPECT_NEAR(std::stod(said[1]), 9.0, 0.5);
   ASSERT_TRUE(
       std::regex_search(arm.err, said, std::regex("the next better place is .*--indent-at ([-0-9.,]+)")))
       << arm.err;
   const std::string better = said[1];
-  ASSERT_TRUE(
-      std::regex_search(arm.err, said, std::regex("([0-9]+) % of the push bends the part under the tool")))
+  ASSERT_TRUE(std::regex_search(arm.err, said,
+                                std::regex("([0-9]+) % of the indentation bends the part under the tool")))
       << arm.err;
   EXPECT_GT(std::stod(said[1]), 50.0);
   EXPECT_LT(std::stod(said[1]), 105.0);

@@ -69,7 +69,7 @@ TEST_F(Refusal, OfAnImageToBeWarpedThatLiesMostlyBesideTheBodyAndAWarningWhereIt
   for (const auto& [moved, words] :
        {std::pair(1.0, "mri.nrrd has as many voxels as the label image, 1 mm away from it"),
         std::pair(10.0, "of the body at rest outside"),
-        std::pair(28.0, "of the body lies outside of mri.nrrd")}) {
+        std::pair(28.0, "of the body is outside of mri.nrrd")}) {
     const Ran ran = run_with(moved);
     EXPECT_EQ(ran.code, moved > 20.0 ? 3 : 0);
     EXPECT_THAT(ran.err, HasSubstr(words));
@@ -85,7 +85,7 @@ TEST_F(Refusal, OfAnImageThatCannotBeWarped) {
   write("series.nrrd", nrrd("3 3 3 2", "", "", "", 4, std::string(54, 'x')));
   write("other/elsewhere.nrrd", "");
   run(3, "--warp nowhere.nii.gz", {"nowhere.nii.gz", "No such file", "--warp"});
-  run(3, "--warp text.nii.gz", {"text.nii.gz", "--warp", "saved anew as .nii.gz"});
+  run(3, "--warp text.nii.gz", {"text.nii.gz", "--warp", "saved again as .nii.gz"});
   run(3, "--warp-labels notes.txt", {"notes.txt", "known suffix", "--warp-labels"});
   run(3, "--warp series.nrrd", {"4 axes", "three-dimensional"});
   run(3, "--warp elsewhere.nrrd --nodes 400",
@@ -131,7 +131,7 @@ TEST_F(Refusal, OfADamagedModel) {
   std::string text = text_of(unlisted);
   text.erase(text.find("points = "), text.find('\n', text.find("points = ")) - text.find("points = "));
   std::ofstream(unlisted) << text;
-  expect(3, "solve unlisted -o out", {"which file holds the points"});
+  expect(3, "solve unlisted -o out", {"does not name the file of the points"});
 }
 
 TEST_F(Refusal, OfAModelWhoseNumbersNoBodyCanHave) {
@@ -167,22 +167,22 @@ TEST_F(Refusal, OfAModelWhoseNumbersNoBodyCanHave) {
   expect_without(nodes, nodes, "x_mm,y_mm,z_mm\n", "nodes.csv", {"nodes.csv", "list is empty"});
   const std::string same = "x_mm,y_mm,z_mm\n1,2,3\n1,2,3\n1,2,3\n";
   expect_without(nodes, nodes, same, "nodes.csv", {"nodes.csv", "nodes 0 and 1 are both at"});
-  expect_without(points, points, same, "points.csv", {"points.csv", "lie on one place"});
+  expect_without(points, points, same, "points.csv", {"points.csv", "are at one place"});
 }
 
 // One pair of each kind is refused in the table's words, and nothing is left behind. All: pairs_test.cpp.
 TEST_F(Refusal, OfAPairOfFeaturesSaysBothAndWhatToLeaveOut) {
   for (const auto& [options, words] : std::vector<std::pair<std::string, std::string>>{
-           {"--friction 0.3", "and the tool is the circle"},
-           {"--tool sphere:5mm --time explicit", "inertia is asked for beside the tool"},
-           {"--tool sphere:5mm --accuracy 5%", "is asked for beside the tool"},
+           {"--friction 0.3", "and the tool is the bonded indenter"},
+           {"--tool sphere:5mm --time explicit", "inertia cannot be combined with the tool"},
+           {"--tool sphere:5mm --accuracy 5%", "cannot be combined with the tool"},
            {"--scheme horton2007 --preset miller_chinzei_2002", "one neo-Hookean tissue only"},
-           {"--wall around:1mm --time explicit", "takes no walls"},
-           {"--membrane 0.1mm:400kPa --scheme horton2007", "takes no membrane"},
+           {"--wall around:1mm --time explicit", "has no walls"},
+           {"--membrane 0.1mm:400kPa --scheme horton2007", "has no membranes"},
            {"--wall around:1mm --accuracy 5%", "not calibrated for walls"},
            {"--mu 210Pa+-30% --gravity inferior", "loads other than the tool do not grow with mu"},
-           {"--set step.a.move=2 --explain", "takes no steps"},
-           {"--set load.fluid_lost=superior,50% --gravity inferior", "beside gravity"}})
+           {"--set step.a.move=2 --explain", "has no steps"},
+           {"--set load.fluid_lost=superior,50% --gravity inferior", "combined with gravity"}})
     run(2, options, {words});
 }
 
@@ -204,7 +204,7 @@ TEST_F(Refusal, OfAMaterialThatCannotBe) {
   run(2, "--set material.ogden_mu_Pa=-5 --set material.ogden_alpha=2", {"add up to -5"});
   run(2, "--set material.mooney_c01=106Pa", {"c01 is 106 Pa, more than mu/2, 105"});
   run(2, "--set material.mooney_c01=50Pa --set material.ogden_mu_Pa=100 --set material.ogden_alpha=2",
-      {"beside another law"});
+      {"with another law"});
   run(2, "--preset nobody_1999", {"nobody_1999", "miller_chinzei_2002"});
   run(2, "--scheme horton2007 --stress printed --set material.mooney_c01=50Pa",
       {"the printed stress is of a neo-Hookean tissue", "Mooney-Rivlin"});
@@ -217,7 +217,7 @@ TEST_F(Refusal, OfAMaterialThatCannotBe) {
 
 TEST_F(Refusal, OfATissueThatIsNotThere) {
   run(3, "--set tissue.7.mu=900", {"no part of the body has label '7'", "no such label"});
-  run(3, "--label 1 --set tissue.2.mu=900", {"label '2'", "--label leaves it out"});
+  run(3, "--label 1 --set tissue.2.mu=900", {"label '2'", "--label excludes it"});
   run(2, "--set tissue.2.colour=900", {"no option 'material.colour'"});
 }
 
@@ -230,13 +230,12 @@ TEST_F(Refusal, NamesTheFactAndTheReasonThatHold) {
   run(2, "--nodes 400 --depth 1e-9mm", {"load.depth_mm = 1e-9mm", "out of range"});
   run(3, "--nodes 400 --label hemisphere", {"did you mean 'left_hemisphere' or 'right_hemisphere'?"});
   run(4, "--nodes 400 --direction 0,0,1 --base inferior",
-      {"the tool's circle lies on the fixed base", "direction may have the wrong sign"});
+      {"the contact patch overlaps the fixed base", "direction may have the wrong sign"});
   fs::create_directories(folder / "series");
   expect(3, "run series -o out", {"'series' is a folder", "3D Slicer"});
   expect(2, "view out", {"there is no command 'view'", "report.html or overview.png"});
   for (const std::string flag : {"--wall", "--membrane"}) {
-    expect(2, "poke brain.nrrd --socket s " + flag + " x",
-           {"no option " + flag, "`dimple run` takes " + flag});
+    expect(2, "poke brain.nrrd --socket s " + flag + " x", {"no option " + flag, "`dimple run` has " + flag});
     EXPECT_THAT(dimple(folder, "poke brain.nrrd --socket s " + flag + " x").err, Not(HasSubstr("--set")));
   }
 }
@@ -256,7 +255,7 @@ TEST_F(Refusal, OfAListedNodeThatIsHeldAndMovedNamesIt) {
   write("list/nodes.csv",
         "x_mm,y_mm,z_mm,node_set\n0,0,0,1\n5,0,0,1\n0,5,0,1\n5,5,0,1\n0,0,10,2\n5,0,10,2\n0,5,10,2\n"
         "5,5,10,3\n");
-  expect(3, "solve list -o out --depth 1mm", {"node 7 at", "belongs to the base and to the circle"});
+  expect(3, "solve list -o out --depth 1mm", {"node 7 at", "belongs to the base and to the contact patch"});
 }
 
 TEST_F(Refusal, OfWordsItDoesNotKnow) {
@@ -278,20 +277,20 @@ TEST_F(Refusal, OfPhysicsThatIsNotModelledSaysWhatIs) {
       {"--body-force 9.81", {"no flag of its own", "--gravity inferior"}},
       {"--load 0.2N", {"a force cannot be prescribed", "--depth 2mm", "force.csv"}},
       {"--unload",
-       {"held and lifted by steps of a scene", "step.lift.move=-2mm", "dimple poke IMAGE --script"}},
+       {"steps of a scene hold and lift a tool", "step.lift.move=-2mm", "dimple poke IMAGE --script"}},
       {"--adhesion 3kPa", {"adhesion is not modelled", "--friction stick"}},
-      {"--stress-at 0,0,0", {"no table of points", "--quantity displacement@x,y,z"}},
+      {"--stress-at 0,0,0", {"results at named points", "--quantity displacement@x,y,z"}},
       {"--friction-coefficient=0.3",
-       {"under a tool that touches, of `dimple run` and `dimple fit` alone", "--friction 0.3"}},
-      {"--tear", {"tissue does not tear", "closest: dimple run IMAGE --cut"}},
-      {"--pia 0.1mm", {"a shell that bends is not modelled", "--membrane 0.1mm:400kPa"}}};
+       {"only `dimple run` and `dimple fit` have friction, under a contacting tool", "--friction 0.3"}},
+      {"--tear", {"tearing is not modelled", "closest: dimple run IMAGE --cut"}},
+      {"--pia 0.1mm", {"bending shells are not modelled", "--membrane 0.1mm:400kPa"}}};
   for (auto [words, texts] : asked) {
-    texts.insert(texts.end(), {"modelled are quasi-static and dynamic indentation", "not-modelled"});
+    texts.insert(texts.end(), {"the model covers quasi-static and dynamic indentation", "not-modelled"});
     run(2, words, texts);
   }
   expect(2, "model brain.nrrd -o out --tool sphere:5mm",
-         {"an option of `dimple run`, `fit`, `places` and `poke` alone", "not-modelled"});
-  run(2, "--gravity", {"--gravity is given without its value", "usage of the command"});
+         {"only `dimple run`, `fit`, `places` and `poke` have a tool of another shape", "not-modelled"});
+  run(2, "--gravity", {"--gravity has no value", "usage of the command"});
   // The missing --out is reported, not the valid option.
   expect(2, "run brain.nrrd --tool sphere:5mm", {"--out", "usage of the command"});
 }
@@ -351,7 +350,7 @@ TEST_F(Refusal, OfOneOptionWithTwoValues) {
 TEST_F(Refusal, OfAToolThatMissesTheOrganPassesItOrHangsOverItsEdge) {
   run(4, "--indent-at 500,0,0 -q", {"misses the organ", "--indent-at"});
   run(4, "--nodes 500 --depth 40mm -q", {"40", "deeper than the organ", "--depth"});
-  run(4, "--indent-at 0,45,5 -q", {"hangs over", "--indenter-diameter"});
+  run(4, "--indent-at 0,45,5 -q", {"extends beyond", "--indenter-diameter"});
   run(4, "--tool punch:60mm,edge=6mm --indent-at 0,0,top -q",
       {"over an edge", "not modelled", "--tool sphere:1000mm"});
 }
@@ -373,8 +372,7 @@ TEST_F(Refusal, OfACircleThatIsSmallerThanAVoxel) {
                                     "poke brain.nrrd --script path.csv --evaluations 4 --nodes 400"}) {
     SCOPED_TRACE(command);
     const Ran ran = good(command + " --indenter-diameter 5");
-    EXPECT_THAT(ran.err,
-                HasSubstr("1.7 voxels across: the image hardly shows the shape of the surface beneath it"));
+    EXPECT_THAT(ran.err, HasSubstr("1.7 voxels across: the image barely resolves the surface beneath it"));
   }
   const Ran wide = dimple(folder, "run brain.nrrd -o wide --nodes 400 --depth 0.5mm --frames 1");
   EXPECT_THAT(wide.err, Not(HasSubstr("voxels across")));
@@ -394,7 +392,8 @@ TEST_F(Refusal, OfABodyThatIsNoneOrTooThin) {
   plate("speck.nrrd", 3, 3);
   expect(4, "run sheet.nrrd -o out --nodes 400",
          {"smoothing its surface would lose", "three voxels thick", "too-thin"});
-  expect(4, "run plate.nrrd -o out --nodes 400", {"node spacings thick under the circle", "code:  thin"});
+  expect(4, "run plate.nrrd -o out --nodes 400",
+         {"node spacings thick under the contact patch", "code:  thin"});
   expect(4, "run speck.nrrd -o out --nodes 400", {"27 voxels", "at least 64"});
 }
 
@@ -411,15 +410,15 @@ TEST_F(Refusal, OfPlacesAndNumbersThatNoModelCanHave) {
            Row{4, "--nodes 400 --indent-at 0,0,90", "code:  place-moved"},
            Row{4, "--indenter-diameter 70", "has room for a tool of 70.0 mm"},
            Row{4, "--nodes 400 --base superior --indent-at 0,0,30 --direction 0,0,-1",
-               "lies on the fixed base"},
+               "overlaps the fixed base"},
            Row{4, "--nodes 400 --points 4", "integration cells meet the body"},
            Row{4, "--nodes 1000 --points 60 --scheme horton2007", "in no support domain"},
            Row{4, "--nodes 400 --support 0.5", "code:  supports"},
-           Row{4, "--nodes 400 --rim 0.001", "takes more nodes than are asked for"},
+           Row{4, "--nodes 400 --rim 0.001", "needs more nodes than requested"},
            Row{4, "--spacing 0.2", "at most 1000000 are possible"},
-           Row{2, "--nodes 400 --spacing 5", "both 400 nodes and a spacing of 5.00 mm are asked for"},
+           Row{2, "--nodes 400 --spacing 5", "both 400 nodes and a spacing of 5.00 mm are given"},
            Row{2, "--points 4000 --set grid.ratio=5",
-               "both 4000 integration points and 5 of them per node are asked for"},
+               "both 4000 integration points and 5 of them per node are given"},
            Row{2, "--set tissue.1.prony_g=0.6,0.5 --set tissue.1.prony_tau_s=1,2", "where: [tissue.1]"},
        }) {
     run(row.code, row.options, {row.word});

@@ -73,8 +73,7 @@ TEST_F(Resume, OfAFinishedRunSaysSoAndChangesNothing) {
   good("solve out/model -o solved --depth 0.5mm --frames 2 -q");
   good("solve out/model -o solved --depth 0.5mm --frames 2 -q --resume");
   good("model brain.nrrd -o other --nodes 420 -q");
-  refused(2, "solve other -o solved --depth 0.5mm --frames 2 -q --resume",
-          {"the image or model is another one"});
+  refused(2, "solve other -o solved --depth 0.5mm --frames 2 -q --resume", {"the image or model differs"});
 }
 
 TEST_F(Resume, OfARunThatWasInterruptedEndsAsIfItHadNotBeen) {
@@ -89,7 +88,7 @@ TEST_F(Resume, OfARunThatWasInterruptedEndsAsIfItHadNotBeen) {
   refused(2, slow + " --resume --set tissue.1.mu=300", {"tissue.1.mu_Pa is", "not set"});
   fs::rename(folder / "brain.nrrd", folder / "same.nrrd");
   good("phantom brain.nrrd --spacing 3.1 -q");
-  refused(2, slow + " --resume", {"the image or model is another one"});
+  refused(2, slow + " --resume", {"the image or model differs"});
   fs::rename(folder / "same.nrrd", folder / "brain.nrrd");
   good(slow + " --resume");
   expect_same_results(folder / "undisturbed", folder / "out");

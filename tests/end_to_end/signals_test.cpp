@@ -122,7 +122,7 @@ TEST_F(Stop, OfWorkThatDoesNotListenIsDoneForIt) {
   ASSERT_EQ(mkfifo((folder / "pipe").c_str(), 0600), 0);  // no writer
   const Ran ran = expect_end("run brain.nrrd -o out --config pipe", milliseconds(300), SIGINT);
   EXPECT_EQ(ran.code, 130);
-  EXPECT_THAT(ran.err, HasSubstr("does not listen"));
+  EXPECT_THAT(ran.err, HasSubstr("work that cannot be stopped"));
 }
 
 TEST_F(Stop, AskedForTwiceIsAtOnce) {

@@ -141,7 +141,7 @@ TEST_F(Slicer, APanelThatNobodyTouchedIsTheDefaultRunAndItsValuesAreObeyed) {
   std::vector<std::string> words = command_line(small);
   words.insert(words.end(), {"--returnparameterfile", "returned.txt", "block.nrrd"});
   const Ran ran = good(folder, words);
-  EXPECT_THAT(ran.err, HasSubstr("swine brain (Horton et al. 2007), because no material was given"));
+  EXPECT_THAT(ran.err, HasSubstr("swine brain (Horton et al. 2007), as no material was given"));
   const Ran plain = dimple(folder, "run block.nrrd -o plain --nodes 300 --depth 1 --frames 4 --write force");
   EXPECT_EQ(text_of(folder / "panel/force.csv"), text_of(folder / "plain/force.csv"));
 

@@ -213,13 +213,13 @@ TEST_F(SceneOfSteps, AskForALongToolOnlyWhereTheyPushItIn) {
             0.0);
   for (const char* push : {"8mm", "0,0,-8"})
     refused(2, "run block.nrrd --force -o deep" + scene + tool + "--set step.a.move=" + push,
-            {"pushed in by 8.00 mm, and is 6.00 mm long"});
+            {"pressed in by 8.00 mm, and is 6.00 mm long"});
 }
 
 TEST_F(SceneOfSteps, WhatMakesNoSceneIsRefusedInWords) {
   const std::string all = "run block.nrrd -o out" + scene + " --set";
   refuses(all, {{2, "step.a.move=1,2", {"step.a.move_mm", "2 numbers"}},
-                {2, "step.a.move=0,0,0", {"moves by nothing"}},
+                {2, "step.a.move=0,0,0", {"moves by zero"}},
                 {2, "step.a.move=1 --set step.a.time=-1s", {"step.time_s"}},
                 {2,
                  "step.a.move=1 --set step.b.cut=plane:0,0,10,1,0,0,radius=5mm --set step.b.time=1s",

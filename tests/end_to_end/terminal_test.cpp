@@ -70,7 +70,7 @@ TEST_F(Terminal, ANovicesRunIsATwelveLinesAtMost) {
   const double passed = std::chrono::duration<double>(std::chrono::steady_clock::now() - begun).count();
   EXPECT_LE(lines_of(run.err).size() + lines_of(run.out).size(), 12u) << run.err << run.out;
   EXPECT_THAT(run.err, Not(HasSubstr("\r")));
-  expect_words(run.err, {"image ", "organ ", "base ", "circle ", "solving  50 %", "open     out/"});
+  expect_words(run.err, {"image ", "organ ", "base ", "contact ", "solving  50 %", "open     out/"});
   for (const char* word : {"slivers", "conditioning", "waves", "residual"})
     EXPECT_THAT(run.err, Not(HasSubstr(word)));
   EXPECT_THAT(run.out,

@@ -280,7 +280,7 @@ TEST(ToolThatTouches, GoesInStepsAsItsConfigurationSaysAndGivesTheSameBytesAgain
       "run brain.nrrd --write force --nodes 1000 --frames 3 --tool sphere:5mm --friction 0.2 "
       "--set step.press.move=1mm --set step.slide.move=2,0,0 --set step.lift.move=-3mm";
   const Ran ran = good(folder, scene + " -o out --threads 1");
-  EXPECT_THAT(ran.err, HasSubstr("the tool has left the body: it touched last"));
+  EXPECT_THAT(ran.err, HasSubstr("the tool lost contact: the last contact"));
   const auto summary = summary_of(folder / "out");
   EXPECT_TRUE(summary["band"].contains("unknown"));
   const Table curve = read_csv(folder / "out" / "force.csv");
@@ -328,7 +328,7 @@ TEST(ToolThatTouches, ThatIsOnlyPulledAwayIsSaidNeverToTouch) {
   const Ran ran = good(folder,
                        "run block.nrrd -o out --write force --base inferior --indent-at 0,0,top --nodes 600 "
                        "--band off --tool sphere:5mm --set step.pull.move=-0.2mm");
-  EXPECT_THAT(ran.err, HasSubstr("the tool never touches the body"));
+  EXPECT_THAT(ran.err, HasSubstr("the tool never makes contact"));
 }
 
 // A point slips from its place of first contact; load steps are short enough to resolve this.
@@ -596,8 +596,8 @@ TEST(SeveralTools, AreRefusedInWordsWhereWhatIsSaidOfThemMakesNoTool) {
   expect_refusals(
       folder, run,
       {{2, at, {"the tool 'other' has no shape"}},
-       {2, at + "--set tool.a.b.shape=sphere:4mm", {"a tool is called 'a.b', and a name holds no dot"}},
-       {2, at + "--set tool.other.shape=circle", {"the tool 'other' is a circle"}},
+       {2, at + "--set tool.a.b.shape=sphere:4mm", {"a tool is called 'a.b', and a name has no dot"}},
+       {2, at + "--set tool.other.shape=circle", {"the tool 'other' is a bonded indenter"}},
        {2, at + "--set tool.other.shape=sphere:0mm", {"tool.other.shape"}},
        {2, "--set tool.other.shape=sphere:4mm", {"the tool 'other' is nowhere"}},
        {2, there + "--set tool.other.friction=much", {"tool.other.friction"}},

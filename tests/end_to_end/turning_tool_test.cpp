@@ -91,7 +91,7 @@ TEST(PosesOfATool, AreTheStepsFromEachToTheNext) {
   EXPECT_THAT(
       dimple(folder, std::string(posed).erase(posed.find(" -q"), 3) + rod).err,
       HasSubstr(
-          "its first row, at (5.0, 6.0, 70.0) mm, is where the tool first touches; time counts from there"));
+          "its first row, at (5.0, 6.0, 70.0) mm, is the first contact of the tool; time starts there"));
   good(folder, "run block.nrrd --config posed/config.resolved.toml -o again -q --write force");
   EXPECT_EQ(text_of(folder / "posed" / "force.csv"), text_of(folder / "again" / "force.csv"));
 }
@@ -103,7 +103,7 @@ TEST(PosesOfATool, AreRefusedWhereTheySayNoWay) {
     std::ofstream(folder / "poses.csv") << rows;
     expect_refusals(folder, posed + rod, {line});
   };
-  refused("time_s,depth_mm\n0,0\n1,1\n", {3, "", {"a column of time_s, x_mm, y_mm, z_mm is not there"}});
+  refused("time_s,depth_mm\n0,0\n1,1\n", {3, "", {"a column of time_s, x_mm, y_mm, z_mm is missing"}});
   refused("time_s,x_mm,y_mm,z_mm,qw\n0,0,0,0,1\n1,0,0,-1,1\n", {3, "", {"a quaternion lacks a column"}});
   refused(turned + "0,0,0,0,1,0,0,0\n1,0,0,-1,2,0,0,0\n",
           {3, "", {"the quaternion in row 2 has the length 2"}});
@@ -146,7 +146,7 @@ TEST(SceneWithATurn, WhatMakesNoTurnIsRefusedInWords) {
                    {2, "--set step.t.turn=20deg", {"1 numbers", "rotation vector"}},
                    {2, "--set step.t.turn=0,nan,0", {"turn_deg", "finite"}},
                    {2, "--set step.t.turn=0,20mm,0", {"turn_deg", "deg, rad"}},
-                   {2, "--set step.t.turn=0,0,0", {"turns by nothing"}},
+                   {2, "--set step.t.turn=0,0,0", {"turns by zero"}},
                    {2, "--set step.t.about=0,0,40", {"step.t.about_mm", "does not turn"}},
                    {2, turn + "--set step.t.about=0,40", {"step.t.about_mm", "2 numbers"}},
                    {2, turn + "--set step.t.about=1e9,0,0", {"step 't'", "the body's size"}},

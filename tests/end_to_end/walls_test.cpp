@@ -39,7 +39,7 @@ TEST(Wall, ThatIsNotReachedChangesNothingAndSaysSo) {
   const fs::path folder = fresh_folder();
   walled(folder, body, "-q", "free");
   const Ran ran = good(folder, "run " + body + " -o far" + quick_wall + "--wall around:5mm");
-  EXPECT_THAT(ran.err, HasSubstr("wall: not touched at the end"));
+  EXPECT_THAT(ran.err, HasSubstr("wall: not in contact at the end"));
   const Json far = summary_of(folder / "far");
   EXPECT_EQ(far["walls"]["wall"]["places_that_touch"], 0);
   const Json alone = summary_of(folder / "free");
@@ -54,7 +54,7 @@ TEST(Wall, ThatTheToolGoesThroughIsWarnedOfUnlessItIsOpenThere) {
                               options)
         .err;
   };
-  const std::string through = "passes through it: walls hold the body alone", around = "--wall around:1mm ",
+  const std::string through = "passes through it: walls act on the body only", around = "--wall around:1mm ",
                     ball = "--tool sphere:5mm --depth 2mm ";
   for (const std::string& tool : {std::string("--depth 2mm "), ball}) {
     EXPECT_THAT(said(around + tool), HasSubstr(through)) << tool;
@@ -119,9 +119,9 @@ TEST(Wall, IsRefusedWhereItCannotStandOrNothingLooksForIt) {
                    {3, "label:1", {"both the wall"}},
                    {3, "label:2,9", {"no label '"}},
                    {3, "no.stl", {"no.stl"}},
-                   {4, "plane:20,0,0,-1,0,0", {"in the body at"}},
-                   {4, "plane:90,0,0,-1,0,0", {"nothing of the body can come to the wall"}}});
-  const std::string nothing = "opens nothing of the wall that the body could touch";
+                   {4, "plane:20,0,0,-1,0,0", {"overlaps the body by"}},
+                   {4, "plane:90,0,0,-1,0,0", {"no part of the body can reach the wall"}}});
+  const std::string nothing = "opens no part of the wall near the body";
   expect_refusals(folder, run + " around:1mm --set",
                   {{2, "wall.wall.gap=1mm", {"two gaps"}},
                    {2, "wall.wall.friction=-1", {"friction"}},
@@ -202,7 +202,7 @@ TEST(Bed, MayBeWhereTheBodyIsHeldTooByASupport) {
 TEST(Bed, ThatTheBodyDoesNotLieOnIsNamedAsWhatItLacks) {
   const fs::path folder = fresh_folder();
   ends_with(folder, 5, "run " + std::string(body) + " -o out -q --base-hold none --wall plane:0,0,-1,0,0,1",
-            {"nothing but walls holds the body", "let a wall touch it at rest"});
+            {"only walls hold the body", "place a wall in contact with it"});
 }
 
 TEST(Bed, IsRefusedWhereNothingCarriesTheBodyOrHoldsItSideways) {
@@ -210,7 +210,7 @@ TEST(Bed, IsRefusedWhereNothingCarriesTheBodyOrHoldsItSideways) {
   const std::string run = "run " + body + " -o out" + quick_wall;
   expect_refusals(
       folder, run,
-      {{2, "--base-hold none", {"nothing carries the body"}}, {2, "--base-hold loose", {"--base-hold"}}});
+      {{2, "--base-hold none", {"nothing supports the body"}}, {2, "--base-hold loose", {"--base-hold"}}});
   std::vector<RefusedLine> lines;
   for (const char* loose : {"--contact frictionless", "--tool sphere:10mm", "--gravity inferior",
                             "--gravity inferior --set wall.wall.friction=stick",

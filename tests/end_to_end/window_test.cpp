@@ -367,10 +367,10 @@ TEST(Poke, OneDeviceMovesTheToolAndOthersAreTurnedAwayInWords) {
   felt_in(second.ask("1\n"));
   {
     Device third(served.at);
-    EXPECT_EQ(third.hear(), "error: another program moves the tool; try again when it has gone\n");
+    EXPECT_EQ(third.hear(), "error: another program moves the tool; try again later\n");
     EXPECT_EQ(third.hear(), "") << "and is let go";
     Device hasty(served.at);
-    EXPECT_EQ(hasty.ask("1\n"), "error: another program moves the tool; try again when it has gone\n");
+    EXPECT_EQ(hasty.ask("1\n"), "error: another program moves the tool; try again later\n");
   }
   felt_in(second.ask("1\n"));
   EXPECT_EQ(served.end(), 130);
@@ -386,7 +386,7 @@ TEST(Poke, ADeviceThatTakesNoAnswersIsToldAndLeavesRoomForTheNext) {
     for (int k = 0; k < 30; ++k, sleep_ms(50)) flood.pour(lines);
     for (std::string more; !(more = flood.hear()).empty();) heard += more;
   }
-  const std::size_t error = heard.find("\nerror: the answers were not taken for 1 s");
+  const std::size_t error = heard.find("\nerror: the answers were not read for 1 s");
   ASSERT_NE(error, std::string::npos) << heard.size();
   felt_in(heard.substr(heard.rfind('\n', error - 1) + 1));  // the last answer is complete
   Device next(served.at);
@@ -480,7 +480,7 @@ TEST(Poke, ACircleThatAScriptMovesAcrossAtDepthHasAnUnknownForceAndOffTheOrganNo
     EXPECT_EQ(force[k], 0.0) << "off the organ, at " << time[k];
     EXPECT_EQ(error[k], 0.0);
   }
-  EXPECT_THAT(ran.out, HasSubstr("the force is not that of the pose asked for in "));
+  EXPECT_THAT(ran.out, HasSubstr("the force is not that of the requested pose in "));
   EXPECT_EQ(felt.find("asked_x_mm")->back(), 213.9);
   EXPECT_EQ(felt.find("tip_x_mm")->back(), 213.9) << "in the air it is where it was asked to be";
 }

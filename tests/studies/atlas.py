@@ -88,7 +88,7 @@ class Map:
     block_mm: tuple = (60, 60, 30)
 
     def schemes(self, wanted, given):
-        """Schemes for the scene: only the default one for a contacting tool."""
+        """Those that know the scene: of a contacting tool the default one alone."""
         touches = any(key.startswith("tool.") for key in [self.x.key, self.y.key, *self.settings, *given])
         return [scheme for scheme in wanted if scheme == SCHEMES[0] or not touches]
 
@@ -149,7 +149,7 @@ MAPS = [
         "circle-nodes",
         "Size of the indenter and node spacing",
         "block 60 x 60 x 30 mm, bonded, 2 mm deep",
-        Axis("boundary.indenter_diameter_mm", ["2", "4", "6", "10", "20", "40"], "diameter of the circle [mm]"),
+        Axis("boundary.indenter_diameter_mm", ["2", "4", "6", "10", "20", "40"], "diameter of the contact patch [mm]"),
         _CLOUDS,
         _scene(load__depth_mm="2", solver__frames="8"),
     ),
@@ -558,7 +558,7 @@ class Blocks:
 
 
 def case_at(of, base, scheme, x, y, image):
-    settings = {k: v for k, v in of.settings.items() if k not in base.given}  # a requested value takes precedence
+    settings = {k: v for k, v in of.settings.items() if k not in base.given}  # what was requested is stronger
     settings["scheme.name"] = scheme
     size = list(of.block_mm)
     for axis, k in ((of.x, x), (of.y, y)):
@@ -593,7 +593,7 @@ def _finest_job(of, case, x, y, nodes):
 
 
 def _radius_mm(case):
-    """Radius of the bonded patch, or of a contacting tool."""
+    """Of the circle, or of a contacting tool."""
     values = case.values()
     touches = re.match(r"\w+:([\d.]+)mm", values["tool.shape"])
     return float(touches[1]) if touches else 0.5 * values["boundary.indenter_diameter_mm"]
@@ -636,7 +636,7 @@ _MEANING = {
     "unchecked": "no finer run is stable here",
     "non-finite": "a number is no longer one",
     "no-equilibrium": "the iteration for an equilibrium or a step did not converge",
-    "limit-point": "the tissue gave way, and no equilibrium was found beyond",
+    "limit-point": "the tissue passed a limit point, and no equilibrium was found beyond",
     "no-model": "the model could not be built",
     "time-out": "not finished within the time limit",
     "crashed": "the program died",
@@ -805,7 +805,7 @@ def study(case, options, say):
     maps = maps_asked_for(case, options)
     for of in maps:
         if not of.schemes(options.schemes, case.given):
-            refuse(f"--schemes: the map {of.name} is of a tool that touches, and the scheme of 2007 knows no contact")
+            refuse(f"--schemes: the map {of.name} is of a contacting tool, and the scheme of Horton et al. (2007) knows no contact")
     folder = _study.folder_for(options.out, "stress.csv").absolute()
     plt = _study.pyplot()
     if case.image:

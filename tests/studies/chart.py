@@ -109,7 +109,7 @@ class Point:
 
     @property
     def is_dial(self):
-        """True if an accuracy was requested and no number of nodes."""
+        """An accuracy was requested and no number of nodes."""
         return self.scheme.startswith("accuracy")
 
 

@@ -181,9 +181,9 @@ TEST(Band, IsNotShownOfABodyThatIsThinnerOrSmallerOrCoarserThanAnyThatItWasMeasu
 
 TEST(Band, SaysInOneShortSentenceWhyThereIsNone) {
   const std::string thin = why_no_band({.thickness = 1.0, .size = 8.0, .voxel = 0.2});
-  EXPECT_EQ(thin, "not calibrated for a thickness below 2.66 radii of the circle (here 1)");
+  EXPECT_EQ(thin, "not calibrated for a thickness below 2.66 radii of the contact patch (here 1)");
   EXPECT_EQ(why_no_band({.thickness = 5.0, .size = 300.0, .voxel = 0.2}),
-            "not calibrated for a body size above 262 radii of the circle (here 300)");
+            "not calibrated for a body size above 262 radii of the contact patch (here 300)");
 }
 
 TEST(Grading, OfALargeBodyReachesOutToItsSizeAndOfAnOrdinaryOneStays) {

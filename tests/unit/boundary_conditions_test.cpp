@@ -411,7 +411,7 @@ TEST(Boundary, SaysHowDeepItReachesAndWhy) {
   EXPECT_NE(find_boundary(egg.surface, {}).base_reason.find("a third of the organ's height (--base-depth)"),
             std::string::npos);
   EXPECT_NE(find_boundary(egg.surface, {.base_depth_mm = 7.0})
-                .base_reason.find("up to 7.0 mm above it, as asked for, is fixed"),
+                .base_reason.find("up to 7.0 mm above it, as requested, is fixed"),
             std::string::npos);
   const BodySurface block = block_surface({-30, -30, 0}, {30, 30, 30});
   EXPECT_EQ(find_boundary(block, {}).base_reason.find("--base-depth"), std::string::npos);
@@ -490,7 +490,7 @@ TEST(Circle, StandsWhereTheImageEndsOnlyWhereThereIsNoOtherPlaceAndSaysSo) {
   const SegmentedBody column = cut_by_image({20.0, 24.0, 200.0});
   const Boundary on_cut = find_boundary(column.surface, {.base = "left", .indent_at = "superior"});
   ASSERT_FALSE(on_cut.warnings.empty());
-  EXPECT_NE(on_cut.warnings.back().find("THE TOOL STANDS WHERE THE IMAGE ENDS"), std::string::npos);
+  EXPECT_NE(on_cut.warnings.back().find("THE TOOL IS WHERE THE IMAGE ENDS"), std::string::npos);
 }
 
 // A block of 60 x 60 x 30 mm under an arm 10 mm thick, on a post at one side, with its top at 52 mm.
@@ -542,7 +542,7 @@ TEST(Places, AreListedWithVerdictsThatARunOfEachConfirms) {
   for (const auto& [reason, count] : places.against) against += count;
   EXPECT_GT(places.looked_at, against);
   EXPECT_GT(places.against.count("free to bend: thin tissue, nothing fixed behind it"), 0u);
-  EXPECT_GT(places.against.count("the circle would hang over an edge"), 0u);
+  EXPECT_GT(places.against.count("the contact patch would extend beyond an edge"), 0u);
   for (const UsablePlace& place : places.others) {
     BoundaryOptions there = options;
     there.indent_at = fmt::format("{},{},{}", place.centre.x(), place.centre.y(), place.centre.z());

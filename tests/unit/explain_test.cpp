@@ -36,18 +36,17 @@ TEST(ToolChoices, AreOfWhatTheToolHas) {
       lines(sphere_shape(5e-3), 0.0),
       ElementsAre("tool's radius: 5.10 mm instead of 5.00 mm", "tool's radius: 4.90 mm instead of 5.00 mm",
                   "friction: with friction 0.3 instead of without friction",
-                  "friction: stuck where it has touched instead of without friction"));
+                  "friction: without slip instead of without friction"));
   const ToolShape punch = punch_shape(5e-3, 1e-3);
   EXPECT_THAT(
       lines(punch, 0.3),
       ElementsAre("tool's radius: 5.10 mm instead of 5.00 mm", "tool's radius: 4.90 mm instead of 5.00 mm",
                   "tool's edge: 1.20 mm instead of 1.00 mm", "tool's edge: 0.80 mm instead of 1.00 mm",
                   "friction: without friction instead of with friction 0.3",
-                  "friction: stuck where it has touched instead of with friction 0.3"));
+                  "friction: without slip instead of with friction 0.3"));
   const ToolShape drawn = drawn_shape(std::make_shared<const ToolMesh>());
-  EXPECT_THAT(lines(drawn, stuck),
-              ElementsAre("friction: without friction instead of stuck where it has touched",
-                          "friction: with friction 0.3 instead of stuck where it has touched"));
+  EXPECT_THAT(lines(drawn, stuck), ElementsAre("friction: without friction instead of without slip",
+                                               "friction: with friction 0.3 instead of without slip"));
 }
 
 TEST(ToolChoices, ChangeOneThingAlone) {
@@ -80,7 +79,7 @@ TEST(Explain, OfASphereTellsWhatItsRadiusDoesOnTheSameNodesAndWhatFrictionDoes) 
                                   {"tool.shape", "sphere:5mm"},
                                   {"load.depth_mm", "1"}});
   const Explanation explanation = explain(scene, 400, [](const std::string& line) {
-    if (line.find("stuck where") != std::string::npos) ask_to_stop(StopReason::interrupted);
+    if (line.find("without slip instead") != std::string::npos) ask_to_stop(StopReason::interrupted);
   });
   forget_stop();
   std::map<std::string, double> effect;
@@ -96,7 +95,7 @@ TEST(Explain, OfASphereTellsWhatItsRadiusDoesOnTheSameNodesAndWhatFrictionDoes) 
   EXPECT_NEAR(effect.at("tool's radius: 5.10 mm instead of 5.00 mm"), up, 0.5 * up);
   EXPECT_NEAR(effect.at("tool's radius: 4.90 mm instead of 5.00 mm"), -up, 0.5 * up);
   const double rubs = effect.at("friction: with friction 0.3 instead of without friction"),
-               sticks = effect.at("friction: stuck where it has touched instead of without friction");
+               sticks = effect.at("friction: without slip instead of without friction");
   EXPECT_GT(rubs, 0.0);
   EXPECT_LT(rubs, 0.03);
   EXPECT_NEAR(sticks, rubs, 0.01);
@@ -118,7 +117,7 @@ TEST(Explain, SaysInItsChartTheDepthOfAnEffectAboveTheRunsOwn) {
                             .all = "frictionless",
                             .depth_mm = 3.75,
                             .effect = -0.127,
-                            .deeper = "the tissue gave way deeper"});
+                            .deeper = "the tissue passed a limit point deeper"});
   e.alternatives.push_back(
       {.what = "base", .instead = "held to 15 mm", .all = "held less", .depth_mm = 5.0, .effect = -0.05});
   const std::filesystem::path folder = fresh_folder();

@@ -319,7 +319,7 @@ TEST_F(StateGuard, SeesEnergyThatIsNotBalanced) {
   const Report gained =
       report_of<SolveError>([&] { guards.check_energy(sample(1.2 * J), J, 1.0, false, now); });
   expect_whole(gained, "energy");
-  EXPECT_THAT(gained.fact, HasSubstr("appeared from nowhere"));
+  EXPECT_THAT(gained.fact, HasSubstr("energy gained"));
   EXPECT_NO_THROW(guards.check_energy(sample(0.8 * J), J, 1.0, false, now));  // lost by damping steps
   EXPECT_THAT(report_of<SolveError>([&] { guards.check_energy(sample(0.8 * J), J, 1.0, true, now); }).fact,
               HasSubstr("lost"));
@@ -521,7 +521,7 @@ TEST(Recovery, FindsAnEquilibriumByShorterStepsOfTheLoad) {
       break;
     } catch (const SolveError& error) {
       EXPECT_EQ(error.report.code, "no-equilibrium");
-      EXPECT_THAT(error.report.why, HasSubstr("it came again with steps of the load down to"));
+      EXPECT_THAT(error.report.why, HasSubstr("it recurred with steps of the load down to"));
       EXPECT_GE(history.retries.size(), 1u);
       EXPECT_LE(history.retries.size(), 4u);  // down to a sixteenth of the distance between two frames
     }

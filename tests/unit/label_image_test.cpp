@@ -462,7 +462,7 @@ TEST(LabelNames, AreThoseOfTotalSegmentatorWithoutAFile) {
   EXPECT_EQ(mr.names.at(50), "brain");
   EXPECT_FALSE(warns_of(mr, "TotalSegmentator"));
   EXPECT_TRUE(warns_of(read_label_image(folder / "mr.nii.gz", "totalsegmentator"),
-                       "label 22 is taken for prostate, as in CT; for an MR it is heart"));
+                       "label 22 is read as prostate, as in CT; for an MR it is heart"));
 
   for (auto& part : organ.run) part.label = 5;  // a label with the same name in both
   write_label_image(folder / "liver.nii.gz", organ);

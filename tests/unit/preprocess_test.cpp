@@ -91,7 +91,7 @@ TEST(BodySurface, NamesAChosenLabelOfWhichNothingIsInTheLargestPiece) {
   set_voxels(image, voxel);
   EXPECT_EQ(make_body_surface(image, {1, 2})
                 .report.warnings.front()
-                .find("label 2 is dropped whole: choose it with --label 2"),
+                .find("label 2 is dropped completely: choose it with --label 2"),
             0U);
 }
 

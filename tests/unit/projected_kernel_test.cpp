@@ -161,7 +161,7 @@ TEST(Kernel, RefusesSupportsThatMeetMoreNodesThanItCanNumber) {
   const Report report = report_of<SolveError>(
       [&] { const ForceSystem system(model, neo_hookean(210.0, 0.499, 1000.0), Precision::single_); });
   EXPECT_EQ(report.fact, "the supports of " + std::to_string(points) + " neighbouring points hold " +
-                             std::to_string(nodes) + " nodes, of 32768 that have a number");
+                             std::to_string(nodes) + " nodes, and at most 32768 can be numbered");
   EXPECT_NE(report.remedy.find("support.radius_factor"), std::string::npos);
 }
 

@@ -176,8 +176,9 @@ TEST(Session, OfATouchingToolOnAModelWithNodesOfACircleIsRefused) {
   touch->shape = sphere_shape(3e-3);
   touch->surface = contact_surface(model, 9e-3);
   touch->pose = first_touch(touch->shape, model.tool, touch->surface);
-  expect_error<SolveError>([&] { const Session session(model, {tissue}, {.touch = touch}); },
-                           {.fact = "nodes of a circle", .remedy = "contact_radius_mm", .code = "no-live"});
+  expect_error<SolveError>(
+      [&] { const Session session(model, {tissue}, {.touch = touch}); },
+      {.fact = "nodes of a bonded patch", .remedy = "contact_radius_mm", .code = "no-live"});
 }
 
 }  // namespace

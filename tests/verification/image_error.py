@@ -7,7 +7,7 @@
 
 DATA: the folder with the label images. Needs numpy and scipy. 40 scenes calibrate apps/run/image_error.cpp, 20 of another seed are
 the proof. Each body is known exactly (an organ: the level zero of its label's smoothed signed distance) and each scene draws a body,
-a tool and a voxel; each is run on four grids whose origins are moved at random, along the press direction by about a quarter of a voxel each,
+a tool and a voxel; each is run on four grids whose origins are moved at random, along the approach direction by about a quarter of a voxel each,
 and in the proof once more with voxels a third as long. A row is a run; `table` prints the coverage. Some ten minutes of one core for each set.
 """
 import collections

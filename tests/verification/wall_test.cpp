@@ -417,7 +417,7 @@ TEST(WallField, IsTheDistanceFromTheSurfaceInsideOutWhereItIsHollow) {
     EXPECT_LT((within.gradient + out).norm(), 0.02);
   }
   EXPECT_NEAR(distance_in(solid, Vec3::Zero()).distance, -8e-3, 1e-9)
-      << "and no farther than it was asked for";
+      << "and no farther than it was requested";
 }
 
 }  // namespace

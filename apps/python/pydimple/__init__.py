@@ -5,12 +5,12 @@
     print(result)                             # the force and its error bounds
     result.depth_m, result.force_N            # numpy arrays
 
-`run` computes the force curve and its error bounds from an image, with the same bits as the command `dimple run`.
-`build_model` and `solve` are its two halves. `Organ` reads an image once for models at several positions, and `Session`
-moves a tool by hand. An image is a file, or an array with its affine. Options are keywords: the names of the command
-line's flags with their unit, ``mu_Pa=300`` for ``--mu 300Pa``. Arguments are in the unit of their keyword. Results are
-in LPS and mostly SI, with the unit in their name. Failures are raised as `Error`, in five parts. Messages of the
-program go to ``logging.getLogger("pydimple")``.
+`run` goes from an image to the force curve and its error bounds, as the command `dimple run` does, to the same bits;
+`build_model` and `solve` are its two halves, `Organ` reads an image once for models at several places, and `Session`
+moves a tool by hand. An image is a file or an array with
+its affine. Options are keywords: the words of the command line's flags with their unit, ``--mu 300Pa`` is
+``mu_Pa=300``. What is given is in the unit of its keyword; what comes back has its unit in its name, mostly SI, and is
+LPS. Failures are raised as `Error`, in five parts. Log lines go to ``logging.getLogger("pydimple")``.
 """
 
 import dataclasses
@@ -108,7 +108,7 @@ def _settings(where, config, named, options):
     for keyword, value in options.items():
         option = _OPTIONS.get(keyword)
         if option is None and keyword in _OF_RUN:
-            raise UsageError(f"{where} takes no option {keyword}", where, "it is for run", "give it there", "usage")
+            raise UsageError(f"{where} has no option {keyword}", where, "it is for run", "give it there", "usage")
         if option is None:
             taken = [known for known, its in _OPTIONS.items() if _TAKES[where](its)]
             with_unit = [known for known in taken if known.startswith(keyword + "_")]
@@ -117,13 +117,13 @@ def _settings(where, config, named, options):
                 f"there is no option {keyword}" + (f", did you mean {near[0]}?" if near else ""),
                 where,
                 "options are words with their unit",
-                f"help(pydimple.{where}) lists those that it takes",
+                f"help(pydimple.{where}) lists its options",
                 "usage",
             )
         if not _TAKES[where](option):
             others = [name for name, takes in _TAKES.items() if takes(option) and name != where]
             raise UsageError(
-                f"{where} takes no option {keyword}",
+                f"{where} has no option {keyword}",
                 where,
                 f"it is for {', '.join(others)}",
                 "give it there",
@@ -153,7 +153,7 @@ def _array(where, image):
         raise UsageError(
             "the image is an array with masked voxels",
             where,
-            "whether these are organ or background is not known",
+            "a masked voxel is neither organ nor background",
             "fill them with a label: image.filled(0)",
             "usage",
         )
@@ -182,7 +182,7 @@ def _to_lps(where, affine, space):
         raise UsageError(
             f"space={space!r} is not allowed",
             where,
-            "in one of the two patient spaces left and right, front and back are the other way round",
+            "RAS and LPS differ in the signs of the first two axes",
             'an affine of nibabel is space="RAS", one of ITK, SimpleITK or DICOM is space="LPS"',
             "usage",
         )
@@ -191,8 +191,8 @@ def _to_lps(where, affine, space):
         raise UsageError(
             f"the affine has shape {matrix.shape}" if matrix.shape != (4, 4) else f"the affine ends in {matrix[3]}",
             where,
-            "it takes voxel numbers (i, j, k) to millimetres: 4 x 4, the last row 0 0 0 1",
-            "give image.affine of nibabel, or directions times spacings beside the origin",
+            "it maps voxel numbers (i, j, k) to millimetres: 4 x 4, the last row 0 0 0 1",
+            "give image.affine of nibabel, or directions times spacings next to the origin",
             "usage",
         )
     return np.diag([-1.0, -1.0, 1.0, 1.0]) @ matrix if space == "RAS" else matrix
@@ -207,7 +207,7 @@ def _with_image(where, image, affine, space, config, named, options):
         raise UsageError(
             "a file has an affine of its own" if is_file else "an array is given without affine and space",
             where,
-            "where voxels lie, and which way is left, must be known once and for sure",
+            "the place and orientation of the voxels must be given exactly once",
             "leave affine and space out"
             if is_file
             else 'give both: affine=image.affine, space="RAS" with nibabel',
@@ -224,17 +224,17 @@ def _with_image(where, image, affine, space, config, named, options):
 
 
 def build_model(image, *, affine=None, space=None, config=None, tissue=None, supports=None, **options):
-    """Model of an image for `solve` and `Session`: nodes, integration points, base and bonded patch."""
+    """Nodes, integration points, base and contact patch of a body, from an image: input of `solve` and `Session`."""
     settings, array = _with_image("build_model", image, affine, space, config, {"tissue": tissue, "support": supports}, options)
     return _core.build(settings, array)
 
 
 def usable_places(image, *, affine=None, space=None, config=None, **options):
-    """Possible contact points of the tool on an organ, as `dimple places` lists them. No model is needed.
+    """Usable places of the tool on an organ, as `dimple places` lists them, before any model is built.
 
-    Each has the side of the patient from which the tool comes (``from``), the centre of the contact (``centre_mm``, LPS),
-    the approach direction (``push``), the side on which the organ then rests (``base``), the thickness of the tissue along
-    that direction (``thickness_mm``), the tilt of the surface (``tilt_degrees``), the distance to the nearest fold or edge
+    Each place has the side of the patient from which the tool approaches (``from``), the centre of the contact patch
+    (``centre_mm``, LPS), the approach direction (``push``), the side on which the organ then rests (``base``), the tissue
+    beneath it (``thickness_mm``), the tilt of the surface (``tilt_degrees``), the distance to the nearest fold or edge
     (``room_mm``), and a ``verdict``: good, doubtful (a run warns of it) or refused, with the ``reason``.
     """
     settings, array = _with_image("usable_places", image, affine, space, config, {}, options)
@@ -248,11 +248,11 @@ def _places(text):
 
 
 def solve(model, *, config=None, tissue=None, pressures=None, supports=None, steps=None, membranes=None, walls=None, tools=None, **options):
-    """Force curve of a model with its error bounds.
+    """The force curve of a model with its error bounds.
 
-    With an accuracy (``accuracy="2%"``, or a time for it, ``budget_s=60``), the model's organ is discretised with more and
-    more nodes until the error is small enough, whatever the model's number of nodes. The result has the same bits as that
-    of `run` with the same accuracy, and `Result.model` is the last discretisation.
+    With an accuracy (``accuracy="2%"``, or a time for it, ``budget_s=60``) the organ of the model is discretised with more
+    and more nodes until the error is small enough. The result, to the same bits, is that of `run` with the same accuracy,
+    and `Result.model` has the final nodes. The number of nodes of the given model is then not used.
     """
     return _core.solve(model, _settings("solve", config, _named(tissue, pressures, supports, steps, membranes, walls, tools), options))
 
@@ -261,7 +261,7 @@ def run(
     image, *, affine=None, space=None, out=None, overwrite=False, config=None, tissue=None, pressures=None, supports=None, steps=None,
     membranes=None, walls=None, tools=None, **options
 ):
-    """Force curve of an image with its error bounds, as from `dimple run`: the same options give the same bits."""
+    """From an image to the force curve with its error bounds, as `dimple run`: with the same options the same bits."""
     settings, array = _with_image("run", image, affine, space, config, _named(tissue, pressures, supports, steps, membranes, walls, tools), options)
     if out is None:
         for keyword, value in options.items():
@@ -269,7 +269,7 @@ def run(
                 raise UsageError(
                     f"{keyword} is given and no folder",
                     "run",
-                    "it is about files, and without out none are written",
+                    "it concerns files, and none are written without out",
                     f"add out=FOLDER, or leave {keyword} out",
                     "usage",
                 )
@@ -277,7 +277,7 @@ def run(
             raise UsageError(
                 "overwrite is given and no folder",
                 "run",
-                "without out nothing is written that could replace something",
+                "nothing is written without out",
                 "add out=FOLDER, or leave overwrite out",
                 "usage",
             )
@@ -286,9 +286,9 @@ def run(
 
 
 def limit_threads(count=None):
-    """Limits the number of threads of all further computations; None: one per processor.
+    """Limits the threads of all computations from now on; None: the number of processors.
 
-    Results do not depend on it. It is meant for programs that run several computations at once.
+    Results do not depend on it. For programs that start several computations at once.
     """
     if count is not None and (not isinstance(count, numbers.Integral) or not 1 <= count <= 1024):
         raise UsageError(
@@ -308,17 +308,17 @@ class Organ(_core.Organ):
         super().__init__(*_with_image("Organ", image, affine, space, config, {"tissue": tissue, "support": supports}, options))
 
     def build_model(self, **options):
-        """Model with these options in addition to those of the organ."""
+        """Nodes, integration points, base and contact patch, with these options in addition to those of the organ."""
         return _core.build_of_organ(self, _settings("Organ.build_model", None, {}, options))
 
     def usable_places(self, **options):
-        """Possible contact points, as from `pydimple.usable_places`."""
+        """Usable places of the tool, as from `pydimple.usable_places`."""
         return _places(_core.places_of_organ(self, _settings("Organ.usable_places", None, {}, options)))
 
 
 @dataclasses.dataclass(frozen=True, repr=False, eq=False)
 class Band:
-    """Error bounds of the force for the discretisation, compared with ever more nodes, and for no other error.
+    """Error bounds of the force: discretisation error only.
 
     Attributes
     ----------
@@ -336,31 +336,31 @@ class Band:
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class Frame:
-    """Position and force of a tool that `Session.follow` moves.
+    """Pose and force of a live tool. Returned by `Session.follow`.
 
     Attributes
     ----------
     asked_mm, depth_mm : float
-        Requested and actual depth of the tool along the approach direction from first contact, millimetres.
+        Requested and actual depth below first contact, along the approach direction, millimetres.
     force_N, error_N : float
-        Force on the tool along the approach direction, positive if the tissue resists; its largest error compared with the
-        equilibrium at the requested depth: infinite if unknown.
+        On the tool along its approach direction, positive where the tissue resists; and its largest distance from the
+        force of equilibrium at the requested depth: infinite if unknown.
     error_at_depth_N : float
         Largest error compared with the equilibrium at ``depth_mm``.
     force_on_tool_N, moment_on_tool_Nm : tuple of three floats
-        Total force on the tool, LPS, and its moment about the centre of the bonded patch.
+        Force vector on the tool, LPS, and its moment about the centre of the contact patch.
     force_direction, moment_arm_m : tuple of three floats
-        These two over ``force_N``; without a force, those at the least known depth; zeros if there is none.
+        These two divided by ``force_N``; without a force, those at the least known depth, or zeros.
     stiffness_N_per_m : float
         Derivative of the force by the depth.
     residual : float
-        Relative residual, as in the option ``tolerance``.
+        Unbalanced force, relative, as the option ``tolerance``.
     evaluations : int
         Force evaluations of the frame.
     status : {"there", "lags", "stopped", "elsewhere", "beyond"}
-        The tool is at the requested depth; is still moving, and the next frames continue; stays, as no deeper equilibrium is
-        found; is not at the requested pose (only sockets and scripts); was requested to be deeper than the body. ``lags``
-        ends within 100 frames, or 300 evaluations, in which the tool comes no closer.
+        The tool is at the requested pose; moves there in the next frames; stays, as no deeper equilibrium was found; is at
+        another pose than requested (sockets and scripts only); or the requested depth exceeds the body. ``lags`` ends
+        within 100 frames, or 300 evaluations, in which the tool comes no nearer.
     """
 
     asked_mm: float
@@ -384,9 +384,9 @@ class Frame:
 
 
 class Session(_core.Session):
-    """Body under a tool that is moved step by step.
+    """A body under a tool that the caller moves, step by step.
 
-    Everything is in memory, with a copy of the model. Several threads may call it; calls are handled one at a time.
+    All is in memory; the model is its own. Several threads may call it: one at a time is served.
     """
 
     def __init__(self, model, *, config=None, tissue=None, pressures=None, supports=None, **options):
@@ -395,21 +395,21 @@ class Session(_core.Session):
     def follow(self, *, depth_mm, seconds=0.04, evaluations=0, dt_s=None):
         """Moves the tool towards a depth and computes the body for at most the time of a frame.
 
-        If that does not suffice, the tool lags and the next call continues. A state far from equilibrium is not shown; the
-        last good one is kept. With a lifted tool (0 or less) the body is at rest. Relaxing tissue pulls on a bonded patch
-        that is held at 0; lifting the tool (below 0) resets its relaxation.
+        If that does not suffice the tool lags, and the next call continues from there. No state far from equilibrium is
+        shown: the last good one remains. Lifted (0 and less) the body is at rest; tissue that relaxes pulls a bonded tool
+        at 0 until it is lifted (below 0), which resets the history of the tissue.
 
         Parameters
         ----------
         depth_mm : float
-            Depth of the tool along the approach direction from first contact, millimetres.
+            Depth of the tool below first contact, along its approach direction, millimetres.
         seconds : float
-            Time limit of the frame.
+            Time for the frame.
         evaluations : int
-            Largest number of force evaluations in place of `seconds`, so that the same calls give the same bits on any
-            machine. 0: `seconds` is used.
+            Force evaluations, at most; then no clock is read, and the same calls give the same bits on any machine. 0: use
+            `seconds`.
         dt_s : float, optional
-            Time since the last frame, seconds, in which viscoelastic tissue relaxes; by default `seconds`.
+            Since the last frame, seconds: viscoelastic tissue relaxes for this time. Without it `seconds`.
 
         Returns
         -------
@@ -418,7 +418,7 @@ class Session(_core.Session):
         Raises
         ------
         SolveError
-            The model's scheme is not supported (``scheme="horton2007"``).
+            The model's scheme has no live tool (``scheme="horton2007"``).
         """
         return Frame(*_core.follow(self, depth_mm, seconds, evaluations, seconds if dt_s is None else dt_s))
 
@@ -437,7 +437,7 @@ _OUT = """\
 out : str or path, optional
     Folder for all files that `dimple run` writes; without it nothing is written.
 overwrite : bool
-    True: results of an earlier run in the folder are replaced.
+    Whether results of an earlier run there are replaced.
 """
 _CONFIG = """\
 config : str or path, optional
@@ -445,14 +445,14 @@ config : str or path, optional
 """
 _COMMON = _CONFIG + """\
 tissue : dict, optional
-    Labels with their own material, by number or name: ``{2: {"mu_Pa": 900}}``. `build_model` needs them too, as it splits
-    integration cells at the boundary of tissues.
+    Labels with their own material, by number or name: ``{2: {"mu_Pa": 900}}``. `build_model` needs them too:
+    integration cells are split where tissues meet.
 """
 _SUPPORTS = """\
 supports : dict, optional
-    Parts of the body that are held in addition to the base or moved in addition to the tool, by names of your own:
-    ``{"retractor": {"on": "left", "move_mm": (3, 0, 0)}}``. `build_model` needs those that are the tissue of a label.
-    In a `Session` they reach their full displacement when the tool is at ``depth_mm``.
+    Parts of the body held in addition to the base, or moved in addition to the tool, by names of your own:
+    ``{"retractor": {"on": "left", "move_mm": (3, 0, 0)}}``. `build_model` needs those on the tissue of a label.
+    In a `Session` their displacement is complete when the tool is at ``depth_mm``.
 """
 _PRESSURES = """\
 pressures : dict, optional
@@ -494,8 +494,8 @@ _describe(
     usable_places,
     "usable_places",
     _IMAGE,
-    "dict\n    ``sides``: the highest point of each side; ``others``: further points on the tool's side; ``looked_at`` and\n"
-    "    ``against``: number of points examined there, and of those refused, by reason; ``warnings`` of the image.",
+    "dict\n    ``sides``: the highest place of each side; ``others``: more of the tool's own side; ``looked_at`` and\n"
+    "    ``against``: number of places examined there, and of each reason against them; ``warnings`` of the image.",
     _CONFIG,
 )
 _describe(run, "run", _IMAGE + _OUT, "Result", _LOADED + _STEPS)

@@ -1,4 +1,4 @@
-"""Errors in five parts, and messages of the program with the keywords of Python.
+"""Errors in five parts, and the messages of the command line in the words of a Python caller.
 
 The library's messages name flags (`--nodes`) and keys of a file of options (`cloud.nodes`). `in_keywords` replaces both
 by keywords, with the option table and the tables below.
@@ -30,7 +30,7 @@ class Error(_FiveParts, Exception):
     Attributes
     ----------
     fact, where, why, remedy : str
-        Fact, with numbers; keyword, stage, file or line; reason; remedy.
+        The fact, with numbers; keyword, stage, file or place; the reason; the remedy.
     code : str
         Identifier for programs, such as ``no-equilibrium``; apps/guide/files.md lists those of the guards.
     """
@@ -57,7 +57,7 @@ class OutputError(Error):
 
 
 class Stopped(_FiveParts, KeyboardInterrupt):
-    """Ctrl-C ended a computation. It is not an `Error`, so ``except pydimple.Error`` does not catch it."""
+    """A computation was ended by Ctrl-C. It is no `Error`, so that ``except pydimple.Error`` does not catch it."""
 
 
 for _kind in (Error, UsageError, InputError, ModelError, SolveError, OutputError, Stopped):

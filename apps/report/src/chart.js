@@ -83,9 +83,9 @@ export function forceChart() {
 /** Legend of the chart. */
 export function chartLegend() {
   const entry = (mark, text) => element('li', {}, element('span', { class: `mark ${mark}` }), text);
-  const list = element('ul', { class: 'legend' }, entry('curve', data.curve.lateral_N ? 'along the push' : 'this run'));
-  if (data.curve.lateral_N) list.append(entry('lateral', 'across the push'));
-  if (data.curve.half_N.length > 0) list.append(entry('band', 'error of the discretisation'));
+  const list = element('ul', { class: 'legend' }, entry('curve', data.curve.lateral_N ? 'along the approach direction' : 'this run'));
+  if (data.curve.lateral_N) list.append(entry('lateral', 'across the approach direction'));
+  if (data.curve.half_N.length > 0) list.append(entry('band', 'discretisation error'));
   if (data.beside) {
     const name = data.beside.name === 'horton2007' ? 'Horton et al. 2007' : data.beside.name;
     list.append(entry('beside', data.beside.rows.length > 0 ? `${name}, in order of depth: ${data.beside.rows.join(', ')}` : name));

@@ -20,8 +20,8 @@ const wall = (its) => [there(`${its}.friction`) ? ['friction ', String(at(`${its
 
 function preload() {
   const where = ['largest displacement ', written('loads.settled_mm')];
-  if (there('loads.circle_moved_mm') && !isNothing('loads.circle_moved_mm')) where.push(', of the circle ', place3('loads.circle_moved_mm', 2), ' mm');
-  if (there('loads.unloaded')) where.push('; the image shows the body under these loads, and without them its nodes are up to ', written('loads.unloaded.taken_back_mm'), ' elsewhere');
+  if (there('loads.circle_moved_mm') && !isNothing('loads.circle_moved_mm')) where.push(', of the contact patch ', place3('loads.circle_moved_mm', 2), ' mm');
+  if (there('loads.unloaded')) where.push('; the image shows the body under these loads; the load-free nodes are up to ', written('loads.unloaded.taken_back_mm'), ' away');
   return where;
 }
 
@@ -48,7 +48,7 @@ function way(step) {
 }
 
 export function steps() {
-  const names = ['step', 'moves by, LPS mm', 'ends at, s', 'depth', 'force', 'across the push', 'largest'];
+  const names = ['step', 'moves by, LPS mm', 'ends at, s', 'depth', 'force', 'across the approach direction', 'largest'];
   const table = element('table', { class: 'list' }, element('tr', {}, ...names.map((name, k) => element('th', { scope: 'col', class: k < 2 ? 'text' : '' }, name))));
   for (const k of at('scene').keys()) {
     const step = `scene.${k}`;

@@ -22,17 +22,17 @@ function head() {
       element('p', { class: 'band' }, 'The largest is at ', written('largest_force.indentation_mm'), ' and ', quantity('largest_force.time_s', 's'), ', in the step ', word('largest_force.step'), '.'));
   else place.append(element('h1', {}, written('force_N'), ' at ', written('indentation_mm')));
   if (there('band.low_N'))
-    place.append(element('p', { class: 'band' }, 'The true value is expected between ', written('band.low_N', false), ' and ', written('band.high_N'), ' (error of the discretisation alone).'));
-  else if (there('band.unknown')) place.append(element('p', { class: 'band' }, 'The error of the discretisation is unknown: ', word('band.unknown')));
+    place.append(element('p', { class: 'band' }, 'The true value is expected between ', written('band.low_N', false), ' and ', written('band.high_N'), ' (discretisation error only).'));
+  else if (there('band.unknown')) place.append(element('p', { class: 'band' }, 'No error estimate: ', word('band.unknown')));
   if (there('image_error.half_N'))
-    place.append(element('p', { class: 'band' }, 'The resolution of the image leaves ± ', written('image_error.half_N'), ' in addition.'));
+    place.append(element('p', { class: 'band' }, 'The image resolution adds ± ', written('image_error.half_N'), '.'));
   if (there('band_of_mu.low_N'))
     place.append(element('p', { class: 'band' }, 'Between ', written('band_of_mu.low_N', false), ' and ', written('band_of_mu.high_N'), ' for the range of the modulus.'));
 }
 
 // ---------------------------------------------------------------------------------------------------- verdict
 
-const questions = { image: 'Image understood', model: 'Model sane', equilibrium: 'Equilibrium', energy: 'Energy', accuracy: 'Accuracy' };
+const questions = { image: 'Image', model: 'Model', equilibrium: 'Equilibrium', energy: 'Energy', accuracy: 'Accuracy' };
 
 function verdict() {
   const strip = element('ul', { class: 'verdict' });
@@ -60,7 +60,7 @@ function warnings() {
   for (const k of list.keys()) place.append(element('p', { class: 'note check' }, word(`warnings.${k}`)));
   const retries = at('retries') ?? [];
   for (const k of retries.keys())
-    place.append(element('p', { class: 'note plain' }, 'Tried again at ', written(`retries.${k}.at_mm`), ' (', word(`retries.${k}.code`), '): ', word(`retries.${k}.what`)));
+    place.append(element('p', { class: 'note plain' }, 'Repeated at ', written(`retries.${k}.at_mm`), ' (', word(`retries.${k}.code`), '): ', word(`retries.${k}.what`)));
   if (list.length === 0 && retries.length === 0 && !there('failure')) place.append(element('p', { class: 'note plain' }, 'There were no warnings.'));
 }
 
@@ -73,31 +73,31 @@ function forceSection() {
     isScene && ['largest force on the tool', written('largest_force.force_N'), ', in the step ', word('largest_force.step')],
     [isScene ? 'force on the tool at the end' : 'force on the tool', written('force_N')],
     ['force on the base', written('base_force_N')],
-    there('band.half_N') && ['error of the discretisation', '± ', written('band.half_N'), ', estimated from ', number('counts.nodes', { decimals: 0 }), ' and from ', number('band.coarser_nodes', { decimals: 0 }), ' nodes'],
-    there('band.unknown') && ['error of the discretisation', 'unknown: ', word('band.unknown')],
-    there('image_error.half_N') && ['error of the image resolution', '± ', written('image_error.half_N'), ', with voxels of ', written('image_error.voxel_mm'), ' along the push'],
-    there('image_error.unknown') && ['error of the image resolution', 'unknown: ', word('image_error.unknown')],
+    there('band.half_N') && ['discretisation error', '± ', written('band.half_N'), ', estimated from ', number('counts.nodes', { decimals: 0 }), ' and from ', number('band.coarser_nodes', { decimals: 0 }), ' nodes'],
+    there('band.unknown') && ['discretisation error', 'unknown: ', word('band.unknown')],
+    there('image_error.half_N') && ['image resolution error', '± ', written('image_error.half_N'), ', with voxels of ', written('image_error.voxel_mm'), ' along the approach direction'],
+    there('image_error.unknown') && ['image resolution error', 'unknown: ', word('image_error.unknown')],
     [isScene ? 'indentation at the end' : 'indentation', written('indentation_mm'), isScene ? '' : [' of ', written('requested.depth_mm')]],
   ];
   const table = facts(rows);
   const words = element('div', {}, table);
   if (there('other_tools')) words.append(element('h3', {}, 'Further tools at the end'), furtherTools());
   if (there('walls')) words.append(element('h3', {}, 'Walls at the end'), walls());
-  if (there('compare.file')) words.append(element('h3', {}, 'Beside ', word('compare.file')), comparison());
+  if (there('compare.file')) words.append(element('h3', {}, 'Comparison with ', word('compare.file')), comparison());
   if (there('ladder')) words.append(element('h3', {}, 'Refinement levels'), ladder());
   place.append(element('div', { class: 'beside' }, element('div', {}, forceChart(), chartLegend()), words));
   if (isScene) place.append(element('h3', {}, 'Steps'), steps());
 }
 
 function comparison() {
-  if (!there('compare.ratio_at_end')) return element('p', {}, 'There is no depth at which both are known.');
+  if (!there('compare.ratio_at_end')) return element('p', {}, 'The two curves have no depth in common.');
   const named = (at('compare.values') ?? []).map((value, k) => [value.name, written(`compare.values.${k}.force_N`), ', ', number(`compare.values.${k}.ratio`, { decimals: 2 }), ' of ours']);
   return facts([
     ...named,
     named.length === 0 && ['measured / ours at the end', number('compare.ratio_at_end', { decimals: 2 }), ', at ', written('compare.depth_mm')],
     named.length === 0 && ['on average', number('compare.mean_ratio', { decimals: 2 }), ', over ', number('compare.rows', { decimals: 0 }), ' depths'],
     named.length === 0 && ['root mean square difference', written('compare.rms_N')],
-    there('compare.inside_band') && ['inside the band', quantity('compare.inside_band', '%', { scale: 100, decimals: 0 }), ' of the rows'],
+    there('compare.inside_band') && ['within the error bounds', quantity('compare.inside_band', '%', { scale: 100, decimals: 0 }), ' of the rows'],
     at('compare.deeper_rows') > 0 && ['not compared', number('compare.deeper_rows', { decimals: 0 }), ' rows deeper than this run'],
   ]);
 }
@@ -120,7 +120,7 @@ function bodySection() {
   if (data.picture) place.append(element('img', { class: 'drawn', src: data.picture, alt: 'the deformed body with the tool, coloured by displacement' }));
   if (!canDraw()) {
     document.documentElement.classList.add('flat');
-    const why = data.body ? 'This browser has no WebGL: a picture is shown in place of the body that can be turned.' : '';
+    const why = data.body ? 'This browser has no WebGL: a picture is shown instead of the 3D view.' : '';
     if (!data.picture) place.append(element('p', {}, `${why} The run was ended before it drew one.`));
     else if (why) place.append(element('p', { class: 'soft screen' }, why));
     return undefined;
@@ -138,7 +138,7 @@ function bodySection() {
   } catch (problem) {
     document.documentElement.classList.add('flat');
     for (const made of place.querySelectorAll('.stage, .controls, .screen')) made.remove();
-    place.append(element('p', { class: 'soft' }, `The body cannot be shown to turn here: ${problem.message}`));
+    place.append(element('p', { class: 'soft' }, `The body cannot be shown in 3D here: ${problem.message}`));
     return undefined;
   }
   stage.append(colourBar(shown.most));
@@ -191,11 +191,11 @@ function sliceSection() {
     if (k < 8) legend.append(element('li', {}, element('span', { class: 'mark tint', style: `background:${tintOf(label.value)}` }), label.name ? `${label.value} ${label.name}` : `label ${label.value}`));
   }
   if (taken.length > 8) legend.append(element('li', {}, `and ${taken.length - 8} more labels`));
-  legend.append(entry('node', 'node'), entry('node base', 'fixed base'), ...(there('counts.circle_nodes') ? [entry('node circle', "tool's circle")] : []), entry('outline', 'outline at rest'), entry('outline moved', 'at the end'), entry('tool', isShift ? 'where the skull is open' : 'tool at the end'));
+  legend.append(entry('node', 'node'), entry('node base', 'fixed base'), ...(there('counts.circle_nodes') ? [entry('node circle', 'contact patch')] : []), entry('outline', 'outline at rest'), entry('outline moved', 'at the end'), entry('tool', isShift ? 'where the skull is open' : 'tool at the end'));
   if (data.slices.some((one) => (one.walls ?? []).length > 0)) legend.append(entry('wall', isShift ? 'skull' : 'wall'));
   place.append(slices(), legend);
-  const tilt = data.tilt_degrees > 1 ? ` The image's axes are turned by ${data.tilt_degrees} degrees against the patient's; the letters name the nearest.` : '';
-  place.append(element('p', { class: 'soft' }, `Planes through ${isShift ? 'a place below the opening' : "the middle of the tool's way"}, seen from the left, from the front and from the feet: the patient's right is on the left. Nodes at rest within ${(data.slab_mm / 2).toFixed(1)} mm of the plane; the ${isShift ? 'opening' : 'tool'} is seen along it.${tilt}`));
+  const tilt = data.tilt_degrees > 1 ? ` The image's axes are rotated by ${data.tilt_degrees} degrees against the patient's; the letters name the nearest.` : '';
+  place.append(element('p', { class: 'soft' }, `Sagittal, coronal and axial sections through ${isShift ? 'a point below the opening' : "the midpoint of the tool's path"} (radiological convention: the patient's right is on the left). Nodes at rest within ${(data.slab_mm / 2).toFixed(1)} mm of the plane; the ${isShift ? 'opening' : 'tool'} is seen along it.${tilt}`));
   return undefined;
 }
 
@@ -207,10 +207,10 @@ function toolWords() {
 
 function cutWords() {
   const words = [];
-  if (at('model.cut.area_mm2') > 0) words.push(quantity('model.cut.area_mm2', 'mm²', { decimals: 0 }), ' on each bank');
-  if (at('model.cut.removed_mm3') > 0) words.push(words.length > 0 ? '; ' : '', written('model.cut.removed_mm3'), ' of tissue gone with it');
-  for (const k of at('model.cut.labels_taken_out').keys()) words.push(words.length > 0 ? '; ' : '', 'taken out: ', at(`model.cut.labels_taken_out.${k}.name`) ? word(`model.cut.labels_taken_out.${k}.name`) : 'a label', ', ', written(`model.cut.labels_taken_out.${k}.volume_mm3`));
-  for (const k of at('model.cut.parted').keys()) words.push('; parted and left out: ', written(`model.cut.parted.${k}.volume_mm3`));
+  if (at('model.cut.area_mm2') > 0) words.push(quantity('model.cut.area_mm2', 'mm²', { decimals: 0 }), ' on each face');
+  if (at('model.cut.removed_mm3') > 0) words.push(words.length > 0 ? '; ' : '', written('model.cut.removed_mm3'), ' of tissue removed');
+  for (const k of at('model.cut.labels_taken_out').keys()) words.push(words.length > 0 ? '; ' : '', 'removed: ', at(`model.cut.labels_taken_out.${k}.name`) ? word(`model.cut.labels_taken_out.${k}.name`) : 'a label', ', ', written(`model.cut.labels_taken_out.${k}.volume_mm3`));
+  for (const k of at('model.cut.parted').keys()) words.push('; separated and left out: ', written(`model.cut.parted.${k}.volume_mm3`));
   return words;
 }
 
@@ -230,7 +230,7 @@ function materials() {
   return at('material').map((material, k) => {
     const one = `material.${k}`;
     const line = element('div', {}, at('material').length > 1 ? element('strong', {}, 'label ', word(`${one}.label`), ': ') : '', word(`${one}.law`), ', mu ', written(`${one}.mu_Pa`), ', nu ', number(`${one}.nu`, { digits: 4 }), ', density ', quantity(`${one}.density_kg_per_m3`, 'kg/m³', { decimals: 0 }));
-    if (material.default) line.append(element('div', { class: 'soft' }, 'swine brain (Horton et al. 2007), because no material was given'));
+    if (material.default) line.append(element('div', { class: 'soft' }, 'swine brain (Horton et al. 2007), as no material was given'));
     return line;
   });
 }
@@ -249,9 +249,9 @@ function assumed() {
       ['Base', number('counts.base_nodes', { decimals: 0 }), ' nodes held', reason('model.base_reason'), reason('made_from.base')],
       there('model.cut') && (at('model.cut.area_mm2') > 0 || at('model.cut.removed_mm3') > 0 || at('model.cut.labels_taken_out').length > 0) && ['Cut', ...cutWords()],
       !isShift && (there('tool.words')
-        ? ['Tool', word('tool.words'), ', its tip at first touch at ', place3('tool.first_touch_mm'), ' mm, pushed along ', place3('counts.push'), reason('model.circle_reason')]
-        : ['Tool', written('counts.circle_diameter_mm'), ' in diameter, on ', number('counts.circle_nodes', { decimals: 0 }), ' nodes at ', place3('counts.circle_centre_mm'), ' mm, pushed along ', place3('counts.push'), reason('model.circle_reason'), reason('made_from.circle')]),
-      there('tool.contact_area_mm2') && ['Contact', quantity('tool.contact_area_mm2', 'mm²', { decimals: 1 }), ' at the end, on ', number('tool.samples_in_contact', { decimals: 0 }), ' parts of the surface; largest pressure ', written('tool.largest_pressure_Pa'), '; between them the surface comes into the tool by ', written('tool.largest_penetration_mm'), ' at most'],
+        ? ['Tool', word('tool.words'), ', its tip at first contact at ', place3('tool.first_touch_mm'), ' mm, approach direction ', place3('counts.push'), reason('model.circle_reason')]
+        : ['Tool', written('counts.circle_diameter_mm'), ' in diameter, on ', number('counts.circle_nodes', { decimals: 0 }), ' nodes at ', place3('counts.circle_centre_mm'), ' mm, approach direction ', place3('counts.push'), reason('model.circle_reason'), reason('made_from.circle')]),
+      there('tool.contact_area_mm2') && ['Contact', quantity('tool.contact_area_mm2', 'mm²', { decimals: 1 }), ' at the end, on ', number('tool.samples_in_contact', { decimals: 0 }), ' contact points; largest pressure ', written('tool.largest_pressure_Pa'), '; between them the surface penetrates by ', written('tool.largest_penetration_mm'), ' at most'],
       !isShift && ['Load', isScene ? 'in the steps above' : [written('requested.depth_mm'), ' at ', quantity('requested.rate_mm_per_s', 'mm/s')], ', ', word('contact'), ', ', word('time')],
       ...(isShift ? [] : loadRows()),
       ['Discretisation', number('counts.nodes', { decimals: 0 }), ' nodes', there('model.largest_spacing_mm') ? [': ', written('model.rim_spacing_mm'), ` apart at the ${isShift ? 'opening' : 'tool'}, `, written('model.largest_spacing_mm'), ' far from it'] : '', '; ', number('counts.integration_points', { decimals: 0 }), ' integration points',
@@ -273,7 +273,7 @@ function times() {
   });
   table.append(element('tr', { class: 'sum' }, element('td', { class: 'text' }, 'in all, with ', number('threads', { decimals: 0 }), at('threads') === 1 ? ' thread' : ' threads'), element('td', {}, quantity('total_wall_s', 's', { decimals: 2 }))));
   section('times').append(bar, table);
-  if (there('force_evaluations')) section('times').append(element('p', { class: 'soft' }, number('force_evaluations', { decimals: 0 }), ' evaluations of the force, ', quantity('ms_per_step', 'ms', { decimals: 2 }), ' each.'));
+  if (there('force_evaluations')) section('times').append(element('p', { class: 'soft' }, number('force_evaluations', { decimals: 0 }), ' force evaluations, ', quantity('ms_per_step', 'ms', { decimals: 2 }), ' each.'));
 }
 
 // ---------------------------------------------------------------------------------------------- again and cite
@@ -298,7 +298,7 @@ function again() {
   const place = section('again');
   place.append(data.command ? copied(data.command) : element('p', {}, 'The image of this run was in memory: give it again, with the options below.'));
   const hash = there('image_sha256') ? 'image_sha256' : 'model_sha256';
-  place.append(element('p', { class: 'soft' }, there('image') ? 'The image has the SHA-256 ' : 'The model has the SHA-256 ', element('code', {}, word(hash)), '. With the file below, which lies beside this page, the same version of the program gives the same bits.'));
+  place.append(element('p', { class: 'soft' }, there('image') ? 'The image has the SHA-256 ' : 'The model has the SHA-256 ', element('code', {}, word(hash)), '. With the file below, stored next to this page, the same version of the program gives the same bits.'));
   place.append(element('h3', {}, 'config.resolved.toml'), copied(data.options, 'long'));
 }
 
@@ -320,7 +320,7 @@ function cite() {
 function depends() {
   const place = section('depends');
   if (place.querySelector('svg')) return;
-  place.append(element('p', {}, 'This was not measured. ', element('code', {}, `dimple ${isShift ? 'shift' : 'run'} … --explain`), ' repeats the run, changing one choice at a time, and puts a chart of the effects here.'));
+  place.append(element('p', {}, 'This was not measured. ', element('code', {}, `dimple ${isShift ? 'shift' : 'run'} … --explain`), ' repeats the run with one choice changed at a time and adds a chart of the effects here.'));
 }
 
 const indentation = [head, verdict, warnings, forceSection, bodySection, sliceSection];

@@ -40,8 +40,8 @@ export function shift() {
     element('h3', {}, 'The skull'), walls());
   place.append(
     element('div', { class: 'beside' },
-      element('div', {}, curveChart({ x: points.map((p) => p.depth_mm), y: points.map((p) => p.shift_mm), xLabel: 'way from the opening towards the middle in mm', yLabel: 'shift in mm' }),
-        element('p', { class: 'soft' }, 'Shift along the way from the opening to the middle of the brain (profile.csv).')),
+      element('div', {}, curveChart({ x: points.map((p) => p.depth_mm), y: points.map((p) => p.shift_mm), xLabel: 'distance from the opening towards the middle in mm', yLabel: 'shift in mm' }),
+        element('p', { class: 'soft' }, 'Shift along the line from the opening to the middle of the brain (profile.csv).')),
       words));
   if (at('shift.targets').length > 0) place.append(element('h3', {}, 'Targets'), table('shift.targets', []));
   place.append(element('h3', {}, 'In depth'), table('shift.profile', ['depth']));
