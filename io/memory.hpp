@@ -9,6 +9,10 @@
 #include <algorithm>
 #include <fstream>
 
+/// Control of jemalloc, where a program is linked to it.
+extern "C" int mallctl(const char* name, void* old, size_t* old_size, void* value, size_t value_size)
+    __attribute__((weak));
+
 namespace dimple {
 
 /// Memory that this process may use [bytes]: all of the machine, or the least limit set to it (ulimit -v, a
@@ -29,6 +33,10 @@ inline double memory_at_hand() {
 /// Returns freed memory to the system. The C library would keep half a gigabyte at a hundred thousand nodes,
 /// of millions of small lists or of the texts of large files.
 inline void give_back_memory() {
+  if (mallctl != nullptr) {
+    mallctl("arena.4096.purge", nullptr, nullptr, nullptr, 0);  // 4096: all arenas
+    return;
+  }
 #ifdef __GLIBC__
   malloc_trim(0);
 #endif

@@ -33,7 +33,8 @@ PAPER = {"left hemisphere": 0.181, "right hemisphere": 0.125, "their simulation"
 
 
 def run(program, folder, *words):
-    subprocess.run([program, *map(str, words), "--force", "-q"], cwd=folder, check=True)
+    over = [] if words[0] == "phantom" else ["--force"]
+    subprocess.run([program, *map(str, words), *over, "-q"], cwd=folder, check=True)
 
 
 def table_of(file):
