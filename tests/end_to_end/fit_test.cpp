@@ -157,7 +157,7 @@ TEST_F(Fit, OfManySamplesGivesEachItsModulusAndTheLimitOfGentsLaw) {
       curves << sample << ',' << 1e3 * (*made.find("indentation_mm"))[k] << ','
              << 1e3 * factor * (*made.find("force_N"))[k] << '\n';
   curves.close();
-  const Ran ran = good("fit " + block + " -o gent --curve curves.csv --of mu,limit --band off" + scene);
+  const Ran ran = good("fit " + block + " -o gent --curve curves.csv --of mu,limit --set accuracy.band=off" + scene);
   EXPECT_THAT(ran.out, HasSubstr("3 samples: median mu"));
   const Table fits = read_csv(folder / "gent" / "fits.csv");
   ASSERT_EQ(fits.rows(), 3u);
@@ -173,7 +173,7 @@ TEST_F(Fit, OfManySamplesGivesEachItsModulusAndTheLimitOfGentsLaw) {
     EXPECT_NEAR((*fits.find("limit"))[k], 0.9, 0.05) << k;
     EXPECT_LT((*fits.find("rms_of_largest_force"))[k], 2e-3) << k;
   }
-  good("fit " + block + " -o plain --curve curves.csv --band off" + scene);
+  good("fit " + block + " -o plain --curve curves.csv --set accuracy.band=off" + scene);
   const Table plain = read_csv(folder / "plain" / "fits.csv");
   EXPECT_NEAR((*plain.find("mu_Pa"))[1], 2.0 * (*plain.find("mu_Pa"))[0], 1e-6 * (*plain.find("mu_Pa"))[1]);
   EXPECT_GT((*plain.find("rms_of_largest_force"))[1], 3.0 * (*fits.find("rms_of_largest_force"))[1]);

@@ -23,9 +23,10 @@ from matplotlib import pyplot as plt  # noqa: E402
 
 import numpy as np  # noqa: E402
 
-SCENE = ("--tool", "sphere:0.025mm", "--nu", "0.499", "--nodes", "2000", "--band", "off")
-LAWS = (  # --of, name, number in addition to mu, its option
+SCENE = ("--tool", "sphere:0.025mm", "--nu", "0.499", "--nodes", "2000")
+LAWS = (  # --of, name, column in addition to mu, its option, colour
     ("mu", "neo-Hookean", None, None, "#1b3a6b"),
+    ("mu,touch", "neo-Hookean, first contact sought", "touch_mm", None, "#7a5195"),
     ("mu,alpha", "Ogden", "alpha", "material.ogden_alpha", "#d55e00"),
     ("mu,limit", "Gent", "limit", "material.gent_limit", "#1e9e77"),
 )
@@ -57,13 +58,18 @@ def curves_in(packed, folder):
 
 
 def indent_slice(program, folder, name, options):
-    run(program, folder, "run", "slice.nrrd", "-o", name, "--depth", "0.015mm", "--write", "force", "--frames", 40, *SCENE, *options)
+    run(program, folder, "run", "slice.nrrd", "-o", name, "--depth", "0.015mm", "--write", "force", "--frames", 40, "--band", "off", *SCENE, *options)
     made = table_of(folder / name / "force.csv")
     return 1e3 * made["indentation_mm"], 1e9 * made["force_N"]
 
 
 def indent_brain(program, folder, name, options):
-    run(program, folder, "run", "brain.nrrd", "-o", name, "--write", "force", "--band", "off", *options)
+    """Depths [mm] and forces [N], up to where the run ended: stiffening tissue may pass a limit point."""
+    try:
+        run(program, folder, "run", "brain.nrrd", "-o", name, "--write", "force", "--band", "off", *options)
+    except subprocess.CalledProcessError as ended:
+        if ended.returncode != 5:  # no solution
+            raise
     made = table_of(folder / name / "force.csv")
     return made["indentation_mm"], made["force_N"]
 
@@ -87,12 +93,12 @@ def main(program, packed, out, peer=None):
     run(program, out, "phantom", "brain.nrrd")
     rows, drawn = [], []
     for of, law, number, _, hue in LAWS:
-        folder = f"fit_{law}"
+        folder = "fit_" + of.replace(",", "_")
         run(program, out, "fit", "slice.nrrd", "-o", folder, "--curve", "curves.csv", "--of", of, *SCENE)
         fits, summary = table_of(out / folder / "fits.csv"), json.loads((out / folder / "summary.json").read_text())
         further = float(np.nanmedian(fits[number])) if number else float("nan")
-        depth, force = indent_slice(program, out, f"slice_{law}", options_of(law, further, summary["mu_Pa"]["median"]))
-        at, brain = indent_brain(program, out, f"brain_{law}", options_of(law, further, 210))
+        depth, force = indent_slice(program, out, folder.replace("fit", "slice"), options_of(law, further, summary["mu_Pa"]["median"]))
+        at, brain = indent_brain(program, out, folder.replace("fit", "brain"), options_of(law, further, 210))
         mu = summary["mu_Pa"]
         rows.append({
             "law": law, "samples": len(samples), "fitted": int(np.isfinite(fits["mu_Pa"]).sum()),
@@ -100,13 +106,13 @@ def main(program, packed, out, peer=None):
             "number": further, "rms_percent": 100 * summary["rms_of_largest_force"]["median"],
             "exponent_2_6um": exponent(depth, force, 2, 6), "exponent_6_10um": exponent(depth, force, 6, 10),
             "exponent_10_15um": exponent(depth, force, 10, 15),
-            "brain_N": float(np.interp(8.0, at, brain)), "brain_exponent_4_8mm": exponent(at, brain, 4, 8),
+            "brain_N": float(np.interp(8.0, at, brain, right=float("nan"))), "brain_to_mm": float(at[-1]), "brain_exponent_2_4mm": exponent(at, brain, 2, 4),
         })
         drawn.append((law, hue, fits, depth, force, at, brain))
     rows.append({"law": "measured", "samples": len(samples), **{f"exponent_{a}_{b}um": exponent(grid, mean, a, b) for a, b in ((2, 6), (6, 10), (10, 15))}})
     if peer:
         theirs = np.loadtxt(peer)
-        ours = drawn[2][2]
+        ours = drawn[-1][2]
         count = min(len(theirs), len(ours["mu_Pa"]))
         ratio = ours["mu_Pa"][:count] / theirs[:count, 0]
         rows.append({"law": "Gent by the peer", "samples": len(theirs), "mu_Pa": float(np.median(theirs[:, 0])), "number": float(np.median(theirs[:, 1]))})
