@@ -95,13 +95,13 @@ void wait_until(double deadline) {
 }
 
 void watch() {
-  while (!ended && stop_asked() == StopReason::none) {
+  while (!ended && stop_requested() == StopReason::none) {
     wait_until(latest);
     if (now() >= latest) ask_to_stop(StopReason::out_of_time);
   }
   const double last = now() + patience_s;
   while (!ended && now() < last && signals < 2) wait_until(last);
-  if (!ended) end_now(Stopped(stop_asked()));
+  if (!ended) end_now(Stopped(stop_requested()));
 }
 
 }  // namespace

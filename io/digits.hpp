@@ -98,8 +98,8 @@ inline std::string volume_in_words(double mm3) {
   return volume_written(mm3)(mm3);
 }
 /// Percentage of a fraction: 0.0341 is "3.41 %".
-inline std::string percent(double share) {
-  return percent_written(100.0 * share)(100.0 * share);
+inline std::string percent(double fraction) {
+  return percent_written(100.0 * fraction)(100.0 * fraction);
 }
 /// Format for lengths: "8.00 mm", "0.50 mm", "0.0123 mm".
 inline Written length_written(double mm) {

@@ -33,9 +33,9 @@ std::vector<std::string> head(const ElementModel& m) {
 }
 
 // The axis of the press direction, or 3 for none.
-int axis_of(const Vec3& push) {
+int axis_of(const Vec3& approach) {
   for (int d = 0; d < 3; ++d)
-    if (std::abs(std::abs(push[d]) - 1.0) < 1e-9) return d;
+    if (std::abs(std::abs(approach[d]) - 1.0) < 1e-9) return d;
   return 3;
 }
 
@@ -61,17 +61,17 @@ std::string calculix_input(const ElementModel& m) {
   fmt::format_to(out, "*NSET, NSET=base\n");
   list(out, m.base);
   fmt::format_to(out, "*NSET, NSET=circle\n");
-  list(out, m.circle);
+  list(out, m.bonded_patch);
   fmt::format_to(out,
                  "*MATERIAL, NAME=soft\n*HYPERELASTIC, NEO HOOKE\n{:.9g}, {:.9g}\n"
                  "*SOLID SECTION, ELSET=tissue, MATERIAL=soft\n",
                  0.5 * m.mu * kPa, 2.0 / (m.kappa * kPa));
-  const bool turned = !m.bonded && axis_of(m.push) == 3;
+  const bool turned = !m.bonded && axis_of(m.approach) == 3;
   if (turned) {
     // The first axis along the press direction: the only one that is prescribed.
-    const Vec3 side = m.push.unitOrthogonal();
+    const Vec3 side = m.approach.unitOrthogonal();
     fmt::format_to(out, "*TRANSFORM, NSET=circle, TYPE=R\n{:.9g}, {:.9g}, {:.9g}, {:.9g}, {:.9g}, {:.9g}\n",
-                   m.push.x(), m.push.y(), m.push.z(), side.x(), side.y(), side.z());
+                   m.approach.x(), m.approach.y(), m.approach.z(), side.x(), side.y(), side.z());
   }
   fmt::format_to(out, "*BOUNDARY\nbase, 1, 3\n");
   const double step = 1.0 / m.frames;
@@ -83,8 +83,8 @@ std::string calculix_input(const ElementModel& m) {
     fmt::format_to(out, "circle, 1, 1, {:.9g}\n", m.depth_mm);
   } else {
     for (int d = 0; d < 3; ++d)
-      if (m.bonded || d == axis_of(m.push))
-        fmt::format_to(out, "circle, {0}, {0}, {1:.9g}\n", d + 1, m.depth_mm * m.push[d] + 0.0);
+      if (m.bonded || d == axis_of(m.approach))
+        fmt::format_to(out, "circle, {0}, {0}, {1:.9g}\n", d + 1, m.depth_mm * m.approach[d] + 0.0);
   }
   fmt::format_to(out,
                  "*NODE PRINT, NSET=circle, TOTALS=ONLY, GLOBAL=YES, TIME POINTS=depths\nRF\n*END STEP\n");
@@ -93,12 +93,12 @@ std::string calculix_input(const ElementModel& m) {
 
 namespace {
 
-void require_febio_push(const ElementModel& m) {
-  if (m.bonded || axis_of(m.push) < 3) return;
+void require_febio_approach(const ElementModel& m) {
+  if (m.bonded || axis_of(m.approach) < 3) return;
   throw UsageError(
       {.fact = fmt::format("FEBio cannot model a frictionless contact patch with the approach direction "
                            "({:.3f}, {:.3f}, {:.3f})",
-                           m.push.x(), m.push.y(), m.push.z()),
+                           m.approach.x(), m.approach.y(), m.approach.z()),
        .where = "--contact frictionless",
        .why = "its prescribed displacements are along x, y and z",
        .remedy = "give --direction along an axis, e.g. 0,0,-1, or --contact bonded, or --format calculix"});
@@ -163,7 +163,7 @@ void febio_mesh(Text out, const ElementModel& m) {
   }
   fmt::format_to(out, "    </Elements>\n");
   febio_node_set(out, "base", m.base);
-  febio_node_set(out, "circle", m.circle);
+  febio_node_set(out, "circle", m.bonded_patch);
   fmt::format_to(out,
                  "  </Mesh>\n  <MeshDomains>\n    <SolidDomain name=\"tissue\" mat=\"soft\" "
                  "type=\"three-field-solid\"/>\n  </MeshDomains>\n");
@@ -174,12 +174,12 @@ void febio_boundary(Text out, const ElementModel& m) {
                  "  <Boundary>\n    <bc name=\"held\" node_set=\"base\" type=\"zero displacement\">\n"
                  "      <x_dof>1</x_dof>\n      <y_dof>1</y_dof>\n      <z_dof>1</z_dof>\n    </bc>\n");
   for (int d = 0; d < 3; ++d)
-    if (m.bonded || d == axis_of(m.push))
+    if (m.bonded || d == axis_of(m.approach))
       fmt::format_to(out,
                      "    <bc name=\"push_{0}\" node_set=\"circle\" type=\"prescribed displacement\">\n"
                      "      <dof>{0}</dof>\n      <value lc=\"1\">{1:.9g}</value>\n      "
                      "<relative>0</relative>\n    </bc>\n",
-                     "xyz"[d], m.depth_mm * m.push[d] + 0.0);
+                     "xyz"[d], m.depth_mm * m.approach[d] + 0.0);
   fmt::format_to(out, "  </Boundary>\n");
 }
 
@@ -201,7 +201,7 @@ void febio_load_curves(Text out, int frames) {
 }  // namespace
 
 std::string febio_input(const ElementModel& m) {
-  require_febio_push(m);
+  require_febio_approach(m);
   std::string text = "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n";
   const Text out(text);
   febio_comments(out, m);

@@ -13,9 +13,9 @@ struct ElementModel {
   Points X;                          ///< [3xN] mm, LPS
   /// [10xE] tetrahedra: corners, then middles of 01, 12, 20, 03, 13, 23.
   Eigen::Matrix<Index, Eigen::Dynamic, Eigen::Dynamic> elements;
-  std::vector<Index> base, circle;      ///< nodes
-  double mu = 210.0, kappa = 104930.0;  ///< [Pa]
-  Vec3 push = -Vec3::UnitZ();           ///< unit vector
+  std::vector<Index> base, bonded_patch;  ///< nodes
+  double mu = 210.0, kappa = 104930.0;    ///< [Pa]
+  Vec3 approach = -Vec3::UnitZ();         ///< unit vector
   double depth_mm = 8.0;
   bool bonded = true;  ///< the patch's nodes cannot slide; otherwise they are free across the press direction
   int frames = 8;      ///< even depths at which forces are requested

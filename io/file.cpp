@@ -109,7 +109,7 @@ Written& written() {
 
 }  // namespace
 
-fs::path temporary_beside(const fs::path& file) {
+fs::path temporary_next_to(const fs::path& file) {
   static std::atomic<unsigned> count = 0;  // two threads may write the same name
   {
     const std::lock_guard lock(written().mutex);
@@ -120,7 +120,7 @@ fs::path temporary_beside(const fs::path& file) {
 
 namespace {
 
-// The parts of temporary_beside()'s names.
+// The parts of temporary_next_to()'s names.
 const std::regex& temporary_name() {
   static const std::regex pattern(R"(\.(\d{1,9})-\d+-(.+))");
   return pattern;
@@ -298,7 +298,7 @@ void move_into_place(const fs::path& temporary, const fs::path& file) {
   {
     const Descriptor written(::open(temporary.c_str(), O_RDONLY | O_CLOEXEC));
     // A process that must end has two seconds, and a busy disk can take a tenth for each file.
-    const bool in_haste = stop_asked() != StopReason::none;
+    const bool in_haste = stop_requested() != StopReason::none;
     if (written.number < 0 || (!in_haste && ::fsync(written.number) != 0)) error_number = errno;
   }
   if (error_number == 0) try {
@@ -315,7 +315,7 @@ void move_into_place(const fs::path& temporary, const fs::path& file) {
 }
 
 void write_file(const fs::path& file, std::string_view content) {
-  const fs::path temporary = temporary_beside(file);
+  const fs::path temporary = temporary_next_to(file);
   int error_number = 0;
   {
     const Descriptor out(::open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666));
@@ -364,7 +364,7 @@ fs::path nearest_folder(const fs::path& folder) {
 
 /// The system's error number, or 0: a temporary next to that file can be made and written.
 int try_writing(const fs::path& file) {
-  const fs::path temporary = temporary_beside(file);
+  const fs::path temporary = temporary_next_to(file);
   const Descriptor out(::open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666));
   if (out.number < 0) return errno;
   const int error_number = ::write(out.number, "dimple", 6) == 6 ? 0 : errno;
@@ -389,7 +389,7 @@ void try_folder(const fs::path& folder) {
       throw no_folder(folder, "written to: " + reason(error_number));
     return;
   }
-  const fs::path trial = temporary_beside(there / "try");
+  const fs::path trial = temporary_next_to(there / "try");
   int error_number = ::mkdir(trial.c_str(), 0777) == 0 ? 0 : errno;
   if (error_number == 0) {
     error_number = try_writing(trial / "try");

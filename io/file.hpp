@@ -16,7 +16,7 @@ void write_file(const std::filesystem::path& file, std::string_view content);
 
 /// A name next to `file`, with its suffix, for a writer that needs a path; nothing else uses it. It starts
 /// with a dot and the number of this process.
-std::filesystem::path temporary_beside(const std::filesystem::path& file);
+std::filesystem::path temporary_next_to(const std::filesystem::path& file);
 
 /// Makes `temporary`, empty. On failure throws OutputError about `file`, its later name.
 void claim_temporary(const std::filesystem::path& temporary, const std::filesystem::path& file);

@@ -60,7 +60,7 @@ std::array<Index, 3> steps_of(const StoredImage& image) {
                                  : image.step;
 }
 
-bool is_as_it_stands(const StoredImage& image) {
+bool is_plain(const StoredImage& image) {
   return image.slope == 1.0 && image.intercept == 0.0;
 }
 
@@ -68,7 +68,7 @@ bool is_as_it_stands(const StoredImage& image) {
 /// above the greatest.
 template <class T>
 double value_of(const StoredImage& image, T number) {
-  if (is_as_it_stands(image)) return static_cast<double>(number);
+  if (is_plain(image)) return static_cast<double>(number);
   return image.slope * static_cast<double>(number) + image.intercept;
 }
 
@@ -89,12 +89,12 @@ double check_voxels(const StoredImage& image, const fs::path& file) {
   const std::size_t count = image.count();
   std::size_t faulty = 0, first = 0;
   double first_value = 0.0, farthest = 0.0;
-  const double unreported = is_as_it_stands(image) ? 0.0 : 1e-6;
+  const double unreported = is_plain(image) ? 0.0 : 1e-6;
   with_type(image.type, [&]<class T>(T) {
     const std::span<const T> number = numbers<T>(image);
-    if (std::is_unsigned_v<T> && sizeof(T) < 4 && is_as_it_stands(image)) return;  // nothing can be wrong
+    if (std::is_unsigned_v<T> && sizeof(T) < 4 && is_plain(image)) return;  // nothing can be wrong
     for (std::size_t begin = 0; begin < count; begin += block) {
-      stop_if_asked();
+      stop_if_requested();
       const auto part = number.subspan(begin, std::min(block, count - begin));
       // Most blocks hold few different numbers: only those that differ from the one before are examined.
       for (std::size_t v = 0; v < part.size(); ++v) {
@@ -187,7 +187,7 @@ void take_rows(LabelImage& image, const StoredImage& stored, const Walk& walk, c
   image.row_offset.assign(static_cast<std::size_t>(nj * nk) + 1, 0);
   for (Index b = 0; b < image.size[across]; ++b)
     for (Index a = 0; a < image.size[along]; a += side) {
-      stop_if_asked();
+      stop_if_requested();
       const Index width = std::min(side, image.size[along] - a);
       const T* corner = number + walk.first + a * walk.step[along] + b * walk.step[across];
       if (walk.step[0] != 1)
@@ -399,7 +399,7 @@ StoredImage to_stored(const LabelImage& image) {
 }
 
 /// brain.nii.gz -> brain.labels.txt
-fs::path beside_for_names(const fs::path& file) {
+fs::path names_next_to(const fs::path& file) {
   fs::path stem = file;
   if (stem.extension() == ".gz") stem.replace_extension();
   return stem.replace_extension(".labels.txt");
@@ -498,7 +498,7 @@ void write_label_image(const fs::path& file, const LabelImage& image) {
     refuse_suffix(file, false);
 
   const StoredImage stored = to_stored(image);
-  const fs::path temporary = temporary_beside(file);
+  const fs::path temporary = temporary_next_to(file);
   try {
     claim_temporary(temporary, file);  // throws the system's reason if the folder is missing or read-only
     StoredImage written;
@@ -531,7 +531,7 @@ void write_label_image(const fs::path& file, const LabelImage& image) {
   // The names first: an image that exists is then complete.
   if (format != Format::nrrd)
     if (const std::string names = label_descriptions(image); !names.empty())
-      write_file(beside_for_names(file), names);
+      write_file(names_next_to(file), names);
   move_into_place(temporary, file);
 }
 

@@ -110,7 +110,7 @@ struct LabelMeasure {
   Vec3 centre_mm = Vec3::Zero();  ///< mean of its voxels' positions, LPS
   int pieces = 0;                 ///< face-connected components
   std::int64_t largest_piece_voxels = 0;
-  bool touches_border = false;
+  bool meets_border = false;
 };
 
 /// Every foreground label, in ascending order of value.

@@ -142,7 +142,7 @@ void read_plain(StoredImage& image, const fs::path& file, std::uintmax_t begin) 
   std::ifstream in(file, std::ios::binary);
   in.seekg(static_cast<std::streamoff>(begin));
   for (std::size_t got = 0; got < needed;) {
-    stop_if_asked();
+    stop_if_requested();
     const std::size_t part = std::min<std::size_t>(needed - got, 1 << 24);
     in.read(reinterpret_cast<char*>(image.data.data() + got), static_cast<std::streamsize>(part));
     got += static_cast<std::size_t>(in.gcount());
@@ -165,7 +165,7 @@ void read_deflated(StoredImage& image, const fs::path& file, std::uintmax_t begi
   std::vector<unsigned char> packed(1 << 16), plain(1 << 18);
   int state = Z_OK;
   while (got < needed + surplus_limit) {
-    stop_if_asked();
+    stop_if_requested();
     if (stream.avail_in == 0) {  // the stream may still hold output without further input
       in.read(reinterpret_cast<char*>(packed.data()), static_cast<std::streamsize>(packed.size()));
       stream.next_in = packed.data();
@@ -180,9 +180,9 @@ void read_deflated(StoredImage& image, const fs::path& file, std::uintmax_t begi
     stream.avail_out = static_cast<unsigned>(plain.size());
     state = inflate(&stream, Z_NO_FLUSH);
     const std::size_t came = plain.size() - stream.avail_out,
-                      wanted = std::min(came, needed - std::min(got, needed));
+                      requested = std::min(came, needed - std::min(got, needed));
     const auto* bytes = reinterpret_cast<const std::byte*>(plain.data());
-    image.data.insert(image.data.end(), bytes, bytes + wanted);
+    image.data.insert(image.data.end(), bytes, bytes + requested);
     got += came;
     if (state != Z_OK && state != Z_STREAM_END) break;  // damaged, or nothing left to read or write
     if (came == 0 && stream.avail_in == before) break;
@@ -208,7 +208,7 @@ void read_ascii(StoredImage& image, const fs::path& file, std::uintmax_t begin) 
   std::string word;
   constexpr int longest = 64;  // letters; longer ones would be read as two numbers
   for (std::size_t v = 0; v < count; ++v) {
-    if (v % 65536 == 0) stop_if_asked();
+    if (v % 65536 == 0) stop_if_requested();
     if (!(in >> std::setw(longest) >> word))
       throw truncated(file, fmt::format("the file holds {} of {} voxels", v, count));
     const auto value = number_in<double>(word);
@@ -235,7 +235,7 @@ void read_hex(StoredImage& image, const fs::path& file, std::uintmax_t begin) {
     std::ifstream in(file, std::ios::binary);
     in.seekg(static_cast<std::streamoff>(begin));
     for (char c = 0; digits < 2 * needed && in >> c; ++digits) {
-      if (digits % 65536 == 0) stop_if_asked();
+      if (digits % 65536 == 0) stop_if_requested();
       const auto digit = number_of_hex(c);
       if (!digit) throw truncated(file, fmt::format("'{}' is no hexadecimal digit", c));
       image.data[digits / 2] |= static_cast<std::byte>(digits % 2 == 0 ? *digit << 4 : *digit);
@@ -262,7 +262,7 @@ void read_nrrd_voxels(StoredImage& image, const TextHeader& header, const fs::pa
     std::ifstream in(file, std::ios::binary);
     in.seekg(static_cast<std::streamoff>(begin));
     for (std::int64_t line = 0; line < lines; ++line) {
-      if (line % 65536 == 0) stop_if_asked();
+      if (line % 65536 == 0) stop_if_requested();
       if (!in.ignore(std::numeric_limits<std::streamsize>::max(), '\n') || in.eof())
         throw truncated(file, fmt::format("the file has {} of {} lines to skip", line, lines));
     }

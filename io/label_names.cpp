@@ -356,7 +356,7 @@ LabelTable read_label_names(const std::filesystem::path& file) {
   bool is_first = true;
   TableLine line{.file = file};
   while (std::getline(lines, line.text)) {
-    if (++line.number % 4096 == 0) stop_if_asked();
+    if (++line.number % 4096 == 0) stop_if_requested();
     std::string& text = line.text;
     if (line.number == 1 && text.starts_with("\xEF\xBB\xBF")) text.erase(0, 3);  // byte order mark
     const auto first = text.find_first_not_of(" \t\r");

@@ -131,7 +131,7 @@ void read_exactly(gzFile in, std::byte* bytes, std::size_t count, const fs::path
                   std::size_t before = 0, std::size_t total = 0) {
   std::size_t done = 0;
   while (done < count) {
-    stop_if_asked();
+    stop_if_requested();
     const auto chunk = static_cast<unsigned>(std::min<std::size_t>(count - done, 1u << 22));
     const int n = gzread(in, bytes + done, chunk);
     if (n > 0) {
@@ -363,7 +363,7 @@ std::size_t read_surplus(gzFile in, const fs::path& file) {
   std::size_t surplus = 0;
   int n = 0;
   while (surplus < surplus_limit) {
-    stop_if_asked();
+    stop_if_requested();
     n = gzread(in, skipped.data(), static_cast<unsigned>(skipped.size()));
     if (n <= 0) break;
     surplus += static_cast<std::size_t>(n);

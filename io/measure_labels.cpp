@@ -29,7 +29,7 @@ std::vector<std::int64_t> voxels_of_pieces(const LabelImage& image) {
     }
   };
   for (Index k = 0; k < image.size[2]; ++k) {
-    stop_if_asked();
+    stop_if_requested();
     for (Index j = 0; j < image.size[1]; ++j) {
       if (j > 0) join(image.row(j, k), image.row(j - 1, k));
       if (k > 0) join(image.row(j, k), image.row(j, k - 1));
@@ -43,13 +43,13 @@ std::vector<std::int64_t> voxels_of_pieces(const LabelImage& image) {
 struct Sum {
   std::int64_t voxels = 0;
   Vec3 places = Vec3::Zero();
-  bool touches_border = false;
+  bool meets_border = false;
 };
 
 std::map<std::int32_t, Sum> sums_of(const LabelImage& image) {
   std::map<std::int32_t, Sum> sums;
   for (Index k = 0; k < image.size[2]; ++k) {
-    stop_if_asked();
+    stop_if_requested();
     for (Index j = 0; j < image.size[1]; ++j) {
       const bool at_border = j == 0 || k == 0 || j == image.size[1] - 1 || k == image.size[2] - 1;
       for (const Run& run : image.row(j, k)) {
@@ -58,7 +58,7 @@ std::map<std::int32_t, Sum> sums_of(const LabelImage& image) {
         sum.voxels += run.end - run.begin;
         sum.places +=
             n * Vec3(0.5 * (run.begin + run.end - 1), static_cast<double>(j), static_cast<double>(k));
-        sum.touches_border = sum.touches_border || at_border || run.begin == 0 || run.end == image.size[0];
+        sum.meets_border = sum.meets_border || at_border || run.begin == 0 || run.end == image.size[0];
       }
     }
   }
@@ -85,7 +85,7 @@ std::vector<LabelMeasure> measure_labels(const LabelImage& image) {
     measure.voxels = sum.voxels;
     measure.volume_mm3 = static_cast<double>(sum.voxels) * image.voxel_volume();
     measure.centre_mm = image.to_world * Vec3(sum.places / static_cast<double>(sum.voxels));
-    measure.touches_border = sum.touches_border;
+    measure.meets_border = sum.meets_border;
     list.push_back(std::move(measure));
   }
   return list;

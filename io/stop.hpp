@@ -16,7 +16,7 @@ struct Stopped : Error {
 };
 
 namespace stop_detail {
-inline std::atomic<StopReason> asked{StopReason::none};
+inline std::atomic<StopReason> requested{StopReason::none};
 static_assert(std::atomic<StopReason>::is_always_lock_free, "signal handlers set it");
 }  // namespace stop_detail
 
@@ -24,20 +24,20 @@ static_assert(std::atomic<StopReason>::is_always_lock_free, "signal handlers set
 /// thread.
 inline void ask_to_stop(StopReason why) noexcept {
   StopReason none = StopReason::none;
-  stop_detail::asked.compare_exchange_strong(none, why);
+  stop_detail::requested.compare_exchange_strong(none, why);
 }
-inline StopReason stop_asked() noexcept {
-  return stop_detail::asked.load(std::memory_order_relaxed);
+inline StopReason stop_requested() noexcept {
+  return stop_detail::requested.load(std::memory_order_relaxed);
 }
 /// Allows work to begin again, for programs that continue after a stop.
 inline void forget_stop() noexcept {
-  stop_detail::asked.store(StopReason::none);
+  stop_detail::requested.store(StopReason::none);
 }
 
 /// Throws Stopped if the work must end. It costs one load: every long loop calls it at least ten times a
 /// second, also inside oneTBB's loops, which pass the exception on.
-inline void stop_if_asked() {
-  if (const StopReason why = stop_asked(); why != StopReason::none) throw Stopped(why);
+inline void stop_if_requested() {
+  if (const StopReason why = stop_requested(); why != StopReason::none) throw Stopped(why);
 }
 
 inline Stopped::Stopped(StopReason why)

@@ -67,7 +67,7 @@ std::string_view text_in(const fs::path& file, std::string_view content) {
 template <class Work>
 void for_each_line(std::string_view text, const Work& work) {
   for (std::size_t number = 1; !text.empty(); ++number) {
-    if (number % 65536 == 0) stop_if_asked();
+    if (number % 65536 == 0) stop_if_requested();
     const std::size_t end = std::min(text.find('\n'), text.size());
     work(trimmed(text.substr(0, end)), number);
     text.remove_prefix(std::min(end + 1, text.size()));
@@ -186,20 +186,20 @@ vtkIdType corner_number(const fs::path& file, std::string_view word, std::size_t
 
 void read_obj(const fs::path& file, std::string_view text, Polygons& into) {
   std::vector<vtkIdType> face;
-  bool goes_on = false;  // a face continues in the next line
+  bool continues = false;  // a face continues in the next line
   vtkIdType last = -1;
   for_each_line(text, [&](std::string_view line, std::size_t number) {
     if (line.starts_with('#') && line.find(ras_mark) != std::string_view::npos) into.is_ras = true;
-    const std::string_view kind = goes_on ? "f" : next_word(line);
+    const std::string_view kind = continues ? "f" : next_word(line);
     if (kind == "v") into.place->InsertNextPoint(corner_in(file, line, number).data());
     if (kind != "f") return;
-    goes_on = line.ends_with('\\');
-    if (goes_on) line.remove_suffix(1);
+    continues = line.ends_with('\\');
+    if (continues) line.remove_suffix(1);
     for (auto word = next_word(line); !word.empty() && word[0] != '#'; word = next_word(line)) {
       face.push_back(corner_number(file, word, number, into.place->GetNumberOfPoints()));
       last = std::max(last, face.back());
     }
-    if (goes_on) return;
+    if (continues) return;
     if (face.size() < 3)
       refuse(file,
              fmt::format("{} cannot be read: the face in line {} has {} corners", file.filename().string(),

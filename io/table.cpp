@@ -71,16 +71,17 @@ bool split(std::string_view line, char separator, std::vector<std::string>& fiel
 /// Lines of a file, without comments and blank lines.
 class Lines {
  public:
-  explicit Lines(std::string_view content) : rest_(content) {
-    if (rest_.starts_with("\xEF\xBB\xBF")) rest_.remove_prefix(3);  // the byte order mark of spreadsheets
+  explicit Lines(std::string_view content) : undeformed_(content) {
+    if (undeformed_.starts_with("\xEF\xBB\xBF"))
+      undeformed_.remove_prefix(3);  // the byte order mark of spreadsheets
   }
   /// The next line without its end; false: there is none left.
   bool next(std::string_view& text) {
-    while (!rest_.empty()) {
+    while (!undeformed_.empty()) {
       ++number_;
-      const auto end = rest_.find('\n');
-      text = rest_.substr(0, end);
-      rest_.remove_prefix(end == std::string_view::npos ? rest_.size() : end + 1);
+      const auto end = undeformed_.find('\n');
+      text = undeformed_.substr(0, end);
+      undeformed_.remove_prefix(end == std::string_view::npos ? undeformed_.size() : end + 1);
       if (text.ends_with('\r')) text.remove_suffix(1);
       if (const std::string_view inner = trimmed(text); !inner.empty() && inner.front() != '#') return true;
     }
@@ -89,7 +90,7 @@ class Lines {
   std::size_t number() const { return number_; }
 
  private:
-  std::string_view rest_;
+  std::string_view undeformed_;
   std::size_t number_ = 0;
 };
 

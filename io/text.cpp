@@ -28,7 +28,7 @@ bool is_control(std::string_view character) {
   return first < 0x20 || first == 0x7F || (first == 0xC2 && static_cast<unsigned char>(character[1]) < 0xA0);
 }
 
-/// `keep(rest)`: the text continues with a control character that is kept.
+/// `keep(remaining)`: the text continues with a control character that is kept.
 template <class Keep>
 std::string cleaned(std::string_view text, std::size_t most, const Keep& keep) {
   std::string result;
@@ -52,8 +52,8 @@ std::string printable(std::string_view text, std::size_t most) {
 }
 
 std::string printable_lines(std::string_view text) {
-  return cleaned(text, std::string_view::npos, [](std::string_view rest) {
-    return rest[0] == '\n' || rest[0] == '\t' || rest.starts_with("\r\n");
+  return cleaned(text, std::string_view::npos, [](std::string_view remaining) {
+    return remaining[0] == '\n' || remaining[0] == '\t' || remaining.starts_with("\r\n");
   });
 }
 

@@ -294,7 +294,7 @@ struct VolumeWriter::State {
     const std::size_t first = s.packed.size();
     s.packed.resize(first + whole);
     tbb::parallel_for(std::size_t{0}, whole, [&](std::size_t c) {
-      stop_if_asked();
+      stop_if_requested();
       const std::size_t begin = c * chunk_bytes;
       s.packed[first + c] =
           pack(std::span(s.waiting).subspan(begin, std::min(chunk_bytes, s.waiting.size() - begin)));
@@ -339,7 +339,7 @@ VolumeWriter::VolumeWriter(fs::path file, const VoxelGrid& grid, const VolumeKin
   } else {
     s.header = s.suffix == ".nrrd" ? nrrd_header(s.image, kind) : metaimage_header(s.image, kind);
   }
-  s.temporary = temporary_beside(s.file);
+  s.temporary = temporary_next_to(s.file);
   claim_temporary(s.temporary, s.file);
   s.out.open(s.temporary, std::ios::binary);
   if (!s.out) s.failed("the system refused");
@@ -376,7 +376,7 @@ void VolumeWriter::write(std::span<const std::byte> voxels) {
   }
   const std::size_t part = chunk_bytes * chunks_at_once / per_voxel * per_voxel;
   for (std::size_t begin = 0; begin < voxels.size(); begin += part) {
-    stop_if_asked();
+    stop_if_requested();
     const auto now = voxels.subspan(begin, std::min(part, voxels.size() - begin));
     const std::size_t streams = s.stream.size();
     for (std::size_t c = 0; c < streams; ++c) {

@@ -124,7 +124,7 @@ constexpr std::size_t block_bytes = std::size_t{1} << 18;
 /// Into memory first: on a full disk VTK's own files are truncated in silence.
 template <class Writer>
 void write_xml(const fs::path& file, vtkDataObject& data, bool small, bool even_if_stopped = false) {
-  if (!even_if_stopped) stop_if_asked();
+  if (!even_if_stopped) stop_if_requested();
   std::string content;
   {
     const MessageScope messages;
@@ -144,11 +144,11 @@ void write_xml(const fs::path& file, vtkDataObject& data, bool small, bool even_
     writer->WriteToOutputStringOn();
     vtkNew<vtkCallbackCommand> progress;
     progress->SetCallback([](vtkObject* caller, unsigned long, void*, void*) {
-      if (stop_asked() != StopReason::none) static_cast<vtkAlgorithm*>(caller)->SetAbortExecute(1);
+      if (stop_requested() != StopReason::none) static_cast<vtkAlgorithm*>(caller)->SetAbortExecute(1);
     });
     if (!even_if_stopped) writer->AddObserver(vtkCommand::ProgressEvent, progress);
     const int done = writer->Write();
-    if (writer->GetAbortExecute() != 0) stop_if_asked();
+    if (writer->GetAbortExecute() != 0) stop_if_requested();
     if (done == 0 || writer->GetErrorCode() != 0 || !messages.empty())
       throw OutputError({.fact = fmt::format("{} could not be encoded", file.filename().string()),
                          .where = fmt::format("writing {}", file.string()),
@@ -218,7 +218,7 @@ LabelImage straightened(const LabelImage& image) {
   std::vector<std::int32_t> label(static_cast<std::size_t>(grid.size[0]));
   for (Index k = 0; k < grid.size[2]; ++k)
     for (Index j = 0; j < grid.size[1]; ++j) {
-      stop_if_asked();
+      stop_if_requested();
       for (Index i = 0; i < grid.size[0]; ++i) {
         const Vec3 at =
             to_image * Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k));

@@ -12,8 +12,8 @@
 #include "io/stop.hpp"
 #include "io/triangle_strips.hpp"
 #include "io/units.hpp"
-#include "preprocess/cloud/neighbours.hpp"
-#include "preprocess/cloud/spatial_order.hpp"
+#include "preprocess/nodes/neighbours.hpp"
+#include "preprocess/nodes/spatial_order.hpp"
 #include "preprocess/side_by_side.hpp"
 
 namespace dimple {
@@ -33,13 +33,13 @@ Points rounded_for_files(const BodySurface& body, const Points& mm) {
 }
 
 // Mean thickness of the body under the contact patch / mean spacing of the patch's nodes.
-double layers_under_circle(const BodySurface& body, const Boundary& boundary, const NodeCloud& cloud) {
+double layers_under_patch(const BodySurface& body, const Boundary& boundary, const NodeSet& node_set) {
   double thickness = 0.0, spacing = 0.0;
   const double before = 1e-3 * boundary.radius;
-  for (Index a = 0; a < cloud.circle_count; ++a) {
+  for (Index a = 0; a < node_set.patch_node_count; ++a) {
     const std::vector<double> cut =
-        body.crossings(cloud.X.col(a) - before * boundary.push, boundary.push);  // pairs: in, out
-    const double h = cloud.spacing[a];
+        body.crossings(node_set.X.col(a) - before * boundary.approach, boundary.approach);  // pairs: in, out
+    const double h = node_set.spacing[a];
     for (std::size_t pair = 0; pair + 1 < cut.size(); pair += 2)
       if (cut[pair + 1] > 2.0 * before) {
         thickness += (cut[pair + 1] - std::max(cut[pair], 0.0)) * h * h;  // a node represents an area of h^2
@@ -59,14 +59,14 @@ constexpr double fewest_layers = 2.5, enough_layers = 2.7;
 void refuse_too_thin(double layers, Index nodes) {
   if (layers >= fewest_layers) return;
   // The number of layers grew with the nodes to the power of 0.36 to 0.38; rounded up to hundreds.
-  const double wanted = 100.0 * std::ceil(0.01 * static_cast<double>(nodes) *
-                                          std::pow(enough_layers / std::max(layers, 0.1), 2.7));
+  const double requested = 100.0 * std::ceil(0.01 * static_cast<double>(nodes) *
+                                             std::pow(enough_layers / std::max(layers, 0.1), 2.7));
   throw ModelError(
       {.fact = fmt::format("the body is {:.2f} node spacings thick under the contact patch", layers),
        .where = "nodes beneath the contact patch",
        .why = fmt::format("{} nodes are too few for a body this thin: the force may be wrong by 50 % or more",
                           nodes),
-       .remedy = fmt::format("use about {:.0f} nodes (--nodes), or a finer --rim", wanted),
+       .remedy = fmt::format("use about {:.0f} nodes (--nodes), or a finer --rim", requested),
        .code = "thin"});
 }
 
@@ -75,7 +75,7 @@ double largest_gap(const Points& X) {
   const Neighbours tree(X);
   Eigen::ArrayXd gap(X.cols());
   tbb::parallel_for(Index{0}, X.cols(), [&](Index a) {
-    if (a % 256 == 0) stop_if_asked();
+    if (a % 256 == 0) stop_if_requested();
     gap[a] = tree.distance_to_nearest(X.col(a), static_cast<int>(a));
   });
   return gap.maxCoeff();
@@ -108,7 +108,7 @@ std::vector<char> cut_faces(const BodySurface& body, const Triangles& triangles,
   const double rounding = 1e-6 * (body.upper() - body.lower()).norm();
   std::vector<char> result(static_cast<std::size_t>(triangles.cols()));
   tbb::parallel_for(Index{0}, triangles.cols(), [&](Index t) {
-    if (t % 1024 == 0) stop_if_asked();
+    if (t % 1024 == 0) stop_if_requested();
     const Vec3 middle = body.vertex()(Eigen::all, triangles.col(t)).rowwise().mean();
     result[static_cast<std::size_t>(t)] = uncut->closest(middle).distance > rounding;
   });
@@ -116,13 +116,13 @@ std::vector<char> cut_faces(const BodySurface& body, const Triangles& triangles,
 }
 
 // Discretisation in metres and world coordinates; nodes and points in the order of a space-filling curve.
-Discretisation places_of(const BodySurface& body, const Site& site, const NodeCloud& cloud,
-                         const IntegrationGrid& grid, bool holds_circle) {
+Discretisation places_of(const BodySurface& body, const Site& site, const NodeSet& node_set,
+                         const IntegrationGrid& grid, bool holds_patch) {
   const Boundary& boundary = site.boundary;
   Discretisation places;
-  const std::vector<Index> nodes = spatial_order(cloud.X), points = spatial_order(grid.point);
-  places.X = world_metres(body, cloud.X(Eigen::all, nodes));
-  places.spacing = cloud.spacing(nodes).unaryExpr(&metres);
+  const std::vector<Index> nodes = spatial_order(node_set.X), points = spatial_order(grid.point);
+  places.X = world_metres(body, node_set.X(Eigen::all, nodes));
+  places.spacing = node_set.spacing(nodes).unaryExpr(&metres);
   places.point = world_metres(body, grid.point(Eigen::all, points));
   places.volume = grid.volume(points).unaryExpr(&cubic_metres);
   places.label = grid.label(points);
@@ -135,36 +135,36 @@ Discretisation places_of(const BodySurface& body, const Site& site, const NodeCl
     places.second_moments = turned(in_order, places.axes).unaryExpr(&square_metres);
   }
   places.tool.centre = world_metres(body, boundary.centre);
-  places.tool.push = body.to_world().linear() * boundary.push + Vec3::Zero();  // no minus zeros
+  places.tool.approach = body.to_world().linear() * boundary.approach + Vec3::Zero();  // no minus zeros
   places.tool.radius = metres(boundary.radius);
   for (Index a = 0; a < places.node_count(); ++a) {
-    const Index in_cloud = nodes[static_cast<std::size_t>(a)];
-    if (holds_circle && in_cloud < cloud.circle_count) places.circle.push_back(a);
-    if (cloud.base[static_cast<std::size_t>(in_cloud)]) places.base.push_back(a);
+    const Index in_node_set = nodes[static_cast<std::size_t>(a)];
+    if (holds_patch && in_node_set < node_set.patch_node_count) places.bonded_patch.push_back(a);
+    if (node_set.base[static_cast<std::size_t>(in_node_set)]) places.base.push_back(a);
   }
   return places;
 }
 
-void report_cloud(const Boundary& boundary, const NodeCloud& cloud, const IntegrationGrid& grid, double rim,
-                  ModelReport& report) {
-  report.spacing_mm = cloud.far_spacing;
-  report.rim_spacing_mm = cloud.far_spacing * rim;
-  report.largest_spacing_mm = largest_gap(cloud.X);
+void report_node_set(const Boundary& boundary, const NodeSet& node_set, const IntegrationGrid& grid,
+                     double patch_edge, ModelReport& report) {
+  report.spacing_mm = node_set.far_spacing;
+  report.patch_edge_spacing_mm = node_set.far_spacing * patch_edge;
+  report.largest_spacing_mm = largest_gap(node_set.X);
   report.cell_mm = grid.cell;
   report.grid_volume_mm3 = grid.volume.sum();
   report.clipped = grid.clipped;
   report.merged = grid.merged;
-  report.surface_nodes = cloud.surface_count;
-  report.circle_nodes = cloud.circle_count;
-  for (Index a = 0; a < cloud.circle_count; ++a) {
-    const Vec3 d = cloud.X.col(a) - boundary.centre;
-    if ((d - d.dot(boundary.push) * boundary.push).norm() > boundary.radius * (1.0 - 1e-6))
-      ++report.rim_nodes;
+  report.surface_nodes = node_set.surface_count;
+  report.patch_nodes = node_set.patch_node_count;
+  for (Index a = 0; a < node_set.patch_node_count; ++a) {
+    const Vec3 d = node_set.X.col(a) - boundary.centre;
+    if ((d - d.dot(boundary.approach) * boundary.approach).norm() > boundary.radius * (1.0 - 1e-6))
+      ++report.patch_edge_nodes;
   }
-  report.evenness = measure_evenness(cloud, grid.point);
+  report.evenness = measure_evenness(node_set, grid.point);
 }
 
-void refuse_without_base_or_on_it(const Boundary& boundary, const NodeCloud& cloud,
+void refuse_without_base_or_on_it(const Boundary& boundary, const NodeSet& node_set,
                                   const Discretisation& places) {
   if (places.base.empty())
     throw ModelError(
@@ -173,15 +173,15 @@ void refuse_without_base_or_on_it(const Boundary& boundary, const NodeCloud& clo
          .why = fmt::format("there is no surface node within {:.2f} mm of the base's lowest point",
                             boundary.base_depth),
          .remedy = "give a larger --base-depth, more --nodes or another --base"});
-  for (Index a = 0; a < cloud.circle_count; ++a) {
-    const Vec3 x = cloud.X.col(a);
+  for (Index a = 0; a < node_set.patch_node_count; ++a) {
+    const Vec3 x = node_set.X.col(a);
     if (boundary.lowest - x.dot(boundary.down) <= boundary.base_depth)
       throw ModelError(
           {.fact = "the contact patch overlaps the fixed base",
            .where = "fixed base and contact patch",
            .why = fmt::format("a node of the contact patch is within {:.2f} mm of the base's lowest point{}",
                               boundary.base_depth,
-                              boundary.push.dot(boundary.down) < 0.0
+                              boundary.approach.dot(boundary.down) < 0.0
                                   ? ", and the tool moves away from the base: its direction may have the "
                                     "wrong sign"
                                   : ""),
@@ -194,31 +194,33 @@ void refuse_without_base_or_on_it(const Boundary& boundary, const NodeCloud& clo
 // 1500 nodes within 12 radii of a contact of a fortieth of the body: the force was a quarter too low.
 GradingOptions to_the_size_of(const BodySurface& body, double contact_radius, GradingOptions grading) {
   const double size = std::cbrt(body.volume()) / contact_radius;
-  if (grading.rim >= 1.0 || size <= grading.reach) return grading;
-  grading.rim *= grading.reach / size;
+  if (grading.patch_edge >= 1.0 || size <= grading.reach) return grading;
+  grading.patch_edge *= grading.reach / size;
   grading.reach = size;
   return grading;
 }
 
 // Vectors from the middle of the graded patch to surface points along the tool's path, at most a radius
 // apart. Those to the contacts of further tools follow.
-std::vector<Vec3> along_way(const BodySurface& body, const Boundary& graded, const BoundaryOptions& options) {
+std::vector<Vec3> along_path(const BodySurface& body, const Boundary& graded,
+                             const BoundaryOptions& options) {
   std::vector<Vec3> along;
-  const Vec3& push = graded.push;
+  const Vec3& approach = graded.approach;
   const double far = (body.upper() - body.lower()).norm();
   Vec3 last = Vec3::Zero();
-  const std::vector<Vec3> way =
-      options.way_of_turning_tool
-          ? options.way_of_turning_tool(body.to_world().linear() * push, body.to_world() * graded.centre)
-          : options.way_of_tool;
-  for (const Vec3& world : way) {
+  const std::vector<Vec3> path =
+      options.path_of_turning_tool
+          ? options.path_of_turning_tool(body.to_world().linear() * approach, body.to_world() * graded.centre)
+          : options.path_of_tool;
+  for (const Vec3& world : path) {
     const Vec3 next = body.to_world().linear().transpose() * world,
-               across = next - last - (next - last).dot(push) * push;
+               across = next - last - (next - last).dot(approach) * approach;
     const int pieces = std::min(1000, static_cast<int>(std::ceil(across.norm() / graded.radius)));
     for (int k = 1; k <= pieces; ++k) {
-      const Vec3 come = last + static_cast<double>(k) / pieces * across, aside = come - come.dot(push) * push;
-      const std::vector<double> met = body.crossings(graded.centre + aside - far * push, push);
-      if (!met.empty()) along.push_back(aside + (met.front() - far) * push);
+      const Vec3 come = last + static_cast<double>(k) / pieces * across,
+                 aside = come - come.dot(approach) * approach;
+      const std::vector<double> met = body.crossings(graded.centre + aside - far * approach, approach);
+      if (!met.empty()) along.push_back(aside + (met.front() - far) * approach);
     }
     last = next;
   }
@@ -233,7 +235,7 @@ Site find_site(const BodySurface& body, const ModelOptions& options, const Bound
                const BodySurface* uncut) {
   const BodySurface& before = uncut ? *uncut : body;
   Site site{find_boundary(before, options.boundary, known), {}, {}};
-  GradingOptions grading = options.cloud.grading;
+  GradingOptions grading = options.node_set.grading;
   if (options.boundary.contact_radius_mm > 0.0) {
     site.boundary.radius = options.boundary.contact_radius_mm;
     grading = to_the_size_of(body, site.boundary.radius, grading);
@@ -242,14 +244,15 @@ Site find_site(const BodySurface& body, const ModelOptions& options, const Bound
   site.graded = site.boundary;
   if (const auto& height = options.boundary.height_of_tool)
     site.graded.centre =
-        place_of_touch(before, site.boundary, 0.5 * options.boundary.indenter_diameter_mm, height);
-  site.sizing = Sizing(body, site.graded, grading, along_way(before, site.graded, options.boundary), &before);
+        place_of_contact(before, site.boundary, 0.5 * options.boundary.indenter_diameter_mm, height);
+  site.sizing =
+      Sizing(body, site.graded, grading, along_path(before, site.graded, options.boundary), &before);
   return site;
 }
 
 Discretised discretise(const BodySurface& body, const ModelOptions& options, const LabelAt& label_at) {
-  if (!(options.cloud.spacing_mm > 0.0)) refuse_beyond_memory(options, options.cloud.count);
-  Stages finding;
+  if (!(options.node_set.spacing_mm > 0.0)) refuse_beyond_memory(options, options.node_set.count);
+  StageTimes finding;
   const Site site = find_site(body, options);
   finding.done("boundary");
   Discretised result = discretise(body, options, label_at, site);
@@ -266,18 +269,19 @@ Discretised discretise(const BodySurface& body, const ModelOptions& given, const
   report.surface_volume_mm3 = body.volume();
   report.surface_area_mm2 = body.area();
 
-  if (!(options.cloud.spacing_mm > 0.0)) refuse_beyond_memory(options, options.cloud.count);
+  if (!(options.node_set.spacing_mm > 0.0)) refuse_beyond_memory(options, options.node_set.count);
   const Boundary& boundary = report.boundary = site.boundary;
-  options.cloud.base_outline = options.scheme.base_outline;
-  GradingOptions& grading = options.cloud.grading;
-  const CloudSize size = cloud_size(body, site.sizing, options.cloud, grading.least * boundary.radius);
-  grading.rim = size.rim;
-  const Sizing sizing = site.sizing.with_rim(size.rim);
+  options.node_set.base_outline = options.scheme.base_outline;
+  GradingOptions& grading = options.node_set.grading;
+  const NodeSetSize size =
+      node_set_size(body, site.sizing, options.node_set, grading.least * boundary.radius);
+  grading.patch_edge = size.patch_edge;
+  const Sizing sizing = site.sizing.with_edge_spacing(size.patch_edge);
   refuse_beyond_memory(options, size.count);
   // Computed side by side: each needs only the number of nodes from the other.
-  NodeCloud cloud;
+  NodeSet node_set;
   IntegrationGrid grid;
-  side_by_side([&] { cloud = make_node_cloud(body, site.graded, sizing, options.cloud, size); },
+  side_by_side([&] { node_set = make_node_set(body, site.graded, sizing, options.node_set, size); },
                [&] {
                  grid = options.scheme.averaged_gradients
                             ? make_graded_grid(body, options.grid, size.count, sizing, size.far_spacing,
@@ -285,14 +289,15 @@ Discretised discretise(const BodySurface& body, const ModelOptions& given, const
                             : make_integration_grid(body, options.grid, size.count, label_at);
                });
   give_back_memory();
-  refuse_too_thin(layers_under_circle(body, site.graded, cloud), cloud.X.cols());
+  refuse_too_thin(layers_under_patch(body, site.graded, node_set), node_set.X.cols());
   report.stages.done("cloud, grid");
 
-  stop_if_asked();
-  result.places = places_of(body, site, cloud, grid, !(options.boundary.contact_radius_mm > 0.0));
-  report_cloud(site.graded, cloud, grid, sizing.even() ? 1.0 : options.cloud.grading.rim, report);
+  stop_if_requested();
+  result.places = places_of(body, site, node_set, grid, !(options.boundary.contact_radius_mm > 0.0));
+  report_node_set(site.graded, node_set, grid, sizing.even() ? 1.0 : options.node_set.grading.patch_edge,
+                  report);
   report.stages.done("other");
-  refuse_without_base_or_on_it(boundary, cloud, result.places);
+  refuse_without_base_or_on_it(boundary, node_set, result.places);
   return result;
 }
 
@@ -340,7 +345,7 @@ BuiltModel build_model(const BodySurface& body, const ModelOptions& options, con
                        const LabelAt& label_at) {
   auto [places, report] = discretise(body, options, label_at);
   Eigen::VectorXi tissue = tissue_of_points(places, tissues);
-  Stages& stages = report.stages;
+  StageTimes& stages = report.stages;
   return {make_model(std::move(places), options.scheme, std::move(tissue), tissues.density, &stages),
           std::move(report),
           {}};

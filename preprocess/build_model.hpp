@@ -3,9 +3,9 @@
 #include <map>
 #include <vector>
 
-#include "preprocess/cloud/integration_grid.hpp"
-#include "preprocess/cloud/node_cloud.hpp"
 #include "preprocess/make_model.hpp"
+#include "preprocess/nodes/integration_grid.hpp"
+#include "preprocess/nodes/node_set.hpp"
 #include "preprocess/scene/boundary_conditions.hpp"
 #include "preprocess/stages.hpp"
 #include "preprocess/surface/label_surface.hpp"
@@ -14,7 +14,7 @@ namespace dimple {
 
 struct ModelOptions {
   Scheme scheme = converging;
-  CloudOptions cloud{.grading = converging.grading};
+  NodeSetOptions node_set{.grading = converging.grading};
   GridOptions grid{.ratio = converging.points_per_node};
   BoundaryOptions boundary;
 };
@@ -22,7 +22,7 @@ struct ModelOptions {
 inline ModelOptions options_of(const Scheme& scheme) {
   ModelOptions options;
   options.scheme = scheme;
-  options.cloud.grading = scheme.grading;
+  options.node_set.grading = scheme.grading;
   options.grid.ratio = scheme.points_per_node;
   return options;
 }
@@ -32,12 +32,13 @@ struct ModelReport {
   double surface_volume_mm3 = 0.0, surface_area_mm2 = 0.0;
   double grid_volume_mm3 = 0.0, cell_mm = 0.0;
   Index clipped = 0, merged = 0;
-  double spacing_mm = 0.0, rim_spacing_mm = 0.0;  ///< requested far from the contact patch, and on its edge
-  double largest_spacing_mm = 0.0;                ///< of all distances from a node to the nearest other
-  Index surface_nodes = 0, circle_nodes = 0, rim_nodes = 0;
+  double spacing_mm = 0.0,
+         patch_edge_spacing_mm = 0.0;  ///< requested far from the contact patch, and on its edge
+  double largest_spacing_mm = 0.0;     ///< of all distances from a node to the nearest other
+  Index surface_nodes = 0, patch_nodes = 0, patch_edge_nodes = 0;
   Evenness evenness;
   Boundary boundary;  ///< in the surface's own frame
-  Stages stages;
+  StageTimes stages;
 };
 
 /// Nodes, integration points, base and contact patch of a body. Cells are split where `label_at` changes.

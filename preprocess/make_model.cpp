@@ -8,7 +8,7 @@
 #include "io/error.hpp"
 #include "io/memory.hpp"
 #include "io/stop.hpp"
-#include "preprocess/cloud/lumped_mass.hpp"
+#include "preprocess/nodes/lumped_mass.hpp"
 #include "preprocess/side_by_side.hpp"
 #include "preprocess/supports/consistency.hpp"
 #include "preprocess/supports/pressure_patches.hpp"
@@ -23,13 +23,13 @@ constexpr double most_grown = 0.1;
 void refuse_too_many_grown(const Model& model) {
   constexpr double usual = 1.5;
   const SupportReport& support = model.support_report;
-  const double share = static_cast<double>(support.grown) / static_cast<double>(model.point_count());
-  if (model.scheme.support.radius_factor < usual || share <= most_grown) return;
+  const double fraction = static_cast<double>(support.grown) / static_cast<double>(model.point_count());
+  if (model.scheme.support.radius_factor < usual || fraction <= most_grown) return;
   const Vec3 x = model.point.col(std::max<Index>(support.fewest_at, 0)) * 1e3;
   throw ModelError(
       {.fact = fmt::format("{} of {} supports ({:.0f} %) had to be enlarged, up to {:.2f} times, to hold "
                            "enough nodes",
-                           support.grown, model.point_count(), 100.0 * share, support.largest_growth),
+                           support.grown, model.point_count(), 100.0 * fraction, support.largest_growth),
        .where = fmt::format("support domains; fewest nodes, {}, at ({:.2f}, {:.2f}, {:.2f}) mm",
                             support.fewest, x.x(), x.y(), x.z()),
        .why = "the body is thinner than the node spacing, or its nodes are nearly in a plane",
@@ -40,8 +40,8 @@ void refuse_too_many_grown(const Model& model) {
 }  // namespace
 
 Model make_model(Discretisation places, const Scheme& scheme, Eigen::VectorXi tissue,
-                 const std::vector<double>& density, Stages* stages) {
-  Stages here;
+                 const std::vector<double>& density, StageTimes* stages) {
+  StageTimes here;
   Model model{std::move(places), scheme, std::move(tissue), {}, {}, {}, {}, {}, {}, {}, {}};
   const std::shared_ptr<const Sight> sight = sight_in(model, scheme.support);
   here.done("sight");
@@ -49,7 +49,7 @@ Model make_model(Discretisation places, const Scheme& scheme, Eigen::VectorXi ti
   const bool folded = model.support_report.unseen > 0;
   if (folded) model.sight = sight;
   give_back_memory();
-  stop_if_asked();
+  stop_if_requested();
   refuse_too_many_grown(model);
   here.done("support");
 

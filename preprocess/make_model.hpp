@@ -14,6 +14,6 @@ namespace dimple {
 /// given, receives the time of each step. Throws ModelError: a place without enough nodes, a tenth of the
 /// supports had to be enlarged, a node without mass; Stopped.
 Model make_model(Discretisation places, const Scheme& scheme, Eigen::VectorXi tissue,
-                 const std::vector<double>& density, Stages* stages = nullptr);
+                 const std::vector<double>& density, StageTimes* stages = nullptr);
 
 }  // namespace dimple

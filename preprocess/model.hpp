@@ -46,9 +46,9 @@ struct GradientVariance {
 
 /// Contact patch of a rigid, flat-ended, cylindrical tool on the body.
 struct ToolPlace {
-  Vec3 centre = Vec3::Zero();  ///< of its contact patch, on the body's surface [m]
-  Vec3 push = -Vec3::UnitZ();  ///< unit vector: its direction of motion
-  double radius = 5e-3;        ///< [m]
+  Vec3 centre = Vec3::Zero();      ///< of its contact patch, on the body's surface [m]
+  Vec3 approach = -Vec3::UnitZ();  ///< unit vector: its direction of motion
+  double radius = 5e-3;            ///< [m]
 };
 
 /// The body's boundary as triangles, as the image has it.
@@ -70,7 +70,7 @@ struct Discretisation {
   SecondMoments second_moments;  ///< [6xQ] mean of (x - point)(x - point)^T over each cell [m^2]; empty: none
   Eigen::VectorXi label;         ///< [Q] of the image at each point
   std::vector<Index> base;       ///< nodes held fixed, ascending
-  std::vector<Index> circle;     ///< nodes of the contact patch, ascending
+  std::vector<Index> bonded_patch;  ///< nodes of the contact patch, ascending
   ToolPlace tool;
   Mat3 axes =
       Mat3::Identity();  ///< columns: the image's axes, along which all direction-dependent steps work

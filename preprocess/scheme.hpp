@@ -7,10 +7,11 @@ namespace dimple {
 /// Dependence of the node spacing on the load. The effect of each number halved and doubled is in
 /// tests/verification/README.md.
 struct GradingOptions {
-  double rim = 1.0;    ///< spacing at the edge of the contact patch / spacing far away; 1: even everywhere
+  double patch_edge =
+      1.0;             ///< spacing at the edge of the contact patch / spacing far away; 1: even everywhere
   double reach = 3.0;  ///< distance from the edge at which the far spacing is reached [radii of the patch]
-  bool whole_circle = false;  ///< the spacing of the edge in all of the patch
-  double least = 0.0;         ///< lower bound of the spacing at the edge [radii of the patch]
+  bool whole_patch = false;  ///< the spacing of the edge in all of the patch
+  double least = 0.0;        ///< lower bound of the spacing at the edge [radii of the patch]
   /// Exponent of the load factor (LoadPath): (flux in the body / in a half-space)^-this. 0: no factor.
   double load_exponent = 0.0;
   double load_slope = 2.0;  ///< largest slope of that factor [per reach]
@@ -18,7 +19,7 @@ struct GradingOptions {
 
 /// Integration points per node, in proportion.
 struct PointDensity {
-  double rim = 16.0, far = 3.0;
+  double patch_edge = 16.0, far = 3.0;
 };
 
 /// Size and form of the support domains.
@@ -60,7 +61,7 @@ inline constexpr Scheme converging = {
     .consistent_gradients = true,
     .pressure_patches = true,
     .base_outline = true,
-    .grading = {.rim = 0.02, .reach = 12.0, .least = 0.11, .load_exponent = 0.4},
+    .grading = {.patch_edge = 0.02, .reach = 12.0, .least = 0.11, .load_exponent = 0.4},
     .points_per_node = 7.0,
     .support = {.radius_factor = 1.6, .interpolation = 0.01, .through_tissue = true}};
 

@@ -9,7 +9,7 @@
 namespace dimple {
 
 /// Wall time of the stages of making a model, in the order in which they came.
-class Stages {
+class StageTimes {
  public:
   /// Ends the stage of this name: the time since the last call, or since construction, is its own.
   void done(const std::string& name) {
@@ -25,7 +25,7 @@ class Stages {
     else
       same->second += s;
   }
-  void add(const Stages& other) {
+  void add(const StageTimes& other) {
     for (const auto& [name, s] : other.seconds_) add(name, s);
   }
   const std::vector<std::pair<std::string, double>>& seconds() const { return seconds_; }

@@ -29,7 +29,7 @@ struct HeldSet {
   std::vector<Index> node;
   Hold hold = Hold::all;
   Vec3 direction = Vec3::Zero();  ///< unit vector of the motion, and of the component that is held
-  double share = 0.0;             ///< the set moves along it by this fraction of the tool's depth; 0: fixed
+  double fraction = 0.0;          ///< the set moves along it by this fraction of the tool's depth; 0: fixed
 };
 
 /// Names of the sets of the bonded patch and of the fixed base; further sets have other names.
@@ -37,7 +37,7 @@ inline constexpr const char* tool_set = "";
 inline constexpr const char* base_set = "base";
 
 /// Largest motion of the tool and of these sets, per metre of the tool's path.
-double longest_share(const std::vector<HeldSet>& sets);
+double max_displacement_ratio(const std::vector<HeldSet>& sets);
 
 /// All prescribed motion of a run. Every march uses it alone: a further set needs no change in any of them.
 class Constraints {
@@ -74,13 +74,13 @@ class Constraints {
   void prescribe(Nodal& u, double depth) const;
   /// Makes the motions of all sets begin at u [4xN] m instead of at rest.
   void start_at(const Nodal& u) { start_ = u; }
-  /// Sets the held components of all nodes to those of `wanted` [4xN] m.
-  void take_held(Nodal& u, const Nodal& wanted) const;
+  /// Sets the held components of all nodes to those of `requested` [4xN] m.
+  void apply_dirichlet(Nodal& u, const Nodal& requested) const;
 
   /// Force on the sets that move with the tool, along their motion [N]; it does work on the depth.
-  double working_force(const Nodal& f) const;
+  double force_along_motion(const Nodal& f) const;
   /// Applies the initial velocity of the moving sets, and returns its work [J].
-  double set_off(Nodal& v, double rate, const Eigen::VectorXd& mass) const;
+  double apply_initial_velocity(Nodal& v, double rate, const Eigen::VectorXd& mass) const;
 
   /// Motion of a set per metre of the tool's path; zero if it is fixed or there is none of that name.
   Vec3 motion(std::string_view name) const;
@@ -92,14 +92,14 @@ class Constraints {
     return project(a, direction).squaredNorm() > 0.5;
   }
   /// True if the body has a translational rigid-body mode: nothing is held in some direction.
-  bool let_drift() const;
+  bool has_rigid_body_modes() const;
   Index node_count() const { return static_cast<Index>(of_node_.size()); }
   const std::vector<HeldSet>& sets() const { return set_; }
 
  private:
   struct Held {
     Eigen::Vector4d direction;
-    double share;
+    double fraction;
     HeldSet::Hold hold;
   };
   std::vector<HeldSet> set_;
@@ -114,11 +114,11 @@ class Constraints {
   void put(Index a, Column&& value, double of_tool) const {
     if (is_free(a)) return;
     const Held& its = held(a);
-    const double way = its.share * of_tool;
+    const double distance = its.fraction * of_tool;
     if (its.hold == HeldSet::Hold::all)
-      value = its.direction * way;
+      value = its.direction * distance;
     else if (its.hold == HeldSet::Hold::along)
-      value += its.direction * (way - value.dot(its.direction));
+      value += its.direction * (distance - value.dot(its.direction));
     else
       value = (its.direction * value.dot(its.direction)).eval();
   }

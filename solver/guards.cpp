@@ -96,21 +96,21 @@ std::vector<Finding> check_model(const Model& model, const SupportReport& suppor
           .remedy = "raise support.radius_factor, or use more nodes (--nodes)",
           .code = "conditioning"},
          support.worst_pivot_ratio});
-  if (const double share = static_cast<double>(support.grown) / static_cast<double>(model.point_count());
-      share > many_grown)
+  if (const double fraction = static_cast<double>(support.grown) / static_cast<double>(model.point_count());
+      fraction > many_grown)
     findings.push_back(
         {{.fact = text(support.grown, " supports had to be enlarged, by up to ", support.largest_growth,
-                       ", to hold enough nodes: ", percent(share), " of the points"),
+                       ", to hold enough nodes: ", percent(fraction), " of the points"),
           .where = at(support.fewest_at),
           .why = text("the nodes are sparse, or the body is thin compared with its supports; one point has ",
                       support.fewest, " nodes"),
           .remedy = "raise support.radius_factor, or use more nodes (--nodes)",
           .code = "supports"},
-         share});
+         fraction});
   // On the verification block 29, 33, 49, 63, 99 and 167 nodes in the bonded patch gave forces 45, 23, 12, 8,
   // 4 and 1 % too large at a depth of 1.6 radii, and a quarter of that at first contact.
-  const auto nodes = static_cast<double>(model.circle.size());
-  if (model.circle.empty()) return findings;  // a contacting tool
+  const auto nodes = static_cast<double>(model.bonded_patch.size());
+  if (model.bonded_patch.empty()) return findings;  // a contacting tool
   const double deep = std::min(depth / (1.6 * model.tool.radius), 1.0);
   const double error = 0.04 * std::pow(99.0 / std::max(nodes, 1.0), 1.6) * (0.25 + 0.75 * deep * deep);
   if (error > accuracy)
@@ -133,8 +133,8 @@ Guards::Guards(System& system, bool static_answer, bool on, std::vector<Finding>
       static_answer_(static_answer),
       on_(on),
       findings_(findings),
-      beneath_((model_.X.transpose() * model_.tool.push).maxCoeff() -
-               model_.tool.centre.dot(model_.tool.push)) {}
+      beneath_((model_.X.transpose() * model_.tool.approach).maxCoeff() -
+               model_.tool.centre.dot(model_.tool.approach)) {}
 
 // One finding for each code, that with the worst value; only that of `inverted`, J_min, falls. Points without
 // stress count in the last state.
@@ -189,24 +189,24 @@ void Guards::check_nodes(const Nodal& u, const Nodal& f, const Moment& now) cons
 
 namespace {
 
-Finding without_stress(Index count, Index of, double share, double J_min, const std::string& where) {
+Finding without_stress(Index count, Index of, double fraction, double J_min, const std::string& where) {
   return {
       {.fact = text(count, " of ", of, " integration points ", count == 1 ? "has" : "have", " det F below ",
-                    least_J_of_stress, ", ", percent(share), " of the volume; smallest det F ", J_min),
+                    least_J_of_stress, ", ", percent(fraction), " of the volume; smallest det F ", J_min),
        .where = where,
        .why = "the strain at a sharp edge is unbounded, beyond the range of the material law",
        .remedy = "keep the force; stresses are not finite at these points; more nodes or a smaller --depth "
                  "reduce their number",
        .code = no_stress},
       static_cast<double>(count),
-      share < inverted_minor};
+      fraction < inverted_minor};
 }
 
-Report of_inverted(Index inverted, double share, const ForceSystem::Sweep& sweep, const Model& model,
+Report of_inverted(Index inverted, double fraction, const ForceSystem::Sweep& sweep, const Model& model,
                    const Moment& now) {
   const Vec3 x = model.point.col(sweep.point);
   return {.fact = text(inverted, " of ", model.point_count(), " integration points ",
-                       inverted == 1 ? "is" : "are", " inverted, ", percent(share),
+                       inverted == 1 ? "is" : "are", " inverted, ", percent(fraction),
                        " of the volume; smallest det F ", sweep.J_min),
           .where = moment(now) + text("; worst point at rest at ", in_mm(x), ", ",
                                       1e3 * (x - model.tool.centre).norm(),
@@ -244,32 +244,32 @@ void Guards::check_points(const ForceSystem::Sweep& sweep, const Moment& now) {
       furthest = q;
     }
   }
-  if (const double share = inverted_volume / whole; inverted > 0) {
-    Report report = of_inverted(inverted, share, sweep, model_, now);
-    if (share > inverted_wrong) {
+  if (const double fraction = inverted_volume / whole; inverted > 0) {
+    Report report = of_inverted(inverted, fraction, sweep, model_, now);
+    if (fraction > inverted_wrong) {
       report.why = "the load is too large for these nodes: the sharp edge alone inverts less";
       report.remedy =
           "use more nodes (--nodes), shorter steps of the load (--set solver.step_radii=0.05), or a smaller "
           "--depth";
       throw SolveError(report);
     }
-    find({report, sweep.J_min, share < inverted_minor});
+    find({report, sweep.J_min, fraction < inverted_minor});
   }
   if (crushed == 0)
     std::erase_if(findings_, [](const Finding& before) { return before.report.code == no_stress; });
   else
     find(without_stress(crushed, model_.point_count(), crushed_volume / whole, sweep.J_min, moment(now)));
-  if (const double share = far_volume / whole; share > volume_poor) {
+  if (const double fraction = far_volume / whole; fraction > volume_poor) {
     Report report = {
         .fact = text("nearly incompressible tissue changes its volume by more than ", percent(far_from_1),
-                     " at ", far, " points, ", percent(share), " of the volume; most at one: det F ",
+                     " at ", far, " points, ", percent(fraction), " of the volume; most at one: det F ",
                      1.0 + forces_.dilation(furthest)),
         .where = moment(now) + text("; that point at rest at ", in_mm(model_.point.col(furthest))),
         .why = "the nodes are too coarse there for bending at constant volume",
         .remedy = "use more nodes (--nodes), a smaller --depth, or weaker loads where they bend it",
         .code = "volume"};
-    if (share > volume_wrong) throw SolveError(report);
-    find({report, share});
+    if (fraction > volume_wrong) throw SolveError(report);
+    find({report, fraction});
   }
 }
 
@@ -307,7 +307,7 @@ void Guards::check_energy(const EnergySample& e, double largest_external, double
     if (on_ && std::abs(error) > energy_poor * scale + energy_floor)
       find({report, std::abs(error) / std::max(scale, 1e-300)});
   }
-  if (!should_rest(now, duration)) return;
+  if (!should_be_static(now, duration)) return;
   if (const double ratio = e.kinetic / std::max(e.stored, 1e-300); ratio > kinetic_poor)
     find({{.fact = text("the body still vibrates: its kinetic energy is ", percent(ratio), " of the stored"),
            .where = moment(now),
@@ -317,13 +317,13 @@ void Guards::check_energy(const EnergySample& e, double largest_external, double
           ratio});
 }
 
-bool Guards::should_rest(const Moment& now, double duration) const {
+bool Guards::should_be_static(const Moment& now, double duration) const {
   return on_ && static_answer_ && now.t >= 0.2 * duration;
 }
 
 void Guards::check_smooth(const std::vector<double>& force, double largest, double duration,
                           const Moment& now) {
-  if (!should_rest(now, duration)) return;
+  if (!should_be_static(now, duration)) return;
   double worst = 0.0;
   for (std::size_t first = 0; first + jagged_samples + 2 <= force.size(); ++first) {
     std::array<double, jagged_samples> bend;
@@ -391,10 +391,10 @@ void Guards::check_fluctuation(const Nodal& u, const Moment& now) {
     const double mu = tissues.material[static_cast<std::size_t>(tissues.of_point[q])].mu;
     energy += model_.volume[q] * 1.5 * mu * off / size;
   }
-  const double share = energy / std::max(stored, 1e-300);
-  if (share <= fluctuation_poor) return;
+  const double fraction = energy / std::max(stored, 1e-300);
+  if (fraction <= fluctuation_poor) return;
   Report report = {
-      .fact = text("nodal displacements that integration points do not resolve would hold ", share,
+      .fact = text("nodal displacements that integration points do not resolve would hold ", fraction,
                    " times the stored energy"),
       .where = moment(now),
       .why = "too few points or too wide supports leave modes without stiffness: the force is too low",
@@ -403,20 +403,20 @@ void Guards::check_fluctuation(const Nodal& u, const Moment& now) {
           "or "
           "leave out --scheme horton2007",
       .code = "hourglass"};
-  if (share > fluctuation_wrong) throw SolveError(report);
-  find({report, share});
+  if (fraction > fluctuation_wrong) throw SolveError(report);
+  find({report, fraction});
 }
 
 namespace {
 
 std::optional<Report> overlap_of(const ToolNow& one_now, const ToolNow& other_now) {
-  constexpr double more_than_touching = 1e-3;  // of the smaller radius; a blade may be thin
-  const Touch &one = one_now.touch, &other = other_now.touch;
+  constexpr double more_than_contact = 1e-3;  // of the smaller radius; a blade may be thin
+  const RigidBody &one = one_now.body, &other = other_now.body;
   const std::optional<Vec3> place =
       place_in_both(one.shape, one_now.pose, other.shape, other_now.pose,
-                    more_than_touching * std::min(one.shape.radius, other.shape.radius));
+                    more_than_contact * std::min(one.shape.radius, other.shape.radius));
   if (!place) return std::nullopt;
-  const auto name = [](const Touch& touch) { return touch.name.empty() ? std::string("tool") : touch.name; };
+  const auto name = [](const RigidBody& body) { return body.name.empty() ? std::string("tool") : body.name; };
   return Report{
       .fact = text("the tools '", name(one), "' and '", name(other), "' would both be at ", in_mm(*place)),
       .where = text("tool.", other.name),
@@ -434,14 +434,14 @@ std::optional<Report> overlap_of_tools(const std::vector<ToolNow>& tools) {
   return std::nullopt;
 }
 
-void Guards::check_contact(const TouchingTool::Audit& audit, double most, const Touch& touch,
+void Guards::check_contact(const RigidContact::Audit& audit, double most, const RigidBody& body,
                            const Moment& now) {
   if (audit.beyond > most)
     throw SolveError(
         {.fact = text("the tool penetrates ", 1e3 * audit.beyond,
                       " mm into a part of the surface without contact points"),
          .where =
-             moment(now) + text("; that part at rest at ", in_mm(touch.surface.beyond.col(audit.beyond_at))),
+             moment(now) + text("; that part at rest at ", in_mm(body.surface.beyond.col(audit.beyond_at))),
          .why = "contact points are near the tool's axis, to half its radius or the depth beyond it, on "
                 "surface that faces the tool: the tool has passed through thin tissue, reached the base or a "
                 "fold, or was moved or turned beyond them",
@@ -463,8 +463,8 @@ void Guards::check_contact(const TouchingTool::Audit& audit, double most, const 
                                    [](const Finding& f) { return f.report.code == "penetration"; });
   // Penetration by coarse nodes grows with the depth; a surface that folds penetrates at once, with more
   // nodes too.
-  const bool has_edge = touch.shape.edge > 0.0 || touch.shape.mesh;
-  if (has_edge && touch.friction == 0.0 && before != findings_.end() &&
+  const bool has_edge = body.shape.edge > 0.0 || body.shape.mesh;
+  if (has_edge && body.friction == 0.0 && before != findings_.end() &&
       audit.penetration > 2.0 * before->worst) {
     report.why = text("it was ", fixed(1e3 * before->worst, 4),
                       " mm before: without friction the surface has folded at an edge of the tool");
@@ -482,7 +482,7 @@ void Guards::check_apart(const std::vector<ToolNow>& tools, const Moment& now) c
   throw SolveError(*std::move(report));
 }
 
-void Guards::check_wall(const Touch& wall, double penetration, bool touches, const Moment& now) {
+void Guards::check_wall(const RigidBody& wall, double penetration, bool has_contact, const Moment& now) {
   const double spacing = wall.surface.count() > 0 ? wall.surface.spacing.mean() : 0.0;
   const bool is_tool = wall.is_tool;
   if (!on_ || penetration <= (is_tool ? most_penetration * wall.shape.radius : wall_poor * spacing)) return;
@@ -496,43 +496,44 @@ void Guards::check_wall(const Touch& wall, double penetration, bool touches, con
                           "all of its tools"
                         : "use more nodes (--nodes), or a smaller load",
       .code = is_tool ? "tool-penetration" : "wall-penetration"};
-  if (is_tool && !touches && penetration > penetration_wrong * most_penetration * wall.shape.radius)
+  if (is_tool && !has_contact && penetration > penetration_wrong * most_penetration * wall.shape.radius)
     throw SolveError(report);
   find({report, penetration});
 }
 
-void Guards::found_limit_point(const Nodal& jump, double way, bool folds_touch, const Moment& now) {
+void Guards::found_limit_point(const Nodal& jump, double distance, bool folds_make_contact,
+                               const Moment& now) {
   Index furthest = 0;
   const Eigen::RowVectorXd size = jump.colwise().norm();
   const double largest = size.maxCoeff(&furthest);
-  if (!on_ || largest <= longer_than_displacement * way ||
+  if (!on_ || largest <= longer_than_displacement * distance ||
       std::any_of(findings_.begin(), findings_.end(),
                   [](const Finding& f) { return f.report.code == "limit-point"; }))
     return;
   find({{.fact = text("the tissue passed a limit point at ", fixed(1e3 * now.depth, 2),
                       " mm: a node moved by ", fixed(1e3 * largest, largest < 1e-5 ? 6 : 2),
-                      " mm while the tool moved by ", fixed(1e3 * way, 2), " mm, and ",
-                      (size.array() > way).count(), " of ", size.size(), " nodes by more than the tool"),
+                      " mm while the tool moved by ", fixed(1e3 * distance, 2), " mm, and ",
+                      (size.array() > distance).count(), " of ", size.size(), " nodes by more than the tool"),
          .where = moment(now) + "; " + place_of(model_, furthest),
          .why = text("the path of equilibria has a limit point there: a wall buckled or a fold rolled over. "
                      "The force beyond is that of the equilibrium found there",
-                     folds_touch ? "" : "; its folds pass through each other (--self-contact)"),
-         .remedy = text("trust the curve to ", fixed(1e3 * (now.depth - way), 2),
+                     folds_make_contact ? "" : "; its folds pass through each other (--self-contact)"),
+         .remedy = text("trust the curve to ", fixed(1e3 * (now.depth - distance), 2),
                         " mm; beyond, move the tool further from folds and edges (--indent-at), or use the "
                         "bonded indenter with --time explicit"),
          .code = "limit-point"},
         1e3 * largest});
 }
 
-void Guards::found_lost_contact(const Nodal& jump, double way, const Moment& now) {
+void Guards::found_lost_contact(const Nodal& jump, double distance, const Moment& now) {
   Index furthest = 0;
   const double largest = jump.colwise().norm().maxCoeff(&furthest);
-  if (!on_ || largest <= longer_than_displacement * way ||
+  if (!on_ || largest <= longer_than_displacement * distance ||
       std::any_of(findings_.begin(), findings_.end(),
                   [](const Finding& f) { return f.report.code == "tool-left"; }))
     return;
   find({{.fact = text("the tool has lost contact, and a node sprang back by ", fixed(1e3 * largest, 2),
-                      " mm while the tool moved by ", fixed(1e3 * way, 2), " mm"),
+                      " mm while the tool moved by ", fixed(1e3 * distance, 2), " mm"),
          .where = moment(now) + "; " + place_of(model_, furthest),
          .why = "no equilibrium in contact was found, as when a tool slides off an edge; the body at rest is "
                 "one, and its stored energy was dissipated",

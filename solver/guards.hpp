@@ -47,14 +47,14 @@ struct EnergySample {
   double error() const { return external - (kinetic + stored + dissipated); }
 };
 
-/// Checks a model before any load: `conditioning`, `supports`, `circle-nodes`. The last is the error by few
-/// nodes on the verification block (tests/verification), at `depth` [m]. Throws ModelError: gradients are
+/// Checks a model before any load: `conditioning`, `supports`, `bonded_patch-nodes`. The last is the error by
+/// few nodes on the verification block (tests/verification), at `depth` [m]. Throws ModelError: gradients are
 /// wrong.
 std::vector<Finding> check_model(const Model& model, const SupportReport& support, double depth);
 
 /// Present pose of a contacting tool.
 struct ToolNow {
-  const Touch& touch;
+  const RigidBody& body;
   ToolPose pose;
 };
 /// Error if two rigid tools overlap (`tools-overlap`); empty if none do.
@@ -91,13 +91,13 @@ class Guards {
   /// Checks a contacting tool: `penetration` by more than `most` [m] between samples; minor if it may change
   /// the force by a tenth or less. Throws SolveError: fifty times as much; or `contact-surface`: the tool
   /// meets surface without samples.
-  void check_contact(const TouchingTool::Audit& audit, double most, const Touch& touch, const Moment& now);
+  void check_contact(const RigidContact::Audit& audit, double most, const RigidBody& body, const Moment& now);
   /// Throws SolveError: they overlap.
   void check_apart(const std::vector<ToolNow>& tools, const Moment& now) const;
   /// Checks a wall or a further tool (`wall-penetration`, `tool-penetration`): penetration between samples
   /// [m], compared with the node spacing for a wall, with the radius for a tool. Throws SolveError: a tool
   /// without contact at any sample is penetrated by as much as check_contact() throws for.
-  void check_wall(const Touch& wall, double penetration, bool touches, const Moment& now);
+  void check_wall(const RigidBody& wall, double penetration, bool has_contact, const Moment& now);
   /// `hourglass` of gradients at points, without a variance term: energy of nodal displacements beyond the
   /// linear field with the gradient of their point,
   ///
@@ -109,12 +109,13 @@ class Guards {
   /// it jumps from sample to sample although the load is slow enough for a static answer.
   void check_smooth(const std::vector<double>& force, double largest, double duration, const Moment& now);
   /// `limit-point`: the tissue passed a limit point at a held load and came to rest `jump` [m] from the
-  /// predicted state, by more than the tool's motion `way` [m]. A shorter jump leaves the curve unchanged;
-  /// tissue at first contact moves as far. The first one stays.
-  void found_limit_point(const ForceSystem::Nodal& jump, double way, bool folds_touch, const Moment& now);
-  /// `tool-left`: contact is lost after a motion by `way` [m], and the tissue sprang back by `jump` [m], more
-  /// than that. The first one stays.
-  void found_lost_contact(const ForceSystem::Nodal& jump, double way, const Moment& now);
+  /// predicted state, by more than the tool's motion `distance` [m]. A shorter jump leaves the curve
+  /// unchanged; tissue at first contact moves as far. The first one stays.
+  void found_limit_point(const ForceSystem::Nodal& jump, double distance, bool folds_make_contact,
+                         const Moment& now);
+  /// `tool-left`: contact is lost after a motion by `distance` [m], and the tissue sprang back by `jump` [m],
+  /// more than that. The first one stays.
+  void found_lost_contact(const ForceSystem::Nodal& jump, double distance, const Moment& now);
   /// `time-step`.
   void check_step(const Moment& now) const;
 
@@ -127,7 +128,7 @@ class Guards {
 
   void find(Finding finding);
   /// The load lasts long enough for a static answer, and its beginning is over.
-  bool should_rest(const Moment& now, double duration) const;
+  bool should_be_static(const Moment& now, double duration) const;
 };
 
 /// "node 7 at rest at (1.00, 2.00, 3.00) mm".

@@ -21,30 +21,32 @@ namespace dimple {
 /// contacting tool may also rotate. If nothing moves, viscoelastic tissue relaxes.
 struct Step {
   std::string name;
-  std::string moves;               ///< the tool (empty), or the name of a further set
-  Vec3 way = Vec3::Zero();         ///< [m]
-  Vec3 turn = Vec3::Zero();        ///< rotation vector [rad]
-  std::optional<Vec3> about = {};  ///< centre of rotation [m]; nothing: the tip as the step begins
-  double lever = 0.0;              ///< path length of 1 rad [m]; of a hold its length()
-  double lasts = 0.0;              ///< [s]; 0: by its length at the loading's rate
+  std::string moves;                 ///< the tool (empty), or the name of a further set
+  Vec3 displacement = Vec3::Zero();  ///< [m]
+  Vec3 turn = Vec3::Zero();          ///< rotation vector [rad]
+  std::optional<Vec3> about = {};    ///< centre of rotation [m]; nothing: the tip as the step begins
+  double lever = 0.0;                ///< path length of 1 rad [m]; of a hold its length()
+  double duration = 0.0;             ///< [s]; 0: by its length at the loading's rate
   bool turns() const { return !turn.isZero(0.0); }
-  bool holds() const { return !turns() && way.isZero(0.0); }
+  bool holds() const { return !turns() && displacement.isZero(0.0); }
   /// Path length of the step, by which the march measures its progress [m].
   double length() const {
     if (holds()) return lever;
-    return turns() ? std::hypot(way.norm(), lever * turn.norm()) : way.norm();
+    return turns() ? std::hypot(displacement.norm(), lever * turn.norm()) : displacement.norm();
   }
-  double rate(double of_loading) const { return lasts > 0.0 ? length() / lasts : of_loading; }  ///< [m/s]
+  double rate(double of_loading) const {
+    return duration > 0.0 ? length() / duration : of_loading;
+  }  ///< [m/s]
   double seconds(double rate_of_loading) const { return length() / rate(rate_of_loading); }
 };
 
 /// State of a scene at the beginning of a step.
-struct Begun {
-  double t = 0.0, depth = 0.0;  ///< [s]; [m] along the press direction
-  bool holds = false;           ///< nothing moves in this step
-  double sinks = 1.0;           ///< change of the tool's depth per metre of the path
-  RigidWay of_tool = {};        ///< a rotation also moves its tip along `push`
-  Vec3 push = Vec3::Zero();
+struct StepStart {
+  double t = 0.0, depth = 0.0;    ///< [s]; [m] along the press direction
+  bool holds = false;             ///< nothing moves in this step
+  double depth_per_travel = 1.0;  ///< change of the tool's depth per metre of the path
+  RigidMotion of_tool = {};       ///< a rotation also moves its tip along `approach`
+  Vec3 approach = Vec3::Zero();
   int frame = 0;
   std::int64_t evaluations = 0;  ///< largest number that earlier steps may have used
 };
@@ -57,30 +59,31 @@ struct Loading {
   std::vector<HeldSet> further{};  ///< other than the bonded patch and the base
   Loads loads{};                   ///< act before first contact and afterwards
   std::vector<Step> steps{};       ///< each starts from the last equilibrium
-  Begun begun{};                   ///< for march_in_steps() alone
+  StepStart start{};               ///< for march_in_steps() alone
   /// Contacting tool in place of the bonded patch; quasi-static only. If loads move the body, its pose is
-  /// that of rest_under_loads(). Null: bonded patch.
-  std::shared_ptr<const Touch> touch{};
-  std::shared_ptr<const Settled> settled{};  ///< preloaded state; null: not computed yet
-  std::shared_ptr<const FoldBanks> folds{};  ///< in contact where they close; null: they overlap
-  std::vector<Touch> walls{};                ///< rigid contacts other than the tool; quasi-static
-  double way() const {
+  /// that of equilibrium_under_loads(). Null: bonded patch.
+  std::shared_ptr<const RigidBody> indenter{};
+  std::shared_ptr<const PreloadedState> preloaded{};  ///< preloaded state; null: not computed yet
+  std::shared_ptr<const FoldFaces> folds{};           ///< in contact where they close; null: they overlap
+  std::vector<RigidBody> walls{};                     ///< rigid contacts other than the tool; quasi-static
+  double path_length() const {
     double sum = 0.0;
     for (const Step& step : steps) sum += step.length();
     return steps.empty() ? depth : sum;
   }
   double duration() const {
-    if (std::all_of(steps.begin(), steps.end(), [](const Step& step) { return step.lasts == 0.0; }))
-      return way() / rate;
+    if (std::all_of(steps.begin(), steps.end(), [](const Step& step) { return step.duration == 0.0; }))
+      return path_length() / rate;
     double sum = 0.0;
     for (const Step& step : steps) sum += step.seconds(rate);
     return sum;
   }
-  /// Time, and depth of the tool, after a path of `come` [m] in the step.
-  double t_at(double come) const { return begun.t + come / rate; }
-  double depth_at(double come) const {
-    const double straight = begun.depth + begun.sinks * come;
-    return begun.of_tool.turns() ? straight + begun.push.dot(begun.of_tool.by_turning(come)) : straight;
+  /// Time, and depth of the tool, after a path of `travelled` [m] in the step.
+  double t_at(double travelled) const { return start.t + travelled / rate; }
+  double depth_at(double travelled) const {
+    const double straight = start.depth + start.depth_per_travel * travelled;
+    return start.of_tool.turns() ? straight + start.approach.dot(start.of_tool.by_turning(travelled))
+                                 : straight;
   }
 };
 
@@ -98,8 +101,8 @@ struct SolverOptions {
 
 /// Default longest step, in radii of the tool. It is shorter under a contacting tool, whose contact area
 /// changes during the step.
-inline double longest_step(bool touches) {
-  return touches ? 0.1 : 0.2;
+inline double longest_step(bool has_contact) {
+  return has_contact ? 0.1 : 0.2;
 }
 
 /// Tool at one time. `force` and `base_force` are components along the press direction, positive when tissue
@@ -132,8 +135,8 @@ struct Frame {
   Vec3 aside = Vec3::Zero();           ///< displacement of the tool across its press direction [m]
   double contact_force = 0.0;          ///< of a contacting tool, along its press direction [N]
   Vec3 turned = Vec3::Zero();          ///< rotation vector of the tool [rad]
-  const TouchingTool* tool = nullptr;  ///< contacting, with the forces of f; null: bonded patch
-  std::vector<const TouchingTool*> walls = {};  ///< likewise, in the order of Loading::walls
+  const RigidContact* tool = nullptr;  ///< contacting, with the forces of f; null: bonded patch
+  std::vector<const RigidContact*> walls = {};  ///< likewise, in the order of Loading::walls
 };
 
 struct History {
@@ -150,8 +153,8 @@ struct History {
   Index inverted = 0;                                               ///< most points inverted at once
   double residual = 0.0;                                            ///< largest of a static equilibrium
   bool interrupted = false;
-  double settled = 0.0;         ///< largest displacement of a node by the preload [m]
-  Vec3 carried = Vec3::Zero();  ///< mean displacement of the bonded patch by it [m]
+  double preload_displacement = 0.0;  ///< largest displacement of a node by the preload [m]
+  Vec3 carried = Vec3::Zero();        ///< mean displacement of the bonded patch by it [m]
   /// Contact of the measured tool: largest penetration of the body's surface at any equilibrium, also between
   /// samples [m]. At the last equilibrium: contact area at rest [m^2], largest pressure at rest [Pa], and
   /// samples.
@@ -159,10 +162,10 @@ struct History {
   Index contact_samples = 0;
   /// Depth at which `penetration` was largest [m]; 0 if it is too small for a warning.
   double penetration_at = 0.0;
-  double contact_sticks = 0.0;                    ///< no-slip part of contact_area [m^2]
-  double contact_heat = 0.0;                      ///< frictional dissipation under the tool so far [J]
-  FoldContact::Audit folds;                       ///< at the last equilibrium; penetration: largest of all
-  std::vector<TouchingTool::Touched> walls = {};  ///< likewise, of each wall
+  double no_slip_area = 0.0;         ///< no-slip part of contact_area [m^2]
+  double contact_dissipation = 0.0;  ///< frictional dissipation under the tool so far [J]
+  FoldContact::Audit folds;          ///< at the last equilibrium; penetration: largest of all
+  std::vector<RigidContact::ContactSummary> walls = {};  ///< likewise, of each wall
   /// The tissue's force on each wall [N] and its moment about the tip of the wall [N m], as a Wrench: for
   /// each sample of `force` those of all walls.
   std::vector<std::array<double, 6>> on_walls = {};
@@ -196,8 +199,8 @@ struct MarchState {
   std::deque<Predictor::Point> path;
   std::vector<double> past;      ///< System::past()
   int step_of_scene = 0;         ///< of Loading::steps, from 0
-  Rest begun;                    ///< state at the beginning of that step
-  double least_reactions = 0.0;  ///< System::measure_by() [N]
+  EquilibriumState step_start;   ///< state at the beginning of that step
+  double least_reactions = 0.0;  ///< System::set_residual_scale() [N]
   History history;
 };
 

@@ -18,7 +18,7 @@ constexpr double smallest_J_of_barriers = 0.2;
 constexpr double smallest_stretch = 0.1;
 constexpr double largest_stiffening = 1e3;
 constexpr double smallest_J_of_second_stress = 0.05;
-constexpr double largest_share_of_limit = 0.98;
+constexpr double largest_fraction_of_limit = 0.98;
 
 template <class... Of>
 struct Cases : Of... {
@@ -73,7 +73,7 @@ double energy_factor(const OgdenTerm& term) {
 
 /// Gent's energy for mu = 1 as a function of x = tr Cbar - 3.
 Curve gent_curve(const Gent& law, double x) {
-  const double x0 = largest_share_of_limit * law.limit, at = std::min(x, x0), left = 1.0 - at / law.limit;
+  const double x0 = largest_fraction_of_limit * law.limit, at = std::min(x, x0), left = 1.0 - at / law.limit;
   const Curve there{-0.5 * law.limit * std::log(left), 0.5 / left};
   const double beyond = x - at, second = 0.5 / (law.limit * left * left);
   return {there.value + beyond * (there.slope + 0.5 * second * beyond), there.slope + second * beyond};

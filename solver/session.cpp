@@ -18,46 +18,46 @@ Session::Parts::Parts(Model m, std::vector<Material> materials, const SessionOpt
       options(o),
       tissue(model, {std::move(materials), model.tissue}, options.precision),
       system(make_system(tissue, model, options.contact, options.further, options.loads, options.tolerance,
-                         options.touch.get())),
+                         options.indenter.get())),
       relax(*system),
       u(system->step_start().u),
       v(Nodal::Zero(4, model.node_count())),
       f(v),
       lambda(system->step_start().lambda),
       moves_supports(std::any_of(options.further.begin(), options.further.end(),
-                                 [](const HeldSet& s) { return s.share != 0.0; })),
+                                 [](const HeldSet& s) { return s.fraction != 0.0; })),
       tool(model.tool),
-      untouched(system->past()) {
-  if (options.touch) {
-    if (!model.circle.empty())
+      unloaded_past(system->past()) {
+  if (options.indenter) {
+    if (!model.bonded_patch.empty())
       throw SolveError(
           {.fact = "the model has nodes of a bonded patch, which would hold the tissue under the tool",
            .where = "Session",
            .why = "a contacting tool needs a model without them",
            .remedy = "build the model with boundary.contact_radius_mm, or leave the tool out",
            .code = "no-live"});
-    tool.centre = options.touch->pose.tip;
-    tool.radius = options.touch->shape.radius;
-    longest_tool = options.touch->shape.length;
+    tool.centre = options.indenter->pose.tip;
+    tool.radius = options.indenter->shape.radius;
+    longest_tool = options.indenter->shape.length;
     require_curve_of_equilibria();
   }
-  longest = live_constants.longest_way * tool.radius / longest_share(options.further);
-  thick = (model.X.transpose() * tool.push).maxCoeff() - tool.centre.dot(tool.push);
+  longest = live_constants.longest_move * tool.radius / max_displacement_ratio(options.further);
+  thick = (model.X.transpose() * tool.approach).maxCoeff() - tool.centre.dot(tool.approach);
   path.push(0.0, u, lambda);
   known.apart = live_constants.kept_apart * tool.radius;
   known.add({0.0, u, lambda, 0.0, 0.0});
   nothing_left();
-  lie_at_rest();
+  reset_to_undeformed();
 }
 
 // Under a contacting tool states must serve on approach and on retraction, repeatedly.
 void Session::Parts::require_curve_of_equilibria() const {
-  const bool rubs = options.touch->friction > 0.0;
-  if (!rubs && !system->viscoelastic() && relax.has_mixed()) return;
-  throw SolveError({.fact = rubs ? "a live tool has no friction"
-                                 : "a live contacting tool cannot be used with this tissue",
+  const bool frictional = options.indenter->friction > 0.0;
+  if (!frictional && !system->viscoelastic() && relax.has_mixed()) return;
+  throw SolveError({.fact = frictional ? "a live tool has no friction"
+                                       : "a live contacting tool cannot be used with this tissue",
                     .where = "Session",
-                    .why = rubs ? "with friction its force depends on its path"
+                    .why = frictional ? "with friction its force depends on its path"
                            : system->viscoelastic()
                                ? "tissue that relaxes continues to move after the tool has left"
                                : "its contact needs pressure patches",
@@ -74,7 +74,7 @@ void Session::Parts::nothing_left() {
 }
 
 // State with the tool lifted: undeformed, or under the loads.
-void Session::Parts::lie_at_rest() {
+void Session::Parts::reset_to_undeformed() {
   u = system->step_start().u;
   lambda = system->step_start().lambda;
   v.setZero(), f.setZero();
@@ -86,29 +86,30 @@ void Session::Parts::lie_at_rest() {
 
 // Viscoelastic tissue forgets its indentation: the release of a bonded patch is not modelled.
 void Session::Parts::lift() {
-  if (system->viscoelastic()) system->restore_past(untouched);
+  if (system->viscoelastic()) system->restore_past(unloaded_past);
   waited = 0.0;
-  lie_at_rest();
+  reset_to_undeformed();
   nothing_left();
   residual = 0.0;
-  begun.reset();
+  pending.reset();
   progress = {};
   state = State::air;
 }
 
-void Session::Parts::touch(double its_residual) {
+void Session::Parts::begin_contact(double its_residual) {
   residual = its_residual;
-  begun.reset();
-  state = State::touching;
+  pending.reset();
+  state = State::in_contact;
 }
 
 // After a cut the state is kept until an equilibrium of the cut body is found.
 void Session::Parts::move_freely() {
-  if (state == State::air) state = State::touching;
+  if (state == State::air) state = State::in_contact;
 }
 
-void Session::Parts::go_on_from(const Parts& before, const Points& its, const std::vector<Index>& of_patch) {
-  if (before.depth == 0.0 || (options.touch && before.depth <= 0.0)) return;
+void Session::Parts::continue_from(const Parts& before, const Points& its,
+                                   const std::vector<Index>& of_patch) {
+  if (before.depth == 0.0 || (options.indenter && before.depth <= 0.0)) return;
   u.topRows<3>() = its;
   f.setZero();
   f.leftCols(before.f.cols()) = before.f;
@@ -122,7 +123,7 @@ void Session::Parts::go_on_from(const Parts& before, const Points& its, const st
   if (contacts == before.lambda.size() - were.count()) lambda.tail(contacts) = before.lambda.tail(contacts);
   path.point.clear();
   path.push(depth, u, lambda);
-  begun = {.at = depth, .residual = 0.0, .u = u, .lambda = lambda};
+  pending = {.at = depth, .residual = 0.0, .u = u, .lambda = lambda};
   residual = 1.0;  // unknown
   progress = {};
   state = State::cut;
@@ -130,40 +131,40 @@ void Session::Parts::go_on_from(const Parts& before, const Points& its, const st
 
 double Session::Parts::resistance(const Nodal& its, const Eigen::VectorXd& l, const Nodal& force,
                                   double at) const {
-  TouchingTool* touching = system->touching();
-  if (!touching) return along_push(model, model.circle, force);
+  RigidContact* tool_contact = system->tool_contact();
+  if (!tool_contact) return along_approach(model, model.bonded_patch, force);
   system->set({.depth = at});
-  touching->set_forces(l.segment(model.patches.count(), touching->unknowns()));
+  tool_contact->set_forces(l.segment(model.patches.count(), tool_contact->unknowns()));
   Nodal of_contact = Nodal::Zero(4, its.cols());
-  touching->add_force(its, system->now(), of_contact);
-  return touching->along(tool.push);
+  tool_contact->add_force(its, system->now(), of_contact);
+  return tool_contact->along(tool.approach);
 }
 
 // Predicts the next equilibrium on the line through the last two, if their distance allows it.
-void Session::Parts::look_ahead(double to) {
-  const double way = to - depth;
+void Session::Parts::predict(double to) {
+  const double distance = to - depth;
   const auto& last = path.point;
   const double before = last.size() > 1 ? last[1].at - last[0].at : 0.0;
-  if (before != 0.0 && std::abs(way / before) <= 2.0 && last[1].at == depth)
+  if (before != 0.0 && std::abs(distance / before) <= 2.0 && last[1].at == depth)
     path.extrapolate(to, u, lambda);
-  else if (depth == 0.0 && !options.touch)  // contact grows from a point
-    first_guess(model, model.tool.push, way, u);
-  system->bring_back(lambda);
+  else if (depth == 0.0 && !options.indenter)  // contact grows from a point
+    first_guess(model, model.tool.approach, distance, u);
+  system->project_to_admissible(lambda);
   system->set({.depth = to}, u);
 }
 
 std::int64_t Session::Parts::to_equilibrium(double to) {
   // Equilibrium at rest has no reaction to scale a residual.
-  if ((to == 0.0 && !system->viscoelastic()) || (options.touch && to <= 0.0)) {
-    lie_at_rest();
+  if ((to == 0.0 && !system->viscoelastic()) || (options.indenter && to <= 0.0)) {
+    reset_to_undeformed();
     depth = to;
-    // After a cut the next frame still begins with the state that go_on_from() left.
-    if (state == State::touching) state = State::air;
+    // After a cut the next frame still begins with the state that continue_from() left.
+    if (state == State::in_contact) state = State::air;
     path.point.clear();
     path.push(to, u, lambda);
     return 0;
   }
-  look_ahead(to);
+  predict(to);
   const RelaxOptions how{.tolerance = options.tolerance};
   const Relaxed found = relax.has_mixed() ? relax.from_near(u, lambda, f, how) : relax(u, f, how, &lambda);
   if (!found.converged) throw no_equilibrium(found, model);
@@ -171,19 +172,19 @@ std::int64_t Session::Parts::to_equilibrium(double to) {
   path.push(depth, u, lambda);
   v.setZero();
   nothing_left();
-  touch(found.residual);
+  begin_contact(found.residual);
   return found.evaluations;
 }
 
 // Runs `move`; if it throws, the body is restored (strong exception guarantee).
 template <class Move>
-std::int64_t Session::Parts::whole(const Move& move) {
+std::int64_t Session::Parts::with_rollback(const Move& move) {
   const Nodal u_before = u, v_before = v, f_before = f;
   const Eigen::VectorXd lambda_before = lambda;
   const Predictor path_before = path;
   const double depth_before = depth, residual_before = residual;
-  const MixedIteration::Left left_before = left;
-  const std::optional<Attempt> begun_before = begun;
+  const MixedIteration::Residual left_before = left;
+  const std::optional<Attempt> begun_before = pending;
   const State state_before = state;
   const std::vector<double> past = system->past();
   try {
@@ -191,21 +192,21 @@ std::int64_t Session::Parts::whole(const Move& move) {
   } catch (...) {
     u = u_before, v = v_before, f = f_before, lambda = lambda_before, path = path_before;
     depth = depth_before, residual = residual_before, left = left_before;
-    begun = begun_before, state = state_before;
+    pending = begun_before, state = state_before;
     system->restore_past(past);
     throw;
   }
 }
 
 std::int64_t Session::Parts::equilibrate(double to, double dt) {
-  return whole([&] {
+  return with_rollback([&] {
     const double from = depth;
-    const int ways = std::max(1, static_cast<int>(std::ceil(std::abs(to - from) / longest - 1e-9)));
+    const int directions = std::max(1, static_cast<int>(std::ceil(std::abs(to - from) / longest - 1e-9)));
     std::int64_t evaluations = 0;
-    for (int k = 1; k <= ways; ++k) {
-      stop_if_asked();
-      system->begin_step(dt / ways);
-      evaluations += to_equilibrium(k == ways ? to : from + (to - from) * k / ways);
+    for (int k = 1; k <= directions; ++k) {
+      stop_if_requested();
+      system->begin_step(dt / directions);
+      evaluations += to_equilibrium(k == directions ? to : from + (to - from) * k / directions);
       system->accept_step(u);
     }
     return evaluations;
@@ -239,14 +240,14 @@ std::int64_t Session::Parts::count_steps(double dt) {
 }
 
 std::int64_t Session::Parts::step(double to, double dt) {
-  return whole([&] {
+  return with_rollback([&] {
     system->tissue().hold_pressures({});  // release those of an equilibrium
     move_freely();
     const std::int64_t steps = count_steps(dt);
     const double h = dt / static_cast<double>(steps), from = depth, rate = (to - from) / dt;
     const Eigen::VectorXd inverse_mass = model.mass.cwiseInverse();
     for (std::int64_t s = 1; s <= steps; ++s) {
-      stop_if_asked();
+      stop_if_requested();
       system->begin_step(h);
       find_force();
       system->accept_step(u);
@@ -296,7 +297,7 @@ void Session::lift() {
 std::int64_t Session::step(double depth, double dt) {
   Parts& p = *parts_;
   if (!(dt > 0.0)) throw std::invalid_argument("Session::step: dt must be positive");
-  if (p.options.touch)
+  if (p.options.indenter)
     throw SolveError({.fact = "a contacting tool is not modelled with inertia",
                       .where = "Session::step",
                       .why = "its contact is solved in equilibrium",
@@ -305,7 +306,7 @@ std::int64_t Session::step(double depth, double dt) {
   return p.step(depth, dt);
 }
 
-void Session::go_on_from(const Session& before, const Points& u, const std::vector<Index>& of_patch) {
+void Session::continue_from(const Session& before, const Points& u, const std::vector<Index>& of_patch) {
   Parts& p = *parts_;
   const Parts& was = *before.parts_;
   if (u.cols() != p.model.node_count() || u.cols() < was.model.node_count() ||
@@ -317,7 +318,7 @@ void Session::go_on_from(const Session& before, const Points& u, const std::vect
                       .why = "the history of each point is not carried over",
                       .remedy = "use elastic tissue",
                       .code = "no-live"});
-  p.go_on_from(was, u, of_patch);
+  p.continue_from(was, u, of_patch);
 }
 
 double Session::depth() const {
@@ -328,7 +329,7 @@ double Session::force() const {
   return p.resistance(p.u, p.lambda, p.f, p.depth);
 }
 double Session::base_force() const {
-  return -along_push(parts_->model, parts_->model.base, parts_->f);
+  return -along_approach(parts_->model, parts_->model.base, parts_->f);
 }
 Wrench Session::on_tool() const {
   const Parts& p = *parts_;
@@ -348,8 +349,8 @@ const Model& Session::model() const {
 ToolPlace Session::tool() const {
   return parts_->tool;
 }
-const Touch* Session::touch() const {
-  return parts_->options.touch.get();
+const RigidBody* Session::indenter() const {
+  return parts_->options.indenter.get();
 }
 
 }  // namespace dimple

@@ -6,8 +6,8 @@
 #include "solver/constraints.hpp"
 #include "solver/terms/internal_force.hpp"
 #include "solver/terms/loads.hpp"
+#include "solver/terms/rigid_contact.hpp"
 #include "solver/terms/tool_force.hpp"
-#include "solver/terms/touching_tool.hpp"
 
 namespace dimple {
 
@@ -19,7 +19,7 @@ struct SessionOptions {
   std::vector<HeldSet> further = {};  ///< other than the bonded patch and the base
   Loads loads = {};                   ///< act before first contact and afterwards
   /// Contacting tool on elastic tissue without friction, in place of the bonded patch and without loads.
-  std::shared_ptr<const Touch> touch = {};
+  std::shared_ptr<const RigidBody> indenter = {};
 };
 
 /// Limit of one frame: a time, or force evaluations for the same bits on every machine.
@@ -39,7 +39,7 @@ struct LiveFrame {
     elsewhere,
     beyond  ///< requested deeper than the body, or than a contacting tool is long
   };
-  double asked = 0.0, depth = 0.0;  ///< requested, and of the tool [m]
+  double requested = 0.0, depth = 0.0;  ///< requested, and of the tool [m]
   double force = 0.0;  ///< on the tool along the press direction [N], corrected for unbalanced forces
   /// Wrench: its component against the press direction is `force`; the others are not corrected.
   Wrench on_tool = Wrench::Zero();
@@ -73,7 +73,7 @@ double force_apart(const LiveFrame& frame, double apart);
 ///     double newtons = session.force();
 class Session {
  public:
-  /// `materials`: of each tissue of the model, by its number. Throws SolveError: `touch` does not fit
+  /// `materials`: of each tissue of the model, by its number. Throws SolveError: `indenter` does not fit
   /// the model, or MixedIteration does not serve the scheme or a material under such a tool.
   Session(Model model, std::vector<Material> materials, const SessionOptions& options = {});
   ~Session();
@@ -114,7 +114,7 @@ class Session {
   /// [patches]. This state is shown until a frame finds an equilibrium of the cut body: the tool lags, and
   /// its error is the force itself. Throws SolveError: viscoelastic tissue, and this session is then
   /// unchanged; std::invalid_argument: other numbers of nodes or patches.
-  void go_on_from(const Session& before, const Points& u, const std::vector<Index>& of_patch);
+  void continue_from(const Session& before, const Points& u, const std::vector<Index>& of_patch);
 
   double depth() const;       ///< of the tool [m]
   double force() const;       ///< on the tool along the press direction [N], positive when the tissue resists
@@ -129,7 +129,7 @@ class Session {
   /// Reference of the depth: the centre of the bonded patch, or the tip of a contacting tool at first
   /// contact; and its radius.
   ToolPlace tool() const;
-  const Touch* touch() const;  ///< null: bonded patch
+  const RigidBody* indenter() const;  ///< null: bonded patch
 
  private:
   struct Parts;

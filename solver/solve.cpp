@@ -46,7 +46,7 @@ Vec3 mean_on(const std::vector<Index>& nodes, const Nodal& u) {
   return nodes.empty() ? sum : Vec3(sum / static_cast<double>(nodes.size()));
 }
 
-void refuse_touch(TimeMode mode, const ForceSystem& tissue, const Model& model) {
+void refuse_contact(TimeMode mode, const ForceSystem& tissue, const Model& model) {
   const char* what = mode != TimeMode::quasi_static ? "inertia"
                      : !MixedIteration::serves(tissue, model)
                          ? "a scheme or a tissue without patches of pressure"
@@ -61,14 +61,16 @@ void refuse_touch(TimeMode mode, const ForceSystem& tissue, const Model& model) 
 
 }  // namespace
 
-void rest_under_loads(const ForceSystem& tissue, const Model& model, Loading& loading, double tolerance) {
-  if (!loading.touch || !loading.loads.move_the_body()) return;
+void equilibrium_under_loads(const ForceSystem& tissue, const Model& model, Loading& loading,
+                             double tolerance) {
+  if (!loading.indenter || !loading.loads.move_the_body()) return;
   const auto system = make_system(tissue, model, loading.contact, loading.further, loading.loads, tolerance,
-                                  loading.touch.get(), loading.folds, loading.walls);
-  loading.settled = std::make_shared<const Settled>(Settled{system->step_start(), system->past()});
-  auto there = std::make_shared<Touch>(*loading.touch);
-  there->pose = first_touch(*there, loading.settled->rest.u);
-  loading.touch = std::move(there);
+                                  loading.indenter.get(), loading.folds, loading.walls);
+  loading.preloaded =
+      std::make_shared<const PreloadedState>(PreloadedState{system->step_start(), system->past()});
+  auto there = std::make_shared<RigidBody>(*loading.indenter);
+  there->pose = first_contact(*there, loading.preloaded->state.u);
+  loading.indenter = std::move(there);
 }
 
 void solve(TimeMode mode, const ForceSystem& tissue, const Model& model, const Loading& loading,
@@ -81,7 +83,7 @@ void solve(TimeMode mode, const ForceSystem& tissue, const Model& model, const L
                              "their speed instantly at a corner of the path",
                       .remedy = "march it quasi-statically (--time quasi-static)",
                       .code = "steps"});
-  if (loading.touch) refuse_touch(mode, tissue, model);
+  if (loading.indenter) refuse_contact(mode, tissue, model);
   if (loading.folds && (mode != TimeMode::quasi_static || !MixedIteration::serves(tissue, model)))
     throw SolveError({.fact = "contact between folds is requested in a march or a scheme without contact",
                       .where = text("time ", name_of(mode)),
@@ -97,11 +99,11 @@ void solve(TimeMode mode, const ForceSystem& tissue, const Model& model, const L
   try {
     const std::unique_ptr<System> system =
         make_system(tissue, model, loading.contact, loading.further, loading.loads, options.tolerance,
-                    loading.touch.get(), loading.folds, loading.walls, loading.settled.get());
+                    loading.indenter.get(), loading.folds, loading.walls, loading.preloaded.get());
     if (!from && (!part || !part->near)) {
       const Nodal& u = system->step_start().u;
-      history.settled = u.colwise().norm().maxCoeff();
-      history.carried = mean_on(model.circle, u);
+      history.preload_displacement = u.colwise().norm().maxCoeff();
+      history.carried = mean_on(model.bonded_patch, u);
     }
     switch (mode) {
       case TimeMode::quasi_static:

@@ -27,8 +27,8 @@ TimeMode choose_time(const Model& model, const Tissues& tissues, const Loading& 
 
 /// Finds the equilibrium under the loads that move the body, if any, and moves the tool to its first contact
 /// there. Throws SolveError: the body does not carry them.
-void rest_under_loads(const ForceSystem& tissue, const Model& model, Loading& loading,
-                      double tolerance = 1e-4);
+void equilibrium_under_loads(const ForceSystem& tissue, const Model& model, Loading& loading,
+                             double tolerance = 1e-4);
 
 /// Marches from rest, or from `from` of an earlier run of the same case, to the depth of the load. `history`
 /// receives the force curve during the march. `part`: of a scene whose body changes between steps. Throws

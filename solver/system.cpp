@@ -12,7 +12,7 @@
 namespace dimple {
 
 System::System(const ForceSystem& tissue, const Model& model, Constraints held, ForceTerms terms,
-               std::vector<std::unique_ptr<TouchingTool>> rigid, std::unique_ptr<FoldContact> folds)
+               std::vector<std::unique_ptr<RigidContact>> rigid, std::unique_ptr<FoldContact> folds)
     : model_(model),
       held_(std::move(held)),
       tissue_(tissue),
@@ -23,15 +23,15 @@ System::System(const ForceSystem& tissue, const Model& model, Constraints held, 
   for (const auto& one : rigid_) {
     contacts_.push_back({one.get(), one.get(), contact_unknowns()});
     if (one->is_measured())
-      touching_ = one.get();
+      tool_contact_ = one.get();
     else
       walls_.push_back(one.get());
   }
   if (folds_) contacts_.push_back({folds_.get(), nullptr, contact_unknowns()});
   for (const OneContact& one : contacts_)
     is_active_.emplace_back(static_cast<std::size_t>(one.term->count()), char{0});
-  if (touching_)
-    for (Index s = 0; s < touching_->count(); ++s) activate({0, s});
+  if (tool_contact_)
+    for (Index s = 0; s < tool_contact_->count(); ++s) activate({0, s});
   step_start_ = {Nodal::Zero(4, model.node_count()),
                  Eigen::VectorXd::Zero(model.patches.count() + contact_unknowns())};
   run_start_ = step_start_;
@@ -93,9 +93,9 @@ System::Sweep System::force_at(const Nodal& u, const Eigen::VectorXd& lambda, No
   return force(u, f);
 }
 
-void System::bring_back(Eigen::VectorXd& lambda) const {
+void System::project_to_admissible(Eigen::VectorXd& lambda) const {
   for (const OneContact& one : contacts_)
-    one.term->bring_back(lambda.segment(model_.patches.count() + one.first, one.term->unknowns()));
+    one.term->project_to_admissible(lambda.segment(model_.patches.count() + one.first, one.term->unknowns()));
 }
 
 void System::gather(const Nodal& u, Nodal& f, const std::function<void(Index first, Index last)>& then) {
@@ -109,7 +109,7 @@ StoredEnergy System::stored_energy(const Nodal& u) {
   StoredEnergy energy;
   energy.tissue = tissue_.stored_energy(u, &energy.hourglass);
   energy.loads = energy_of_terms(u);
-  if (loaded()) energy.loads -= loads_at_rest_;
+  if (loaded()) energy.loads -= loads_at_start_;
   return energy;
 }
 
@@ -124,7 +124,7 @@ double System::energy_of_terms(const Nodal& u) const {
   double change = 0.0;
   for (Index b = 0; b < patches.dilation.size(); ++b)
     change += model_.patches.volume[b] * patches.dilation[b];
-  return energy + now_.share * pressure_around_ * change;
+  return energy + now_.fraction * pressure_around_ * change;
 }
 
 StiffnessBound System::stiffness_bound() const {
@@ -140,43 +140,46 @@ NodeStiffness System::node_stiffness(const Nodal& u) const {
   return sum;
 }
 
-double System::along_push(const Nodal& f) const {
-  return touching_ ? touching_->along(model_.tool.push) : dimple::along_push(model_, model_.circle, f);
+double System::along_approach(const Nodal& f) const {
+  return tool_contact_ ? tool_contact_->along(model_.tool.approach)
+                       : dimple::along_approach(model_, model_.bonded_patch, f);
 }
 
-double System::working_force(const Nodal& f) const {
-  double force = held_.working_force(f);
-  if (touching_) force += touching_->working_force(now_);
-  for (const TouchingTool* wall : walls_) force += wall->along(wall->motion());
+double System::force_along_motion(const Nodal& f) const {
+  double force = held_.force_along_motion(f);
+  if (tool_contact_) force += tool_contact_->force_along_motion(now_);
+  for (const RigidContact* wall : walls_) force += wall->along(wall->motion());
   return force;
 }
 
 Wrench System::on_tool(const Nodal& u, const Nodal& f) const {
-  if (touching_) return touching_->on_tool(now_);
+  if (tool_contact_) return tool_contact_->on_tool(now_);
   Vec3 carried = Vec3::Zero();  // preload displacement of the bonded patch
-  if (loaded() && !model_.circle.empty()) {
-    for (const Index a : model_.circle) carried += step_start_.u.col(a).head<3>();
-    carried /= static_cast<double>(model_.circle.size());
-    carried -= way_before_.come;
+  if (loaded() && !model_.bonded_patch.empty()) {
+    for (const Index a : model_.bonded_patch) carried += step_start_.u.col(a).head<3>();
+    carried /= static_cast<double>(model_.bonded_patch.size());
+    carried -= motion_before_.initial_displacement;
   }
   return wrench_on_tool(model_, held_, u, f, model_.tool.centre + tool_displacement() + carried);
 }
 
 Vec3 System::tool_displacement() const {
-  RigidWay way = way_before_;
-  way.motion = held_.motion(tool_set);
-  return way.come_at(now_.depth);
+  RigidMotion motion = motion_before_;
+  motion.motion = held_.motion(tool_set);
+  return motion.displacement_at(now_.depth);
 }
 
 Vec3 System::turned() const {
-  return way_before_.has_turned() ? rotation_vector(way_before_.turned_at(now_.depth)) : Vec3::Zero().eval();
+  return motion_before_.has_turned() ? rotation_vector(motion_before_.turned_at(now_.depth))
+                                     : Vec3::Zero().eval();
 }
 
 Vec3 System::aside() const {
-  const Vec3 way = tool_displacement(), &push = model_.tool.push;
-  if (way_before_.come.isZero(0.0) && !way_before_.turns() && held_.motion(tool_set) == push)
+  const Vec3 displacement = tool_displacement(), &approach = model_.tool.approach;
+  if (motion_before_.initial_displacement.isZero(0.0) && !motion_before_.turns() &&
+      held_.motion(tool_set) == approach)
     return Vec3::Zero();  // without rounding
-  return way - way.dot(push) * push;
+  return displacement - displacement.dot(approach) * approach;
 }
 
 void System::accept_step(const Nodal& u) {
@@ -194,9 +197,9 @@ std::vector<double> System::past() const {
     all.insert(all.end(), its.begin(), its.end());
     all.push_back(static_cast<double>(its.size()));
   };
-  const Index of_tool = touching_ ? touching_->count() : 0;
+  const Index of_tool = tool_contact_ ? tool_contact_->count() : 0;
   for (const OneContact& one : contacts_) {
-    if (one.term == touching_ && !touching_->rubs()) continue;
+    if (one.term == tool_contact_ && !tool_contact_->has_friction()) continue;
     add(*one.term);
   }
   for (auto one = active_.begin() + of_tool; one != active_.end(); ++one) {
@@ -220,46 +223,46 @@ void System::restore_past(std::vector<double> past) {
   const auto restore_last = [&](ForceTerm& term) { term.restore_past(take_last()); };
   for (auto term = terms_.rbegin(); term != terms_.rend(); ++term) restore_last(**term);
   const std::vector<double> met = contacts_.empty() ? std::vector<double>() : take_last();
-  active_.resize(static_cast<std::size_t>(touching_ ? touching_->count() : 0));
-  for (std::size_t c = touching_ ? 1 : 0; c < is_active_.size(); ++c)
+  active_.resize(static_cast<std::size_t>(tool_contact_ ? tool_contact_->count() : 0));
+  for (std::size_t c = tool_contact_ ? 1 : 0; c < is_active_.size(); ++c)
     std::fill(is_active_[c].begin(), is_active_[c].end(), char{0});
   for (std::size_t k = 0; k + 1 < met.size(); k += 2)
     activate({static_cast<Index>(met[k]), static_cast<Index>(met[k + 1])});
   for (auto one = contacts_.rbegin(); one != contacts_.rend(); ++one)
-    if (one->term != touching_ || touching_->rubs()) restore_last(*one->term);
+    if (one->term != tool_contact_ || tool_contact_->has_friction()) restore_last(*one->term);
   tissue_.restore_past(past);
 }
 
-void System::begin_at(Rest rest, Constraints held) {
-  run_start_ = step_start_ = std::move(rest);
+void System::set_reference_state(EquilibriumState state, Constraints held) {
+  run_start_ = step_start_ = std::move(state);
   held_ = std::move(held);
   tissue_.hold_pressures({});  // release the pressures of the search
   accept_step(step_start_.u);
-  for (const auto& one : rigid_) one->count_heat_anew();  // energies exclude the preload
+  for (const auto& one : rigid_) one->reset_dissipation();  // energies exclude the preload
   if (pressure_around_ != 0.0) tissue_.stress_sweep(step_start_.u);
-  loads_at_rest_ = energy_of_terms(step_start_.u);
+  loads_at_start_ = energy_of_terms(step_start_.u);
 }
 
-void System::go_on(Rest from, Constraints held, const RigidWay& of_tool, double travel_before,
-                   const std::vector<RigidWay>& of_walls) {
+void System::begin_scene_step(EquilibriumState from, Constraints held, const RigidMotion& of_tool,
+                              double travel_before, const std::vector<RigidMotion>& of_walls) {
   held.start_at(from.u);
   step_start_ = std::move(from);
   held_ = std::move(held);
-  way_before_ = of_tool;
+  motion_before_ = of_tool;
   std::size_t wall = 0;
   for (const auto& one : rigid_)
     if (one->is_measured()) {
-      RigidWay way = of_tool;
-      way.motion = held_.motion(tool_set);
-      one->go_on(way, travel_before);
+      RigidMotion motion = of_tool;
+      motion.motion = held_.motion(tool_set);
+      one->begin_motion(motion, travel_before);
     } else {
-      one->go_on(of_walls[wall], travel_before);
+      one->begin_motion(of_walls[wall], travel_before);
       ++wall;
     }
   tissue_.hold_pressures({});
 }
 
-void System::measure_by(const Nodal& f) {
+void System::set_residual_scale(const Nodal& f) {
   Nodal free(4, f.cols());
   least_reactions_ = std::max(least_reactions_, 0.01 * balance(f, free).reactions);
 }
@@ -277,96 +280,96 @@ constexpr double at_last = std::numeric_limits<double>::infinity();  // s: for f
 // 2. First guess: the last state, scaled to the new loads. Viscoelastic tissue is fully relaxed.
 // 3. Search; accept the state.
 // 4. If none is found, repeat with half the increment, down to 1/64 of the loads.
-Rest come_to_rest(System& system, double tolerance) {
-  Rest rest = system.step_start();
+EquilibriumState find_equilibrium(System& system, double tolerance) {
+  EquilibriumState state = system.step_start();
   const Relaxation relax(system);
-  Nodal f = rest.u;
+  Nodal f = state.u;
   const std::int64_t before = system.tissue().sweeps();
   const auto sweeps = [&] { return system.tissue().sweeps() - before; };
   double done = 0.0, part = first_part;
   while (done < 1.0) {
-    stop_if_asked();
-    const double share = std::min(1.0, done + part);
-    Rest tried = rest;
+    stop_if_requested();
+    const double fraction = std::min(1.0, done + part);
+    EquilibriumState tried = state;
     if (done > 0.0) {
-      tried.u *= share / done;
-      tried.lambda *= share / done;
+      tried.u *= fraction / done;
+      tried.lambda *= fraction / done;
     }
     system.begin_step(at_last);
-    system.set({.share = share}, tried.u);
+    system.set({.fraction = fraction}, tried.u);
     try {
       RelaxOptions how{.tolerance = tolerance};
       if (relax.has_mixed())
         how.evaluations = std::clamp<std::int64_t>(most_in_all - sweeps(), 1, most_of_part);
       relax(tried.u, f, how, &tried.lambda);
       system.accept_step(tried.u);
-      rest = std::move(tried);
-      done = share;
+      state = std::move(tried);
+      done = fraction;
     } catch (const SolveError& error) {
       part *= 0.5;
       if (part >= smallest_part && (sweeps() < most_in_all || !relax.has_mixed())) continue;
       Report report = error.report;
       report.fact = text("the body is not in equilibrium under its loads: ", report.fact,
                          "; the tolerance is ", tolerance);
-      report.where = text("before first contact, at ", percent(share), " of its loads; ", report.where);
+      report.where = text("before first contact, at ", percent(fraction), " of its loads; ", report.where);
       report.remedy =
           "lower the loads, raise the stiffness, hold more of the body, or accept more unbalanced force, for "
           "instance --set solver.tolerance=1e-3";
       throw SolveError(report);
     }
   }
-  return rest;
+  return state;
 }
 
 // Restores the preloaded state, as if it had been computed here. Accepting it again changes nothing. The tool
 // has been moved since, and has no other past there.
-void be_at_rest(System& system, const Settled& settled) {
-  const Rest& rest = settled.rest;
-  Nodal f = rest.u;
-  system.restore_past(settled.past);
+void set_preloaded_state(System& system, const PreloadedState& preloaded) {
+  const EquilibriumState& state = preloaded.state;
+  Nodal f = state.u;
+  system.restore_past(preloaded.past);
   system.begin_step(at_last);
-  system.force_at(rest.u, rest.lambda, f);
-  system.accept_step(rest.u);
+  system.force_at(state.u, state.lambda, f);
+  system.accept_step(state.u);
 }
 
 // [N] Least reactions under a contacting tool: those of a sphere pressed in by 0.003 of its radius. Grazing
 // contact has an equilibrium, too.
-double least_contact_force(const ForceSystem& tissue, const Touch& touch) {
+double least_contact_force(const ForceSystem& tissue, const RigidBody& indenter) {
   constexpr double least = 1e-3;  // of the shear modulus times the radius squared
   double softest = std::numeric_limits<double>::infinity();
   for (const Material& material : tissue.materials()) softest = std::min(softest, material.mu);
-  return least * softest * touch.shape.radius * touch.shape.radius;
+  return least * softest * indenter.shape.radius * indenter.shape.radius;
 }
 
 }  // namespace
 
 std::unique_ptr<System> make_system(const ForceSystem& tissue, const Model& model, Contact contact,
                                     const std::vector<HeldSet>& further, const Loads& loads, double tolerance,
-                                    const Touch* touch, std::shared_ptr<const FoldBanks> folds,
-                                    const std::vector<Touch>& walls, const Settled* settled) {
-  std::vector<std::unique_ptr<TouchingTool>> rigid;
-  if (touch) rigid.push_back(std::make_unique<TouchingTool>(*touch));
-  for (const Touch& wall : walls) rigid.push_back(std::make_unique<TouchingTool>(wall));
+                                    const RigidBody* indenter, std::shared_ptr<const FoldFaces> folds,
+                                    const std::vector<RigidBody>& walls, const PreloadedState* preloaded) {
+  std::vector<std::unique_ptr<RigidContact>> rigid;
+  if (indenter) rigid.push_back(std::make_unique<RigidContact>(*indenter));
+  for (const RigidBody& wall : walls) rigid.push_back(std::make_unique<RigidContact>(wall));
   auto closing = folds ? std::make_unique<FoldContact>(std::move(folds), tissue) : nullptr;
   if (!loads.move_the_body()) {
     auto unloaded = std::make_unique<System>(tissue, model, make_constraints(model, contact, further),
                                              make_terms(model, loads), std::move(rigid), std::move(closing));
-    if (touch) unloaded->set_least_reactions(least_contact_force(tissue, *touch));
+    if (indenter) unloaded->set_least_reactions(least_contact_force(tissue, *indenter));
     return unloaded;
   }
   std::vector<HeldSet> still;  // tool and moving sets are not applied yet
   std::copy_if(further.begin(), further.end(), std::back_inserter(still),
-               [](const HeldSet& s) { return s.share == 0.0; });
+               [](const HeldSet& s) { return s.fraction == 0.0; });
   still.push_back({.name = base_set, .node = model.base});
   auto system = std::make_unique<System>(tissue, model, Constraints(model.node_count(), std::move(still)),
                                          make_terms(model, loads), std::move(rigid), std::move(closing));
-  if (touch) system->touching()->stand_apart(true);
-  Rest rest = settled ? settled->rest : come_to_rest(*system, tolerance);
-  if (settled) be_at_rest(*system, *settled);
-  if (touch) system->touching()->stand_apart(false);
+  if (indenter) system->tool_contact()->set_separated(true);
+  EquilibriumState state = preloaded ? preloaded->state : find_equilibrium(*system, tolerance);
+  if (preloaded) set_preloaded_state(*system, *preloaded);
+  if (indenter) system->tool_contact()->set_separated(false);
   Constraints held = make_constraints(model, contact, further);
-  held.start_at(rest.u);
-  system->begin_at(std::move(rest), std::move(held));
+  held.start_at(state.u);
+  system->set_reference_state(std::move(state), std::move(held));
   return system;
 }
 

@@ -7,8 +7,8 @@
 #include "solver/terms/force_term.hpp"
 #include "solver/terms/internal_force.hpp"
 #include "solver/terms/loads.hpp"
+#include "solver/terms/rigid_contact.hpp"
 #include "solver/terms/tool_force.hpp"
-#include "solver/terms/touching_tool.hpp"
 
 namespace dimple {
 
@@ -30,14 +30,14 @@ struct StoredEnergy {
 
 /// Displacements [4xN] m, their fourth row zero for vector registers; and lambda: pressure of each patch
 /// times its volume [N m], see MixedIteration, then the contact forces [N] of System::contacts().
-struct Rest {
+struct EquilibriumState {
   Nodal u;
   Eigen::VectorXd lambda;
 };
 
 /// Equilibrium under the loads alone, and System::past() there.
-struct Settled {
-  Rest rest;
+struct PreloadedState {
+  EquilibriumState state;
   std::vector<double> past;
 };
 
@@ -54,7 +54,7 @@ class System {
   using Sweep = ForceSystem::Sweep;  ///< the worst point: its J, and whether it is inverted
   /// `tissue` and `model` must outlive it. At most one of the `rigid` contacts is measured.
   System(const ForceSystem& tissue, const Model& model, Constraints held, ForceTerms terms = {},
-         std::vector<std::unique_ptr<TouchingTool>> rigid = {}, std::unique_ptr<FoldContact> folds = nullptr);
+         std::vector<std::unique_ptr<RigidContact>> rigid = {}, std::unique_ptr<FoldContact> folds = nullptr);
 
   const Model& model() const { return model_; }
   const Constraints& held() const { return held_; }
@@ -64,12 +64,12 @@ class System {
   bool viscoelastic() const { return tissue_.system().viscoelastic(); }
   bool loaded() const { return !terms_.empty(); }
   /// The measured tool, if it is a contacting one, in contact or not; null: bonded patch.
-  TouchingTool* touching() { return touching_; }
-  const TouchingTool* touching() const { return touching_; }
-  /// Projects extrapolated contact forces onto the admissible set: see ContactTerm::bring_back().
-  void bring_back(Eigen::VectorXd& lambda) const;
+  RigidContact* tool_contact() { return tool_contact_; }
+  const RigidContact* tool_contact() const { return tool_contact_; }
+  /// Projects extrapolated contact forces onto the admissible set: see ContactTerm::project_to_admissible().
+  void project_to_admissible(Eigen::VectorXd& lambda) const;
   /// Rigid contacts other than the measured tool: walls, and tools that are not measured.
-  const std::vector<const TouchingTool*>& walls() const { return walls_; }
+  const std::vector<const RigidContact*>& walls() const { return walls_; }
   /// Null: folds overlap.
   FoldContact* folds() { return folds_.get(); }
   const FoldContact* folds() const { return folds_.get(); }
@@ -77,7 +77,7 @@ class System {
   /// folds.
   struct OneContact {
     ContactTerm* term;
-    TouchingTool* rigid;  ///< the same; null: folds
+    RigidContact* rigid;  ///< the same; null: folds
     Index first;          ///< counted after the pressures; every sample has a place, active or not
   };
   const std::vector<OneContact>& contacts() const { return contacts_; }
@@ -99,7 +99,7 @@ class System {
   /// Sets tool and loads. {}: the beginning of the scene's step.
   void set(const Instant& now) {
     now_ = now;
-    if (pressure_around_ != 0.0) tissue_.press_around(now.share * pressure_around_);
+    if (pressure_around_ != 0.0) tissue_.press_around(now.fraction * pressure_around_);
   }
   /// Sets `now` as above and puts the held nodes of u [4xN] m to their prescribed positions.
   void set(const Instant& now, Nodal& u);
@@ -107,8 +107,8 @@ class System {
   /// f [4xN] N at u [4xN] m, with the pressures and contact forces of the last force_at(); without one,
   /// pressures follow from the volumes, and there is no contact.
   Sweep force(const Nodal& u, Nodal& f);
-  /// Force with the pressures and contact forces of `lambda`, see Rest; without patches these are contact
-  /// forces alone.
+  /// Force with the pressures and contact forces of `lambda`, see EquilibriumState; without patches these are
+  /// contact forces alone.
   Sweep force_at(const Nodal& u, const Eigen::VectorXd& lambda, Nodal& f);
   /// Size of the sum of the forces in f that act within the body, zero but for rounding [N].
   double spurious_resultant(const Nodal& f) const {
@@ -118,10 +118,10 @@ class System {
   /// force() in two halves, for a caller that does more with nodes [first, last) once their force is known.
   Sweep stress_sweep(const Nodal& u) { return tissue_.stress_sweep(u); }
   void gather(const Nodal& u, Nodal& f, const std::function<void(Index first, Index last)>& then);
-  /// Balance at the last force(). `unbalanced` [4xN] N: the force components that are not held. `beside(a,
+  /// Balance at the last force(). `unbalanced` [4xN] N: the force components that are not held. `added(a,
   /// all)` may add a viscous force to that of node a.
-  template <class Beside>
-  Balance balance(const Nodal& f, Nodal& unbalanced, const Beside& beside) const;
+  template <class Added>
+  Balance balance(const Nodal& f, Nodal& unbalanced, const Added& added) const;
   Balance balance(const Nodal& f, Nodal& unbalanced) const {
     return balance(f, unbalanced, [](Index, Eigen::Vector4d&) {});
   }
@@ -141,8 +141,8 @@ class System {
   Wrench on_tool(const Nodal& u, const Nodal& f) const;
   /// Force on the tool at the last force(), along the press direction, positive where tissue resists [N]; and
   /// the force that does work on the depth, of everything that moves with the tool.
-  double along_push(const Nodal& f) const;
-  double working_force(const Nodal& f) const;
+  double along_approach(const Nodal& f) const;
+  double force_along_motion(const Nodal& f) const;
 
   /// Begins a time step of dt [s]; accept_step(u) ends it: viscous stresses and friction anchors become
   /// permanent.
@@ -154,19 +154,19 @@ class System {
 
   /// State at the beginning of a step of a scene, or of a run without steps: undeformed, or under the loads
   /// and earlier steps.
-  const Rest& step_start() const { return step_start_; }
+  const EquilibriumState& step_start() const { return step_start_; }
   /// State at the beginning of the run.
-  const Rest& run_start() const { return run_start_; }
+  const EquilibriumState& run_start() const { return run_start_; }
   /// Sets the equilibrium at which the motion of `held` begins.
-  void begin_at(Rest rest, Constraints held);
+  void set_reference_state(EquilibriumState state, Constraints held);
   /// Begins a further step of a scene at `from`. `held` has its motion; `of_tool`: displacement and rotation
   /// of the tool by the steps before, `of_walls`: those of each of walls(); `travel_before` [m]: total path
   /// of these steps, by which friction detects motion.
-  void go_on(Rest from, Constraints held, const RigidWay& of_tool, double travel_before,
-             const std::vector<RigidWay>& of_walls);
+  void begin_scene_step(EquilibriumState from, Constraints held, const RigidMotion& of_tool,
+                        double travel_before, const std::vector<RigidMotion>& of_walls);
   /// Makes 1 % of the reactions in f [4xN] N, at the beginning of a step, the least of its balance: a tool
   /// that comes back to first contact leaves none to compare with.
-  void measure_by(const Nodal& f);
+  void set_residual_scale(const Nodal& f);
   double least_reactions() const { return least_reactions_; }
   void set_least_reactions(double least) { least_reactions_ = least; }
   /// Displacement of the tip since first contact [m].
@@ -183,19 +183,19 @@ class System {
   Constraints held_;
   ForceState tissue_;
   ForceTerms terms_;
-  std::vector<std::unique_ptr<TouchingTool>> rigid_;
+  std::vector<std::unique_ptr<RigidContact>> rigid_;
   std::unique_ptr<FoldContact> folds_;
-  TouchingTool* touching_ = nullptr;        // of rigid_
-  std::vector<const TouchingTool*> walls_;  // likewise
+  RigidContact* tool_contact_ = nullptr;    // of rigid_
+  std::vector<const RigidContact*> walls_;  // likewise
   std::vector<OneContact> contacts_;
   std::vector<ActiveSample> active_;
   std::vector<std::vector<char>> is_active_;  // of each contact's samples
   Instant now_;
   Nodal load_;  // [4xN] N of all loads and rigid contacts; no columns: there are none
-  Rest step_start_, run_start_;
-  RigidWay way_before_;           // displacement and rotation by earlier steps; held_ has the motion
+  EquilibriumState step_start_, run_start_;
+  RigidMotion motion_before_;     // displacement and rotation by earlier steps; held_ has the motion
   double least_reactions_ = 0.0;  // N, for a balance
-  double loads_at_rest_ = 0.0;    // J
+  double loads_at_start_ = 0.0;   // J
   double pressure_around_ = 0.0;  // Pa, on the entire surface; the tissue's pressures bear it
 
   bool tissue_alone() const { return !loaded() && contacts_.empty(); }
@@ -203,12 +203,12 @@ class System {
   void activate(const ActiveSample& one);
 };
 
-template <class Beside>
-Balance System::balance(const Nodal& f, Nodal& unbalanced, const Beside& beside) const {
+template <class Added>
+Balance System::balance(const Nodal& f, Nodal& unbalanced, const Added& added) const {
   Balance sum;
   for (Index a = 0; a < f.cols(); ++a) {
     Eigen::Vector4d all = f.col(a);
-    beside(a, all);
+    added(a, all);
     unbalanced.col(a) = held_.project(a, all);
     sum.unbalanced += unbalanced.col(a).squaredNorm();
     sum.reactions += 0.5 * (all - unbalanced.col(a)).norm() + load_on(a);
@@ -219,13 +219,14 @@ Balance System::balance(const Nodal& f, Nodal& unbalanced, const Beside& beside)
 }
 
 /// Body in equilibrium under `loads`, its bonded patch where the tool then meets it, held as `contact` says,
-/// and `further` sets; or with `touch`, a tool that holds no nodes and stays apart until then. `folds` are in
-/// contact where they close. `walls`: rigid contacts that are not measured. `settled`: this equilibrium, if
-/// already computed. Throws SolveError: the body does not carry its loads.
+/// and `further` sets; or with `indenter`, a tool that holds no nodes and stays apart until then. `folds` are
+/// in contact where they close. `walls`: rigid contacts that are not measured. `preloaded`: this equilibrium,
+/// if already computed. Throws SolveError: the body does not carry its loads.
 std::unique_ptr<System> make_system(const ForceSystem& tissue, const Model& model, Contact contact,
                                     const std::vector<HeldSet>& further, const Loads& loads = {},
-                                    double tolerance = 1e-4, const Touch* touch = nullptr,
-                                    std::shared_ptr<const FoldBanks> folds = nullptr,
-                                    const std::vector<Touch>& walls = {}, const Settled* settled = nullptr);
+                                    double tolerance = 1e-4, const RigidBody* indenter = nullptr,
+                                    std::shared_ptr<const FoldFaces> folds = nullptr,
+                                    const std::vector<RigidBody>& walls = {},
+                                    const PreloadedState* preloaded = nullptr);
 
 }  // namespace dimple

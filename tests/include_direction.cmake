@@ -6,7 +6,7 @@ set(forbidden_preprocess "^(solver|apps)/")
 set(forbidden_solver "^(apps/|itk|vtk|CGAL/|nanoflann|fmt/|toml|nlohmann/|CLI/)")
 # The solver receives a Model and patches of its surface, and throws errors. It includes nothing else of the other
 # folders, except for the macro by which both clone their hot loops.
-set(allowed_solver "^(solver/.*|preprocess/(model|scheme|clones|supports/interpolation|scene/tool_mesh|supports/(surface_patch|contact_surface|fold_banks|wall_surface))\\.hpp|io/(digits|error|stop|types)\\.hpp)$")
+set(allowed_solver "^(solver/.*|preprocess/(model|scheme|clones|supports/interpolation|scene/tool_mesh|supports/(surface_patch|contact_surface|fold_faces|wall_surface))\\.hpp|io/(digits|error|stop|types)\\.hpp)$")
 # Computations print nothing: only the commands include the log and the command line.
 set(forbidden_apps/scene "^(apps/(run|studies|commands|ending|examples)|CLI/)")
 set(forbidden_apps/run "^(apps/(studies|commands|ending|examples)|CLI/)")

@@ -106,7 +106,7 @@ int run_all(const Cohort& cohort, const Description& of_all_rows, const Invocati
   const auto cores = static_cast<std::size_t>(tbb::info::default_concurrency());  // that this process may use
   CohortOptions options{
       .jobs = jobs > 0 ? jobs : std::max<std::size_t>(1, cores / static_cast<std::size_t>(threads)),
-      .anew = shared.force,
+      .rerun = shared.force,
       .program = {std::filesystem::read_symlink("/proc/self/exe").string()}};
   options.program.insert(options.program.end(), shared.words.begin(), shared.words.end());
   options.program.push_back("--index");
@@ -115,7 +115,7 @@ int run_all(const Cohort& cohort, const Description& of_all_rows, const Invocati
     print_ends(cohort, ends, whole.seconds());
   else
     print_table(cohort, ends, whole.seconds(), shared.out);
-  if (const StopReason why = stop_asked(); why != StopReason::none) {
+  if (const StopReason why = stop_requested(); why != StopReason::none) {
     print_error(fmt::format("dimple: {}; the same command continues from there [{}]\n",
                             Stopped(why).report.fact, Stopped(why).report.code));
     return static_cast<int>(ExitCode::interrupted);

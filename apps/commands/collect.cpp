@@ -73,9 +73,9 @@ int perform(const Invocation& shared, const CollectArguments& options) {
     const std::size_t count = write_bids(cases, folder, options.bids);
     say(fmt::format("bids     {} cases with a force, in {}", count, options.bids));
   }
-  const fs::path way = fs::absolute(folder).lexically_normal().lexically_relative(
+  const fs::path relative = fs::absolute(folder).lexically_normal().lexically_relative(
       fs::absolute(page).lexically_normal().parent_path());
-  write_file(page, page_of(cases, way == "." ? "" : (way / "").string()));
+  write_file(page, page_of(cases, relative == "." ? "" : (relative / "").string()));
   const auto finished = std::count_if(cases.begin(), cases.end(),
                                       [](const CollectedCase& c) { return c.status == "finished"; });
   say(fmt::format("page     {}: {} cases, {} finished", page.string(), cases.size(), finished));

@@ -153,11 +153,11 @@ void add_time_limit(CLI::App& command, Invocation& shared) {
 }
 
 void add_over_results(CLI::App& command, Invocation& shared, bool resumable) {
-  CLI::Option* anew =
+  CLI::Option* rerun =
       command.add_flag("--force", shared.force, "replace the results of an earlier run in the folder");
   if (resumable)
     command.add_flag("--resume", shared.resume, "continue a stopped run from its last checkpoint")
-        ->excludes(anew);
+        ->excludes(rerun);
 }
 
 void into_folder(Invocation& shared, const std::string& input) {
@@ -165,7 +165,7 @@ void into_folder(Invocation& shared, const std::string& input) {
   if (shared.image.empty()) shared.image = input;
   shared.ending.last_words(
       [folder = shared.out, command = shared.command, input = shared.image](const Stopped& why) {
-        leave_word(folder, command, input, why, warnings_so_far());
+        write_status(folder, command, input, why, warnings_so_far());
       });
 }
 

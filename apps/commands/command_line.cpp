@@ -264,7 +264,7 @@ int perform(Invocation& shared, const ProgramParts& parts) {
 
 int answered(Invocation& shared, const ProgramParts& parts) {
   const auto fail = [&](const Error& error) {
-    if (shared.leaves_word) leave_word(shared.out, shared.command, shared.image, error, warnings_so_far());
+    if (shared.leaves_word) write_status(shared.out, shared.command, shared.image, error, warnings_so_far());
     return report(error, shared.json);
   };
   try {

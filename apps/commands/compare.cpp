@@ -43,11 +43,11 @@ std::vector<Difference> differences_of(const FinishedRun& a, const FinishedRun& 
   if (a.summary.contains("ladder") || b.summary.contains("ladder")) keys.erase("cloud.nodes");
   for (const auto& [key, ignored] : keys) compare(key, value_in(a, key), value_in(b, key));
   const auto compare_part = [&](const std::string& what, std::initializer_list<const char*> names) {
-    const auto told = [&](const FinishedRun& run) {
+    const auto reported = [&](const FinishedRun& run) {
       const Json* part = part_of(run.summary, names);
       return part ? part->dump() : std::string("not said");
     };
-    compare(what, told(a), told(b));
+    compare(what, reported(a), reported(b));
   };
   for (const char* key : {"version", "time"}) compare_part(key, {key});
   for (const char* key : {"nodes", "circle_centre_mm", "push"})
@@ -170,14 +170,14 @@ std::string verdict_in_words(const FinishedRun& a, const FinishedRun& b, const R
       return text + fmt::format(
                         "; {} has no error estimate ({}), so the discretisation may or may not explain the "
                         "difference",
-                        run == &a ? "A" : "B", run->no_band);
+                        run == &a ? "A" : "B", run->no_error_bounds);
   return text +
          (deepest.overlap()
               ? "; the error bounds overlap: the discretisation alone may explain the difference"
               : "; the error bounds do not overlap: the discretisation does not explain the difference");
 }
 
-std::string band_text(const Written& force, bool known, double at, double half) {
+std::string error_bounds_text(const Written& force, bool known, double at, double half) {
   return known ? fmt::format("{} to {}", force.number(at - half), force.number(at + half)) : "none";
 }
 
@@ -199,13 +199,13 @@ void print_table(const FinishedRun& a, const FinishedRun& b, const std::vector<R
   print(fmt::format("\n{:>8}  {:>9}  {:>18}  {:>9}  {:>18}  {:>9}  {}\n", "depth_mm", "A_" + unit,
                     "bounds of A", "B_" + unit, "bounds of B", "B-A_%", "bounds overlap"));
   for (const Row& row : rows)
-    print(fmt::format("{:>8.2f}  {:>9}  {:>18}  {:>9}  {:>18}  {:>+9.1f}  {}\n", 1e3 * row.depth,
-                      force.number(row.force_a), band_text(force, !a.half.empty(), row.force_a, row.half_a),
-                      force.number(row.force_b), band_text(force, !b.half.empty(), row.force_b, row.half_b),
-                      100.0 * row.change() + 0.0,
-                      !both_banded(a, b) ? "not known"
-                      : row.overlap()    ? "yes"
-                                         : "no"));
+    print(fmt::format(
+        "{:>8.2f}  {:>9}  {:>18}  {:>9}  {:>18}  {:>+9.1f}  {}\n", 1e3 * row.depth, force.number(row.force_a),
+        error_bounds_text(force, !a.half.empty(), row.force_a, row.half_a), force.number(row.force_b),
+        error_bounds_text(force, !b.half.empty(), row.force_b, row.half_b), 100.0 * row.change() + 0.0,
+        !both_banded(a, b) ? "not known"
+        : row.overlap()    ? "yes"
+                           : "no"));
   print(fmt::format("\n{}\n", verdict_in_words(a, b, rows.back())));
   if (const auto released = released_by_cut(a, b, differences)) print(in_words(*released, a, b) + "\n");
 }
@@ -216,7 +216,7 @@ Json to_json(const FinishedRun& a, const FinishedRun& b, const std::vector<Row>&
   for (const auto& [name, run] : {std::pair("a", &a), std::pair("b", &b)}) {
     json[name] = {{"folder", run->folder},
                   {"image_sha256", run->image_sha256.empty() ? Json() : Json(run->image_sha256)}};
-    if (run->half.empty()) json[name]["band_unknown"] = run->no_band;
+    if (run->half.empty()) json[name]["band_unknown"] = run->no_error_bounds;
   }
   const std::string same = same_image(a, b);
   json["same_image"] = same == "not known" ? Json() : Json(same == "yes");

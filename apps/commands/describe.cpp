@@ -280,7 +280,7 @@ std::string image_as_json(const std::filesystem::path& file, const LabelImage& i
                              {"volume_mm3", l.volume_mm3},
                              {"centre_mm", three(l.centre_mm)},
                              {"pieces", l.pieces},
-                             {"touches_border", l.touches_border}});
+                             {"touches_border", l.meets_border}});
   return as_text(out);
 }
 

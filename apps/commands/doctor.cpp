@@ -76,8 +76,8 @@ Check check_simd() {
 
 Check check_memory() {
   // Measured in tests/bench/results/scaling.csv: 1.9 GB at 100,000 nodes, 0.15 GB at 2000.
-  constexpr double per_node = 18e3, beside = 0.12e9;
-  const double bytes = memory_at_hand(), nodes = std::floor((bytes - beside) / per_node / 1e3) * 1e3;
+  constexpr double per_node = 18e3, overhead = 0.12e9;
+  const double bytes = memory_at_hand(), nodes = std::floor((bytes - overhead) / per_node / 1e3) * 1e3;
   constexpr double enough = 4000.0;
   return {nodes >= enough, "memory",
           fmt::format("{:.1f} GB, enough for about {:.0f} nodes", bytes / 1e9, std::clamp(nodes, 0.0, 1e6)),
@@ -130,12 +130,12 @@ Check check_force() {
                       make_phantom({.shape = "block", .size_mm = {60.0, 60.0, 30.0}, .spacing_mm = 2.0}));
     Scene scene;
     scene.image.file = image.string();
-    scene.cloud.nodes = 600;
+    scene.node_set.nodes = 600;
     scene.given.nodes = true;
     scene.depth_mm = depth_mm;
     scene.solver.frames = depth_mm;
     const Result result = simulate({.scene = scene});
-    if (result.history.interrupted) throw Stopped(stop_asked());
+    if (result.history.interrupted) throw Stopped(stop_requested());
     const double force = result.history.force.back().force;
     return {std::abs(force - known) < reference_of_600_nodes * known, what,
             fmt::format("{} under a block indented by {} mm, {} by finite elements; {:.1f} s",

@@ -33,7 +33,7 @@ void describe_image(const std::filesystem::path& file, const std::filesystem::pa
         fmt::format("{:>6}  {:<28} {:>12} {:>14}  {:<24}  {:>6}  {}\n", l.value, printable(l.name), l.voxels,
                     volume_in_words(l.volume_mm3),
                     fmt::format("{:.1f}, {:.1f}, {:.1f}", l.centre_mm.x(), l.centre_mm.y(), l.centre_mm.z()),
-                    l.pieces, l.touches_border ? "yes" : "no"));
+                    l.pieces, l.meets_border ? "yes" : "no"));
   for (const std::string& warning : image.warnings) warn(warning);
 }
 

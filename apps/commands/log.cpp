@@ -68,13 +68,13 @@ class StageLine {
     }
     what_ = name_of(part);
     state_.clear();
-    share_ = 0.0;
+    fraction_ = 0.0;
     tenths_ = 0;
     own_s_ = expected_s(part, work);
     after_s_ = 0.0;
     for (const Part later : all_parts)
       if (later > part) after_s_ += expected_s(later, work);
-    foreseen_ = !work.refinement;
+    is_predicted_ = !work.refinement;
     since_ = {};
     draw();
   }
@@ -86,18 +86,18 @@ class StageLine {
   }
 
   // Sets the progress of the march.
-  void update(double share, const std::string& state) {
+  void update(double fraction, const std::string& state) {
     std::optional<std::string> line;
     {
       const std::lock_guard lock(mutex_);
-      share_ = std::clamp(share, 0.0, 1.0);
+      fraction_ = std::clamp(fraction, 0.0, 1.0);
       state_ = state;
-      const int tenths = static_cast<int>(std::floor(10.0 * share + 1e-9));
+      const int tenths = static_cast<int>(std::floor(10.0 * fraction + 1e-9));
       constexpr double long_s = 60.0;
       const bool each = verbose || own_s_ >= long_s;
       if (!terminal_ && (each ? tenths > tenths_ : tenths_ < 5 && tenths >= 5 && tenths < 10))
-        line = fmt::format("{:<8} {:.0f} %  {}{}", what_, std::floor(100.0 * share + 1e-7), state,
-                           share < 1.0 && foreseen_ ? ", " + left_in_words(left_s()) : "");
+        line = fmt::format("{:<8} {:.0f} %  {}{}", what_, std::floor(100.0 * fraction + 1e-7), state,
+                           fraction < 1.0 && is_predicted_ ? ", " + left_in_words(left_s()) : "");
       tenths_ = std::max(tenths, tenths_);
       if (terminal_ && drawn_.seconds() < 0.1) return;
       draw();
@@ -124,26 +124,26 @@ class StageLine {
     constexpr double doubt_s = 0.3;  // the first parts are too short for an estimate
     const double pace = std::clamp((taken_s_ + doubt_s) / (expected_before_s_ + doubt_s), 0.1, 30.0);
     const double here = since_.seconds();
-    const double done = std::pow(share_, 1.5);  // deep equilibria take longer than shallow ones
-    const double own = share_ > 0.05 ? here * (1.0 - done) / done : std::max(0.0, pace * own_s_ - here);
+    const double done = std::pow(fraction_, 1.5);  // deep equilibria take longer than shallow ones
+    const double own = fraction_ > 0.05 ? here * (1.0 - done) / done : std::max(0.0, pace * own_s_ - here);
     return own + pace * after_s_;
   }
 
   void draw() {
     const double left = left_s(), passed = whole_.seconds();
-    if (slicer_ && foreseen_ && own_s_ > 0.0) {
-      told_ = std::max(told_, std::min(0.99, passed / std::max(passed + left, 1e-9)));
-      tag(fmt::format("<filter-progress>{:.3f}</filter-progress>\n", told_));
+    if (slicer_ && is_predicted_ && own_s_ > 0.0) {
+      reported_ = std::max(reported_, std::min(0.99, passed / std::max(passed + left, 1e-9)));
+      tag(fmt::format("<filter-progress>{:.3f}</filter-progress>\n", reported_));
     }
     if (!terminal_ || what_.empty()) return;
     drawn_ = {};
     std::string line = fmt::format("{:<8}", what_);
     if (own_s_ > 0.0) {
-      const double share = foreseen_ ? passed / std::max(passed + left, 1e-9) : share_;
-      const int filled = static_cast<int>(std::floor(24.0 * share));
+      const double fraction = is_predicted_ ? passed / std::max(passed + left, 1e-9) : fraction_;
+      const int filled = static_cast<int>(std::floor(24.0 * fraction));
       line += fmt::format(" [{:=<{}}{:{}}]", "", filled, "", 24 - filled);
       if (!state_.empty()) line += ' ' + state_;
-      if (foreseen_) line += (state_.empty() ? " " : ", ") + left_in_words(left);
+      if (is_predicted_) line += (state_.empty() ? " " : ", ") + left_in_words(left);
     } else {
       line += " ...";
     }
@@ -175,12 +175,12 @@ class StageLine {
     std::fflush(stdout);
   }
 
-  bool slicer_, terminal_, foreseen_ = true;
+  bool slicer_, terminal_, is_predicted_ = true;
   std::mutex mutex_;
   std::string what_, state_;
-  double share_ = 0.0, own_s_ = 0.0, after_s_ = 0.0;
+  double fraction_ = 0.0, own_s_ = 0.0, after_s_ = 0.0;
   double taken_s_ = 0.0, expected_before_s_ = 0.0;  // of the finished parts
-  double told_ = 0.0;
+  double reported_ = 0.0;
   int tenths_ = 0;
   bool open_ = false;
   Stopwatch whole_, since_, drawn_;
@@ -265,16 +265,16 @@ RecordObserver to_log() {
                 if (stage_line) stage_line->begin(part, work);
               },
           .progress =
-              [](double share, const std::string& state) {
-                if (stage_line) stage_line->update(share, state);
+              [](double fraction, const std::string& state) {
+                if (stage_line) stage_line->update(fraction, state);
               },
           .waited_s = seconds_since_start()};
 }
 
 std::string times_in_words(double total_s, std::vector<std::pair<std::string, double>> parts) {
-  double rest_s = total_s;
-  for (const auto& [name, s] : parts) rest_s -= s;
-  parts.emplace_back("starting and ending", std::max(0.0, rest_s));
+  double remaining_s = total_s;
+  for (const auto& [name, s] : parts) remaining_s -= s;
+  parts.emplace_back("starting and ending", std::max(0.0, remaining_s));
   // Rounds by largest remainders, so that the parts add up to the total.
   const int decimals = total_s < 10.0 ? 2 : 1;
   const double unit = std::pow(10.0, -decimals), in_all = std::round(total_s / unit);

@@ -49,7 +49,7 @@ constexpr double recorded_rate = 5.0;     // surfaces a second
 // Surface under the tool, reduced so that it is drawn within a few milliseconds.
 struct Skin {
   ReducedSurface part;
-  Points rest_mm;
+  Points undeformed_mm;
   Interpolation moved;
 
   // `opened`: surface with the faces of cuts; null: there are none, or they are not drawn yet.
@@ -58,8 +58,8 @@ struct Skin {
         opened ? Surface{opened->to_world() * opened->vertex().colwise().homogeneous(), opened->triangles()}
                : model.surface;
     part = reduced_surface(surface, model.tool, most_triangles);
-    rest_mm = surface.vertex_mm(Eigen::all, part.vertex);
-    moved = inner_interpolation(model, 1e-3 * rest_mm);
+    undeformed_mm = surface.vertex_mm(Eigen::all, part.vertex);
+    moved = inner_interpolation(model, 1e-3 * undeformed_mm);
   }
   // Cuts made since then append nodes, which are not read here.
   Points displacement_mm(const Session& session) const { return 1e3 * moved(session.nodal_parameters()); }
@@ -67,9 +67,9 @@ struct Skin {
 
 // State of the tool's nodes and cuts; the picture is rebuilt when it changes.
 struct Drawn {
-  Index clouds = 0;
+  Index node_sets = 0;
   std::size_t opened_cuts = 0;
-  explicit Drawn(const LiveTool& tool) : clouds(tool.clouds), opened_cuts(tool.opened_cuts) {}
+  explicit Drawn(const LiveTool& tool) : node_sets(tool.node_sets), opened_cuts(tool.opened_cuts) {}
   bool operator==(const Drawn&) const = default;
 };
 
@@ -86,7 +86,7 @@ class Recording {
     const Points u = skin.displacement_mm(session);
     write_vtp(
         surfaces_.next_frame(),
-        {.position_mm = skin.rest_mm + u,
+        {.position_mm = skin.undeformed_mm + u,
          .triangles = skin.part.triangles,
          .fields = {{.name = "displacement_mm", .unit = "mm", .values = u, .components = {"X", "Y", "Z"}}}},
         now.time);
@@ -130,15 +130,15 @@ class Poking {
     path_ = options.path;
     tool_.waits = path_.has_value();
     if (!options.socket.empty()) server_.emplace(tool, options.socket);
-    touched(true);
+    begin_stop(true);
   }
 
   std::vector<PathFrame> run() {
     window_.pressed = [this](const Vec3& place_mm) { return pressed(place_mm); };
     window_.dragged = [this](double along_mm) {
-      if (!from_mm_) asked_ = 1e-3 * std::max(0.0, along_mm);
+      if (!from_mm_) requested_ = 1e-3 * std::max(0.0, along_mm);
     };
-    window_.let_go = [this](const Vec3& place_mm) { to_mm_ = place_mm; };
+    window_.on_release = [this](const Vec3& place_mm) { to_mm_ = place_mm; };
     window_.released = [this] { released(); };
     window_.key = [this](const std::string& key) {
       if (key != "t" || !options_.blade) return false;
@@ -148,7 +148,7 @@ class Poking {
     window_.tick = [this] { return tick(); };
     finish_after(recording_, tool_, [this] {
       window_.run();
-      if (stop_asked() == StopReason::none) end_cuts(tool_, options_.cuts, stroke_);
+      if (stop_requested() == StopReason::none) end_cuts(tool_, options_.cuts, stroke_);
     });
     return frames_;
   }
@@ -168,8 +168,8 @@ class Poking {
     if (!by_hand()) return false;
     const ToolPlace at = tool_.session->tool();
     if ((1e-3 * place_mm - at.centre).norm() > 0.25 * at.radius) try {
-        put_down(tool_, 1e-3 * place_mm, options_.evaluations == 0);
-        touched(false);
+        begin_contact(tool_, 1e-3 * place_mm, options_.evaluations == 0);
+        begin_stop(false);
       } catch (const ModelError& error) {
         notice_ = error.report.fact;
       }
@@ -179,7 +179,7 @@ class Poking {
   // The tool rises when the mouse is released. With a scalpel it stays, so that one can cut next to it.
   void released() {
     if (!from_mm_) {
-      if (!options_.blade) asked_ = 0.0;
+      if (!options_.blade) requested_ = 0.0;
       return;
     }
     if (!to_mm_ || *to_mm_ == *from_mm_)
@@ -189,14 +189,15 @@ class Poking {
     from_mm_.reset();
   }
 
-  void touched(bool look) {
+  void begin_stop(bool look) {
     const Model& model = tool_.session->model();
     skin_.emplace(model, tool_.opened.get());
     drawn_ = Drawn(tool_);
     const ToolPlace at = tool_.session->tool();
-    const BodyFrame frame = body_frame(model.X, at.centre, at.push);
-    const SurfaceFile tool = tool_.session->touch() ? tool_body(*tool_.session->touch()) : tool_body(model);
-    window_.show({.surface_mm = skin_->rest_mm,
+    const BodyFrame frame = body_frame(model.X, at.centre, at.approach);
+    const SurfaceFile tool =
+        tool_.session->indenter() ? tool_body(*tool_.session->indenter()) : tool_body(model);
+    window_.show({.surface_mm = skin_->undeformed_mm,
                   .triangles = skin_->part.triangles,
                   .tool_mm = tool.position_mm,
                   .tool_triangles = tool.triangles,
@@ -204,17 +205,17 @@ class Poking {
                   .front = frame.front,
                   .centre_mm = 1e3 * at.centre},
                  1e3 * at.radius, look);
-    asked_ = 0.0;
+    requested_ = 0.0;
   }
 
   bool tick() {
-    if (stop_asked() != StopReason::none) return false;
+    if (stop_requested() != StopReason::none) return false;
     const double period = 1.0 / options_.rate, now = clock_.seconds();
     if (now < next_) return true;
     next_ = std::max(next_ + period, now);
     const double time = path_ ? static_cast<double>(frames_.size()) * period : now;
     if (time > options_.seconds) return false;
-    const Index touches = tool_.touches;
+    const Index contact_count = tool_.contact_count;
     const FrameLimit limit{.seconds = for_solving * period, .evaluations = options_.evaluations};
     const Stopwatch solving;
     PathFrame frame{.time = time};
@@ -231,16 +232,16 @@ class Poking {
     } else {
       // The tool is released: relaxing tissue would hold one that stays at the height of first contact.
       constexpr double above = -1e-3;
-      const bool is_held = asked_ > 0.0 || !relaxes(tool_.organ->materials);
-      move_depth(tool_, is_held ? asked_ : above, limit, period);
+      const bool is_held = requested_ > 0.0 || !relaxes(tool_.organ->materials);
+      move_depth(tool_, is_held ? requested_ : above, limit, period);
       frame = path_frame_of(tool_, time, solving.seconds());
     }
     solve_s_ = frame.seconds;
-    const double depth = asked_;
-    if (!(drawn_ == Drawn(tool_))) touched(false);
-    if (tool_.touches == touches) asked_ = depth;
-    if (tool_.cuts.size() > told_) notice_ = in_words(tool_.cuts.back());
-    told_ = tool_.cuts.size();
+    const double depth = requested_;
+    if (!(drawn_ == Drawn(tool_))) begin_stop(false);
+    if (tool_.contact_count == contact_count) requested_ = depth;
+    if (tool_.cuts.size() > reported_) notice_ = in_words(tool_.cuts.back());
+    reported_ = tool_.cuts.size();
     frames_.push_back(frame);
     const Stopwatch drawing;
     draw(frame);
@@ -264,16 +265,16 @@ class Poking {
   void draw(const PathFrame& now) {
     const LiveFrame& f = now.frame;
     const Points u = skin_->displacement_mm(*tool_.session);
-    const double error = f.error_at_depth + now.half_band.value_or(0.0);
+    const double error = f.error_at_depth + now.half_error.value_or(0.0);
     curve_.push_back({now.time, f.force, f.force - error, f.force + error});
     constexpr double shown_s = 10.0;
     curve_.erase(curve_.begin(), std::find_if(curve_.begin(), curve_.end(), [&](const ShownForce& s) {
                    return s.time_s > now.time - shown_s;
                  }));
     window_.show(ShownFrame{
-        .surface_mm = skin_->rest_mm + u,
+        .surface_mm = skin_->undeformed_mm + u,
         .displacement_mm = u.colwise().norm(),
-        .tool_mm = 1e3 * f.depth * tool_.session->tool().push,
+        .tool_mm = 1e3 * f.depth * tool_.session->tool().approach,
         .words = fmt::format("{}\n{} nodes, {:.0f} frames a second: solving {:.0f} ms, drawing {:.0f} ms{}",
                              words_of(now, by_hand() && !cuts_) + instrument(),
                              tool_.session->model().node_count(), 1.0 / busy_, 1e3 * solve_s_, 1e3 * draw_s_,
@@ -290,10 +291,10 @@ class Poking {
   std::optional<Recording> recording_;
   std::optional<ToolPath> path_;
   std::optional<ForceServer> server_;
-  double asked_ = 0.0;                             // depth [m]
+  double requested_ = 0.0;                         // depth [m]
   bool cuts_ = options_.blade.has_value();         // the mouse moves the scalpel, not the tool
   std::optional<Vec3> from_mm_ = {}, to_mm_ = {};  // of the current stroke
-  std::size_t told_ = 0;                           // strokes
+  std::size_t reported_ = 0;                       // strokes
   std::size_t stroke_ = 0;                         // next stroke of the options
   Stopwatch clock_;
   std::vector<PathFrame> frames_;
@@ -378,10 +379,10 @@ int poke(const Invocation& shared, const CLI::App& command, PokeArguments& optio
   const LiveOrgan organ = read_live_organ(scene, {.line = to_log().line});
   // The default number of nodes depends on the speed of this machine; with a limit in evaluations nothing may
   // depend on it.
-  const bool asked =
-      command.count("--nodes") > 0 || scene.cloud.nodes != Scene::Cloud().nodes || options.evaluations > 0;
+  const bool requested = command.count("--nodes") > 0 || scene.node_set.nodes != Scene::NodeSet().nodes ||
+                         options.evaluations > 0;
   const Index nodes =
-      asked ? scene.cloud.nodes : nodes_for_rate(organ, options.rate / (windowed ? for_solving : 1.0));
+      requested ? scene.node_set.nodes : nodes_for_rate(organ, options.rate / (windowed ? for_solving : 1.0));
   LiveTool tool = make_live_tool(organ, nodes);
   say(fmt::format("tool     {} nodes, made in {:.2f} s", tool.session->model().node_count(), tool.made_s));
   if (!options.socket.empty())
@@ -408,7 +409,7 @@ int poke(const Invocation& shared, const CLI::App& command, PokeArguments& optio
     print(
         fmt::format("{} of {} cuts were finer than the nodes at another place, and not in the force there\n",
                     tool.most_left_out, tool.sheets.size()));
-  stop_if_asked();
+  stop_if_requested();
   return 0;
 }
 

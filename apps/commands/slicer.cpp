@@ -142,12 +142,12 @@ std::string slicer_xml() {
 
 void write_return_parameters(const std::filesystem::path& file, const std::string& summary_json) {
   const Json summary = Json::parse(summary_json);
-  const Json band = summary.value("band", Json::object());
+  const Json error_bounds = summary.value("band", Json::object());
   std::string text;
   for (const char* name : {"force_N", "indentation_mm"})
     text += fmt::format("{} = {:.9g}\n", name, summary.value(name, 0.0));
   for (const char* name : {"low_N", "high_N"})
-    text += fmt::format("{} = {:.9g}\n", name, band.value(name, -1.0));
+    text += fmt::format("{} = {:.9g}\n", name, error_bounds.value(name, -1.0));
   write_file(file, text);
 }
 

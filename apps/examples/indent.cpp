@@ -18,10 +18,10 @@ int main(int argc, char** argv) try {
 
   // Image to model: surface, base, bonded patch, nodes, integration points, supports.
   dimple::ModelOptions options;
-  options.cloud.count = 1000;  // nodes
+  options.node_set.count = 1000;  // nodes
   dimple::BuiltModel built = dimple::build_model(dimple::read_label_image(argv[1]), {}, options);
   std::printf("%ld nodes, %s\n", static_cast<long>(built.model.node_count()),
-              built.report.boundary.circle_reason.c_str());
+              built.report.boundary.patch_reason.c_str());
 
   // Model to curve.
   const dimple::Material brain = dimple::neo_hookean(210.0, 0.499, 1000.0);  // Pa, -, kg/m^3

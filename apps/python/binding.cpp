@@ -22,8 +22,8 @@ void raise(const Error& error) {
   PyErr_SetObject(py::type::of(raised).ptr(), raised.ptr());
 }
 
-std::mutex under_way_mutex;
-int under_way = 0;
+std::mutex active_calls_mutex;
+int active_calls = 0;
 
 }  // namespace
 
@@ -45,13 +45,13 @@ py::object dictionary(const std::string& json) {
   return py::module_::import("json").attr("loads")(json);
 }
 
-UnderWay::UnderWay() {
-  const std::lock_guard lock(under_way_mutex);
-  ++under_way;
+ActiveCall::ActiveCall() {
+  const std::lock_guard lock(active_calls_mutex);
+  ++active_calls;
 }
-UnderWay::~UnderWay() {
-  const std::lock_guard lock(under_way_mutex);
-  if (--under_way == 0) forget_stop();
+ActiveCall::~ActiveCall() {
+  const std::lock_guard lock(active_calls_mutex);
+  if (--active_calls == 0) forget_stop();
 }
 
 void log(RunObserver::Line kind, const std::string& text) {

@@ -35,12 +35,12 @@ py::object dictionary(const std::string& json);
 
 /// Counter of running computations: a request to stop applies to all of them and is reset when the last has
 /// ended.
-class UnderWay {
+class ActiveCall {
  public:
-  UnderWay();
-  ~UnderWay();
-  UnderWay(const UnderWay&) = delete;
-  UnderWay& operator=(const UnderWay&) = delete;
+  ActiveCall();
+  ~ActiveCall();
+  ActiveCall(const ActiveCall&) = delete;
+  ActiveCall& operator=(const ActiveCall&) = delete;
 };
 
 /// Runs work in its own thread, without the interpreter's lock. Meanwhile this thread handles signals, as
@@ -48,7 +48,7 @@ class UnderWay {
 /// then.
 template <class Work>
 auto computing(const Work& work) {
-  const UnderWay counted;
+  const ActiveCall counted;
   auto result = std::async(std::launch::async, work);
   std::optional<py::error_already_set> raised;
   for (bool ready = false; !ready;) {
@@ -117,7 +117,7 @@ struct Settings {
   std::string config_file;
   std::vector<std::array<std::string, 3>> given;
 
-  Settings beside(const Settings& further) const;
+  Settings combined_with(const Settings& further) const;
   Description described() const;
   py::dict values() const;  ///< resulting values by key, in the unit of the key
 };
@@ -126,7 +126,7 @@ struct Settings {
 ModelHolder take_model(Result& result, const ModelChoices& choices);
 
 /// Throws UsageError: the model was made for a contacting tool and has no nodes of a bonded patch.
-void require_nodes_of_circle(const ModelInMemory& built, const char* where);
+void require_patch_nodes(const ModelInMemory& built, const char* where);
 
 // Functions that define the Python interface, documented in numpydoc's style with shape, type, unit and
 // meaning.

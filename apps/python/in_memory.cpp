@@ -19,10 +19,10 @@ void members(Archive& io, T& image) {
   io(file, label, label_names, close_mm, cut_gap_mm);
 }
 
-template <class Archive, Like<ModelChoices::Cloud> T>
-void members(Archive& io, T& cloud) {
-  auto& [nodes, spacing_mm, rim, seed, jitter] = cloud;
-  io(nodes, spacing_mm, rim, seed, jitter);
+template <class Archive, Like<ModelChoices::NodeSet> T>
+void members(Archive& io, T& discretisation) {
+  auto& [nodes, spacing_mm, patch_edge, seed, jitter] = discretisation;
+  io(nodes, spacing_mm, patch_edge, seed, jitter);
 }
 
 template <class Archive, Like<ModelChoices::Place> T>
@@ -47,14 +47,14 @@ void members(Archive& io, T& cut) {
 
 template <class Archive, Like<ModelChoices> T>
 void members(Archive& io, T& choices) {
-  auto& [image, cut, scheme, cloud, grid, support_radius_factor, boundary] = choices;
-  io(image, cut, scheme, cloud, grid.points, grid.ratio, support_radius_factor, boundary);
+  auto& [image, cut, scheme, discretisation, grid, support_radius_factor, boundary] = choices;
+  io(image, cut, scheme, discretisation, grid.points, grid.ratio, support_radius_factor, boundary);
 }
 
 template <class Archive, Like<GradingOptions> T>
 void members(Archive& io, T& grading) {
-  auto& [rim, reach, whole_circle, least, load_exponent, load_slope] = grading;
-  io(rim, reach, whole_circle, least, load_exponent, load_slope);
+  auto& [patch_edge, reach, whole_patch, least, load_exponent, load_slope] = grading;
+  io(patch_edge, reach, whole_patch, least, load_exponent, load_slope);
 }
 
 template <class Archive, Like<SupportOptions> T>
@@ -77,31 +77,31 @@ void members(Archive& io, T& scheme) {
   }
 }
 
-template <class Archive, Like<CloudOptions> T>
-void members(Archive& io, T& cloud) {
-  auto& [count, spacing_mm, seed, grading, base_outline, jitter] = cloud;
+template <class Archive, Like<NodeSetOptions> T>
+void members(Archive& io, T& discretisation) {
+  auto& [count, spacing_mm, seed, grading, base_outline, jitter] = discretisation;
   io(count, spacing_mm, seed, grading, base_outline, jitter);
 }
 
 template <class Archive, Like<GridOptions> T>
 void members(Archive& io, T& grid) {
   auto& [count, ratio, density] = grid;
-  auto& [rim, far] = density;
-  io(count, ratio, rim, far);
+  auto& [patch_edge, far] = density;
+  io(count, ratio, patch_edge, far);
 }
 
 template <class Archive, Like<BoundaryOptions> T>
 void members(Archive& io, T& boundary) {
   // No model with a contacting tool is kept in memory, so the members after the first seven are left out.
   auto& [base, base_depth_mm, indent_at, indenter_diameter_mm, direction, voxel_mm, contact_radius_mm,
-         height_of_tool, way_of_tool, way_of_turning_tool, other_tools, is_pressed] = boundary;
+         height_of_tool, path_of_tool, path_of_turning_tool, other_tools, is_pressed] = boundary;
   io(base, base_depth_mm, indent_at, indenter_diameter_mm, direction, voxel_mm, contact_radius_mm);
 }
 
 template <class Archive, Like<ModelOptions> T>
 void members(Archive& io, T& options) {
-  auto& [scheme, cloud, grid, boundary] = options;
-  io(scheme, cloud, grid, boundary);
+  auto& [scheme, discretisation, grid, boundary] = options;
+  io(scheme, discretisation, grid, boundary);
 }
 
 // ---------------------------------------------------------------------------------------------------------
@@ -182,23 +182,23 @@ void members(Archive& io, T& organ) {
 
 template <class Archive, Like<Boundary> T>
 void members(Archive& io, T& boundary) {
-  auto& [down, lowest, height, base_depth, flat_base, base_by_axes, centre, push, radius, room, over_cut,
-         base_reason, circle_reason, warnings] = boundary;
-  io(down, lowest, height, base_depth, flat_base, base_by_axes, centre, push, radius, room, over_cut,
-     base_reason, circle_reason, warnings);
+  auto& [down, lowest, height, base_depth, flat_base, base_by_axes, centre, approach, radius, room, over_cut,
+         base_reason, patch_reason, warnings] = boundary;
+  io(down, lowest, height, base_depth, flat_base, base_by_axes, centre, approach, radius, room, over_cut,
+     base_reason, patch_reason, warnings);
 }
 
 template <class Archive, Like<LabelMeasure> T>
 void members(Archive& io, T& label) {
-  auto& [value, name, voxels, volume_mm3, centre_mm, pieces, largest_piece_voxels, touches_border] = label;
-  io(value, name, voxels, volume_mm3, centre_mm, pieces, largest_piece_voxels, touches_border);
+  auto& [value, name, voxels, volume_mm3, centre_mm, pieces, largest_piece_voxels, meets_border] = label;
+  io(value, name, voxels, volume_mm3, centre_mm, pieces, largest_piece_voxels, meets_border);
 }
 
 template <class Archive, Like<ImageFacts> T>
 void members(Archive& io, T& facts) {
-  auto& [image_words, labels, closed_mm3, cut, facing_share, voxel_edges_mm, segment] = facts;
+  auto& [image_words, labels, closed_mm3, cut, facing_fraction, voxel_edges_mm, segment] = facts;
   auto& [area_mm2, removed_mm3, sizing, parted, taken_out, took] = cut;  // `took` is only needed for images
-  io(image_words, labels, closed_mm3, area_mm2, removed_mm3, sizing, parted, taken_out, facing_share,
+  io(image_words, labels, closed_mm3, area_mm2, removed_mm3, sizing, parted, taken_out, facing_fraction,
      voxel_edges_mm, segment);
 }
 
@@ -220,11 +220,11 @@ void members(Archive& io, T& rows) {
 
 template <class Archive, Like<Discretisation> T>
 void members(Archive& io, T& places) {
-  auto& [X, spacing, point, volume, second_moments, label, base, circle, tool, axes, surface] = places;
-  auto& [centre, push, radius] = tool;
+  auto& [X, spacing, point, volume, second_moments, label, base, bonded_patch, tool, axes, surface] = places;
+  auto& [centre, approach, radius] = tool;
   auto& [vertex_mm, triangles, cut_face] = surface;
-  io(X, spacing, point, volume, second_moments, label, base, circle, centre, push, radius, axes, vertex_mm,
-     triangles, cut_face);
+  io(X, spacing, point, volume, second_moments, label, base, bonded_patch, centre, approach, radius, axes,
+     vertex_mm, triangles, cut_face);
 }
 
 template <class Archive, Like<ModelInMemory> T>
@@ -249,16 +249,16 @@ void members(Archive& io, T& kept) {
   }
 }
 
-template <class Archive, Like<Band> T>
-void members(Archive& io, T& band) {
-  auto& [unknown, coarse_nodes, seconds, half] = band;
+template <class Archive, Like<ErrorBounds> T>
+void members(Archive& io, T& error_bounds) {
+  auto& [unknown, coarse_nodes, seconds, half] = error_bounds;
   io(unknown, coarse_nodes, seconds, half);
 }
 
 template <class Archive, Like<Solved> T>
 void members(Archive& io, T& solved) {
-  auto& [force, band, warnings, summary_json, model, frame_time, frame_depth, frame_u] = solved;
-  io(force, band, warnings, summary_json, frame_time, frame_depth, frame_u);
+  auto& [force, error_bounds, warnings, summary_json, model, frame_time, frame_depth, frame_u] = solved;
+  io(force, error_bounds, warnings, summary_json, frame_time, frame_depth, frame_u);
 }
 
 namespace {

@@ -42,7 +42,7 @@ using ModelHolder = std::shared_ptr<ModelInMemory>;
 /// Content of pydimple.Result.
 struct Solved {
   std::vector<ForceSample> force;
-  Band band;
+  ErrorBounds error_bounds;
   std::vector<std::string> warnings;
   std::string summary_json;
   ModelHolder model;

@@ -56,7 +56,7 @@ std::string keyword_of(const Option& option) {
 }
 
 // Suggested words of an option of free text. They are not in its table, as Slicer would allow no others.
-std::vector<std::string> words_beside_text(const Option& option) {
+std::vector<std::string> words_next_to_text(const Option& option) {
   static const std::map<std::string, std::vector<std::string>> others = {
       {"image.label_names", {"totalsegmentator", "totalsegmentator-ct", "totalsegmentator-mr", "freesurfer"}},
       {"boundary.direction", {"auto"}},
@@ -80,7 +80,7 @@ py::list options() {
     entry["unit"] = option.unit;
     entry["help"] = option.help;
     entry["choices"] = option.choices;
-    entry["words"] = option.choices.empty() ? words_beside_text(option) : option.choices;
+    entry["words"] = option.choices.empty() ? words_next_to_text(option) : option.choices;
     entry["default"] = std::visit([](const auto* value) { return py::cast(*value); }, option.value);
     result.append(std::move(entry));
   }
@@ -89,7 +89,7 @@ py::list options() {
 
 }  // namespace
 
-Settings Settings::beside(const Settings& further) const {
+Settings Settings::combined_with(const Settings& further) const {
   Settings both = *this;
   both.given.insert(both.given.end(), further.given.begin(), further.given.end());
   return both;

@@ -20,7 +20,7 @@ ModelHolder build(const Settings& settings, const LabelImage* image) {
     const Scene scene = resolve(settings.described());
     Result result;
     build_case({.scene = scene, .image = image}, {.line = log}, result);
-    stop_if_asked();
+    stop_if_requested();
     return take_model(result, scene);
   });
 }
@@ -28,7 +28,7 @@ ModelHolder build(const Settings& settings, const LabelImage* image) {
 // Organ that is read once, for models at several positions.
 struct OrganInMemory {
   Settings settings;
-  ReadOrgan organ;
+  PreparedOrgan organ;
 };
 
 std::unique_ptr<OrganInMemory> read_organ_of(const Settings& settings, const LabelImage* image) {
@@ -42,17 +42,17 @@ std::unique_ptr<OrganInMemory> read_organ_of(const Settings& settings, const Lab
 // Builds a model. `settings`: changes to the organ's, except those of the image and the patch's diameter.
 ModelHolder build_of_organ(const OrganInMemory& of, const Settings& settings) {
   return computing([&] {
-    const Scene scene = resolve(of.settings.beside(settings).described());
+    const Scene scene = resolve(of.settings.combined_with(settings).described());
     Result result;
     build_case({.scene = scene, .organ = &of.organ}, {.line = log}, result);
-    stop_if_asked();
+    stop_if_requested();
     return take_model(result, scene);
   });
 }
 
 std::string places_of_organ(const OrganInMemory& of, const Settings& settings) {
   return computing([&] {
-    const Scene scene = resolve(of.settings.beside(settings).described());
+    const Scene scene = resolve(of.settings.combined_with(settings).described());
     const Organ& organ = of.organ.organ;
     BoundaryOptions boundary = model_options(scene).boundary;
     boundary.voxel_mm = organ.options.boundary.voxel_mm;
@@ -100,7 +100,7 @@ void add_arrays(py::class_<ModelInMemory, ModelHolder>& model) {
           "positions_m", [](const py::object& self) { return view(self, model_in(self).X); },
           "(N, 3) float64, metres, LPS: the nodes at rest.")
       .def_property_readonly(
-          "circle", [](const py::object& self) { return view(self, model_in(self).circle); },
+          "circle", [](const py::object& self) { return view(self, model_in(self).bonded_patch); },
           "(n,) int64: numbers of the nodes that move with the tool, ascending.")
       .def_property_readonly(
           "base", [](const py::object& self) { return view(self, model_in(self).base); },
@@ -122,7 +122,7 @@ void add_arrays(py::class_<ModelInMemory, ModelHolder>& model) {
           "circle_radius_m", [](const ModelInMemory& self) { return self.model.tool.radius; },
           "float, metres.")
       .def_property_readonly(
-          "push", [](const py::object& self) { return view(self, model_in(self).tool.push); },
+          "push", [](const py::object& self) { return view(self, model_in(self).tool.approach); },
           "(3,) float64: unit vector, LPS, approach direction of the tool.")
       .def_property_readonly(
           "surface_mm", [](const py::object& self) { return view(self, model_in(self).surface.vertex_mm); },

@@ -31,7 +31,7 @@ void add(Solved& solved, const Frame& frame) {
 // Takes a result. `built`: the model that was solved; null: it was made for this run.
 void take(Solved& solved, Result& result, const ModelChoices& choices, ModelHolder built = nullptr) {
   solved.force = std::move(result.history.force);
-  solved.band = result.band;
+  solved.error_bounds = result.error_bounds;
   solved.warnings = result.warnings;
   solved.model = built ? std::move(built) : take_model(result, choices);
 }
@@ -50,11 +50,11 @@ py::array on_tool(const py::object& self, std::size_t first) {
               {static_cast<py::ssize_t>(force.size()), 3}, {sizeof(ForceSample), sizeof(double)});
 }
 
-py::object band_edge(const Solved& solved, double side) {
-  if (!solved.band.known()) return py::none();
+py::object error_bound(const Solved& solved, double side) {
+  if (!solved.error_bounds.known()) return py::none();
   std::vector<double> edge;
   for (std::size_t k = 0; k < solved.force.size(); ++k)
-    edge.push_back(solved.force[k].force + side * solved.band.half[k]);
+    edge.push_back(solved.force[k].force + side * solved.error_bounds.half[k]);
   const auto count = static_cast<py::ssize_t>(edge.size());
   return handed_over(std::move(edge), {count});
 }
@@ -63,9 +63,11 @@ std::string shown(const Solved& solved) {
   if (solved.force.empty()) return "<pydimple.Result: no force>";
   const ForceSample& last = solved.force.back();
   std::optional<double> half_N;
-  if (solved.band.known()) half_N = solved.band.half.back();
+  if (solved.error_bounds.known()) half_N = solved.error_bounds.half.back();
   return "<pydimple.Result: " + force_title(last.force, 1e3 * last.depth, half_N) +
-         (half_N ? "" : ", no error estimate: " + in_keywords(solved.band.unknown).cast<std::string>()) + ">";
+         (half_N ? ""
+                 : ", no error estimate: " + in_keywords(solved.error_bounds.unknown).cast<std::string>()) +
+         ">";
 }
 
 // Result of simulate() for a case, all in memory. `summary` gives the first part of the summary; `built`: the
@@ -81,9 +83,9 @@ std::unique_ptr<Solved> solved(const Case& given, const std::function<Json(const
               .after_cut = [&](Result&) { forget_frames(*kept); },
               .march = {.frame = [&](const Frame& frame) { add(*kept, frame); },
                         .sample = [](const ForceSample&,
-                                     const History&) { return stop_asked() == StopReason::none; }}},
+                                     const History&) { return stop_requested() == StopReason::none; }}},
              result);
-    if (result.history.interrupted) throw Stopped(stop_asked());
+    if (result.history.interrupted) throw Stopped(stop_requested());
     Json all = summary(result);
     add_run(all, given.scene, result, {.solve_s = result.solve_s, .total_s = whole.seconds()}, "finished",
             ExitCode::ok, nullptr);
@@ -97,13 +99,13 @@ std::unique_ptr<Solved> solved(const Case& given, const std::function<Json(const
 
 std::unique_ptr<Solved> solve_model(const ModelHolder& built, const Settings& settings) {
   Case given{.scene = resolve(settings.described())};
-  if (!given.scene.tool) require_nodes_of_circle(*built, "solve");
-  given.band = given.scene.band;
+  if (!given.scene.tool) require_patch_nodes(*built, "solve");
+  given.error_bounds = given.scene.error_bounds;
   given.model = ModelFiles{.places = built->model,
                            .scheme = built->model.scheme,
                            .label_names = built->label_names,
                            .provenance = built->provenance,
-                           .facing_share = built->origin ? built->origin->facts.facing_share : 0.0,
+                           .facing_fraction = built->origin ? built->origin->facts.facing_fraction : 0.0,
                            .notes = {}};
   given.origin = built->origin;
   return solved(
@@ -116,7 +118,7 @@ std::unique_ptr<Solved> solve_model(const ModelHolder& built, const Settings& se
 
 std::unique_ptr<Solved> run_in_memory(const Settings& settings, const LabelImage* image) {
   const Scene scene = resolve(settings.described());
-  return solved({.scene = scene, .image = image, .band = scene.band},
+  return solved({.scene = scene, .image = image, .error_bounds = scene.error_bounds},
                 [&](const Result& result) { return summary_of_image(scene, result); });
 }
 
@@ -132,7 +134,7 @@ std::unique_ptr<Solved> run_into_folder(const Settings& settings, const LabelIma
                                         .after_cut = [&] { forget_frames(*kept); },
                                         .result = [&](Result& result) { take(*kept, result, scene); }},
                                        image);
-    if (outcome.interrupted) throw Stopped(stop_asked());
+    if (outcome.interrupted) throw Stopped(stop_requested());
     kept->summary_json = outcome.summary_json;
     return kept;
   });
@@ -162,23 +164,24 @@ void add_forces(py::class_<Solved>& result) {
           "(S,) float64, seconds since first contact.");
 }
 
-void add_band(py::class_<Solved>& result) {
+void add_error_bounds(py::class_<Solved>& result) {
   result
       .def_property_readonly(
           "band",
           [](const Solved& self) -> py::object {
-            if (!self.band.known()) return py::none();
-            return py::module_::import("pydimple").attr("Band")(band_edge(self, -1.0), band_edge(self, 1.0));
+            if (!self.error_bounds.known()) return py::none();
+            return py::module_::import("pydimple")
+                .attr("Band")(error_bound(self, -1.0), error_bound(self, 1.0));
           },
           "Band, or None: error bounds of the force by discretisation, at each sample.")
       .def_property_readonly(
-          "band_low_N", [](const Solved& self) { return band_edge(self, -1.0); },
+          "band_low_N", [](const Solved& self) { return error_bound(self, -1.0); },
           "(S,) float64, newtons, or None: lower error bound of the force, by discretisation.")
       .def_property_readonly(
-          "band_high_N", [](const Solved& self) { return band_edge(self, 1.0); },
+          "band_high_N", [](const Solved& self) { return error_bound(self, 1.0); },
           "(S,) float64, newtons, or None: upper error bound of the force.")
       .def_property_readonly(
-          "band_unknown", [](const Solved& self) { return in_keywords(self.band.unknown); },
+          "band_unknown", [](const Solved& self) { return in_keywords(self.error_bounds.unknown); },
           "str: why there are no error bounds; empty if there are.");
 }
 
@@ -226,8 +229,8 @@ void add_frames(py::class_<Solved>& result) {
 
 }  // namespace
 
-void require_nodes_of_circle(const ModelInMemory& built, const char* where) {
-  if (!built.model.circle.empty()) return;
+void require_patch_nodes(const ModelInMemory& built, const char* where) {
+  if (!built.model.bonded_patch.empty()) return;
   throw UsageError({.fact = "the model has no nodes of a bonded patch",
                     .where = where,
                     .why = "it was made for a contacting tool, and a bonded patch of nodes moves here",
@@ -241,7 +244,7 @@ void add_result(py::module_& m) {
 Made by `run` and `solve`. S samples, F frames, N nodes; all but the two error bounds are read-only views of the
 library's own memory, which lives as long as one of them.)");
   add_forces(result);
-  add_band(result);
+  add_error_bounds(result);
   add_frames(result);
   result
       .def_property_readonly(

@@ -27,7 +27,7 @@ class LiveSession {
       const Scene scene = resolve(settings.described());
       scene_ = scene;
       check_pairs(scene, Feature::session);
-      require_nodes_of_circle(built, "Session");
+      require_patch_nodes(built, "Session");
       const std::vector<Material> materials = materials_of(scene);
       check_materials(scene, built.model.scheme);
       const TissueOptions tissues = tissues_of(scene, built.label_names, built.model);
@@ -43,10 +43,10 @@ class LiveSession {
     computing([&] {
       const std::lock_guard alone(mutex_);
       const Model& before = session_->model();
-      if (!rest_) rest_.emplace(before.surface.vertex_mm, before.surface.triangles);
+      if (!undeformed_) undeformed_.emplace(before.surface.vertex_mm, before.surface.triangles);
       const Points u = session_->nodal_parameters();
       CutSession made = cut_session(given(), before, u, {1e-3 * from, 1e-3 * to, 1e-3 * depth});
-      made.session.go_on_from(*session_, carried(made.cut, u), made.cut.of_patch);
+      made.session.continue_from(*session_, carried(made.cut, u), made.cut.of_patch);
       *session_ = std::move(made.session);
       to_nodes_ = {};
       return 0;
@@ -80,13 +80,15 @@ class LiveSession {
     if (to_nodes_.weight.size() == 0) to_nodes_ = node_interpolation(session.model());
     return to_nodes_(session.nodal_parameters());
   }
-  SessionGiven given() const { return {scene_, materials_, label_names_, rest_ ? &*rest_ : nullptr, 0.0}; }
+  SessionGiven given() const {
+    return {scene_, materials_, label_names_, undeformed_ ? &*undeformed_ : nullptr, 0.0};
+  }
 
   std::mutex mutex_;
   Scene scene_;
   std::vector<Material> materials_;
   std::map<std::string, int> label_names_;
-  std::optional<BodySurface> rest_ = {};  // made by the first cut
+  std::optional<BodySurface> undeformed_ = {};  // made by the first cut
   std::unique_ptr<Session> session_;
   Interpolation to_nodes_ = {};  // empty until requested after a cut
 };
@@ -108,10 +110,10 @@ py::tuple frame_of(const LiveFrame& frame) {
   const auto three = [](const Wrench& of, Index first) {
     return py::make_tuple(of[first], of[first + 1], of[first + 2]);
   };
-  return py::make_tuple(1e3 * frame.asked, 1e3 * frame.depth, frame.force, frame.error, frame.error_at_depth,
-                        three(frame.on_tool, 0), three(frame.on_tool, 3), three(frame.per_force, 0),
-                        three(frame.per_force, 3), frame.stiffness, frame.residual, frame.evaluations,
-                        name_of(frame.tool));
+  return py::make_tuple(1e3 * frame.requested, 1e3 * frame.depth, frame.force, frame.error,
+                        frame.error_at_depth, three(frame.on_tool, 0), three(frame.on_tool, 3),
+                        three(frame.per_force, 0), three(frame.per_force, 3), frame.stiffness, frame.residual,
+                        frame.evaluations, name_of(frame.tool));
 }
 
 void require(const char* name, double value, bool allowed, const char* why) {

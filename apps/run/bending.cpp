@@ -15,17 +15,18 @@ constexpr Index few = 4;      // nearest nodes, whose mean represents a place of
 // Length of tissue along the press direction, from the tool's centre to the first exit [m]; 0: there is none.
 // Moeller and Trumbore 1997.
 double thickness_beneath(const Discretisation& places) {
-  const Vec3 origin = places.tool.centre * 1e3, push = places.tool.push;  // mm, as the surface
+  const Vec3 origin = places.tool.centre * 1e3, approach = places.tool.approach;  // mm, as the surface
   const double ahead = 0.1e3 * places.tool.radius;  // shallower exits belong to the surface under the tool
   double nearest = 0.0;
   for (const auto& corner : places.surface.triangles.colwise()) {
     const Vec3 a = places.surface.vertex_mm.col(corner[0]), ab = places.surface.vertex_mm.col(corner[1]) - a,
                ac = places.surface.vertex_mm.col(corner[2]) - a;
-    const Vec3 p = push.cross(ac);
+    const Vec3 p = approach.cross(ac);
     const double determinant = ab.dot(p);
     if (!(determinant < 0.0)) continue;  // entry, or parallel
     const Vec3 from = origin - a, q = from.cross(ab);
-    const double u = from.dot(p) / determinant, v = push.dot(q) / determinant, t = ac.dot(q) / determinant;
+    const double u = from.dot(p) / determinant, v = approach.dot(q) / determinant,
+                 t = ac.dot(q) / determinant;
     if (u < 0.0 || v < 0.0 || u + v > 1.0 || t < ahead) continue;
     if (nearest == 0.0 || t < nearest) nearest = t;
   }
@@ -35,9 +36,11 @@ double thickness_beneath(const Discretisation& places) {
 }  // namespace
 
 BendingOfPart::BendingOfPart(const Model& model)
-    : push_(model.tool.push), thickness_(thickness_beneath(model)), diameter_(2.0 * model.tool.radius) {
+    : approach_(model.tool.approach),
+      thickness_(thickness_beneath(model)),
+      diameter_(2.0 * model.tool.radius) {
   if (!(thickness_ > 0.0)) return;
-  const Vec3 place = model.tool.centre + thickness_ * push_;
+  const Vec3 place = model.tool.centre + thickness_ * approach_;
   const Eigen::VectorXd away = (model.X.colwise() - place).colwise().squaredNorm();
   opposite_.resize(static_cast<std::size_t>(model.node_count()));
   std::iota(opposite_.begin(), opposite_.end(), Index{0});
@@ -52,9 +55,9 @@ void BendingOfPart::see(const Frame& frame) {
   depth_ = frame.depth;
   moved_ = 0.0;
   for (const Index a : opposite_)
-    moved_ += frame.u.col(a).head<3>().dot(push_) / static_cast<double>(opposite_.size());
-  if (frame.number == 0) settled_ = moved_;
-  moved_ -= settled_;
+    moved_ += frame.u.col(a).head<3>().dot(approach_) / static_cast<double>(opposite_.size());
+  if (frame.number == 0) preload_displacement_ = moved_;
+  moved_ -= preload_displacement_;
 }
 
 std::string BendingOfPart::warning() const {

@@ -18,12 +18,12 @@ class BendingOfPart {
   std::string warning() const;
 
  private:
-  const Vec3 push_;
-  std::vector<Index> opposite_;       // nodes; none: the model has no surface
-  double thickness_ = 0.0;            // [m]
-  double diameter_ = 0.0;             // [m]
-  double depth_ = 0.0, moved_ = 0.0;  // [m]
-  double settled_ = 0.0;              // moved_ under the loads alone [m]
+  const Vec3 approach_;
+  std::vector<Index> opposite_;        // nodes; none: the model has no surface
+  double thickness_ = 0.0;             // [m]
+  double diameter_ = 0.0;              // [m]
+  double depth_ = 0.0, moved_ = 0.0;   // [m]
+  double preload_displacement_ = 0.0;  // moved_ under the loads alone [m]
 };
 
 }  // namespace dimple

@@ -21,24 +21,25 @@ constexpr std::size_t digest_length = 64;  // SHA-256 in hexadecimal, at the end
 template <class Archive, Like<History> T>
 void members(Archive& io, T& history) {
   auto& [force, energy, evaluations, extra_evaluations, dt_stable_first, dt_first, dt_smallest, J_min,
-         inverted, residual, interrupted, settled, carried, penetration, contact_area, contact_pressure,
-         contact_samples, penetration_at, contact_sticks, contact_heat, folds, walls, on_walls,
-         momentum_error, guards, retries] = history;
+         inverted, residual, interrupted, preload_displacement, carried, penetration, contact_area,
+         contact_pressure, contact_samples, penetration_at, no_slip_area, contact_dissipation, folds, walls,
+         on_walls, momentum_error, guards, retries] = history;
   io(force, energy, evaluations, extra_evaluations, dt_stable_first, dt_first, dt_smallest, J_min, inverted,
-     residual, interrupted, settled, carried, penetration, contact_area, contact_pressure, contact_samples,
-     penetration_at, contact_sticks, contact_heat, folds, walls, on_walls, momentum_error, guards, retries);
+     residual, interrupted, preload_displacement, carried, penetration, contact_area, contact_pressure,
+     contact_samples, penetration_at, no_slip_area, contact_dissipation, folds, walls, on_walls,
+     momentum_error, guards, retries);
 }
 
-template <class Archive, Like<TouchingTool::Touched> T>
-void members(Archive& io, T& touched) {
-  auto& [force, moment, area, sticks, pressure, samples, penetration, heat] = touched;
-  io(force, moment, area, sticks, pressure, samples, penetration, heat);
+template <class Archive, Like<RigidContact::ContactSummary> T>
+void members(Archive& io, T& contact_summary) {
+  auto& [force, moment, area, no_slip, pressure, samples, penetration, dissipation] = contact_summary;
+  io(force, moment, area, no_slip, pressure, samples, penetration, dissipation);
 }
 
 template <class Archive, Like<FoldContact::Audit> T>
 void members(Archive& io, T& audit) {
-  auto& [penetration, slid, area, force, touching] = audit;
-  io(penetration, slid, area, force, touching);
+  auto& [penetration, slid, area, force, in_contact] = audit;
+  io(penetration, slid, area, force, in_contact);
 }
 
 template <class Archive, Like<Report> T>
@@ -65,9 +66,9 @@ void members(Archive& io, T& point) {
   io(at, u, lambda);
 }
 
-template <class Archive, Like<Rest> T>
-void members(Archive& io, T& rest) {
-  auto& [u, lambda] = rest;
+template <class Archive, Like<EquilibriumState> T>
+void members(Archive& io, T& state) {
+  auto& [u, lambda] = state;
   io(u, lambda);
 }
 
@@ -82,9 +83,9 @@ void members(Archive& io, T& account) {
 template <class Archive, Like<MarchState> T>
 void members(Archive& io, T& state) {
   auto& [frame, step, steps, dt, dt_before, dt_stable, depth, account, safety, longest, refused, looked,
-         depths, forces, u, v, path, past, step_of_scene, begun, least_reactions, history] = state;
+         depths, forces, u, v, path, past, step_of_scene, step_start, least_reactions, history] = state;
   io(frame, step, steps, dt, dt_before, dt_stable, depth, account, safety, longest, refused, looked, depths,
-     forces, u, v, path, past, step_of_scene, begun, least_reactions, history);
+     forces, u, v, path, past, step_of_scene, step_start, least_reactions, history);
 }
 
 template <class Archive, Like<Checkpoint> T>
@@ -163,9 +164,9 @@ std::string sha256_of_model(const Discretisation& m, const Scheme& scheme) {
   matrix(m.volume);
   matrix(m.second_moments);
   matrix(m.label);
-  for (const auto* set : {&m.base, &m.circle}) add(set->data(), sizeof(Index) * set->size());
+  for (const auto* set : {&m.base, &m.bonded_patch}) add(set->data(), sizeof(Index) * set->size());
   matrix(m.tool.centre);
-  matrix(m.tool.push);
+  matrix(m.tool.approach);
   add(&m.tool.radius, sizeof m.tool.radius);
   matrix(m.axes);
   matrix(m.surface.vertex_mm);

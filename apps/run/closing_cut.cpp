@@ -31,17 +31,17 @@ std::optional<Vec3> across_gap(const BodySurface& surface, const Vec3& x, const 
 
 ClosingCut::ClosingCut(const Model& model, double gap) {
   const Surface& faces = model.surface;
-  std::vector<Index> bank;
+  std::vector<Index> fold_face;
   for (Index t = 0; t < faces.triangles.cols(); ++t)
-    if (faces.is_cut_face(t)) bank.push_back(t);
-  if (bank.empty()) return;
+    if (faces.is_cut_face(t)) fold_face.push_back(t);
+  if (fold_face.empty()) return;
   const BodySurface surface(faces.vertex_mm, faces.triangles);
   const auto stride =
-      static_cast<std::size_t>((static_cast<Index>(bank.size()) + most_samples - 1) / most_samples);
+      static_cast<std::size_t>((static_cast<Index>(fold_face.size()) + most_samples - 1) / most_samples);
   std::vector<Vec3> place, normal;
   std::vector<double> area;
-  for (std::size_t k = 0; k < bank.size(); k += stride) {
-    const Index t = bank[k];
+  for (std::size_t k = 0; k < fold_face.size(); k += stride) {
+    const Index t = fold_face[k];
     const Points corner = faces.vertex_mm(Eigen::all, faces.triangles.col(t));
     const Vec3 n = surface.normal().col(t), middle = corner.rowwise().mean();
     const std::optional<Vec3> other = across_gap(surface, middle, n, 1e3 * gap);
@@ -69,16 +69,16 @@ void ClosingCut::see(const Frame& frame) {
     through += area_[s];
   }
   if (worst <= worst_) return;
-  worst_ = worst, share_ = through / area_.sum(), depth_ = frame.depth;
+  worst_ = worst, fraction_ = through / area_.sum(), depth_ = frame.depth;
 }
 
 std::string ClosingCut::warning() const {
-  if (share_ < small) return {};
+  if (fraction_ < small) return {};
   return fmt::format(
       "the load closes the cut and its faces pass through each other: at {} over {:.0f} % of their area, by "
       "up to {}; real faces would be in contact, so the force is too low there: give --self-contact on, end "
       "the cut farther from the tool, or use a smaller --depth",
-      length_in_words(1e3 * depth_), 100.0 * share_, length_in_words(1e3 * worst_));
+      length_in_words(1e3 * depth_), 100.0 * fraction_, length_in_words(1e3 * worst_));
 }
 
 }  // namespace dimple

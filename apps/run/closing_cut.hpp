@@ -20,13 +20,13 @@ class ClosingCut {
   double deepest() const { return worst_; }
 
  private:
-  Interpolation at_;      // three corners of each sample, then the point opposite
-  Points place_;          // [3 x 4 samples] the same at rest [m]
-  Eigen::VectorXd area_;  // [samples]
-  double gap_ = 0.0;      // [m]
-  double worst_ = 0.0;    // [m] in any frame
-  double share_ = 0.0;    // of the area, in that frame
-  double depth_ = 0.0;    // of the tool in that frame [m]
+  Interpolation at_;       // three corners of each sample, then the point opposite
+  Points place_;           // [3 x 4 samples] the same at rest [m]
+  Eigen::VectorXd area_;   // [samples]
+  double gap_ = 0.0;       // [m]
+  double worst_ = 0.0;     // [m] in any frame
+  double fraction_ = 0.0;  // of the area, in that frame
+  double depth_ = 0.0;     // of the tool in that frame [m]
 };
 
 }  // namespace dimple

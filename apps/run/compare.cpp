@@ -196,8 +196,8 @@ MeasuredCurve paper_curve() {
           .left_out = {}};
 }
 
-Comparison compare(const MeasuredCurve& measured, const std::vector<ForceSample>& ours, const Band& band,
-                   bool touches) {
+Comparison compare(const MeasuredCurve& measured, const std::vector<ForceSample>& ours,
+                   const ErrorBounds& error_bounds, bool has_contact) {
   Comparison result;
   MeasuredCurve& kept = result.measured;
   kept.name = measured.name;
@@ -215,8 +215,8 @@ Comparison compare(const MeasuredCurve& measured, const std::vector<ForceSample>
     if (!measured.row_name.empty()) kept.row_name.push_back(measured.row_name[k]);
   }
   if (kept.depth.empty()) return result;
-  result.force = touches ? forces_of_touch(ours, kept.depth) : forces_between(ours, kept.depth);
-  if (band.known()) result.half = halves_between(ours, band.half, kept.depth);
+  result.force = has_contact ? contact_forces(ours, kept.depth) : forces_between(ours, kept.depth);
+  if (error_bounds.known()) result.half = halves_between(ours, error_bounds.half, kept.depth);
   const std::size_t rows = kept.depth.size() - kept.simulated;
   double sum = 0.0, sum_ours = 0.0, sum2 = 0.0, inside = 0.0, end = 0.0, at_end = 0.0;
   for (std::size_t k = 0; k < rows; ++k) {
@@ -231,7 +231,7 @@ Comparison compare(const MeasuredCurve& measured, const std::vector<ForceSample>
   result.at_end = at_end / end;
   result.mean = sum / sum_ours;
   result.rms = std::sqrt(sum2 / count);
-  if (!result.half.empty()) result.inside_band = inside / count;
+  if (!result.half.empty()) result.inside_error_bounds = inside / count;
   return result;
 }
 
@@ -248,8 +248,8 @@ std::string in_words(const Comparison& c) {
   } else {
     text += fmt::format("measured / ours {:.2f} at {:.2f} mm, {:.2f} on average over {} depths", c.at_end,
                         1e3 * m.depth.back(), c.mean, m.depth.size());
-    if (c.inside_band)
-      text += fmt::format(", {:.0f} % of them within the error bounds", 100.0 * *c.inside_band);
+    if (c.inside_error_bounds)
+      text += fmt::format(", {:.0f} % of them within the error bounds", 100.0 * *c.inside_error_bounds);
   }
   if (c.deeper > 0)
     text += fmt::format("; {} row{} deeper than this run {} not compared", c.deeper, c.deeper == 1 ? "" : "s",
@@ -267,7 +267,7 @@ nlohmann::ordered_json to_json(const Comparison& c) {
                {"ratio_at_end", some ? Json(c.at_end) : Json()},
                {"mean_ratio", some ? Json(c.mean) : Json()},
                {"rms_N", some ? Json(c.rms) : Json()},
-               {"inside_band", c.inside_band ? Json(*c.inside_band) : Json()}};
+               {"inside_band", c.inside_error_bounds ? Json(*c.inside_error_bounds) : Json()}};
   for (std::size_t k = 0; k < c.measured.row_name.size(); ++k)
     json["values"].push_back({{"name", c.measured.row_name[k]},
                               {"force_N", c.measured.force[k]},

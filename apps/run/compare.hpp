@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "apps/run/band.hpp"
+#include "apps/run/error_bounds.hpp"
 #include "solver/march.hpp"
 
 namespace dimple {
@@ -43,17 +43,17 @@ MeasuredCurve paper_curve();
 
 /// Comparison of a measured curve with the computed one, at depths of both.
 struct Comparison {
-  MeasuredCurve measured;             ///< the rows that are compared
-  std::vector<double> force, half;    ///< computed, at its depths [N], and half-width of the bounds, or none
-  std::size_t deeper = 0;             ///< rows that are not compared: the computed curve ends before
-  double at_end = 0.0, mean = 0.0;    ///< measured / computed: at the last depth; of the sums
-  double rms = 0.0;                   ///< of the differences [N]
-  std::optional<double> inside_band;  ///< fraction of the measured rows
+  MeasuredCurve measured;           ///< the rows that are compared
+  std::vector<double> force, half;  ///< computed, at its depths [N], and half-width of the bounds, or none
+  std::size_t deeper = 0;           ///< rows that are not compared: the computed curve ends before
+  double at_end = 0.0, mean = 0.0;  ///< measured / computed: at the last depth; of the sums
+  double rms = 0.0;                 ///< of the differences [N]
+  std::optional<double> inside_error_bounds;  ///< fraction of the measured rows
 };
-/// Compares without any fit. `force` is empty if no row is within the computed depth. `touches`: the computed
-/// curve is of a contacting tool.
-Comparison compare(const MeasuredCurve& measured, const std::vector<ForceSample>& ours, const Band& band,
-                   bool touches = false);
+/// Compares without any fit. `force` is empty if no row is within the computed depth. `has_contact`: the
+/// computed curve is of a contacting tool.
+Comparison compare(const MeasuredCurve& measured, const std::vector<ForceSample>& ours,
+                   const ErrorBounds& error_bounds, bool has_contact = false);
 
 /// "measured.csv: measured / ours 1.12 at 8.00 mm, 1.08 on average over 24 depths"
 std::string in_words(const Comparison& comparison);

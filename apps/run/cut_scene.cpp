@@ -10,7 +10,7 @@
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/words.hpp"
 #include "io/error.hpp"
-#include "preprocess/cloud/neighbours.hpp"
+#include "preprocess/nodes/neighbours.hpp"
 #include "preprocess/output/carry_back.hpp"
 #include "preprocess/supports/support.hpp"
 
@@ -36,12 +36,12 @@ double area_of(const std::vector<TriangleMesh>& sheets) {
 }
 
 // Sheets of the blade, mapped to the body at rest [mm, LPS].
-std::vector<TriangleMesh> sheets_at_rest(const Cut& cut, double step, const Model& model, const Nodal& u) {
-  const bool at_rest = u.isZero(0.0);
+std::vector<TriangleMesh> reference_sheets(const Cut& cut, double step, const Model& model, const Nodal& u) {
+  const bool undeformed = u.isZero(0.0);
   const Points places = u.topRows<3>();
   const BodySurface now = deformed_surface(model, places);
   std::vector<TriangleMesh> sheets = blades_of(cut, now, step);
-  if (at_rest) return sheets;
+  if (undeformed) return sheets;
   for (TriangleMesh& sheet : sheets) try {
       sheet = carried_back(sheet, model, places);
     } catch (const ModelError& error) {
@@ -71,7 +71,7 @@ Eigen::VectorXd carried_pressures(const Model& from, const Eigen::VectorXd& lamb
 }
 
 // Contact forces carried over without friction: each sample has the pressure of the nearest sample before.
-Eigen::VectorXd carried_contact(const Touch& from, const Eigen::VectorXd& force, const Touch& to) {
+Eigen::VectorXd carried_contact(const RigidBody& from, const Eigen::VectorXd& force, const RigidBody& to) {
   const Neighbours samples(from.surface.place);
   Eigen::VectorXd result(to.surface.count());
   for (Index s = 0; s < result.size(); ++s) {
@@ -83,13 +83,13 @@ Eigen::VectorXd carried_contact(const Touch& from, const Eigen::VectorXd& force,
 
 // Tools and walls keep their poses, whatever the cut has made of the surface of their first contact.
 void keep_poses(const Loading& before, Loading& now) {
-  if (now.touch) {
-    auto touch = std::make_shared<Touch>(*now.touch);
-    touch->pose = before.touch->pose;
-    now.touch = std::move(touch);
+  if (now.indenter) {
+    auto indenter = std::make_shared<RigidBody>(*now.indenter);
+    indenter->pose = before.indenter->pose;
+    now.indenter = std::move(indenter);
   }
-  for (Touch& wall : now.walls)
-    for (const Touch& its : before.walls)
+  for (RigidBody& wall : now.walls)
+    for (const RigidBody& its : before.walls)
       if (its.name == wall.name) wall.pose = its.pose;
 }
 
@@ -122,7 +122,7 @@ void CutScene::make_again(const RunLog& log, Result& result) {
   const RunLog quiet{silent, result};
   const std::vector<std::string> warned = std::exchange(result.warnings, {});
   const std::size_t of_model = result.model_warnings;
-  const auto tell_new = [&] {
+  const auto report_new = [&] {
     const std::vector<std::string> all = std::exchange(result.warnings, warned);
     result.model_warnings = of_model;
     for (const std::string& warning : all)
@@ -132,15 +132,15 @@ void CutScene::make_again(const RunLog& log, Result& result) {
     const LabelImage& image = result.origin->image;
     const Organ organ = cut_by_steps(given_.scene, whole_, image, done_, quiet, result);
     ModelOptions options = organ.options;
-    if (result.nodes_for_band > 0) options.cloud.count = result.nodes_for_band;
-    Placed placed{place_nodes(given_.scene, organ, options, image, quiet, result), options.scheme,
-                  organ.label_names};
+    if (result.nodes_for_error_bounds > 0) options.node_set.count = result.nodes_for_error_bounds;
+    NodePlacement placed{place_nodes(given_.scene, organ, options, image, quiet, result), options.scheme,
+                         organ.label_names};
     make_ready(given_, std::move(placed), quiet, result);
   } catch (...) {
-    tell_new();
+    report_new();
     throw;
   }
-  tell_new();
+  report_new();
 }
 
 void CutScene::cut(std::size_t k, const ScenePart& part, const RunLog& log, Result& result, ScenePart& next) {
@@ -150,7 +150,7 @@ void CutScene::cut(std::size_t k, const ScenePart& part, const RunLog& log, Resu
                .text = cut.text,
                .after = steps_[k].after,
                .toughness_J_m2 = steps_[k].toughness_J_m2};
-  made.sheets = sheets_at_rest(cut, whole_.body->report.step_mm, result.model, part.ended.u);
+  made.sheets = reference_sheets(cut, whole_.body->report.step_mm, result.model, part.ended.u);
   done_.sheets.insert(done_.sheets.end(), made.sheets.begin(), made.sheets.end());
   done_.labels = labels_cut_out(cut);
   done_.has_taken_labels = done_.has_taken_labels || !done_.labels.empty();
@@ -189,21 +189,22 @@ void CutScene::cut(std::size_t k, const ScenePart& part, const RunLog& log, Resu
                     [&](const CutStep& step) { return step.after == steps_[k].after; }));
   next.later = moment * static_cast<double>(of_these) * result.loading.duration();
   next.least_reactions = part.least_reactions;
-  Rest near;
+  EquilibriumState near;
   near.u = to_nodal(inner_interpolation(before.model, result.model.X)(part.ended.u.topRows<3>()));
   const Eigen::VectorXd pressures = carried_pressures(before.model, part.ended.lambda, result.model);
-  const Eigen::VectorXd touching =
-      result.loading.touch ? carried_contact(*before.loading.touch,
-                                             part.ended.lambda.segment(before.model.patches.count(),
-                                                                       before.loading.touch->surface.count()),
-                                             *result.loading.touch)
-                           : Eigen::VectorXd();
-  near.lambda.resize(pressures.size() + touching.size());
-  near.lambda << pressures, touching;
+  const Eigen::VectorXd in_contact =
+      result.loading.indenter
+          ? carried_contact(*before.loading.indenter,
+                            part.ended.lambda.segment(before.model.patches.count(),
+                                                      before.loading.indenter->surface.count()),
+                            *result.loading.indenter)
+          : Eigen::VectorXd();
+  near.lambda.resize(pressures.size() + in_contact.size());
+  near.lambda << pressures, in_contact;
   next.near = std::move(near);
 }
 
-void CutScene::tell(const ScenePart& part, const RunLog& log, Solution& result) {
+void CutScene::report_to(const ScenePart& part, const RunLog& log, Solution& result) {
   CutMade& made = result.cuts.back();
   const ForceSample& now = result.history.force.back();
   made.t = now.t;
@@ -214,7 +215,7 @@ void CutScene::tell(const ScenePart& part, const RunLog& log, Solution& result) 
   log.say("cut      " + in_words(made));
   if (part.done_again)
     log.say("cut      the tissue moves so far that the earlier steps were repeated on the cut body");
-  if (!part.cut.gave_way) return;
+  if (!part.cut.passed_limit_point) return;
   result.history.guards.push_back(
       {{.fact = fmt::format("the tissue passed a limit point at the cut '{}': no equilibrium was near",
                             made.name),
@@ -233,7 +234,7 @@ std::string in_words(const CutMade& made) {
   words += fmt::format("; {} mJ released", three_digits(1e3 * made.released));
   if (made.area_mm2 > 0.0)
     words += fmt::format(", {} J/m2", three_digits(1e6 * made.released / made.area_mm2));
-  if (made.stored_before > 0.0 && made.releases_no_more_than_clouds_differ())
+  if (made.stored_before > 0.0 && made.releases_no_more_than_node_sets_differ())
     words += ", within the difference between the two node sets";
   if (made.toughness_J_m2 > 0.0)
     words += fmt::format("; work of the blade from the energy balance {} mJ",

@@ -24,7 +24,7 @@ class CutScene {
   /// Throws ModelError, UsageError, InputError: it cannot be made.
   void cut(std::size_t k, const ScenePart& part, const RunLog& log, Result& result, ScenePart& next);
   /// Records the result of the last cut for the summary, and reports it in a line.
-  void tell(const ScenePart& part, const RunLog& log, Solution& result);
+  void report_to(const ScenePart& part, const RunLog& log, Solution& result);
 
  private:
   void make_again(const RunLog& log, Result& result);

@@ -19,7 +19,7 @@ constexpr double most_rings = 60.0;
 std::vector<std::string> warnings_of_small_sheets(const Scene& scene, const BodySurface& body) {
   constexpr double small = 1.0 / 16.0;  // of the body; one of the body's size, drawn in cm, has a tenth
   const double whole = (body.upper() - body.lower()).maxCoeff();
-  std::vector<Cut> all = cuts_at_rest(scene);
+  std::vector<Cut> all = cuts_of_undeformed_body(scene);
   for (CutStep& step : cuts_after_moves(scene)) all.push_back(std::move(step.cut));
   std::vector<std::string> warnings;
   for (const Cut& cut : all)
@@ -40,9 +40,9 @@ std::vector<std::string> labels_cut_out(const Cut& cut) {
   return labels;
 }
 
-std::vector<std::string> labels_cut_out_at_rest(const Scene& scene) {
+std::vector<std::string> labels_cut_out_of_undeformed_body(const Scene& scene) {
   std::vector<std::string> labels;
-  for (const Cut& cut : cuts_at_rest(scene))
+  for (const Cut& cut : cuts_of_undeformed_body(scene))
     for (std::string& label : labels_cut_out(cut)) labels.push_back(std::move(label));
   return labels;
 }
@@ -108,7 +108,7 @@ std::vector<TriangleMesh> blades_of(const Cut& cut, const BodySurface& body, dou
 
 std::vector<TriangleMesh> blades_of(const Scene& scene, const SegmentedBody& body) {
   std::vector<TriangleMesh> sheets;
-  for (const Cut& cut : cuts_at_rest(scene))
+  for (const Cut& cut : cuts_of_undeformed_body(scene))
     for (TriangleMesh& sheet :
          blades_of(cut, body.surface, body.report.step_mm > 0.0 ? body.report.step_mm : 1.0))
       sheets.push_back(std::move(sheet));

@@ -13,7 +13,7 @@ namespace dimple {
 std::vector<std::string> warnings_of_small_sheets(const Scene& scene, const BodySurface& body);
 /// Labels that a cut removes, by number or name.
 std::vector<std::string> labels_cut_out(const Cut& cut);
-std::vector<std::string> labels_cut_out_at_rest(const Scene& scene);
+std::vector<std::string> labels_cut_out_of_undeformed_body(const Scene& scene);
 /// Sheets that the blades of a cut sweep, in the body frame; triangles of `step` [mm] unless drawn in a file.
 /// Throws ModelError: no direction into the body.
 std::vector<TriangleMesh> blades_of(const Cut& cut, const BodySurface& body, double step);

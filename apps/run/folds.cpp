@@ -2,7 +2,7 @@
 
 #include <fmt/format.h>
 
-#include "apps/run/band.hpp"
+#include "apps/run/error_bounds.hpp"
 #include "apps/run/words.hpp"
 #include "io/digits.hpp"
 #include "io/error.hpp"
@@ -16,24 +16,24 @@ constexpr double widest = 2.0;
 
 }  // namespace
 
-bool folds_touch(const Scene& scene, double facing_share) {
+bool folds_make_contact(const Scene& scene, double facing_fraction) {
   if (scene.self_contact != Scene::SelfContact::automatic)
     return scene.self_contact == Scene::SelfContact::on;
-  return facing_share > most_facing && scene.solver.time != Scene::Numerics::Time::explicit_ &&
+  return facing_fraction > most_facing && scene.solver.time != Scene::Numerics::Time::explicit_ &&
          converges(scene) && MixedIteration::serves(materials_of(scene));
 }
 
-std::shared_ptr<const FoldBanks> folds_of(const Scene& scene, double facing_share, const Model& model,
+std::shared_ptr<const FoldFaces> folds_of(const Scene& scene, double facing_fraction, const Model& model,
                                           double deepest) {
-  if (!folds_touch(scene, facing_share)) return nullptr;
+  if (!folds_make_contact(scene, facing_fraction)) return nullptr;
   if (scene.self_contact == Scene::SelfContact::automatic && !model.scheme.pressure_patches) return nullptr;
-  auto banks = std::make_shared<const FoldBanks>(fold_banks(model, widest * deepest));
-  return banks->count() > 0 ? banks : nullptr;
+  auto fold_faces = std::make_shared<const FoldFaces>(find_fold_faces(model, widest * deepest));
+  return fold_faces->count() > 0 ? fold_faces : nullptr;
 }
 
-std::string in_words(const FoldBanks& banks, double deepest) {
+std::string in_words(const FoldFaces& fold_faces, double deepest) {
   return fmt::format("contact between folds, without friction: gaps up to {}, {} contact points",
-                     length_in_words(1e3 * widest * deepest), banks.count());
+                     length_in_words(1e3 * widest * deepest), fold_faces.count());
 }
 
 }  // namespace dimple

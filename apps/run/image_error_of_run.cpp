@@ -47,7 +47,7 @@ double exponent_at(const std::vector<ForceSample>& force, std::size_t k) {
 }
 
 double shape_part(const std::vector<ForceSample>& force, std::size_t k, const UnderTool& under) {
-  if (!under.touches) return 0.0;
+  if (!under.has_contact) return 0.0;
   const double off = shape_error(under) / force[k].depth;
   return std::abs(force[k].force) * (std::pow(1.0 + off, exponent_at(force, k)) - 1.0);
 }
@@ -100,26 +100,26 @@ void add_overlapped(const ToolShape& shape, const ToolPose& pose, const Mat3& co
       }
 }
 
-Overlap overlap_of(const Touch& touch, const Surface& surface, const Vec3& push, double depth) {
-  ToolPose pose = touch.pose;
-  pose.tip += depth * push;
-  const double reach = 2.0 * touch.shape.radius;
+Overlap overlap_of(const RigidBody& indenter, const Surface& surface, const Vec3& approach, double depth) {
+  ToolPose pose = indenter.pose;
+  pose.tip += depth * approach;
+  const double reach = 2.0 * indenter.shape.radius;
   Overlap found;
   for (Index t = 0; t < surface.triangles.cols(); ++t) {
     const Mat3 corner = 1e-3 * surface.vertex_mm(Eigen::all, surface.triangles.col(t));
     const Vec3 middle = corner.rowwise().mean();
-    if ((middle - touch.pose.tip).norm() > reach + (corner.col(0) - middle).norm()) continue;
+    if ((middle - indenter.pose.tip).norm() > reach + (corner.col(0) - middle).norm()) continue;
     const double across =
-        -0.5 * (corner.col(1) - corner.col(0)).cross(corner.col(2) - corner.col(0)).dot(push);
-    if (across > 0.0) add_overlapped(touch.shape, pose, corner, across, found);  // it faces the tool
+        -0.5 * (corner.col(1) - corner.col(0)).cross(corner.col(2) - corner.col(0)).dot(approach);
+    if (across > 0.0) add_overlapped(indenter.shape, pose, corner, across, found);  // it faces the tool
   }
   return found;
 }
 
 // Root mean square distance, along the press direction, from the best-fitting quadric in scaled coordinates.
-double roughness_of(const Overlap& overlap, const Vec3& tip, const Vec3& push, double radius) {
+double roughness_of(const Overlap& overlap, const Vec3& tip, const Vec3& approach, double radius) {
   using Quadric = Eigen::Matrix<double, 6, 1>;
-  const Vec3 right = push.unitOrthogonal(), ahead = push.cross(right);
+  const Vec3 right = approach.unitOrthogonal(), ahead = approach.cross(right);
   const auto terms = [&](const Vec3& x) {
     const double u = right.dot(x - tip) / radius, v = ahead.dot(x - tip) / radius;
     return Quadric(1.0, u, v, u * u, u * v, v * v);
@@ -130,12 +130,12 @@ double roughness_of(const Overlap& overlap, const Vec3& tip, const Vec3& push, d
   for (std::size_t k = 0; k < overlap.place.size(); ++k) {
     const Quadric term = terms(overlap.place[k]);
     normal += overlap.area[k] / all * term * term.transpose();
-    right_side += overlap.area[k] / all * push.dot(overlap.place[k] - tip) * term;
+    right_side += overlap.area[k] / all * approach.dot(overlap.place[k] - tip) * term;
   }
   const Quadric fitted = normal.ldlt().solve(right_side);
   double sum = 0.0;
   for (std::size_t k = 0; k < overlap.place.size(); ++k) {
-    const double off = push.dot(overlap.place[k] - tip) - fitted.dot(terms(overlap.place[k]));
+    const double off = approach.dot(overlap.place[k] - tip) - fitted.dot(terms(overlap.place[k]));
     sum += overlap.area[k] / all * off * off;
   }
   return std::sqrt(sum);
@@ -153,14 +153,14 @@ double radius_at(const ToolShape& shape, double height) {
 
 }  // namespace
 
-void look_under(const Touch& touch, const Surface& surface, const Vec3& push, double depth,
+void look_under(const RigidBody& indenter, const Surface& surface, const Vec3& approach, double depth,
                 UnderTool& under) {
-  const Overlap overlap = overlap_of(touch, surface, push, depth);
+  const Overlap overlap = overlap_of(indenter, surface, approach, depth);
   const double area = std::accumulate(overlap.area.begin(), overlap.area.end(), 0.0);
   if (!(area > 0.0)) return;
-  const double r = std::min(std::sqrt(area / std::numbers::pi), radius_at(touch.shape, depth));
-  under.curvature = std::max(0.0, 2.0 * (depth - height_of_tool(touch.shape, r)) / (r * r));
-  under.roughness = roughness_of(overlap, touch.pose.tip, push, r);
+  const double r = std::min(std::sqrt(area / std::numbers::pi), radius_at(indenter.shape, depth));
+  under.curvature = std::max(0.0, 2.0 * (depth - height_of_tool(indenter.shape, r)) / (r * r));
+  under.roughness = roughness_of(overlap, indenter.pose.tip, approach, r);
 }
 
 namespace {
@@ -170,15 +170,15 @@ std::string why_no_image_error(const Scene& scene, const LoadedModel& result) {
   if (result.time != TimeMode::quasi_static) return "it was calibrated for equilibrium, not for dynamics";
   if (!scene.walls.empty() || !scene.steps.empty() || !has_tool_alone(scene))
     return "it was calibrated for one tool, pressed straight in once";
-  if (result.loading.touch && !has_error_estimate(result.loading.touch->shape))
-    return fmt::format("it was not calibrated for {}", in_words(result.loading.touch->shape));
+  if (result.loading.indenter && !has_error_estimate(result.loading.indenter->shape))
+    return fmt::format("it was not calibrated for {}", in_words(result.loading.indenter->shape));
   return {};
 }
 
 // Finds the thickness along the press direction, and whether the base is at its end.
 void look_through(const BodySurface& body, const Boundary& boundary, UnderTool& under) {
-  const double mm = boundary.radius * body_under_circle(body, boundary, 0.0).thickness;
-  const BodySurface::Closest leaves = body.closest(boundary.centre + mm * boundary.push);
+  const double mm = boundary.radius * body_under_patch(body, boundary, 0.0).thickness;
+  const BodySurface::Closest leaves = body.closest(boundary.centre + mm * boundary.approach);
   under.thickness = 1e-3 * mm;
   under.is_free_below = !on_base(boundary, leaves.place, body.normal().col(leaves.triangle));
 }
@@ -190,14 +190,14 @@ ImageError image_error_of(const Scene& scene, const Result& result) {
     return {.unknown = std::move(none)};
   const ToolPlace& tool = result.model.tool;
   const std::vector<ForceSample>& force = result.history.force;
-  UnderTool under{.voxel = 1e-3 * (result.voxel_edges_mm.transpose() * tool.push).norm(),
+  UnderTool under{.voxel = 1e-3 * (result.voxel_edges_mm.transpose() * tool.approach).norm(),
                   .contact = tool.radius,
-                  .touches = result.loading.touch != nullptr};
+                  .has_contact = result.loading.indenter != nullptr};
   look_through(result.origin->organ.body->surface, result.origin->boundary, under);
-  if (under.touches && !force.empty() && force.back().depth > 0.0) {
-    const Touch& touch = *result.loading.touch;
-    under.contact = contact_radius(touch.shape, force.back().depth);
-    look_under(touch, result.model.surface, tool.push, force.back().depth, under);
+  if (under.has_contact && !force.empty() && force.back().depth > 0.0) {
+    const RigidBody& indenter = *result.loading.indenter;
+    under.contact = contact_radius(indenter.shape, force.back().depth);
+    look_under(indenter, result.model.surface, tool.approach, force.back().depth, under);
   }
   return image_error(force, under);
 }

@@ -14,7 +14,7 @@ struct UnderTool {
   double voxel = 0.0;          ///< edge along the press direction [m]; 0: there is no image
   double thickness = 0.0;      ///< of the body along the press direction [m]; 0: not known
   double contact = 0.0;        ///< radius of the contact at the last depth [m]
-  bool touches = false;        ///< a contacting tool; false: the bonded patch
+  bool has_contact = false;    ///< a contacting tool; false: the bonded patch
   double curvature = 0.0;      ///< of the body at the contact [1/m]; 0: it is flat or hollow
   double roughness = 0.0;      ///< root mean square distance of the surface from a quadric there [m]
   bool is_free_below = false;  ///< the body is not on its base where the press direction leaves it
@@ -55,7 +55,8 @@ ImageError image_error(const std::vector<ForceSample>& force, const UnderTool& u
 /// by `depth` [m] from first contact, overlaps the surface at rest. With r^2 = area / pi the tool's surface
 /// is height(r) above its tip. The body's surface is below its top by the rest of the depth: curvature r^2 /
 /// 2 = depth - height(r).
-void look_under(const Touch& touch, const Surface& surface, const Vec3& push, double depth, UnderTool& under);
+void look_under(const RigidBody& indenter, const Surface& surface, const Vec3& approach, double depth,
+                UnderTool& under);
 
 /// Estimate for a run that has ended.
 ImageError image_error_of(const Scene& scene, const Result& result);

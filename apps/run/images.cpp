@@ -98,7 +98,7 @@ double distance_between(const VoxelGrid& one, const VoxelGrid& other) {
 }
 
 // Fraction of the vertices of the surface at rest that are outside of the grid.
-double share_outside(const VoxelGrid& grid, const Surface& surface) {
+double fraction_outside(const VoxelGrid& grid, const Surface& surface) {
   const Points place = grid.to_world.inverse() * surface.vertex_mm;
   const Vec3 last = last_voxel(grid);
   const auto outside = std::count_if(place.colwise().begin(), place.colwise().end(), [&](const auto& x) {
@@ -109,11 +109,11 @@ double share_outside(const VoxelGrid& grid, const Surface& surface) {
 
 }  // namespace
 
-ImageTask images_asked_for(const Scene& scene) {
+ImageTask requested_images(const Scene& scene) {
   const Scene::Output& output = scene.output;
   ImageTask task;
   task.each_frame = output.write_frames == "all";
-  const bool images = wanted_of(scene).images;
+  const bool images = requested_by(scene).images;
   if (images && scene.image.file.empty())
     throw UsageError(
         {.fact = "images on the grid of the label image are requested, and the label image is in memory",
@@ -166,7 +166,7 @@ void require_overlap(const ImageTask& task, const Discretisation& body) {
                       .why = "the surface determines which voxels are inside the body",
                       .remedy = "make the model by dimple model, which writes surface.vtp"});
   for (const ImageTask::Warped& image : task.warped) {
-    const double outside = share_outside(image.grid, body.surface);
+    const double outside = fraction_outside(image.grid, body.surface);
     if (outside <= most_outside) continue;
     const Points corners =
         image.grid.to_world * (Points(3, 2) << Vec3::Zero(), last_voxel(image.grid)).finished();
@@ -220,7 +220,7 @@ void ImageWriter::write() {
   const Stopwatch watch;
   if (!field_) field_ = std::make_unique<FieldAnywhere>(model_);
   make_folder(folder_);
-  way_back_ = {};
+  inverse_report_ = {};
   written_.clear();
   std::vector<Group> groups;
   std::optional<VolumeImage> labels;
@@ -238,11 +238,11 @@ void ImageWriter::write() {
   for (const Group& group : groups) write_group(group);
   seconds_ += watch.seconds();
   const auto& n = groups.front().grid.size;
-  told_ = fmt::format("{} files on {} x {} x {} voxels, {:.1f} s", written_.size(), n[0], n[1], n[2],
-                      watch.seconds());
+  reported_ = fmt::format("{} files on {} x {} x {} voxels, {:.1f} s", written_.size(), n[0], n[1], n[2],
+                          watch.seconds());
   if (!task_.label_image.empty())
-    told_ += fmt::format("; labels {}, {} at rest, the deformed body {}", volume_in_words(labels_mm3_),
-                         volume_in_words(labels_at_rest_mm3_), volume_in_words(deformed_mm3_));
+    reported_ += fmt::format("; labels {}, {} at rest, the deformed body {}", volume_in_words(labels_mm3_),
+                             volume_in_words(undeformed_labels_mm3_), volume_in_words(deformed_mm3_));
 }
 
 VolumeWriter ImageWriter::begun(const fs::path& file, const VoxelGrid& grid, const VolumeKind& kind) {
@@ -327,7 +327,7 @@ void ImageWriter::take_out_what_was_cut(VolumeImage& labels) const {
   if (cut_.labels.empty() && !cut_.took) return;
   const VoxelGrid& grid = labels.grid();
   tbb::parallel_for(Index{0}, grid.size[1] * grid.size[2], [&](Index row) {
-    if (row % 16 == 0) stop_if_asked();
+    if (row % 16 == 0) stop_if_requested();
     for (Index i = 0; i < grid.size[0]; ++i) {
       const Index v = i + grid.size[0] * row;
       const std::int64_t label = labels.label_of(labels.voxel(v));
@@ -345,7 +345,7 @@ void ImageWriter::take_out_what_was_cut(VolumeImage& labels) const {
 std::vector<char> ImageWriter::body_of(const VolumeImage& labels, const VoxelGrid& grid) const {
   std::vector<char> body(static_cast<std::size_t>(grid.voxels()));
   tbb::parallel_for(Index{0}, grid.size[1] * grid.size[2], [&](Index row) {
-    if (row % 256 == 0) stop_if_asked();
+    if (row % 256 == 0) stop_if_requested();
     for (Index v = row * grid.size[0]; v < (row + 1) * grid.size[0]; ++v)
       body[static_cast<std::size_t>(v)] = is_body(labels.label_of(labels.voxel(v)));
   });
@@ -376,7 +376,7 @@ struct Slices {
 };
 
 // Vectors from each voxel to its place at rest [3 x voxels, mm LPS].
-std::vector<float> ways_to_rest(const Slices& of) {
+std::vector<float> displacements_to_reference(const Slices& of) {
   std::vector<float> vectors(of.places.size());
   const Eigen::Matrix3f axes = of.grid.to_world.linear().cast<float>();
   tbb::parallel_for(Index{0}, of.rows(), [&](Index row) {
@@ -405,7 +405,7 @@ void follow_surface(const VolumeImage& labels, const std::vector<char>& body, co
                     const Slices& of, std::vector<std::byte>& voxels) {
   const std::size_t width = labels.bytes_per_voxel();
   tbb::parallel_for(Index{0}, of.rows(), [&](Index row) {
-    if (row % 64 == 0) stop_if_asked();
+    if (row % 64 == 0) stop_if_requested();
     for (Index v = row * of.grid.size[0]; v < (row + 1) * of.grid.size[0]; ++v) {
       const float* X = of.places.data() + 3 * v;
       const Index own = of.first * of.grid.slice() + v;
@@ -420,7 +420,8 @@ void follow_surface(const VolumeImage& labels, const std::vector<char>& body, co
 void ImageWriter::write_group(const Group& group) {
   const VoxelGrid& grid = group.grid;
   const DeformationMap map(model_, *field_, u_, grid);
-  if (group.labels || task_.label_image.empty()) share_beyond_ = std::max(share_beyond_, map.share_beyond());
+  if (group.labels || task_.label_image.empty())
+    fraction_beyond_ = std::max(fraction_beyond_, map.fraction_beyond());
   if (group.labels) write_fields(grid, map);
 
   std::list<VolumeImage> images;
@@ -428,23 +429,23 @@ void ImageWriter::write_group(const Group& group) {
   const std::vector<char> body = group.labels ? body_of(*group.labels, grid) : std::vector<char>{};
   const Index together = std::clamp<Index>(voxels_at_once / grid.slice(), 1, grid.size[2]);
   std::vector<float> place(3 * static_cast<std::size_t>(grid.slice() * together));
-  std::int64_t counted = 0, counted_at_rest = 0;
+  std::int64_t counted = 0, counted_undeformed = 0;
   for (Index first = 0; first < grid.size[2]; first += together) {
     const Index last = std::min(first + together, grid.size[2]), now = (last - first) * grid.slice();
     const std::span<float> places(place.data(), 3 * static_cast<std::size_t>(now));
-    way_back_.add(map.places_at_rest(first, last, places));
+    inverse_report_.add(map.reference_places(first, last, places));
     const Slices slices{grid, first, last, places};
     for (Target& target : targets) {
-      stop_if_asked();
+      stop_if_requested();
       if (!target.image) {
-        target.out.write(ways_to_rest(slices));
+        target.out.write(displacements_to_reference(slices));
         continue;
       }
       std::vector<std::byte> voxels = warped(*target.image, target.how, slices);
       if (target.image == group.labels) {
         follow_surface(*group.labels, body, map, slices, voxels);
         counted += voxels_of_body(*group.labels, voxels.data(), now);
-        counted_at_rest += voxels_of_body(*group.labels, group.labels->voxel(first * grid.slice()), now);
+        counted_undeformed += voxels_of_body(*group.labels, group.labels->voxel(first * grid.slice()), now);
       }
       target.out.write(voxels);
     }
@@ -452,15 +453,15 @@ void ImageWriter::write_group(const Group& group) {
   for (Target& target : targets) target.out.finish();
   if (!group.labels) return;
   labels_mm3_ = static_cast<double>(counted) * grid.voxel_volume();
-  labels_at_rest_mm3_ = static_cast<double>(counted_at_rest) * grid.voxel_volume();
+  undeformed_labels_mm3_ = static_cast<double>(counted_undeformed) * grid.voxel_volume();
 }
 
 std::string ImageWriter::warning() const {
   std::string text;
-  if (share_beyond_ > 0.0)
-    text = fmt::format("{} of the deformed surface is outside of the image grid", percent(share_beyond_));
+  if (fraction_beyond_ > 0.0)
+    text = fmt::format("{} of the deformed surface is outside of the image grid", percent(fraction_beyond_));
   for (const ImageTask::Warped& image : task_.warped) {
-    const double outside = share_outside(image.grid, model_.surface);
+    const double outside = fraction_outside(image.grid, model_.surface);
     const bool is_moved = image.from_labels_mm > 1e-3 * image.grid.spacing().minCoeff();
     if (!is_moved && outside < much_outside) continue;
     if (!text.empty()) text += "; ";
@@ -472,12 +473,13 @@ std::string ImageWriter::warning() const {
       text +=
           fmt::format("{} {} of the body at rest outside", is_moved ? " and" : " leaves", percent(outside));
   }
-  if (100 * way_back_.unsettled > way_back_.solved)
+  if (100 * inverse_report_.unsettled > inverse_report_.solved)
     text += fmt::format(
         "{}{} of the images' voxels at the body show the nearest place at rest, not the exact one: the "
         "tissue is folded there",
         text.empty() ? "" : "; ",
-        percent(static_cast<double>(way_back_.unsettled) / static_cast<double>(way_back_.solved)));
+        percent(static_cast<double>(inverse_report_.unsettled) /
+                static_cast<double>(inverse_report_.solved)));
   return text;
 }
 
@@ -486,16 +488,16 @@ nlohmann::ordered_json ImageWriter::summary() const {
   json["wall_s"] = seconds_;
   json["files"] = written_;
   if (!task_.label_image.empty()) {
-    json["labels_at_rest_mm3"] = labels_at_rest_mm3_;
+    json["labels_at_rest_mm3"] = undeformed_labels_mm3_;
     json["labels_mm3"] = labels_mm3_;
   }
   json["deformed_mm3"] = deformed_mm3_;
-  json["moved_voxels"] = way_back_.moved;
-  json["solved_voxels"] = way_back_.solved;
-  json["unsettled_voxels"] = way_back_.unsettled;
-  json["folded_voxels"] = way_back_.folded;
-  json["largest_residual_voxels"] = way_back_.largest_residual;
-  json["surface_beyond_the_image"] = share_beyond_;
+  json["moved_voxels"] = inverse_report_.moved;
+  json["solved_voxels"] = inverse_report_.solved;
+  json["unsettled_voxels"] = inverse_report_.unsettled;
+  json["folded_voxels"] = inverse_report_.folded;
+  json["largest_residual_voxels"] = inverse_report_.largest_residual;
+  json["surface_beyond_the_image"] = fraction_beyond_;
   return json;
 }
 

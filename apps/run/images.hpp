@@ -37,7 +37,7 @@ struct ImageTask {
 
 /// Reads every image to its end, so that nothing is computed for an unreadable one. Throws UsageError,
 /// InputError.
-ImageTask images_asked_for(const Scene& scene);
+ImageTask requested_images(const Scene& scene);
 /// Throws InputError: more than half of the body is outside of an image to be warped, or the model has no
 /// surface that bounds it.
 void require_overlap(const ImageTask& task, const Discretisation& body);
@@ -57,7 +57,7 @@ class ImageWriter {
   /// Writes the images of the frame kept last. Throws OutputError, InputError, Stopped.
   void write();
   /// Files written last, in a line; empty: none yet.
-  const std::string& told() const { return told_; }
+  const std::string& reported() const { return reported_; }
   /// Warning of what is unexpected in them, in a sentence; empty: nothing.
   std::string warning() const;
   nlohmann::ordered_json summary() const;
@@ -89,9 +89,9 @@ class ImageWriter {
   double deformed_mm3_ = 0.0;
 
   std::vector<std::string> written_;
-  WayBackReport way_back_;
-  double labels_at_rest_mm3_ = 0.0, labels_mm3_ = 0.0, share_beyond_ = 0.0;
-  std::string told_;
+  InverseMapReport inverse_report_;
+  double undeformed_labels_mm3_ = 0.0, labels_mm3_ = 0.0, fraction_beyond_ = 0.0;
+  std::string reported_;
   double seconds_ = 0.0;
 };
 

@@ -35,40 +35,41 @@ Site site_at(const LiveOrgan& live, const std::optional<Vec3>& tip = {});
 using Sheets = std::vector<std::shared_ptr<const Sheet>>;
 /// Session on `nodes` nodes at this site, with cuts. `left_out`, if given: number of cuts that these nodes
 /// are too coarse for and omit.
-Session touch(const LiveOrgan& live, Index nodes, const Site& site, const Sheets& sheets = {},
-              Index* left_out = nullptr);
+Session session_of(const LiveOrgan& live, Index nodes, const Site& site, const Sheets& sheets = {},
+                   Index* left_out = nullptr);
 
 /// Session whose equilibria were computed to one radius, with forces of coarser nodes to compare.
-struct TriedTouch {
+struct TriedContact {
   Session session;
   std::vector<ForceSample> fine = {}, coarse = {};  ///< none: there are no error bounds
   std::size_t cuts = 0;                             ///< made in this session
   Index left_out = 0;                               ///< number of cuts omitted
 };
-TriedTouch try_touch(const LiveOrgan& live, Index nodes, const Site& site, const Sheets& sheets = {});
+TriedContact try_contact(const LiveOrgan& live, Index nodes, const Site& site, const Sheets& sheets = {});
 
 /// Path of a scalpel on the deformed body: from place to place [m, LPS] on its surface, straight in.
 struct Stroke {
   Vec3 from = Vec3::Zero(), to = Vec3::Zero();
   double depth = 0.0;  ///< of the blade [m], from the straight line between the two
 };
-/// Session on a body after a stroke, lifted, and its data for Session::go_on_from().
+/// Session on a body after a stroke, lifted, and its data for Session::continue_from().
 struct CutSession {
   Session session;
   std::shared_ptr<const Sheet> sheet;  ///< at rest
   SheetCut cut;                        ///< its model has gone to the session
 };
-/// Parts of a session other than the body. `rest`: the surface, of triangles of `step_mm`; for cuts alone.
+/// Parts of a session other than the body. `undeformed`: the surface, of triangles of `step_mm`; for cuts
+/// alone.
 struct SessionGiven {
   const Scene& scene;
   const std::vector<Material>& materials;
   const std::map<std::string, int>& label_names;
-  const BodySurface* rest = nullptr;
+  const BodySurface* undeformed = nullptr;
   double step_mm = 0.0;
 };
 /// Cuts the model `before`, its nodes displaced by u [3xN] m. Throws ModelError ("cut"): the blade misses the
 /// body or separates an unsupported piece. The error is the same without a single direction into the body or
-/// without a map to rest (stroke_at_rest()).
+/// without a map to rest (reference_stroke()).
 CutSession cut_session(const SessionGiven& given, const Model& before, const Points& u, const Stroke& stroke);
 /// Session on a model, under the loads and supports of the options, with their tool.
 Session session_on(const SessionGiven& given, Model model);
@@ -79,17 +80,17 @@ inline constexpr Index first_nodes = 400;
 /// Result of a stroke.
 struct CutRecord {
   Stroke stroke;
-  std::chrono::steady_clock::time_point asked = std::chrono::steady_clock::now();
+  std::chrono::steady_clock::time_point requested = std::chrono::steady_clock::now();
   double area = 0.0;     ///< of the blade in the tissue, at rest [m^2]
   Index nodes = 0;       ///< number of nodes that the faces of the cut added
   double seconds = 0.0;  ///< from the stroke until frames used the cut body [s]
   std::string why = {};  ///< no cut was made
 };
 
-/// Freely moved tool: pose of the tip in, frame out. It follows one axis through its first contact; TipAsked
-/// states the response off that axis, and off the organ the force is zero. At a new contact first_nodes nodes
-/// are made within about 0.2 s. A discretisation of `nodes` nodes is made in the background and replaces
-/// them.
+/// Freely moved tool: pose of the tip in, frame out. It follows one axis through its first contact;
+/// TipRequest states the response off that axis, and off the organ the force is zero. At a new contact
+/// first_nodes nodes are made within about 0.2 s. A discretisation of `nodes` nodes is made in the background
+/// and replaces them.
 struct LiveTool {
   const LiveOrgan* organ = nullptr;
   Index nodes = 1000;
@@ -98,13 +99,13 @@ struct LiveTool {
   Vec3 tip = Vec3::Zero();        ///< LPS m, requested for the last frame
   Vec3 came_down = Vec3::Zero();  ///< LPS m, where contact began
   LiveFrame frame = {};
-  std::vector<ForceSample> fine = {}, coarse = {};     ///< of this contact, see TriedTouch
-  std::optional<Vec3> no_place = {};                   ///< last place where no nodes could be made [m]
-  Index touches = 0;                                   ///< number of contacts
-  Index clouds = 0;                                    ///< number of discretisations used
-  double made_s = 0.0;                                 ///< until the last contact could be followed [s]
-  std::future<TriedTouch> finer = {};                  ///< in the making
-  std::vector<std::future<TriedTouch>> given_up = {};  ///< for contacts left since
+  std::vector<ForceSample> fine = {}, coarse = {};       ///< of this contact, see TriedContact
+  std::optional<Vec3> no_place = {};                     ///< last place where no nodes could be made [m]
+  Index contact_count = 0;                               ///< number of contacts
+  Index node_sets = 0;                                   ///< number of discretisations used
+  double made_s = 0.0;                                   ///< until the last contact could be followed [s]
+  std::future<TriedContact> finer = {};                  ///< in the making
+  std::vector<std::future<TriedContact>> given_up = {};  ///< for contacts left since
   Site finer_site = {};
   Index left_out = 0;                  ///< of `sheets`, omitted by these nodes
   Index most_left_out = 0;             ///< with any nodes so far
@@ -118,13 +119,13 @@ struct LiveTool {
 };
 /// Tool at the place of the options, in contact.
 LiveTool make_live_tool(const LiveOrgan& organ, Index nodes);
-/// Moves the tool to another contact at `tip` [3] LPS m, without load. `beside`: coarse nodes are used until
+/// Moves the tool to another contact at `tip` [3] LPS m, without load. `next_to`: coarse nodes are used until
 /// the finer ones are ready; otherwise it waits for these, and no result depends on a clock.
-void put_down(LiveTool& tool, const Vec3& tip, bool beside);
-/// Cuts the body in its present state. `beside`: in the background; a frame about 0.1 s later uses the cut
+void begin_contact(LiveTool& tool, const Vec3& tip, bool in_parallel);
+/// Cuts the body in its present state. `next_to`: in the background; a frame about 0.1 s later uses the cut
 /// body. Otherwise at once, and no result depends on a clock. The last record of tool.cuts has its error, if
 /// any. There are no error bounds on a cut body.
-void cut(LiveTool& tool, const Stroke& stroke, bool beside);
+void cut(LiveTool& tool, const Stroke& stroke, bool in_parallel);
 /// Uses what was made in the background since; move_tip() and move_depth() do so too.
 void take_cuts(LiveTool& tool);
 
@@ -141,30 +142,32 @@ void end_cuts(LiveTool& tool, const std::vector<TimedStroke>& strokes, std::size
 std::string in_words(const Stroke& stroke);
 /// Result of the stroke, in a line.
 std::string in_words(const CutRecord& record);
-/// Half-width of the last frame's error bounds by the discretisation [N]. Nothing if there are none (`Band`).
-std::optional<double> half_band(const LiveTool& tool);
+/// Half-width of the last frame's error bounds by the discretisation [N]. Nothing if there are none
+/// (`ErrorBounds`).
+std::optional<double> half_error(const LiveTool& tool);
 /// Position of a tip [3] LPS m relative to a tool's axis: along it from its centre, and off it [m].
 struct OnAxis {
   double depth, aside;
 };
 OnAxis on_axis(const ToolPlace& tool, const Vec3& tip);
 /// Response of the tool to a requested tip.
-struct TipAsked {
-  enum class Way {
-    axis,    ///< it follows its axis; the tip is within 0.02 radii of it
-    beside,  ///< likewise; the tip is within a quarter radius, and force_apart() bounds the error
+struct TipRequest {
+  enum class Kind {
+    axis,     ///< it follows its axis; the tip is within 0.02 radii of it
+    next_to,  ///< likewise; the tip is within a quarter radius, and force_apart() bounds the error
     /// It follows its axis, and the force at the tip is unknown: a bonded patch does not move sideways.
     elsewhere,
-    anew,  ///< contact starts there: it was in the air, or has contact without friction and so no history
-    air    ///< there is no contact
+    new_place,  ///< contact starts there: it was in the air, or has contact without friction and so no
+                ///< history
+    air         ///< there is no contact
   };
-  Way way;
+  Kind kind;
   OnAxis at;
 };
 /// `depth` [m]: present depth of the tool. Thread-safe.
-TipAsked tip_asked(const LiveOrgan& organ, const ToolPlace& tool, double depth, const Vec3& tip);
+TipRequest tip_request(const LiveOrgan& organ, const ToolPlace& tool, double depth, const Vec3& tip);
 /// Sets the error, and `elsewhere`, of a frame on the axis for a tip `aside` [m] of it.
-void tell_aside(LiveFrame& frame, const TipAsked& asked, double radius);
+void report_lateral(LiveFrame& frame, const TipRequest& requested, double radius);
 /// Frame for a place where no nodes can be made: no force, and an infinite error.
 LiveFrame unknown_frame();
 /// "there", "lags", "stopped", "elsewhere", "beyond".
@@ -187,10 +190,10 @@ ToolPath read_tool_path(const std::filesystem::path& file);
 struct PathFrame {
   double time = 0.0, seconds = 0.0;  ///< on the path [s]; duration of the frame [s]
   LiveFrame frame = {};
-  Vec3 tip = Vec3::Zero();     ///< requested [3] LPS m
-  Vec3 stands = Vec3::Zero();  ///< actual tip [3] LPS m
-  Index nodes = 0;             ///< of the discretisation in use
-  std::optional<double> half_band = {};
+  Vec3 tip = Vec3::Zero();      ///< requested [3] LPS m
+  Vec3 tip_now = Vec3::Zero();  ///< actual tip [3] LPS m
+  Index nodes = 0;              ///< of the discretisation in use
+  std::optional<double> half_error = {};
 };
 /// Path frame of the tool's last frame.
 PathFrame path_frame_of(const LiveTool& tool, double time, double seconds);

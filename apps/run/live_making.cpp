@@ -20,7 +20,7 @@ bool is_ready(const std::future<T>& one) {
 
 // Runs work on one processor, so that frames have the other; on more if it is needed at once.
 template <class Work>
-auto beside_frames(Work work, int processors = 1) {
+auto between_frames_of(Work work, int processors = 1) {
   return std::async(std::launch::async, [work = std::move(work), processors] {
     tbb::task_arena arena(processors);
     return arena.execute(work);
@@ -31,8 +31,8 @@ auto beside_frames(Work work, int processors = 1) {
 void open_next(LiveTool& tool) {
   if (tool.opening.valid() || tool.opened_cuts == tool.sheets.size()) return;
   const Vec3 keep = 1e3 * tool.session->tool().centre;
-  tool.opening =
-      beside_frames([organ = tool.organ, before = tool.opened, sheet = tool.sheets[tool.opened_cuts], keep] {
+  tool.opening = between_frames_of(
+      [organ = tool.organ, before = tool.opened, sheet = tool.sheets[tool.opened_cuts], keep] {
         const BodySurface& body = before ? *before : organ->organ->body->surface;
         const Eigen::Isometry3d to_body = body.to_world().inverse();
         const TriangleMesh own{to_body * (1e3 * sheet->vertex()).colwise().homogeneous(), sheet->triangles()};
@@ -59,18 +59,18 @@ Making in_the_making(const LiveTool& tool) {
   return tool.finer.valid() ? Making::refining : Making::nothing;
 }
 
-void use(LiveTool& tool, TriedTouch tried) {
+void use(LiveTool& tool, TriedContact tried) {
   tool.session.emplace(std::move(tried.session));
   tool.fine = std::move(tried.fine);
   tool.coarse = std::move(tried.coarse);
   tool.left_out = tried.left_out;
   tool.most_left_out = std::max(tool.most_left_out, tool.left_out);
-  ++tool.clouds;
+  ++tool.node_sets;
 }
 
 void make_finer(LiveTool& tool, const Site& site) {
-  tool.finer = beside_frames([organ = tool.organ, nodes = tool.nodes, site, sheets = tool.sheets] {
-    return try_touch(*organ, nodes, site, sheets);
+  tool.finer = between_frames_of([organ = tool.organ, nodes = tool.nodes, site, sheets = tool.sheets] {
+    return try_contact(*organ, nodes, site, sheets);
   });
   tool.finer_site = site;
 }
@@ -85,7 +85,7 @@ void give_up_finer(LiveTool& tool) {
 void take_finer(LiveTool& tool, const FrameLimit& limit, double dt) {
   if (in_the_making(tool) != Making::refining || !is_ready(tool.finer)) return;
   try {
-    TriedTouch tried = tool.finer.get();
+    TriedContact tried = tool.finer.get();
     if (tried.cuts < tool.sheets.size()) {  // cuts were made meanwhile
       make_finer(tool, tool.finer_site);
       return;
@@ -102,14 +102,15 @@ void take_cut(LiveTool& tool) {
   tool.strokes.pop_front();
   try {
     CutSession made = tool.cutting.get();
-    made.session.go_on_from(*tool.session, carried(made.cut, tool.session->nodal_parameters()),
-                            made.cut.of_patch);
+    made.session.continue_from(*tool.session, carried(made.cut, tool.session->nodal_parameters()),
+                               made.cut.of_patch);
     tool.session.emplace(std::move(made.session));
     tool.sheets.push_back(std::move(made.sheet));
     tool.fine.clear(), tool.coarse.clear();
     record.area = made.cut.area;
     record.nodes = made.cut.added.rows.rows();
-    record.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - record.asked).count();
+    record.seconds =
+        std::chrono::duration<double>(std::chrono::steady_clock::now() - record.requested).count();
   } catch (const ModelError& error) {
     record.why = error.report.fact;
   } catch (const SolveError& error) {
@@ -125,7 +126,7 @@ void take_cut(LiveTool& tool) {
 void next_cut(LiveTool& tool) {
   if (tool.strokes.empty() || in_the_making(tool) == Making::cutting) return;
   // The model keeps its place in memory until the cut is used.
-  tool.cutting = beside_frames(
+  tool.cutting = between_frames_of(
       [organ = tool.organ, model = &tool.session->model(), u = tool.session->nodal_parameters(),
        stroke = tool.strokes.front().stroke] { return cut_session(given_of(*organ), *model, u, stroke); },
       tbb::task_arena::automatic);
@@ -142,10 +143,10 @@ void take_cuts(LiveTool& tool) {
   open_next(tool);
 }
 
-void cut(LiveTool& tool, const Stroke& stroke, bool beside) {
+void cut(LiveTool& tool, const Stroke& stroke, bool in_parallel) {
   tool.strokes.push_back({.stroke = stroke});
   next_cut(tool);
-  if (beside) return;
+  if (in_parallel) return;
   finish_cuts(tool);
   for (open_next(tool); tool.opening.valid(); open_next(tool)) take_opening(tool);
 }

@@ -19,7 +19,7 @@ enum class Making {
 Making in_the_making(const LiveTool& tool);
 
 /// Moves the tool to this discretisation.
-void use(LiveTool& tool, TriedTouch tried);
+void use(LiveTool& tool, TriedContact tried);
 
 void make_finer(LiveTool& tool, const Site& site);
 /// Waits for an earlier one if too many cancelled ones are still in the making.

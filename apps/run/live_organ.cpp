@@ -11,7 +11,7 @@
 #include "apps/run/steps.hpp"
 #include "apps/run/supports.hpp"
 #include "apps/run/tool.hpp"
-#include "apps/run/tool_band.hpp"
+#include "apps/run/tool_error_bounds.hpp"
 #include "apps/scene/compatibility.hpp"
 #include "io/error.hpp"
 #include "preprocess/output/carry_back.hpp"
@@ -22,7 +22,7 @@ LiveOrgan read_live_organ(const Scene& scene, const RunObserver& observer) {
   LiveOrgan live{.scene = scene, .result = {}};
   const RunLog log{observer, live.result};
   check_pairs(scene, Feature::by_hand);
-  if (scene.tool) check_pairs(scene, Feature::touching_by_hand);
+  if (scene.tool) check_pairs(scene, Feature::contacting_tool_by_hand);
   live.scene.self_contact = Scene::SelfContact::off;
   live.organ.emplace(read_organ({.scene = live.scene}, model_options(scene), log, live.result));
   live.materials = materials_of(scene);
@@ -50,17 +50,17 @@ namespace {
 std::vector<Index> held_nodes(const SessionGiven& given, const Model& model) {
   std::vector<Index> held = model.base;
   if (!given.scene.tool && given.scene.contact == Contact::bonded)
-    held.insert(held.end(), model.circle.begin(), model.circle.end());
+    held.insert(held.end(), model.bonded_patch.begin(), model.bonded_patch.end());
   for (const HeldSet& set : supports_of(given.scene, model, given.label_names).sets)
     if (set.hold == HeldSet::Hold::all) held.insert(held.end(), set.node.begin(), set.node.end());
   return held;
 }
 
 // A bonded patch would hold both faces of a cut.
-void refuse_under_circle(const SessionGiven& given, const Model& model, const Sheet& sheet) {
+void refuse_under_patch(const SessionGiven& given, const Model& model, const Sheet& sheet) {
   if (given.scene.tool || given.scene.contact != Contact::bonded) return;
-  for (const Index a : model.circle)
-    if (sheet.between(model.X.col(a), model.X.col(model.circle.front())))
+  for (const Index a : model.bonded_patch)
+    if (sheet.between(model.X.col(a), model.X.col(model.bonded_patch.front())))
       throw ModelError({.fact = "the cut passes under the bonded patch",
                         .where = "cut",
                         .why = "the nodes of the patch would hold both faces of the cut",
@@ -69,7 +69,7 @@ void refuse_under_circle(const SessionGiven& given, const Model& model, const Sh
 }
 
 SheetCut cut_model(const SessionGiven& given, const Model& model, const std::shared_ptr<const Sheet>& sheet) {
-  refuse_under_circle(given, model, *sheet);
+  refuse_under_patch(given, model, *sheet);
   const std::vector<double> density = tissues_of(given.scene, given.label_names, model).density;
   return cut_by_sheet(model, sheet, density, held_nodes(given, model));
 }
@@ -78,7 +78,7 @@ SheetCut cut_model(const SessionGiven& given, const Model& model, const std::sha
 
 Session session_on(const SessionGiven& given, Model model) {
   Loads loads = loads_of(given.scene, model, model.surface);
-  std::shared_ptr<const Touch> its_touch = touch_of(given.scene, model);
+  std::shared_ptr<const RigidBody> its_indenter = indenter_of(given.scene, model);
   std::vector<HeldSet> supports = supports_of(given.scene, model, given.label_names).sets;
   return Session(std::move(model), given.materials,
                  {.contact = given.scene.contact,
@@ -86,13 +86,14 @@ Session session_on(const SessionGiven& given, Model model) {
                   .tolerance = given.scene.solver.tolerance,
                   .further = std::move(supports),
                   .loads = std::move(loads),
-                  .touch = std::move(its_touch)});
+                  .indenter = std::move(its_indenter)});
 }
 
-Session touch(const LiveOrgan& live, Index nodes, const Site& site, const Sheets& sheets, Index* left_out) {
+Session session_of(const LiveOrgan& live, Index nodes, const Site& site, const Sheets& sheets,
+                   Index* left_out) {
   ModelOptions options = live.organ->options;
-  options.cloud.count = nodes;
-  options.cloud.spacing_mm = 0.0;
+  options.node_set.count = nodes;
+  options.node_set.spacing_mm = 0.0;
   const LabelAt label_at = labels_of(live.scene, *live.organ, live.result.image);
   Discretisation places = discretise(live.organ->body->surface, options, label_at, site).places;
   const TissueOptions tissues = tissues_of(live.scene, live.organ->label_names, places);
@@ -110,7 +111,7 @@ namespace {
 
 // Forces at equilibria to one radius, for a contacting tool to 0.8, as far as they exist.
 std::vector<ForceSample> forces_to_radius(Session& session) {
-  const double deepest = (session.touch() ? deepest_with_tool_band : 1.0) * session.tool().radius;
+  const double deepest = (session.indenter() ? deepest_with_tool_error_bounds : 1.0) * session.tool().radius;
   std::vector<ForceSample> curve = {{}};
   for (int k = 1; k <= 4; ++k) {
     const LiveFrame frame = session.follow(0.25 * k * deepest, {.evaluations = 500});
@@ -123,15 +124,15 @@ std::vector<ForceSample> forces_to_radius(Session& session) {
 
 }  // namespace
 
-TriedTouch try_touch(const LiveOrgan& live, Index nodes, const Site& site, const Sheets& sheets) {
+TriedContact try_contact(const LiveOrgan& live, Index nodes, const Site& site, const Sheets& sheets) {
   Index left_out = 0;
-  TriedTouch tried{.session = touch(live, nodes, site, sheets, &left_out), .cuts = sheets.size()};
+  TriedContact tried{.session = session_of(live, nodes, site, sheets, &left_out), .cuts = sheets.size()};
   tried.left_out = left_out;
   std::vector<ForceSample> fine = forces_to_radius(tried.session);
   // The bounds are calibrated for no other scene; for contacting tools with other node sets.
-  if (!has_tool_alone(live.scene) || tried.session.touch() || !sheets.empty()) return tried;
-  if (nodes < fewest_nodes_with_band(live.result.facing_share) || fine.size() < 2) return tried;
-  Session coarse = touch(live, std::max(first_nodes, nodes / 4), site);
+  if (!has_tool_alone(live.scene) || tried.session.indenter() || !sheets.empty()) return tried;
+  if (nodes < fewest_nodes_with_error_bounds(live.result.facing_fraction) || fine.size() < 2) return tried;
+  Session coarse = session_of(live, std::max(first_nodes, nodes / 4), site);
   std::vector<ForceSample> its = forces_to_radius(coarse);
   fine.resize(std::min(fine.size(), its.size()));
   its.resize(fine.size());
@@ -143,8 +144,8 @@ CutSession cut_session(const SessionGiven& given, const Model& before, const Poi
                        const Stroke& stroke) {
   constexpr double fields = 6.0;  // along a stroke, so that a short one may bend too
   const double step = std::max({given.step_mm, 1e3 * (stroke.to - stroke.from).norm() / fields, 1e-3});
-  const TriangleMesh blade =
-      stroke_at_rest(1e3 * stroke.from, 1e3 * stroke.to, 1e3 * stroke.depth, step, before, u, *given.rest);
+  const TriangleMesh blade = reference_stroke(1e3 * stroke.from, 1e3 * stroke.to, 1e3 * stroke.depth, step,
+                                              before, u, *given.undeformed);
   const auto sheet = std::make_shared<const Sheet>(1e-3 * blade.vertex, blade.triangles);
   SheetCut cut = cut_model(given, before, sheet);
   Session session = session_on(given, std::move(cut.model));

@@ -26,10 +26,10 @@ constexpr double longest_path = 3600.0;  // s
   throw InputError({.fact = fact, .where = file.string(), .why = why, .remedy = remedy, .code = "bad-path"});
 }
 
-double quantile(std::vector<double> values, double share) {
+double quantile(std::vector<double> values, double fraction) {
   if (values.empty()) return 0.0;
   std::sort(values.begin(), values.end());
-  const auto k = static_cast<std::size_t>(share * static_cast<double>(values.size()));
+  const auto k = static_cast<std::size_t>(fraction * static_cast<double>(values.size()));
   return values[std::min(k, values.size() - 1)];
 }
 
@@ -75,15 +75,15 @@ ToolPath read_tool_path(const fs::path& file) {
 PathFrame path_frame(LiveTool& tool, const ToolPath& path, double time, const FrameLimit& limit, double dt) {
   const auto after = std::upper_bound(path.time.begin() + 1, path.time.end() - 1, time) - path.time.begin();
   const auto k = static_cast<std::size_t>(after - 1);
-  const double share = std::clamp((time - path.time[k]) / (path.time[k + 1] - path.time[k]), 0.0, 1.0);
+  const double fraction = std::clamp((time - path.time[k]) / (path.time[k + 1] - path.time[k]), 0.0, 1.0);
   const Stopwatch watch;
   if (path.depth.empty())
-    move_tip(
-        tool,
-        (1.0 - share) * path.tip.col(static_cast<Index>(k)) + share * path.tip.col(static_cast<Index>(k) + 1),
-        limit, dt);
+    move_tip(tool,
+             (1.0 - fraction) * path.tip.col(static_cast<Index>(k)) +
+                 fraction * path.tip.col(static_cast<Index>(k) + 1),
+             limit, dt);
   else
-    move_depth(tool, (1.0 - share) * path.depth[k] + share * path.depth[k + 1], limit, dt);
+    move_depth(tool, (1.0 - fraction) * path.depth[k] + fraction * path.depth[k + 1], limit, dt);
   return path_frame_of(tool, time, watch.seconds());
 }
 
@@ -94,26 +94,26 @@ PathFrame path_frame_of(const LiveTool& tool, double time, double seconds) {
           .seconds = seconds,
           .frame = tool.frame,
           .tip = tool.tip,
-          .stands = in_air ? tool.tip : Vec3(at.centre + tool.frame.depth * at.push),
+          .tip_now = in_air ? tool.tip : Vec3(at.centre + tool.frame.depth * at.approach),
           .nodes = tool.session->model().node_count(),
-          .half_band = half_band(tool)};
+          .half_error = half_error(tool)};
 }
 
 std::vector<PathFrame> follow_path(LiveTool& tool, const ToolPath& path, const PathOptions& options,
                                    const std::function<void(const PathFrame&)>& each) {
   std::vector<PathFrame> frames;
   tool.waits = true;
-  const double lasts = path.time.back() - path.time.front(), dt = 1.0 / options.rate;
-  const auto count = static_cast<std::int64_t>(std::floor(lasts * options.rate + 1e-9)) + 1;
+  const double duration = path.time.back() - path.time.front(), dt = 1.0 / options.rate;
+  const auto count = static_cast<std::int64_t>(std::floor(duration * options.rate + 1e-9)) + 1;
   std::size_t stroke = 0;
-  for (std::int64_t i = 0; i < count && stop_asked() == StopReason::none; ++i) {
+  for (std::int64_t i = 0; i < count && stop_requested() == StopReason::none; ++i) {
     const double now = path.time.front() + static_cast<double>(i) * dt;
     for (; stroke < options.strokes.size() && options.strokes[stroke].time <= now; ++stroke)
       cut(tool, options.strokes[stroke].stroke, false);
     frames.push_back(path_frame(tool, path, now, options.limit, dt));
     if (each) each(frames.back());
   }
-  if (stop_asked() == StopReason::none) end_cuts(tool, options.strokes, stroke);
+  if (stop_requested() == StopReason::none) end_cuts(tool, options.strokes, stroke);
   return frames;
 }
 
@@ -131,19 +131,19 @@ void write_path_frames(const fs::path& folder, const std::vector<PathFrame>& fra
   for (const PathFrame& now : frames) {
     const LiveFrame& f = now.frame;
     std::vector<double> row = {now.time,
-                               1e3 * f.asked,
+                               1e3 * f.requested,
                                1e3 * f.depth,
                                f.force,
                                f.error,
                                f.error_at_depth,
-                               now.half_band.value_or(0.0),
-                               now.half_band ? 1.0 : 0.0,
+                               now.half_error.value_or(0.0),
+                               now.half_error ? 1.0 : 0.0,
                                f.stiffness,
                                f.residual,
                                static_cast<double>(f.evaluations),
                                static_cast<double>(f.tool)};
     row.insert(row.end(), f.on_tool.begin(), f.on_tool.end());
-    for (const Vec3& place : {now.tip, now.stands})
+    for (const Vec3& place : {now.tip, now.tip_now})
       for (const double x : place) row.push_back(1e3 * x);
     row.push_back(static_cast<double>(now.nodes));
     row.push_back(1e3 * f.penetration);
@@ -229,20 +229,20 @@ std::string in_words(const CutRecord& record) {
 
 Index nodes_for_rate(const LiveOrgan& organ, double rate) {
   constexpr Index tried = 1000;
-  constexpr double wanted = 10.0;  // force evaluations in a frame
+  constexpr double goal = 10.0;  // force evaluations in a frame
   LiveTool tool{.organ = &organ, .nodes = tried};
-  tool.session.emplace(touch(organ, tried, site_at(organ)));
-  const double way = 0.01 / rate, deepest = 0.5 * tool.session->tool().radius;
+  tool.session.emplace(session_of(organ, tried, site_at(organ)));
+  const double travel = 0.01 / rate, deepest = 0.5 * tool.session->tool().radius;
   double spent = 0.0, evaluations = 0.0;
-  move_depth(tool, way, {.evaluations = 100});
-  for (double depth = 2.0 * way; depth < deepest && spent < 0.3; depth += way) {
+  move_depth(tool, travel, {.evaluations = 100});
+  for (double depth = 2.0 * travel; depth < deepest && spent < 0.3; depth += travel) {
     const Stopwatch watch;
     evaluations += static_cast<double>(move_depth(tool, depth, {.evaluations = 8}).evaluations);
     spent += watch.seconds();
   }
   const double each =
       spent / std::max(1.0, evaluations) / static_cast<double>(tool.session->model().node_count());
-  const double nodes = 0.8 / (rate * wanted * each);
+  const double nodes = 0.8 / (rate * goal * each);
   return std::clamp<Index>(100 * static_cast<Index>(nodes / 100.0), 500, 4000);
 }
 
@@ -260,7 +260,7 @@ std::string words_of(const PathFrame& now, bool by_hand) {
     if (by_hand) return "no contact: press the left button on the body and drag inwards";
     return fmt::format("no contact: the tool is at {}{}", in_words(1e3 * now.tip), status);
   }
-  const double error = f.error_at_depth + now.half_band.value_or(0.0);
+  const double error = f.error_at_depth + now.half_error.value_or(0.0);
   const std::string depth = length_in_words(1e3 * f.depth);
   if (!(error <= std::abs(f.force)))
     return fmt::format("force unknown, {} deep: {}{}", depth,
@@ -269,7 +269,7 @@ std::string words_of(const PathFrame& now, bool by_hand) {
                        status);
   const Written written = force_written(f.force);
   return fmt::format("force {} +- {}{}, {} deep{}", written(f.force), written(error),
-                     now.half_band ? "" : " plus discretisation", depth, status);
+                     now.half_error ? "" : " plus discretisation", depth, status);
 }
 
 namespace {
@@ -297,9 +297,9 @@ std::string in_words(Index nodes, const std::vector<PathFrame>& frames) {
     seconds.push_back(now.seconds);
     penetration = std::max(penetration, now.frame.penetration);
     if (!(now.frame.force > 0.0)) continue;
-    error.push_back((now.frame.error_at_depth + now.half_band.value_or(0.0)) / now.frame.force);
+    error.push_back((now.frame.error_at_depth + now.half_error.value_or(0.0)) / now.frame.force);
     ++pressed;
-    unknown += now.half_band ? 0 : 1;
+    unknown += now.half_error ? 0 : 1;
   }
   const std::string thousands =
       nodes >= 1000 ? fmt::format("{},{:03}", nodes / 1000, nodes % 1000) : fmt::format("{}", nodes);

@@ -130,8 +130,8 @@ struct ForceServer::Parts {
   Parts(const LiveTool& live, const fs::path& at) : path(at), organ(*live.organ), tool(live.session->tool()) {
     tip = tool.centre;
     between.radius = tool.radius;
-    between.touches = organ.shape.has_value();
-    touches = live.touches;
+    between.contact_count = organ.shape.has_value();
+    contact_count = live.contact_count;
     listen_at(path, listening);
     thread = std::thread([this] { serve(); });
   }
@@ -155,7 +155,7 @@ struct ForceServer::Parts {
   BetweenFrames between;
   LiveFrame frame;  // the last one
   ToolPlace tool;   // at the last contact
-  Index touches = 0;
+  Index contact_count = 0;
   std::size_t cuts = 0;          // at the last contact
   std::optional<Vec3> no_place;  // where no nodes could be made
   Served served;
@@ -178,23 +178,23 @@ struct ForceServer::Parts {
   Descriptor turn_away() const;
 };
 
-// Answer if the tip is given by its place, see TipAsked.
+// Answer if the tip is given by its place, see TipRequest.
 LiveAnswer ForceServer::Parts::at_tip() {
-  using Way = TipAsked::Way;
+  using Kind = TipRequest::Kind;
   constexpr double unknown = std::numeric_limits<double>::infinity();
-  const TipAsked asked = tip_asked(organ, tool, frame.depth, tip);
+  const TipRequest requested = tip_request(organ, tool, frame.depth, tip);
   LiveAnswer said;
-  if (asked.way == Way::air) return said;
-  if (asked.way == Way::anew || no_place_at(tip)) {
+  if (requested.kind == Kind::air) return said;
+  if (requested.kind == Kind::new_place || no_place_at(tip)) {
     said.error = unknown;
     said.tool = no_place_at(tip) ? LiveFrame::Tool::elsewhere : LiveFrame::Tool::lags;  // in approach
     return said;
   }
-  said = answer(between, asked.at.depth, now());
+  said = answer(between, requested.at.depth, now());
   LiveFrame like;
   like.depth = said.depth, like.force = said.force, like.tool = said.tool;
   like.error = said.error, like.error_at_depth = said.error_at_depth;
-  if (said.tool != LiveFrame::Tool::lags) tell_aside(like, asked, tool.radius);
+  if (said.tool != LiveFrame::Tool::lags) report_lateral(like, requested, tool.radius);
   said.error = like.error, said.tool = like.tool;
   return said;
 }
@@ -269,8 +269,9 @@ bool ForceServer::Parts::write_to(int client) {
   if (answers.empty() || seconds_since(taken) < patience_s) return true;
   const int more = 2 * kept_bytes;
   setsockopt(client, SOL_SOCKET, SO_SNDBUF, &more, sizeof more);
-  const std::string rest = within_line ? answers.substr(0, answers.find('\n') + 1) : std::string();
-  send_words(client, rest + "error: the answers were not read for 1 s; read each before the next request\n");
+  const std::string remaining = within_line ? answers.substr(0, answers.find('\n') + 1) : std::string();
+  send_words(client,
+             remaining + "error: the answers were not read for 1 s; read each before the next request\n");
   return false;
 }
 
@@ -333,8 +334,8 @@ PathFrame ForceServer::move(LiveTool& tool, const FrameLimit& limit, double dt) 
     move_tip(tool, tip, limit, dt);
   const PathFrame now = path_frame_of(tool, time, watch.seconds());
   const std::lock_guard lock(p.mutex);
-  if (p.touches != tool.touches || p.cuts != tool.sheets.size()) forget(p.between);
-  p.touches = tool.touches;
+  if (p.contact_count != tool.contact_count || p.cuts != tool.sheets.size()) forget(p.between);
+  p.contact_count = tool.contact_count;
   p.cuts = tool.sheets.size();
   p.no_place = tool.no_place;
   p.tool = tool.session->tool();
@@ -358,7 +359,7 @@ Served serve_forces(LiveTool& tool, const fs::path& path, double rate, double se
   Clock::time_point next = begin;
   // One processor is reserved for the answers.
   tbb::task_arena others(std::max(1, tbb::this_task_arena::max_concurrency() - 1));
-  while (stop_asked() == StopReason::none && seconds_since(begin) < seconds) {
+  while (stop_requested() == StopReason::none && seconds_since(begin) < seconds) {
     const PathFrame now =
         others.execute([&] { return server.move(tool, {.seconds = 0.9 / rate}, 1.0 / rate); });
     if (each) each(now);

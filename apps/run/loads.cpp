@@ -64,8 +64,9 @@ Loads loads_of(const Scene& scene, const Model& model, const Surface& chosen_on)
   }
   if (const auto& fluid = scene.fluid_lost) {
     const Eigen::VectorXd height = model.X.transpose() * fluid->up;
-    loads.fluid = FluidLost{
-        .up = fluid->up, .level = height.maxCoeff() - fluid->share * (height.maxCoeff() - height.minCoeff())};
+    loads.fluid =
+        FluidLost{.up = fluid->up,
+                  .level = height.maxCoeff() - fluid->fraction * (height.maxCoeff() - height.minCoeff())};
   }
   for (const Scene::Pressure& pressure : scene.pressures)
     loads.pressure.push_back({.name = pressure.name,

@@ -30,7 +30,8 @@ using Line = RunObserver::Line;
 
 // Extent of the body along the press direction, from the centre of the tool [m].
 double reach_beneath(const Discretisation& places) {
-  return (places.X.transpose() * places.tool.push).maxCoeff() - places.tool.centre.dot(places.tool.push);
+  return (places.X.transpose() * places.tool.approach).maxCoeff() -
+         places.tool.centre.dot(places.tool.approach);
 }
 
 void require_room_beneath(const Scene& scene, const Discretisation& places) {
@@ -49,16 +50,17 @@ void require_room_beneath(const Scene& scene, const Discretisation& places) {
 
 // Reports depths at which the contact is small. Its force was up to 4 % too high with a radius below four
 // node spacings, and up to 12 % below two (spheres compared with finite elements).
-void tell_of_first_touch(const RunLog& log, const Scene& scene, const Model& model, const Touch& touch) {
+void report_first_contact(const RunLog& log, const Scene& scene, const Model& model,
+                          const RigidBody& indenter) {
   constexpr double enough = 4.0;
   const double radius = enough * model.spacing.minCoeff(), depth = 1e-3 * scene.depth_mm;
-  if (touch.shape.edge > 0.0) return;
+  if (indenter.shape.edge > 0.0) return;
   double until = depth;
-  if (contact_radius(touch.shape, depth) > radius) {
+  if (contact_radius(indenter.shape, depth) > radius) {
     double low = 0.0;
     for (int k = 0; k < 40; ++k) {
       const double middle = 0.5 * (low + until);
-      (contact_radius(touch.shape, middle) < radius ? low : until) = middle;
+      (contact_radius(indenter.shape, middle) < radius ? low : until) = middle;
     }
   }
   if (until < 0.01 * depth) return;  // a flat end touches with all of it at once
@@ -74,14 +76,14 @@ void tell_of_first_touch(const RunLog& log, const Scene& scene, const Model& mod
 }
 
 // Warns of steps so short that inertia would matter: steps go from equilibrium to equilibrium.
-void tell_of_fast_steps(const RunLog& log, const LoadedModel& result) {
+void report_fast_steps(const RunLog& log, const LoadedModel& result) {
   const double crossing = shear_crossing_time(result.tissues, result.model);
   for (const Step& step : result.loading.steps)
-    if (step.lasts > 0.0 && step.lasts < slow_load * crossing && !step.holds())
+    if (step.duration > 0.0 && step.duration < slow_load * crossing && !step.holds())
       return log.warn(
           fmt::format("the step '{}' lasts {:.3g} s, and a shear wave crosses the organ in {:.3g} s: "
                       "inertia, which steps neglect, would change its force",
-                      step.name, step.lasts, crossing));
+                      step.name, step.duration, crossing));
 }
 
 // Refuses features that need equilibrium, in a march with inertia.
@@ -93,19 +95,19 @@ void check_without_equilibrium(const Scene& scene) {
 // Time mode of scene.solver.time; "auto" depends on the duration of the load.
 TimeMode time_of(const Scene& scene, const RunLog& log, const LoadedModel& result) {
   using Time = Scene::Numerics::Time;
-  const Time asked = scene.solver.time;
-  if (asked == Time::quasi_static) return TimeMode::quasi_static;
-  if (asked == Time::explicit_ || !result.model.scheme.pressure_patches) {
+  const Time requested = scene.solver.time;
+  if (requested == Time::quasi_static) return TimeMode::quasi_static;
+  if (requested == Time::explicit_ || !result.model.scheme.pressure_patches) {
     check_without_equilibrium(scene);
     return TimeMode::explicit_;
   }
   Loading at_the_rate = result.loading;  // without what says how long it lasts
-  std::erase_if(at_the_rate.steps, [](const Step& step) { return step.lasts > 0.0; });
+  std::erase_if(at_the_rate.steps, [](const Step& step) { return step.duration > 0.0; });
   TimeMode mode = choose_time(result.model, result.tissues, at_the_rate);
   // Whoever names no speed asks for the force of equilibrium.
   if (!scene.given.rate || (!result.loading.steps.empty() && at_the_rate.steps.empty()))
     mode = TimeMode::quasi_static;
-  if (mode != TimeMode::quasi_static && result.loading.touch)
+  if (mode != TimeMode::quasi_static && result.loading.indenter)
     throw UsageError({.fact = "the tool is too fast for contact in equilibrium",
                       .where = "--rate (load.rate_mm_per_s)",
                       .why = "its force includes inertia, which is modelled for the bonded indenter only",
@@ -115,7 +117,7 @@ TimeMode time_of(const Scene& scene, const RunLog& log, const LoadedModel& resul
                       .where = "--rate (load.rate_mm_per_s)",
                       .why = "contact is solved in equilibrium, without inertia",
                       .remedy = "give a lower --rate, or --time quasi-static"});
-  if (result.loading.touch) return mode;
+  if (result.loading.indenter) return mode;
   if (mode != TimeMode::quasi_static && !scene.steps.empty())
     throw UsageError({.fact = "the tool is too fast for a scene of steps",
                       .where = "--rate (load.rate_mm_per_s)",
@@ -130,42 +132,41 @@ TimeMode time_of(const Scene& scene, const RunLog& log, const LoadedModel& resul
 }
 
 // Warns of damping that a quasi-static march does not use.
-void tell_of_damping(const Scene& scene, const RunLog& log, TimeMode mode) {
+void report_damping(const Scene& scene, const RunLog& log, TimeMode mode) {
   if (mode == TimeMode::quasi_static && scene.solver.damping_per_s > 0.0)
     log.warn(
         fmt::format("{} 1/s of damping is not used: the force is that of equilibrium at each depth, which "
                     "nothing damps (--time explicit does)",
                     plain(scene.solver.damping_per_s)));
 }
-void stand_walls(const Case& given, const RunLog& log, LoadedModel& result) {
+void place_walls(const Case& given, const RunLog& log, LoadedModel& result) {
   if (given.scene.walls.empty()) return;
   log.doing("walls");
   const LabelImage& image = result.image.run.empty() && result.origin ? result.origin->image : result.image;
-  Walls walls =
-      walls_beside(given.scene, result.model, &image, result.origin ? &result.origin->organ : nullptr);
+  Walls walls = walls_of(given.scene, result.model, &image, result.origin ? &result.origin->organ : nullptr);
   for (const std::string& words : walls.words) log.say("wall     " + words);
-  for (Touch& wall : walls.touch) result.loading.walls.push_back(std::move(wall));
+  for (RigidBody& wall : walls.rigid_body) result.loading.walls.push_back(std::move(wall));
   result.stages.done("walls");
 }
 
 // Moves the tool to its first contact.
-void bring_tool(const Scene& scene, const RunLog& log, LoadedModel& result) {
+void place_tool(const Scene& scene, const RunLog& log, LoadedModel& result) {
   const Model& model = result.model;
   const bool moved = result.loading.loads.move_the_body();
   if (moved) {
     log.doing("loads");
     const ForceSystem tissue(model, result.tissues, scene.solver.precision);
-    rest_under_loads(tissue, model, result.loading, scene.solver.tolerance);
+    equilibrium_under_loads(tissue, model, result.loading, scene.solver.tolerance);
     result.stages.done("loads");
   }
-  const Touch& touch = *result.loading.touch;
+  const RigidBody& indenter = *result.loading.indenter;
   log.say(fmt::format("tool     {}{}, {}; its tip at first contact at {}{}; {} contact points on the surface",
-                      in_words(touch.shape), depth_of_tool_in_words(scene), friction_in_words(touch.friction),
-                      in_words(1e3 * touch.pose.tip), moved ? ", moved by the loads" : "",
-                      touch.surface.count()));
-  if (touch.shape.mesh && touch.shape.mesh->turned)
+                      in_words(indenter.shape), depth_of_tool_in_words(scene),
+                      friction_in_words(indenter.friction), in_words(1e3 * indenter.pose.tip),
+                      moved ? ", moved by the loads" : "", indenter.surface.count()));
+  if (indenter.shape.mesh && indenter.shape.mesh->turned)
     log.say("tool     some of its triangles faced inward in the file, and were flipped");
-  tell_of_first_touch(log, scene, model, touch);
+  report_first_contact(log, scene, model, indenter);
 }
 
 // Warns of a large contrast in stiffness, which shape functions smooth. With a soft layer on a tissue a
@@ -192,32 +193,33 @@ void make_loading(const Case& given, Supports supports, const RunLog& log, Loade
   loading.loads = loads_of(scene, model, result.unloaded ? result.unloaded->imaged_surface : model.surface);
   OtherTools others = other_tools_of(scene, model, loading.further);
   for (const std::string& words : others.words) log.say("tool     " + words);
-  std::map<std::string, Vec3> push_of_others;
-  for (const Touch& other : others.touch) push_of_others[other.name] = other.pose.points_at;
-  loading.steps = steps_of(scene, model.tool, push_of_others);
+  std::map<std::string, Vec3> approach_of_others;
+  for (const RigidBody& other : others.rigid_body) approach_of_others[other.name] = other.pose.points_at;
+  loading.steps = steps_of(scene, model.tool, approach_of_others);
   require_near(loading.steps, model.X);
   if (!scene.poses_words.empty()) log.say("poses    " + scene.poses_words);
   for (const Step& step : loading.steps) log.say("step     " + in_words(step));
-  loading.touch = given.change.tool ? touch_of(scene, model, *given.change.tool) : touch_of(scene, model);
+  loading.indenter =
+      given.change.tool ? indenter_of(scene, model, *given.change.tool) : indenter_of(scene, model);
   const double down = deepest(scene, model.tool);
-  if (loading.touch) require_free_under(*loading.touch, down, loading.further, model);
-  loading.walls = std::move(others.touch);
+  if (loading.indenter) require_free_under(*loading.indenter, down, loading.further, model);
+  loading.walls = std::move(others.rigid_body);
   result.time = time_of(scene, log, result);
-  tell_of_damping(scene, log, result.time);
-  tell_of_fast_steps(log, result);
+  report_damping(scene, log, result.time);
+  report_fast_steps(log, result);
   if (result.time == TimeMode::quasi_static || scene.self_contact == Scene::SelfContact::on)
-    loading.folds = folds_of(scene, result.facing_share, model, down);
+    loading.folds = folds_of(scene, result.facing_fraction, model, down);
   if (loading.folds)
     log.say("folds    " + in_words(*loading.folds, down));
   else if (scene.self_contact == Scene::SelfContact::on)
     log.say(
         "folds    no contact possible: nowhere does the surface face itself across twice the tool's "
         "displacement or less");
-  stand_walls(given, log, result);
-  if (loading.touch) bring_tool(scene, log, result);
+  place_walls(given, log, result);
+  if (loading.indenter) place_tool(scene, log, result);
 }
 
-void tell_of_tissues(const Scene& scene, const RunLog& log, const Tissues& tissues) {
+void report_tissues(const Scene& scene, const RunLog& log, const Tissues& tissues) {
   auto own = scene.tissues.begin();
   for (std::size_t t = 0; t < tissues.material.size(); ++t) {
     const Material& m = tissues.material[t];
@@ -228,10 +230,11 @@ void tell_of_tissues(const Scene& scene, const RunLog& log, const Tissues& tissu
                            pressure_wave_speed(m), shear_wave_speed(m)));
   }
   warn_of_stiff_tissue(log, tissues);
-  if (const std::string preset = scene.material.beside_preset; !preset.empty()) log.say("preset   " + preset);
+  if (const std::string preset = scene.material.deviations_from_preset; !preset.empty())
+    log.say("preset   " + preset);
 }
 
-void tell_of_load(const Scene& scene, const RunLog& log, const LoadedModel& result) {
+void report_load(const Scene& scene, const RunLog& log, const LoadedModel& result) {
   const Loading& loading = result.loading;
   const SolverOptions options = solver_options(scene);
   for (const Membrane& film : loading.loads.membrane) log.say("membrane " + in_words(film));
@@ -241,9 +244,9 @@ void tell_of_load(const Scene& scene, const RunLog& log, const LoadedModel& resu
   log.detail(
       fmt::format("load     {} at {} mm/s: {} s, {}, {}", length_in_words(scene.depth_mm),
                   plain(scene.rate_mm_per_s), three_digits(loading.duration()),
-                  !loading.touch                   ? std::string(name_of(scene.contact))
-                  : loading.touch->friction == 0.0 ? "frictionless"
-                                                   : friction_in_words(loading.touch->friction),
+                  !loading.indenter                   ? std::string(name_of(scene.contact))
+                  : loading.indenter->friction == 0.0 ? "frictionless"
+                                                      : friction_in_words(loading.indenter->friction),
                   result.time == TimeMode::quasi_static
                       ? fmt::format("equilibrium in {} steps", steps_of_load(result.model, loading, options))
                       : "with inertia, by central differences"));
@@ -257,7 +260,7 @@ void tell_of_load(const Scene& scene, const RunLog& log, const LoadedModel& resu
 
 }  // namespace
 
-void make_ready(const Case& given, Placed placed, const RunLog& log, Result& result) {
+void make_ready(const Case& given, NodePlacement placed, const RunLog& log, Result& result) {
   const Scene& scene = given.scene;
   require_room_beneath(scene, placed.places);
   check_loads(scene, placed.places.surface);
@@ -275,8 +278,8 @@ void make_ready(const Case& given, Placed placed, const RunLog& log, Result& res
   make_loading(given, std::move(supports), log, result);
   result.findings = check_model(result.model, result.model.support_report, result.loading.depth);
   for (const Finding& finding : result.findings) log.warn(in_words(finding));
-  tell_of_tissues(scene, log, result.tissues);
-  tell_of_load(scene, log, result);
+  report_tissues(scene, log, result.tissues);
+  report_load(scene, log, result);
   if (result.time != TimeMode::quasi_static && scene.material.mu_spread > 0.0)
     throw UsageError(
         {.fact = "mu has an uncertainty, and the force includes inertia",

@@ -29,16 +29,16 @@ std::unique_ptr<ForceSystem> force_system(const Scene& scene, LoadedModel& resul
   result.model.dphi.resize(
       3, 0);  // the system has them in a layout of its own; twice is 0.4 GB at 100,000 nodes
   give_back_memory();
-  stop_if_asked();
+  stop_if_requested();
   result.complete_s += readying.seconds();
   return system;
 }
 
 // Reports a tool that was lifted, or slid off the body.
-void tell_of_lost_contact(const RunLog& log, const Result& result) {
+void report_lost_contact(const RunLog& log, const Result& result) {
   constexpr double nothing = 1e-6;  // of the largest force: the search for equilibrium has a tolerance
   const std::vector<ForceSample>& force = result.history.force;
-  if (!result.loading.touch || force.empty()) return;
+  if (!result.loading.indenter || force.empty()) return;
   const auto size = [](const ForceSample& sample) {  // one that sticks may pull, and across its push
     return Eigen::Map<const Wrench>(sample.on_tool.data()).head<3>().norm();
   };
@@ -56,24 +56,24 @@ void tell_of_lost_contact(const RunLog& log, const Result& result) {
 
 // Reports a lateral force above a fifth of the whole; the force curve holds the part along the press
 // direction.
-void tell_of_lateral_force(const RunLog& log, const Result& result) {
+void report_lateral_force(const RunLog& log, const Result& result) {
   constexpr double little = 0.2;
   if (result.history.force.empty()) return;
   const Eigen::Map<const Wrench> on_tool(result.history.force.back().on_tool.data());
-  const double share = lateral_share(on_tool, result.model.tool.push);
-  if (!(share > little)) return;
+  const double fraction = lateral_fraction(on_tool, result.model.tool.approach);
+  if (!(fraction > little)) return;
   const Written written = force_written(on_tool.head<3>().norm());
   log.say(fmt::format(
       "across   {} of the force on the tool is across its approach direction: x {}, y {}, z {} {} (LPS)",
-      percent(share), written.number(on_tool[0]), written.number(on_tool[1]), written.number(on_tool[2]),
+      percent(fraction), written.number(on_tool[0]), written.number(on_tool[1]), written.number(on_tool[2]),
       written.unit));
 }
 
 // Reports forces on further tools and walls.
-void tell_of_rigid(const RunLog& log, const Result& result) {
+void report_rigid_contacts(const RunLog& log, const Result& result) {
   for (std::size_t k = 0; k < result.history.walls.size(); ++k) {
-    const Touch& rigid = result.loading.walls[k];
-    const TouchingTool::Touched& now = result.history.walls[k];
+    const RigidBody& rigid = result.loading.walls[k];
+    const RigidContact::ContactSummary& now = result.history.walls[k];
     log.say(rigid.is_tool ? "tool     " + at_the_end_in_words(rigid.name, now)
                           : "wall     " + in_words(rigid.name, now));
   }
@@ -83,7 +83,7 @@ void tell_of_rigid(const RunLog& log, const Result& result) {
 void find_jump(Result& result) {
   constexpr double much = 0.2;  // of the largest force
   History& history = result.history;
-  if (!result.loading.touch ||
+  if (!result.loading.indenter ||
       std::any_of(history.guards.begin(), history.guards.end(), [](const Finding& f) {
         return f.report.code == "limit-point" || f.report.code == "tool-left";
       }))
@@ -125,7 +125,7 @@ Vec3 displacement_at(const Interpolation& place, const ForceSystem::Nodal& u) {
   return place(u.topRows<3>()).col(0);
 }
 // Records reactions of the supports at a depth of the tool [m].
-void feel_supports(const ForceSystem::Nodal& f, double depth, Result& result) {
+void record_support_reactions(const ForceSystem::Nodal& f, double depth, Result& result) {
   result.on_support.clear();
   for (const HeldSet& support : result.loading.further) result.on_support.push_back(force_on(support, f));
   result.on_support_at = depth;
@@ -149,37 +149,38 @@ class Watched {
   Watched& operator=(const Watched&) = delete;
   const Observer& hears() const { return hears_; }
   // Includes penetration of cut faces between the contact points of folds.
-  void tell(const RunLog& log) {
+  void report(const RunLog& log) {
     FoldContact::Audit& folds = result_.history.folds;
-    const bool touch = result_.loading.folds != nullptr;
-    folds.penetration = std::max(folds.penetration, touch ? closing_.deepest() : 0.0);
+    const bool folds_in_contact = result_.loading.folds != nullptr;
+    folds.penetration = std::max(folds.penetration, folds_in_contact ? closing_.deepest() : 0.0);
     const std::string bends = bending_.warning(), rocks = bends.empty() ? rocking_.warning() : bends;
-    for (const std::string& warning : {rocks, touch ? std::string() : closing_.warning()})
+    for (const std::string& warning : {rocks, folds_in_contact ? std::string() : closing_.warning()})
       if (!warning.empty()) log.warn(warning);
-    if (result_.loading.loads.move_the_body()) tell_of_settling(log);
+    if (result_.loading.loads.move_the_body()) report_preload(log);
   }
 
  private:
   // Reports the displacement by the loads alone, and warns if the body has lost the shape of the image.
-  void tell_of_settling(const RunLog& log) const {
-    const double way = 1e3 * result_.history.settled;
-    log.say(fmt::format("preload  largest displacement {}", length_in_words(way)));
+  void report_preload(const RunLog& log) const {
+    const double displacement = 1e3 * result_.history.preload_displacement;
+    log.say(fmt::format("preload  largest displacement {}", length_in_words(displacement)));
     if (result_.unloaded) return;  // they bring it back to the image
     const Model& model = result_.model;
     const double size = 1e3 * (model.X.rowwise().maxCoeff() - model.X.rowwise().minCoeff()).minCoeff();
-    if (way > 0.5 * size)
+    if (displacement > 0.5 * size)
       log.warn(fmt::format(
           "the loads alone move the body by up to {}, more than half of its smallest extent, {}: check the "
           "loads and moduli, or give load.imaged=loaded if the image shows the body under them",
-          length_in_words(way), length_in_words(size)));
+          length_in_words(displacement), length_in_words(size)));
   }
 
   void see(const Frame& frame) {
     if (place_) result_.followed->u = displacement_at(*place_, frame.u);
     // The solver knows the nodes' parameters alone, which are no displacements.
     if (frame.number == 0 && result_.loading.loads.move_the_body())
-      result_.history.settled = node_interpolation(result_.model)(frame.u).colwise().norm().maxCoeff();
-    feel_supports(frame.f, frame.depth, result_);
+      result_.history.preload_displacement =
+          node_interpolation(result_.model)(frame.u).colwise().norm().maxCoeff();
+    record_support_reactions(frame.f, frame.depth, result_);
     bending_.see(frame);
     rocking_.see(frame);
     closing_.see(frame);
@@ -206,7 +207,7 @@ std::unique_ptr<ForceSystem> march_cut(const Scene& scene, const SolverOptions& 
     std::unique_ptr<ForceSystem> system = force_system(scene, result);
     {
       Watched watched(scene, k == 0 ? observer : later, k == 0 ? from : nullptr, result);
-      part.has_settled = [&] { cuts.tell(part, log, result); };
+      part.has_joined = [&] { cuts.report(part, log, result); };
       const Stopwatch solving;
       try {
         solve(result.time, *system, result.model, result.loading, options, watched.hears(), result.history,
@@ -216,7 +217,7 @@ std::unique_ptr<ForceSystem> march_cut(const Scene& scene, const SolverOptions& 
         throw;
       }
       result.solve_s += solving.seconds();
-      watched.tell(log);
+      watched.report(log);
     }
     if (k == cuts.count() || result.history.interrupted) return system;
     if (watching.before_cut) watching.before_cut(result);
@@ -257,11 +258,11 @@ std::unique_ptr<ForceSystem> march(const Scene& scene, const SolverOptions& opti
   if (!cuts) result.solve_s = solving.seconds();
   find_jump(result);
   keep_findings(log, result);
-  tell_of_lost_contact(log, result);
-  tell_of_lateral_force(log, result);
-  tell_of_rigid(log, result);
+  report_lost_contact(log, result);
+  report_lateral_force(log, result);
+  report_rigid_contacts(log, result);
   warn_of_inertia(log, result);
-  if (watched) watched->tell(log);
+  if (watched) watched->report(log);
   return system;
 }
 

@@ -17,14 +17,14 @@
 #include "io/text.hpp"
 #include "io/units.hpp"
 #include "io/words.hpp"
-#include "preprocess/cloud/neighbours.hpp"
+#include "preprocess/nodes/neighbours.hpp"
 
 namespace dimple {
 namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int base_bit = 1, circle_bit = 2;
+constexpr int base_bit = 1, patch_bit = 2;
 
 Points to_mm(const Points& x) {
   return x.unaryExpr(&millimetres);
@@ -40,7 +40,7 @@ Field node_set_field(const Discretisation& model) {
               .components = {},
               .type = Field::Type::int32};
   for (const Index a : model.base) field.values(0, a) += base_bit;
-  for (const Index a : model.circle) field.values(0, a) += circle_bit;
+  for (const Index a : model.bonded_patch) field.values(0, a) += patch_bit;
   return field;
 }
 
@@ -116,7 +116,7 @@ void require_whole(const fs::path& file, const Field& field, double most) {
              fmt::format("it is a whole number from 0 to {}", most), "correct the column, or leave it out");
 }
 
-// Mean distance to the six nearest neighbours, the spacing of even nodes in make_node_cloud().
+// Mean distance to the six nearest neighbours, the spacing of even nodes in make_node_set().
 Eigen::VectorXd estimate_spacing(const Points& X) {
   const Neighbours tree(X);
   Eigen::VectorXd spacing(X.cols());
@@ -148,21 +148,21 @@ double estimate_cell_volume(const Points& points_mm) {
 // bonded patch is what the tool meets first.
 void choose_sets_by_place(ModelFiles& files) {
   Discretisation& model = files.places;
-  const Vec3 push = model.tool.push;
+  const Vec3 approach = model.tool.approach;
   const double h = model.spacing[0];
-  const Eigen::VectorXd depth = model.X.transpose() * push;
+  const Eigen::VectorXd depth = model.X.transpose() * approach;
   for (Index a = 0; a < model.node_count(); ++a) {
     const Vec3 d = model.X.col(a) - model.tool.centre;
-    const double lateral = (d - d.dot(push) * push).norm();
+    const double lateral = (d - d.dot(approach) * approach).norm();
     if (depth.maxCoeff() - depth[a] < 0.35 * h)
       model.base.push_back(a);
-    else if (lateral <= model.tool.radius * (1.0 + 1e-9) && std::abs(d.dot(push)) < 0.35 * h)
-      model.circle.push_back(a);
+    else if (lateral <= model.tool.radius * (1.0 + 1e-9) && std::abs(d.dot(approach)) < 0.35 * h)
+      model.bonded_patch.push_back(a);
   }
   files.notes.push_back(
       fmt::format("nodes have no node_set: {} within a third of a spacing of the far end are the base, {} "
                   "within the contact patch and as near to its plane are the tool's",
-                  model.base.size(), model.circle.size()));
+                  model.base.size(), model.bonded_patch.size()));
 }
 
 Vec3 vector_of(const toml::table& table, const std::string& section, const std::string& key,
@@ -200,7 +200,7 @@ toml::table table_of(const fs::path& file) {
   return table;
 }
 
-fs::path beside(const fs::path& file, const toml::table& table, const char* key) {
+fs::path next_to(const fs::path& file, const toml::table& table, const char* key) {
   const auto name = table[key].value<std::string>();
   if (!name || name->empty())
     refuse(file, fmt::format("it does not name the file of the {}", key),
@@ -291,11 +291,11 @@ void take_spread(const fs::path& file, const PointFile& points, ModelFiles& file
 
 void take_tool(const fs::path& file, const toml::table& table, ToolPlace& tool) {
   tool.centre = to_m(vector_of(table, "indenter", "centre_mm", file));
-  tool.push = vector_of(table, "indenter", "push", file);
-  if (!(std::abs(tool.push.norm() - 1.0) < 1e-6)) {
-    if (!(tool.push.stableNorm() > 0.0))
+  tool.approach = vector_of(table, "indenter", "push", file);
+  if (!(std::abs(tool.approach.norm() - 1.0) < 1e-6)) {
+    if (!(tool.approach.stableNorm() > 0.0))
       refuse(file, "indenter.push is zero", "the tool must move somewhere", "write push = [0.0, 0.0, -1.0]");
-    tool.push.stableNormalize();
+    tool.approach.stableNormalize();
   }
   const double diameter_mm = table["indenter"]["diameter_mm"].value_or(10.0);
   if (!(diameter_mm > 1e-6 && diameter_mm <= 1000.0))
@@ -307,17 +307,17 @@ void take_tool(const fs::path& file, const toml::table& table, ToolPlace& tool) 
 void take_sets(const fs::path& file, const PointFile& nodes, ModelFiles& files) {
   Discretisation& model = files.places;
   if (const Field* set = nodes.find("node_set")) {
-    require_whole(file, *set, base_bit | circle_bit);
+    require_whole(file, *set, base_bit | patch_bit);
     for (Index a = 0; a < model.node_count(); ++a) {
       const int bits = static_cast<int>(set->values(0, a));
-      if (bits == (base_bit | circle_bit))
+      if (bits == (base_bit | patch_bit))
         refuse(file,
                fmt::format("node {} at {} belongs to the base and to the contact patch", a,
                            in_words(to_mm(model.X.col(a)))),
                "its node_set is 3, and the base is fixed while the contact patch moves",
                "set its node_set to 1 or to 2");
       if (bits & base_bit) model.base.push_back(a);
-      if (bits & circle_bit) model.circle.push_back(a);
+      if (bits & patch_bit) model.bonded_patch.push_back(a);
     }
   } else {
     choose_sets_by_place(files);
@@ -325,7 +325,7 @@ void take_sets(const fs::path& file, const PointFile& nodes, ModelFiles& files) 
   if (model.base.empty())
     refuse(file, "no node belongs to the base", "node_set has no odd number, or no node is at the far end",
            "set node_set to 1 for the nodes to hold");
-  if (model.circle.empty())
+  if (model.bonded_patch.empty())
     refuse(file, "no node belongs to the contact patch",
            "node_set has no 2, or the contact patch misses the nodes",
            "set node_set to 2 for the nodes to move, or correct indenter.centre_mm");
@@ -368,7 +368,7 @@ Scheme scheme_in(const fs::path& file, const toml::table& table, const std::stri
 }  // namespace
 
 void write_model(const fs::path& folder, const Discretisation& model, const Scheme& scheme,
-                 const std::map<std::string, std::string>& provenance, double facing_share) {
+                 const std::map<std::string, std::string>& provenance, double facing_fraction) {
   using Type = Field::Type;
   make_folder(folder);
   write_vtu(folder / "nodes.vtu",
@@ -416,13 +416,13 @@ void write_model(const fs::path& folder, const Discretisation& model, const Sche
   if (!model.surface.empty()) text += "surface = \"surface.vtp\"\n";
   text +=
       fmt::format("facing_share = {}  # of the surface: what faces another part of it across 4 mm or less\n",
-                  facing_share);
+                  facing_fraction);
   const Vec3 centre = to_mm(model.tool.centre);
   if (!model.axes.isIdentity(0.0))
     text += fmt::format("axes = [{}, {}, {}]  # of the image, as unit vectors\n", list(model.axes.col(0)),
                         list(model.axes.col(1)), list(model.axes.col(2)));
   text += fmt::format("\n[indenter]\ncentre_mm = {}\npush = {}\ndiameter_mm = {}\n", list(centre),
-                      list(model.tool.push), 2.0 * millimetres(model.tool.radius));
+                      list(model.tool.approach), 2.0 * millimetres(model.tool.radius));
   text += fmt::format("\n[support]\nradius_factor = {}\ninterpolation = {}\n", scheme.support.radius_factor,
                       scheme.support.interpolation);
   text += "\n[made_from]\n";
@@ -435,7 +435,7 @@ ModelFiles read_model(const fs::path& path) {
   const toml::table table = table_of(file);
   ModelFiles files;
   Discretisation& model = files.places;
-  const fs::path node_file = beside(file, table, "nodes"), point_file = beside(file, table, "points");
+  const fs::path node_file = next_to(file, table, "nodes"), point_file = next_to(file, table, "points");
   const PointFile nodes = read_points(node_file), points = read_points(point_file);
   require_places(node_file, nodes.position_mm);
   require_places(point_file, points.position_mm);
@@ -451,7 +451,7 @@ ModelFiles read_model(const fs::path& path) {
   take_tool(file, table, model.tool);
   take_sets(node_file, nodes, files);
   files.scheme = scheme_in(file, table, scheme);
-  files.facing_share = table["facing_share"].value_or(0.0);
+  files.facing_fraction = table["facing_share"].value_or(0.0);
   if (const auto surface = table["surface"].value<std::string>()) {
     SurfaceFile read = read_vtp(file.parent_path() / *surface);
     model.surface = {std::move(read.position_mm), std::move(read.triangles)};

@@ -42,11 +42,11 @@ std::string names_like(const std::string& word, const std::vector<std::string>& 
 
 // Labels given by number or name, as numbers; `present`: those of the image.
 std::vector<int> chosen_labels(const LabelImage& image, const std::vector<LabelMeasure>& present,
-                               const std::vector<std::string>& wanted,
+                               const std::vector<std::string>& requested,
                                const char* option = "--label (image.label)",
                                const char* of = "the image holds") {
   std::vector<int> result;
-  for (const std::string& word : wanted) {
+  for (const std::string& word : requested) {
     if (!word.empty() && word.find_first_not_of("0123456789") == std::string::npos && word.size() < 10) {
       result.push_back(std::stoi(word));
       continue;
@@ -123,15 +123,15 @@ Taken take_labels(const RunLog& log, const Scene& scene, const LabelImage& image
     if (taken.chosen.empty() ||
         std::find(taken.chosen.begin(), taken.chosen.end(), label.value) != taken.chosen.end())
       taken.labels.push_back(label);
-  cut_out(labels_cut_out_at_rest(scene), "--cut (image.cut)", scene, image, taken);
+  cut_out(labels_cut_out_of_undeformed_body(scene), "--cut (image.cut)", scene, image, taken);
   const auto has = [](const std::vector<LabelMeasure>& labels, int value) {
     return std::any_of(labels.begin(), labels.end(), [&](const auto& m) { return m.value == value; });
   };
-  std::map<std::string, std::string> asked_for;  // where -> label
-  for (const TissueOfLabel& tissue : scene.tissues) asked_for["tissue." + tissue.label] = tissue.label;
+  std::map<std::string, std::string> requested_for;  // where -> label
+  for (const TissueOfLabel& tissue : scene.tissues) requested_for["tissue." + tissue.label] = tissue.label;
   for (const Scene::Support& support : scene.supports)
-    if (!support.part) asked_for[fmt::format("support.{}.on", support.name)] = support.label;
-  for (const auto& [where, label] : asked_for)
+    if (!support.part) requested_for[fmt::format("support.{}.on", support.name)] = support.label;
+  for (const auto& [where, label] : requested_for)
     if (const int value = number_of_label(label, names); !has(taken.labels, value))
       throw InputError({.fact = fmt::format("no part of the body has label '{}'", label),
                         .where = where,
@@ -178,14 +178,14 @@ std::optional<ClosedImage> closed(const Scene& scene, const LabelImage& image, c
 }
 
 // Narrow gaps that the model keeps open have a large influence on the force.
-void warn_of_narrow_gaps(const Scene& scene, double share, const RunLog& log) {
-  if (share <= most_facing || scene.image.close_mm >= narrow_gap_mm) return;
+void warn_of_narrow_gaps(const Scene& scene, double fraction, const RunLog& log) {
+  if (fraction <= most_facing || scene.image.close_mm >= narrow_gap_mm) return;
   log.warn(fmt::format(
       "{:.0f} % of the surface faces another part of it across a gap of less than {:.0f} mm: the walls of "
       "these folds {}; --close {:.0f}mm closes such folds: compare the two forces, which may differ much",
-      100.0 * share, narrow_gap_mm,
-      folds_touch(scene, share) ? "come into contact in equilibrium, without friction"
-                                : "move freely and pass through each other",
+      100.0 * fraction, narrow_gap_mm,
+      folds_make_contact(scene, fraction) ? "come into contact in equilibrium, without friction"
+                                          : "move freely and pass through each other",
       narrow_gap_mm));
 }
 
@@ -209,8 +209,8 @@ std::string sha256_of_image(const ModelChoices& choices, const LabelImage& image
 
 Work work_of(const Scene& scene, const LoadedModel& result) {
   const bool placed = result.model.node_count() > 0;
-  const double nodes = static_cast<double>(placed ? result.model.node_count() : scene.cloud.nodes);
-  const Wanted wanted = wanted_of(scene);
+  const double nodes = static_cast<double>(placed ? result.model.node_count() : scene.node_set.nodes);
+  const Requested requested = requested_by(scene);
   const auto& size = result.image.size;
   const double radius_mm = scene.tool ? 1e3 * scene.tool->radius : 0.5 * scene.boundary.indenter_diameter_mm;
   return {
@@ -220,8 +220,8 @@ Work work_of(const Scene& scene, const LoadedModel& result) {
           placed ? static_cast<double>(result.model.point_count()) : nodes * scheme_of(scene).points_per_node,
       .depths = std::max(static_cast<double>(scene.solver.frames),
                          scene.depth_mm / (longest_step_radii(scene) * radius_mm)),
-      .picture = wanted.picture,
-      .band = scene.band,
+      .picture = requested.picture,
+      .error_bounds = scene.error_bounds,
       .refinement = scene.goal.has_value()};
 }
 
@@ -261,7 +261,7 @@ TissueOptions tissues_of(const Scene& scene, const std::map<std::string, int>& l
 namespace {
 
 SegmentedBody body_of(const LabelImage& image, const std::vector<int>& labels,
-                      const BoundaryOptions& boundary, const BodyChange& change) {
+                      const BoundaryOptions& boundary, const BodyModification& change) {
   return make_body_surface(image, labels,
                            {.indenter_diameter_mm = boundary.indenter_diameter_mm,
                             .smoothing = change.smoothing,
@@ -335,14 +335,14 @@ Organ read_organ(const Case& given, const ModelOptions& options, const RunLog& l
                   body.surface.area() / 1e2, body.surface.triangles().cols(), segment.step_mm,
                   segment.smoothing_mm, 100.0 * (body.surface.volume() / volume - 1.0)));
 
-  result.facing_share = facing_share(body.surface, narrow_gap_mm);
-  warn_of_narrow_gaps(scene, result.facing_share, log);
+  result.facing_fraction = facing_fraction(body.surface, narrow_gap_mm);
+  warn_of_narrow_gaps(scene, result.facing_fraction, log);
   result.image_warnings = result.warnings.size();
   result.build_s = building.seconds();
   return organ;
 }
 
-ReadOrgan read_once(const Case& given, const RunObserver& observer) {
+PreparedOrgan read_once(const Case& given, const RunObserver& observer) {
   Result read;
   Organ organ = read_organ(given, model_options(given.scene), RunLog{observer, read}, read);
   return {std::move(organ), std::move(read)};
@@ -356,21 +356,21 @@ LabelAt labels_of(const Scene& scene, const Organ& organ, const LabelImage& imag
 namespace {
 
 // A bonded patch holds one piece of surface: the tool would hold a gap through it open or shut.
-void refuse_circle_over_cut(const BodySurface& before, const BodySurface& body, const Boundary& at,
-                            double gap) {
+void refuse_patch_over_cut(const BodySurface& before, const BodySurface& body, const Boundary& at,
+                           double gap) {
   const double step = std::max(0.5 * gap, at.radius / 200.0);
-  const auto touch = [&](const BodySurface& of, const Vec3& x) {
-    const std::vector<double> t = of.crossings(x - 2.0 * at.radius * at.push, at.push);
+  const auto indenter = [&](const BodySurface& of, const Vec3& x) {
+    const std::vector<double> t = of.crossings(x - 2.0 * at.radius * at.approach, at.approach);
     const auto first = std::find_if(t.begin(), t.end(), [](double s) { return s > 0.0; });
     return first == t.end() ? std::numeric_limits<double>::infinity() : *first;
   };
-  const Vec3 e = at.push.unitOrthogonal(), g = at.push.cross(e);
+  const Vec3 e = at.approach.unitOrthogonal(), g = at.approach.cross(e);
   const int most = static_cast<int>(at.radius / step);
   for (int i = -most; i <= most; ++i)
     for (int k = -most; k <= most; ++k) {
       const Vec3 x = at.centre + step * (i * e + k * g);
       if ((x - at.centre).norm() > at.radius) continue;
-      if (const double whole = touch(before, x); !(touch(body, x) > whole + 0.01 * gap)) continue;
+      if (const double whole = session_of(before, x); !(session_of(body, x) > whole + 0.01 * gap)) continue;
       throw ModelError({.fact = "a cut passes under the bonded patch",
                         .where = "--cut (image.cut) and --indent-at (boundary.indent_at)",
                         .why = fmt::format("the nodes of the patch would hold both faces of the cut at {}",
@@ -394,7 +394,7 @@ constexpr double widest_over_gap = 25.0;  // node spacings: see sees() of sight.
 
 std::string sentence_of(const Scene& scene, const ImageFacts::Cut& cut) {
   std::string sentence;
-  for (const Cut& one : cuts_at_rest(scene))
+  for (const Cut& one : cuts_of_undeformed_body(scene))
     sentence += fmt::format("{}'{}'", sentence.empty() ? "" : ", ", one.text);
   if (cut.area_mm2 > 0.0)
     sentence +=
@@ -420,7 +420,7 @@ void cut_organ(const Scene& scene, const std::vector<TriangleMesh>& blades, cons
       cut(body, blades, scene.image.cut_gap_mm, site.boundary.centre);
   refuse_without_base(surface, site.boundary);
   if (!(organ.options.boundary.contact_radius_mm > 0.0))
-    refuse_circle_over_cut(before, surface, site.boundary, scene.image.cut_gap_mm);
+    refuse_patch_over_cut(before, surface, site.boundary, scene.image.cut_gap_mm);
   for (CutPiece& piece : parted) piece.centre = surface.to_world() * piece.centre;
   result.cut.area_mm2 = area_mm2, result.cut.removed_mm3 = removed_mm3, result.cut.parted = std::move(parted);
   result.cut.took = [all = std::make_shared<const std::vector<BodySurface>>(std::move(taken)),
@@ -447,12 +447,12 @@ void cut_organ(const Scene& scene, const std::vector<TriangleMesh>& blades, cons
 // The body without the removed labels, in the frame of the whole body.
 SegmentedBody without_labels(const Scene& scene, const LabelImage& image, const SegmentedBody& whole,
                              const Organ& organ) {
-  SegmentedBody rest = body_of(image, organ.labels, organ.options.boundary, {});
-  const Eigen::Isometry3d to_frame = whole.surface.to_world().inverse() * rest.surface.to_world();
-  BodySurface surface((to_frame * rest.surface.vertex().colwise().homogeneous()).eval(),
-                      rest.surface.triangles(), whole.surface.to_world());
+  SegmentedBody remaining = body_of(image, organ.labels, organ.options.boundary, {});
+  const Eigen::Isometry3d to_frame = whole.surface.to_world().inverse() * remaining.surface.to_world();
+  BodySurface surface((to_frame * remaining.surface.vertex().colwise().homogeneous()).eval(),
+                      remaining.surface.triangles(), whole.surface.to_world());
   surface.ends_with_image(whole.surface.image_ends());
-  return {std::move(surface), rest.report};
+  return {std::move(surface), remaining.report};
 }
 
 }  // namespace
@@ -496,7 +496,7 @@ Organ cut_by_steps(const Scene& scene, const Organ& whole, const LabelImage& ima
 
 void find_site(const Scene& scene, const RunLog& log, Organ& organ, LoadedModel& result) {
   const Stopwatch finding;
-  log.begin(Part::cloud, scene);
+  log.begin(Part::node_set, scene);
   if (has_cuts(scene)) {
     const std::shared_ptr<const SegmentedBody> before = organ.body;
     if (const std::vector<TriangleMesh> blades = blades_of(scene, *before); !blades.empty())
@@ -514,7 +514,7 @@ Discretisation place_nodes(const Scene& scene, const Organ& organ, const ModelOp
                            const Discretised* made) {
   const Stopwatch building;
   const SegmentReport& segment = result.segment;
-  log.begin(Part::cloud, scene);
+  log.begin(Part::node_set, scene);
   auto [places, report] =
       made ? *made : discretise(organ.body->surface, options, labels_of(scene, organ, image), *organ.site);
   result.stages.add(report.stages);
@@ -552,24 +552,25 @@ Discretisation place_nodes(const Scene& scene, const Organ& organ, const ModelOp
   if (options.boundary.contact_radius_mm > 0.0 && options.boundary.is_pressed)
     log.say(fmt::format(
         "contact  nodes are refined around the expected contact, {:.1f} mm in diameter, at {}: {}",
-        2e3 * places.tool.radius, centre, report.boundary.circle_reason));
+        2e3 * places.tool.radius, centre, report.boundary.patch_reason));
   else if (options.boundary.is_pressed)
-    log.say(fmt::format("contact  {} nodes, {} on the edge, {:.1f} mm across at {}: {}", report.circle_nodes,
-                        report.rim_nodes, 2e3 * places.tool.radius, centre, report.boundary.circle_reason));
+    log.say(fmt::format("contact  {} nodes, {} on the edge, {:.1f} mm across at {}: {}", report.patch_nodes,
+                        report.patch_edge_nodes, 2e3 * places.tool.radius, centre,
+                        report.boundary.patch_reason));
 
-  const Vec3& push = places.tool.push;
-  result.chosen = {
-      {"cloud.spacing_mm", fmt::format("{:.4f} mm", report.spacing_mm)},
-      {"cloud.nodes", fmt::format("{} nodes", places.node_count())},
-      {"grid.points", fmt::format("{} points", places.point_count())},
-      {"boundary.base", report.boundary.base_reason},
-      {"boundary.base_depth_mm", fmt::format("{:.3f} mm", report.boundary.base_depth)},
-      {"boundary.indent_at", fmt::format("{}: {}", centre, report.boundary.circle_reason)},
-      {"boundary.direction", fmt::format("({:.4f}, {:.4f}, {:.4f})", push.x(), push.y(), push.z())},
-      {"image.label", in_words(result.labels)}};
+  const Vec3& approach = places.tool.approach;
+  result.chosen = {{"cloud.spacing_mm", fmt::format("{:.4f} mm", report.spacing_mm)},
+                   {"cloud.nodes", fmt::format("{} nodes", places.node_count())},
+                   {"grid.points", fmt::format("{} points", places.point_count())},
+                   {"boundary.base", report.boundary.base_reason},
+                   {"boundary.base_depth_mm", fmt::format("{:.3f} mm", report.boundary.base_depth)},
+                   {"boundary.indent_at", fmt::format("{}: {}", centre, report.boundary.patch_reason)},
+                   {"boundary.direction",
+                    fmt::format("({:.4f}, {:.4f}, {:.4f})", approach.x(), approach.y(), approach.z())},
+                   {"image.label", in_words(result.labels)}};
   result.provenance["labels"] = result.chosen["image.label"];
   result.provenance["base"] = report.boundary.base_reason;
-  result.provenance["circle"] = report.boundary.circle_reason;
+  result.provenance["circle"] = report.boundary.patch_reason;
   result.provenance["dimple"] = DIMPLE_VERSION;
   if (!organ.closing.empty()) result.provenance["closed"] = organ.closing;
   result.report = std::move(report);

@@ -59,7 +59,7 @@ struct Organ {
 };
 
 /// Organ with the results of reading it, of which several models are made (Case::organ).
-struct ReadOrgan {
+struct PreparedOrgan {
   Organ organ;
   Result read;  ///< image, labels, segment, warnings
   /// Site and places of one model made of it: a case that requests the same site, or the same places, uses
@@ -73,9 +73,9 @@ struct ReadOrgan {
   };
   std::shared_ptr<const Made> made = {};
 };
-ReadOrgan read_once(const Case& given, const RunObserver& observer);
+PreparedOrgan read_once(const Case& given, const RunObserver& observer);
 /// Site and places from the run of a case on that organ; null if it was cut or its loads were removed.
-std::shared_ptr<const ReadOrgan::Made> made_in(const Scene& scene, const LoadedModel& found);
+std::shared_ptr<const PreparedOrgan::Made> made_in(const Scene& scene, const LoadedModel& found);
 
 /// Origin of a model in memory, from which its further discretisations are made.
 struct Origin {

@@ -5,7 +5,7 @@
 
 #include "apps/scene/scene.hpp"
 #include "solver/march.hpp"
-#include "solver/terms/touching_tool.hpp"
+#include "solver/terms/rigid_contact.hpp"
 
 namespace dimple {
 
@@ -18,7 +18,7 @@ std::vector<Vec3> places_of_other_tools(const Scene& scene);
 /// says for each metre of the tool, or by the steps. Throws ModelError: the surface is missing, far from the
 /// requested place, or not faced by the tool; UsageError: the tool is too short.
 struct OtherTools {
-  std::vector<Touch> touch;
+  std::vector<RigidBody> rigid_body;
   std::vector<std::string> words;
 };
 OtherTools other_tools_of(const Scene& scene, const Model& model, const std::vector<HeldSet>& supports);
@@ -27,6 +27,6 @@ OtherTools other_tools_of(const Scene& scene, const Model& model, const std::vec
 void require_tools_apart(const Loading& loading);
 
 /// Force of the tissue on a further tool at the end, as a sentence.
-std::string at_the_end_in_words(const std::string& name, const TouchingTool::Touched& now);
+std::string at_the_end_in_words(const std::string& name, const RigidContact::ContactSummary& now);
 
 }  // namespace dimple

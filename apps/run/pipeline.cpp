@@ -19,13 +19,16 @@ namespace dimple {
 namespace {
 
 // Without --nodes, a folded body gets as many as its error bounds need, and a punch as its edge needs.
-void take_nodes_for_band(const Scene& scene, const RunLog& log, ModelOptions& options, LoadedModel& result) {
-  const Index of_tool = fewest_nodes_under_tool(scene), of_body = fewest_nodes_with_band(result.facing_share),
+void take_nodes_for_error_bounds(const Scene& scene, const RunLog& log, ModelOptions& options,
+                                 LoadedModel& result) {
+  const Index of_tool = fewest_nodes_under_tool(scene),
+              of_body = fewest_nodes_with_error_bounds(result.facing_fraction),
               fewest = std::max(of_tool, of_body);
-  if (scene.given.nodes || !options.scheme.pressure_patches || options.cloud.count >= fewest) return;
-  log.say(of_tool >= of_body ? nodes_for_edge_in_words(fewest, options.cloud.count)
-                             : nodes_for_band_in_words(fewest, options.cloud.count, result.facing_share));
-  options.cloud.count = result.nodes_for_band = fewest;
+  if (scene.given.nodes || !options.scheme.pressure_patches || options.node_set.count >= fewest) return;
+  log.say(of_tool >= of_body
+              ? nodes_for_edge_in_words(fewest, options.node_set.count)
+              : nodes_for_error_bounds_in_words(fewest, options.node_set.count, result.facing_fraction));
+  options.node_set.count = result.nodes_for_error_bounds = fewest;
 }
 
 template <class Named, class Same>
@@ -45,7 +48,7 @@ bool asks_for_same_site(const Scene& a, const Scene& b) {
   image.file = b.image.file;
   const bool depth_counts = a.tool || !a.supports.empty();
   return image == b.image && a.cut.text == b.cut.text && a.scheme == b.scheme &&
-         a.cloud.spacing_mm == b.cloud.spacing_mm && a.cloud.rim == b.cloud.rim &&
+         a.node_set.spacing_mm == b.node_set.spacing_mm && a.node_set.patch_edge == b.node_set.patch_edge &&
          a.support_radius_factor == b.support_radius_factor && a.boundary == b.boundary &&
          a.base_is_held == b.base_is_held && a.tool_words.shape == b.tool_words.shape &&
          (!depth_counts || a.depth_mm == b.depth_mm) &&
@@ -59,7 +62,7 @@ bool asks_for_same_site(const Scene& a, const Scene& b) {
 
 // And what nodes and points depend on besides.
 bool asks_for_same_places(const Scene& a, const Scene& b) {
-  return asks_for_same_site(a, b) && a.cloud == b.cloud && a.grid == b.grid;
+  return asks_for_same_site(a, b) && a.node_set == b.node_set && a.grid == b.grid;
 }
 
 // The organ that was read before, under the options of this case.
@@ -112,41 +115,41 @@ Organ organ_of(const Case& given, const RunLog& log, Result& result, std::option
   return organ;
 }
 
-Placed place(const Case& given, const std::optional<Organ>& organ, const RunLog& log, Result& result) {
+NodePlacement place(const Case& given, const std::optional<Organ>& organ, const RunLog& log, Result& result) {
   if (!organ) {
     check_materials(given.scene, given.model->scheme);
     for (const std::string& note : given.model->notes) log.warn(note);
     say_default_stiffness(log, given.scene);
     result.provenance = given.model->provenance;
-    result.facing_share = given.model->facing_share;
+    result.facing_fraction = given.model->facing_fraction;
     return {given.model->places, given.model->scheme, given.model->label_names};
   }
   ModelOptions options = organ->options;
-  take_nodes_for_band(given.scene, log, options, result);
-  const ReadOrgan::Made* made = given.organ ? given.organ->made.get() : nullptr;
+  take_nodes_for_error_bounds(given.scene, log, options, result);
+  const PreparedOrgan::Made* made = given.organ ? given.organ->made.get() : nullptr;
   if (made && !(organ->site == made->site && asks_for_same_places(made->scene, given.scene) &&
-                made->nodes == options.cloud.count))
+                made->nodes == options.node_set.count))
     made = nullptr;
-  Placed placed{
+  NodePlacement placed{
       place_nodes(given.scene, *organ, options, result.image, log, result, made ? &made->at : nullptr),
       options.scheme, organ->label_names};
   if (made) result.build_s += made->places_s;
-  if (result.nodes_for_band > 0)
-    result.chosen["cloud.nodes"] += result.nodes_for_band == fewest_nodes_under_tool(given.scene)
+  if (result.nodes_for_error_bounds > 0)
+    result.chosen["cloud.nodes"] += result.nodes_for_error_bounds == fewest_nodes_under_tool(given.scene)
                                         ? ", as the tool's edge needs them and none were given"
                                         : ", as the body is folded and none were given";
   return placed;
 }
 
-Placed place(Index nodes, const Scene& scene, const Organ& organ, const LabelImage& image, const RunLog& log,
-             Result& result) {
+NodePlacement place(Index nodes, const Scene& scene, const Organ& organ, const LabelImage& image,
+                    const RunLog& log, Result& result) {
   ModelOptions options = organ.options;
-  options.cloud.count = nodes;
-  options.cloud.spacing_mm = 0.0;
+  options.node_set.count = nodes;
+  options.node_set.spacing_mm = 0.0;
   return {place_nodes(scene, organ, options, image, log, result), options.scheme, organ.label_names};
 }
 
-void complete(const Scene& scene, Placed placed, const RunLog& log, LoadedModel& result) {
+void complete(const Scene& scene, NodePlacement placed, const RunLog& log, LoadedModel& result) {
   const Stopwatch completing;
   const TissueOptions tissues = tissues_of(scene, placed.label_names, placed.places, result.cut.labels);
   log.begin(Part::supports, scene);
@@ -154,7 +157,7 @@ void complete(const Scene& scene, Placed placed, const RunLog& log, LoadedModel&
   result.model = make_model(std::move(placed.places), placed.scheme, std::move(of_point), tissues.density,
                             &result.stages);
   result.tissues = {materials_of(scene), result.model.tissue};
-  tell_of_supports(log, result.model);
+  report_supports(log, result.model);
   result.complete_s = completing.seconds();
 }
 
@@ -175,16 +178,16 @@ std::optional<Followed> followed_in(const Scene& scene, const Organ& organ) {
   return Followed{.place = *place};
 }
 
-std::shared_ptr<const ReadOrgan::Made> made_in(const Scene& scene, const LoadedModel& found) {
+std::shared_ptr<const PreparedOrgan::Made> made_in(const Scene& scene, const LoadedModel& found) {
   if (has_cuts(scene) || found.unloaded || !found.origin || !scene.base_is_held) return {};
-  ReadOrgan::Made made{.scene = scene,
-                       .site = found.origin->organ.site,
-                       .nodes = found.origin->organ.options.cloud.count,
-                       .at = {.places = found.model, .report = found.report},
-                       .site_s = found.stages.seconds("boundary"),
-                       .places_s = found.report.stages.seconds("")};
+  PreparedOrgan::Made made{.scene = scene,
+                           .site = found.origin->organ.site,
+                           .nodes = found.origin->organ.options.node_set.count,
+                           .at = {.places = found.model, .report = found.report},
+                           .site_s = found.stages.seconds("boundary"),
+                           .places_s = found.report.stages.seconds("")};
   made.at.report.stages = {};
-  return std::make_shared<const ReadOrgan::Made>(std::move(made));
+  return std::make_shared<const PreparedOrgan::Made>(std::move(made));
 }
 
 std::shared_ptr<Origin> origin_of(const Scene& scene, Organ organ, const Result& result) {

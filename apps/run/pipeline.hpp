@@ -13,7 +13,7 @@ namespace dimple {
 // Steps from a case to the force curve of one node set, for simulate(), the error bounds and the refinement.
 
 /// Nodes and points, before anything expensive is done.
-struct Placed {
+struct NodePlacement {
   Discretisation places;
   Scheme scheme;
   std::map<std::string, int> label_names;
@@ -24,15 +24,15 @@ struct Placed {
 Organ organ_of(const Case& given, const RunLog& log, Result& result,
                std::optional<Organ>* before_cuts = nullptr);
 /// Places with the case's own number of nodes. `organ`: none if the case begins with a model.
-Placed place(const Case& given, const std::optional<Organ>& organ, const RunLog& log, Result& result);
+NodePlacement place(const Case& given, const std::optional<Organ>& organ, const RunLog& log, Result& result);
 /// Places with this number of nodes, whatever the case has chosen.
-Placed place(Index nodes, const Scene& scene, const Organ& organ, const LabelImage& image, const RunLog& log,
-             Result& result);
+NodePlacement place(Index nodes, const Scene& scene, const Organ& organ, const LabelImage& image,
+                    const RunLog& log, Result& result);
 
 /// Makes a complete model from places.
-void complete(const Scene& scene, Placed placed, const RunLog& log, LoadedModel& result);
+void complete(const Scene& scene, NodePlacement placed, const RunLog& log, LoadedModel& result);
 /// Makes a model and an accepted load from places. Throws UsageError, ModelError: they are not accepted.
-void make_ready(const Case& given, Placed placed, const RunLog& log, Result& result);
+void make_ready(const Case& given, NodePlacement placed, const RunLog& log, Result& result);
 
 /// Followed place, if the case requests its displacement. Throws UsageError: it is outside of the body.
 std::optional<Followed> followed_in(const Scene& scene, const Organ& organ);

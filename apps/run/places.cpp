@@ -29,7 +29,7 @@ Json described(const UsablePlace& place) {
   if (!place.reason.empty()) json["reason"] = place.reason;
   if (!(place.room_mm > 0.0)) return json;  // the patch fits nowhere on this side
   json["centre_mm"] = three(place.centre, 1e-3);
-  json["push"] = three(place.push, 1e-6);
+  json["push"] = three(place.approach, 1e-6);
   json["base"] = place.base;
   json["thickness_mm"] = to_step(place.beneath.thickness_mm, 1e-2);
   json["tilt_degrees"] = to_step(place.beneath.tilt_degrees, 1e-1);

@@ -32,18 +32,18 @@ Outcome finished_already(const fs::path& folder, const Scene& scene, const std::
   auto before = option_values_in(folder / "config.resolved.toml");
   const Json summary = Json::parse(outcome.summary_json, nullptr, false);
   // Number of nodes that folds or the tool required, and not the user.
-  const Index for_band = summary.value("model", Json::object()).value("nodes_for_band", Index{0});
-  if (!scene.given.nodes && std::to_string(for_band) == before["cloud.nodes"])
+  const Index for_error_bounds = summary.value("model", Json::object()).value("nodes_for_band", Index{0});
+  if (!scene.given.nodes && std::to_string(for_error_bounds) == before["cloud.nodes"])
     before["cloud.nodes"] = identity.options.at("cloud.nodes");
   require_same_run({summary.value("version", ""), before, summary.value(input_key, "")}, identity);
   std::error_code ignored;
   fs::remove(folder / checkpoint_file, ignored);  // left if the run was killed after its last file
   remove_temporaries_in(folder);
-  const Json band = summary.value("band", Json::object());
+  const Json error_bounds = summary.value("band", Json::object());
   const double force = summary.value("force_N", 0.0);
-  const std::string unknown = band.value("unknown", "");
+  const std::string unknown = error_bounds.value("unknown", "");
   const std::optional<double> half =
-      unknown.empty() ? std::optional(band.value("half_N", 0.0)) : std::nullopt;
+      unknown.empty() ? std::optional(error_bounds.value("half_N", 0.0)) : std::nullopt;
   const Json largest = summary.value("largest_force", Json());
   const std::string title =
       largest.is_object() ? scene_title(largest.value("force_N", 0.0), largest.value("indentation_mm", 0.0),
@@ -52,8 +52,8 @@ Outcome finished_already(const fs::path& folder, const Scene& scene, const std::
   outcome.headline = headline_of(title, force, unknown, summary.value("image_error", Json::object()),
                                  scene.material.mu_spread);
   if (summary.contains("displacement")) outcome.further = displacement_title(summary["displacement"]);
-  observer.tell(Line::said,
-                fmt::format("resume   {} holds the finished run: nothing to do", folder.string()));
+  observer.report_to(Line::said,
+                     fmt::format("resume   {} holds the finished run: nothing to do", folder.string()));
   return outcome;
 }
 
@@ -85,8 +85,8 @@ Outcome record_run(const Description& options, const fs::path& folder, Existing 
   Recording how{.folder = folder,
                 .options = options,
                 .identity = identity,
-                .beside = compared_curve(scene),
-                .images = images_asked_for(scene),
+                .compared = compared_curve(scene),
+                .images = requested_images(scene),
                 .whole = whole};
   if (existing == Existing::resume && !scene.image.file.empty() &&
       (results.finished() || results.resumable())) {
@@ -96,11 +96,11 @@ Outcome record_run(const Description& options, const fs::path& folder, Existing 
   }
   how.write_model = [&](const Result& result) {
     results.prepare();
-    const Wanted wanted = result.history.interrupted ? tables_alone : wanted_of(scene);
-    if (wanted.model)
+    const Requested requested = result.history.interrupted ? tables_alone : requested_by(scene);
+    if (requested.model)
       write_model(folder / "model", result.model, result.model.scheme, result.provenance,
-                  result.facing_share);
-    if (wanted.label) write_vti(folder / "label.vti", result.image);
+                  result.facing_fraction);
+    if (requested.label) write_vti(folder / "label.vti", result.image);
   };
   how.summary = [&](const Result& result) { return summary_of_image(scene, result); };
   how.facts = [](const Result& result) {
@@ -110,16 +110,17 @@ Outcome record_run(const Description& options, const fs::path& folder, Existing 
         fmt::format("{}; {}; {} integration points", volume_in_words(result.segment.voxel_volume_mm3),
                     nodes_in_words(model.node_count(), report), model.point_count()),
         fmt::format("base: {} nodes, {}", model.base.size(), report.boundary.base_reason),
-        result.loading.touch
+        result.loading.indenter
             ? fmt::format("tool: {}, its tip at first contact at {}, {}",
-                          in_words(result.loading.touch->shape),
-                          in_words(1e3 * result.loading.touch->pose.tip), report.boundary.circle_reason)
-            : fmt::format("contact patch: {} nodes at {}, {}", report.circle_nodes,
-                          in_words(model.tool.centre * 1e3), report.boundary.circle_reason)};
+                          in_words(result.loading.indenter->shape),
+                          in_words(1e3 * result.loading.indenter->pose.tip), report.boundary.patch_reason)
+            : fmt::format("contact patch: {} nodes at {}, {}", report.patch_nodes,
+                          in_words(model.tool.centre * 1e3), report.boundary.patch_reason)};
   };
   how.subject = fs::path(name_of_image(scene)).filename().string();
   if (!image) how.command = {"run"};
-  return record({.scene = scene, .image = image, .band = scene.band}, std::move(how), observer);
+  return record({.scene = scene, .image = image, .error_bounds = scene.error_bounds}, std::move(how),
+                observer);
 }
 
 void add_explained(Outcome& outcome, const fs::path& folder, double seconds, const std::string& ended_by) {
@@ -133,7 +134,7 @@ void add_explained(Outcome& outcome, const fs::path& folder, double seconds, con
   const double before_s = parts.is_object() ? parts.value("comparing", 0.0) : 0.0;  // from a finished run
   parts["comparing"] = seconds;
   summary["total_wall_s"] = summary["total_wall_s"].get<double>() + seconds - before_s;
-  if (outcome.interrupted) end_otherwise(summary, Stopped(stop_asked()));
+  if (outcome.interrupted) end_otherwise(summary, Stopped(stop_requested()));
   outcome.summary_json = as_text(summary);
   amend_report(folder / "report.html", summary, read_file(folder / "explain.svg"));
   write_file(folder / "summary.json", outcome.summary_json);
@@ -153,8 +154,8 @@ Outcome record_solve(const Description& options, const fs::path& model, const fs
       .folder = folder,
       .options = options,
       .identity = {DIMPLE_VERSION, option_values(options), sha256_of_model(files.places, files.scheme)},
-      .beside = compared_curve(scene),
-      .images = images_asked_for(scene),
+      .compared = compared_curve(scene),
+      .images = requested_images(scene),
       .read_s = reading.seconds(),
       .whole = whole};
   if (existing == Existing::resume && results.finished())
@@ -163,7 +164,7 @@ Outcome record_solve(const Description& options, const fs::path& model, const fs
   how.write_model = [&](const Result&) {
     results.prepare();
     const fs::path label = model_folder / "label.vti";
-    if (wanted_of(scene).label && fs::exists(label) && !fs::equivalent(folder, model_folder))
+    if (requested_by(scene).label && fs::exists(label) && !fs::equivalent(folder, model_folder))
       write_file(folder / "label.vti", read_file(label));
   };
   how.summary = [&, sha256 = how.identity.input_sha256](const Result&) {
@@ -181,7 +182,7 @@ Outcome record_solve(const Description& options, const fs::path& model, const fs
   };
   how.subject = model.filename().string();
   how.command = {"solve", model.string()};
-  given.band = true;  // it then reports why there is none
+  given.error_bounds = true;  // it then reports why there is none
   return record(given, std::move(how), observer);
 }
 
@@ -193,12 +194,12 @@ Outcome record_model(const Description& options, const fs::path& folder, Existin
   ResultFolder results(folder, existing);
   Result result;
   build_case({.scene = scene}, {.line = observer.line, .part = observer.part}, result);
-  stop_if_asked();
+  stop_if_requested();
   const double before_writing_s = whole.seconds();
-  observer.tell(Line::doing, "writing the model");
+  observer.report_to(Line::doing, "writing the model");
   results.prepare();
   write_vti(folder / "label.vti", result.image);
-  write_model(folder, result.model, result.model.scheme, result.provenance, result.facing_share);
+  write_model(folder, result.model, result.model.scheme, result.provenance, result.facing_fraction);
   auto times = times_of(result, 0.0);
   times.emplace_back("writing", whole.seconds() - before_writing_s);
   return {.summary_json = as_text(summary_of_model(scene, result)),

@@ -26,14 +26,14 @@ struct Outcome {
 struct RecordObserver {
   std::function<void(RunObserver::Line, const std::string&)> line = {};
   std::function<void(Part, const Work&)> part = {};
-  std::function<void(double share, const std::string& state)> progress = {};
+  std::function<void(double fraction, const std::string& state)> progress = {};
   std::function<void(const Frame&)> frame = {};
   std::function<void()> after_cut = {};  ///< of a step: later frames belong to another model
   /// Called when all is written, also after a stop, to continue the run in memory.
   std::function<void(Result&)> result = {};
   double waited_s = 0.0;  ///< before this, by the program: loading libraries, reading options
 
-  void tell(RunObserver::Line kind, const std::string& text) const {
+  void report_to(RunObserver::Line kind, const std::string& text) const {
     if (line) line(kind, text);
   }
 };

@@ -46,16 +46,17 @@ class Recorder {
   }
 
   RunObserver hooks() {
-    return {.line = observer_.line,
-            .part = observer_.part,
-            .placed = [this](const Discretisation& places, const Scheme& scheme) { compare(places, scheme); },
-            .begin = [this](Result& now) { begin(now); },
-            .before_cut = [this](Result&) { writer_->finish_frames(); },
-            .after_cut = [this](Result& now) { go_on(now); },
-            .march = {.frame = [this](const Frame& frame) { write(frame); },
-                      .sample = [this](const ForceSample& now, const History& h) { return tell(now, h); },
-                      .between_steps = [this](const auto& state) { keep(state); },
-                      .retry = [this](const Retry& retry) { tell(retry); }}};
+    return {
+        .line = observer_.line,
+        .part = observer_.part,
+        .placed = [this](const Discretisation& places, const Scheme& scheme) { compare(places, scheme); },
+        .begin = [this](Result& now) { begin(now); },
+        .before_cut = [this](Result&) { writer_->finish_frames(); },
+        .after_cut = [this](Result& now) { proceed(now); },
+        .march = {.frame = [this](const Frame& frame) { write(frame); },
+                  .sample = [this](const ForceSample& now, const History& h) { return report_to(now, h); },
+                  .between_steps = [this](const auto& state) { keep(state); },
+                  .retry = [this](const Retry& retry) { report_to(retry); }}};
   }
 
   bool has_begun() const { return writer_.has_value(); }
@@ -69,7 +70,7 @@ class Recorder {
   void write_images() {
     if (!images_ || images_->each_frame() || result.history.interrupted) return;
     const Stopwatch writing;
-    observer_.tell(Line::doing, "warping images");
+    observer_.report_to(Line::doing, "warping images");
     images_->write();
     images_s_ = writing.seconds();
   }
@@ -98,23 +99,25 @@ class Recorder {
     for (const LabelMeasure& label : now.labels) labels.push_back(label.value);
     if (!labels.empty()) label_at = label_finder(image, Eigen::Isometry3d::Identity(), labels);
     // A stopped refinement has little time to write its results.
-    writer_.emplace(how_.folder, now.model, now.history.interrupted ? tables_alone : wanted_of(given_.scene),
-                    label_at, now.loading.further, now.loading.duration(), now.loading.touch);
-    show_beside(now.loading);
+    writer_.emplace(how_.folder, now.model,
+                    now.history.interrupted ? tables_alone : requested_by(given_.scene), label_at,
+                    now.loading.further, now.loading.duration(), now.loading.indenter);
+    show_further(now.loading);
     if (!now.loading.steps.empty()) writer_->show_over_time();
-    if (wanted_of(given_.scene).report)
-      slices_ = slices_through(1e3 * (now.model.tool.centre + 0.5 * now.loading.depth * now.model.tool.push),
-                               now.model, image);
+    if (requested_by(given_.scene).report)
+      slices_ =
+          slices_through(1e3 * (now.model.tool.centre + 0.5 * now.loading.depth * now.model.tool.approach),
+                         now.model, image);
     if (how_.images.any() && !now.history.interrupted)
       images_.emplace(how_.images, how_.folder, now.model, std::move(labels), now.cut);
   }
 
   // Continues with frames of another model, after a step has cut the body.
-  void go_on(Result& now) {
+  void proceed(Result& now) {
     const Stopwatch writing;
     const std::vector<double> times = writer_->frame_time_s();
     write_of(now, now.origin->image);
-    writer_->go_on_after_cut(times);
+    writer_->continue_after_cut(times);
     if (observer_.after_cut) observer_.after_cut();
     if (!now.cuts.back().sheets.empty()) make_folder(how_.folder / "cuts");
     for (const TriangleMesh& sheet : now.cuts.back().sheets)
@@ -133,7 +136,7 @@ class Recorder {
     if (!how_.resumed) return;
     const Checkpoint& from = *how_.resumed;
     writer_->resume(from.frame_time_s);
-    observer_.tell(
+    observer_.report_to(
         Line::said,
         fmt::format("resume   after {} frames, at {:.2f} mm", from.frame_time_s.size(),
                     from.state.history.force.empty() ? 0.0 : 1e3 * from.state.history.force.back().depth));
@@ -150,7 +153,7 @@ class Recorder {
     if (observer_.frame) observer_.frame(frame);
   }
 
-  bool tell(const ForceSample& now, const History& h) {
+  bool report_to(const ForceSample& now, const History& h) {
     if (observer_.progress) {
       const std::string where =
           fmt::format("{}, {}", length_in_words(1e3 * now.depth), force_in_words(now.force));
@@ -160,13 +163,13 @@ class Recorder {
               ? where
               : fmt::format("t {:.2f} s, {}, step {} us", now.t, where, three_digits(1e6 * h.dt_smallest)));
     }
-    return stop_asked() == StopReason::none;
+    return stop_requested() == StopReason::none;
   }
 
-  void tell(const Retry& retry) {
-    observer_.tell(Line::said,
-                   fmt::format("retry    {}, at {:.3f} mm ({}): {}", result.history.retries.size(),
-                               1e3 * retry.depth, retry.code, retry.what));
+  void report_to(const Retry& retry) {
+    observer_.report_to(Line::said,
+                        fmt::format("retry    {}, at {:.3f} mm ({}): {}", result.history.retries.size(),
+                                    1e3 * retry.depth, retry.code, retry.what));
   }
 
   // Keeps a checkpoint now and then, within a hundredth of the run's time.
@@ -201,14 +204,14 @@ class Recorder {
   Outcome outcome_of(const End& end) const;
   Json summary_of(const End& end, const RunTimes& times, const std::optional<Comparison>& comparison) const;
   std::string ended_by(const Report& stopped, const End& end) const;
-  void tell_end(const End& end);
-  void tell_of_voxels(const End& end);
+  void report_end(const End& end);
+  void report_voxels(const End& end);
   Comparison compare_with_measured();
   void show_walls();
-  void show_beside(const Loading& loading);
+  void show_further(const Loading& loading);
   void draw_overview(const End& end, const std::optional<Comparison>& comparison);
-  bool has_images() const { return images_ && !images_->told().empty(); }
-  void tell_of_images();
+  bool has_images() const { return images_ && !images_->reported().empty(); }
+  void report_images();
   std::vector<std::pair<std::string, double>> times_here(double solve_s, double write_s) const;
   RunTimes times_in_all(std::vector<std::pair<std::string, double>> here, double solve_s,
                         double write_s) const;
@@ -235,11 +238,11 @@ Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reas
   // The run was stopped before it had results.
   if (history.interrupted &&
       (history.force.empty() || (result.levels.empty() && writer_->frame_time_s().empty())))
-    throw Stopped(stop_asked());
+    throw Stopped(stop_requested());
   const double solve_s = result.solve_s - writing_s_;
   const Stopwatch ending;
   if (observer_.part) observer_.part(Part::writing, work_of(given_.scene, result));
-  writer_->tables(history, result.band, result.image_error, result.spread);
+  writer_->tables(history, result.error_bounds, result.image_error, result.spread);
 
   const End end = end_of(failure, reason, solve_s_before() + solve_s);
   Outcome outcome = outcome_of(end);
@@ -247,13 +250,13 @@ Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reas
   std::optional<Comparison> comparison;
   Json page;  // without the summary
   if (!history.force.empty()) {
-    tell_end(end);
-    if (how_.beside) comparison = compare_with_measured();
+    report_end(end);
+    if (how_.compared) comparison = compare_with_measured();
     show_walls();
     draw_overview(end, comparison);
     page = page_of(comparison, options);
   }
-  tell_of_images();
+  report_images();
   const double write_s = writing_s_ + before_march_s_ + finishing_s_ + ending.seconds();
   outcome.times = times_here(solve_s, write_s);
   const Json summary = summary_of(end, times_in_all(outcome.times, end.solve_s, write_s), comparison);
@@ -273,13 +276,14 @@ Outcome Recorder::conclude(const std::exception_ptr& failure, const Report& reas
 Recorder::End Recorder::end_of(const std::exception_ptr& failure, const Report& reason,
                                double solve_s) const {
   const History& history = result.history;
-  const Band& band = result.band;
+  const ErrorBounds& error_bounds = result.error_bounds;
   End end;
   end.solve_s = solve_s;
   end.reached_mm = history.force.empty() ? 0.0 : 1e3 * history.force.back().depth;
   end.force = history.force.empty() ? 0.0 : history.force.back().force;
-  end.half = band.known() ? band.half.back() : 0.0;
-  end.title = force_title(end.force, end.reached_mm, band.known() ? std::optional(end.half) : std::nullopt);
+  end.half = error_bounds.known() ? error_bounds.half.back() : 0.0;
+  end.title =
+      force_title(end.force, end.reached_mm, error_bounds.known() ? std::optional(end.half) : std::nullopt);
   if (!history.force.empty()) {
     const LargestForce largest = largest_force(result.loading, history.force);
     end.largest = largest.sample.force;
@@ -293,7 +297,7 @@ Recorder::End Recorder::end_of(const std::exception_ptr& failure, const Report& 
   } else if (history.interrupted) {
     end.status = "interrupted";
     end.code = ExitCode::interrupted;
-    end.reason = Stopped(stop_asked()).report;
+    end.reason = Stopped(stop_requested()).report;
   }
   return end;
 }
@@ -301,8 +305,8 @@ Recorder::End Recorder::end_of(const std::exception_ptr& failure, const Report& 
 // Writes the options of the run and the choices for them. A run of that file uses the same nodes.
 std::string Recorder::write_options() const {
   Description taken = how_.options;
-  if (result.nodes_for_band > 0)
-    put_numbers(taken, "cloud.nodes", {static_cast<double>(result.nodes_for_band)});
+  if (result.nodes_for_error_bounds > 0)
+    put_numbers(taken, "cloud.nodes", {static_cast<double>(result.nodes_for_error_bounds)});
   std::string options = to_toml(taken, result.chosen);
   write_file(how_.folder / "config.resolved.toml", options);
   return options;
@@ -310,9 +314,9 @@ std::string Recorder::write_options() const {
 
 // Data of report.html in addition to the summary; null: the page is not requested.
 Json Recorder::page_of(const std::optional<Comparison>& comparison, const std::string& options) const {
-  if (!wanted_of(given_.scene).report) return {};
-  Json page = writer_->report(result.history, result.band, result.image_error, comparison, slices_, options,
-                              !result.history.interrupted);
+  if (!requested_by(given_.scene).report) return {};
+  Json page = writer_->report(result.history, result.error_bounds, result.image_error, comparison, slices_,
+                              options, !result.history.interrupted);
   if (!page.is_null() && !how_.command.empty()) page["command"] = run_again(how_.command, how_.folder);
   return page;
 }
@@ -320,9 +324,9 @@ Json Recorder::page_of(const std::optional<Comparison>& comparison, const std::s
 Outcome Recorder::outcome_of(const End& end) const {
   Outcome outcome;
   outcome.interrupted = result.history.interrupted;
-  outcome.headline = headline_of(end.title, end.force, result.band.unknown,
+  outcome.headline = headline_of(end.title, end.force, result.error_bounds.unknown,
                                  image_error_json(result.image_error), result.spread);
-  if (outcome.interrupted) outcome.ended_by = ended_by(Stopped(stop_asked()).report, end);
+  if (outcome.interrupted) outcome.ended_by = ended_by(Stopped(stop_requested()).report, end);
   return outcome;
 }
 
@@ -338,21 +342,21 @@ Json Recorder::summary_of(const End& end, const RunTimes& times,
 
 std::string Recorder::ended_by(const Report& stopped, const End& end) const {
   const Loading& loading = result.loading;
-  const std::string come =
+  const std::string displacement =
       loading.steps.empty() || result.history.force.empty()
           ? fmt::format("{} of {}", length_in_words(end.reached_mm), length_in_words(given_.scene.depth_mm))
           : fmt::format("{:.4g} s of the {:.4g} s of its steps", result.history.force.back().t,
                         loading.duration());
   return fmt::format(
-      "{} at {}, after {:.1f} s; {} [{}]", stopped.fact, come, how_.whole.seconds(),
+      "{} at {}, after {:.1f} s; {} [{}]", stopped.fact, displacement, how_.whole.seconds(),
       result.levels.empty() ? "--resume continues from there" : "these are the finest nodes so far",
       stopped.code);
 }
 
 // Reports the course of the march, for the picture and in detail.
-void Recorder::tell_end(const End& end) {
+void Recorder::report_end(const End& end) {
   const History& history = result.history;
-  const Band& band = result.band;
+  const ErrorBounds& error_bounds = result.error_bounds;
   const double evaluations = evaluations_of(history),
                ms = evaluations > 0.0 ? 1e3 * end.solve_s / evaluations : 0.0,
                times_real = end.solve_s > 0.0 ? history.force.back().t / end.solve_s : 0.0;
@@ -364,35 +368,37 @@ void Recorder::tell_end(const End& end) {
     facts_.push_back(
         fmt::format("equilibrium at {} depths: {:.0f} force evaluations, {:.2f} ms each, {:.1f} s",
                     history.force.size() - 1, evaluations, ms, end.solve_s));
-    observer_.tell(Line::detail, fmt::format("done     {} force evaluations, {:.3f} ms each; residual {} of "
-                                             "the reactions, force on the base {}",
-                                             history.evaluations, ms, percent(history.residual), base));
+    observer_.report_to(Line::detail,
+                        fmt::format("done     {} force evaluations, {:.3f} ms each; residual {} of "
+                                    "the reactions, force on the base {}",
+                                    history.evaluations, ms, percent(history.residual), base));
   } else {
     const std::string step = three_digits(1e6 * history.dt_first);
     facts_.push_back(fmt::format(
         "{} steps of {} us (stable {} us), {:.2f} ms each, {:.1f} s: {:.2f} x real time", history.evaluations,
         step, three_digits(1e6 * history.dt_stable_first), ms, end.solve_s, times_real));
-    observer_.tell(Line::detail, fmt::format("done     {} steps of {} us, {:.3f} ms each, {:.2f} x real "
-                                             "time; energy error {}, force on the base {}",
-                                             history.evaluations, step, ms, times_real,
-                                             percent(largest_energy_error(history)), base));
+    observer_.report_to(Line::detail, fmt::format("done     {} steps of {} us, {:.3f} ms each, {:.2f} x real "
+                                                  "time; energy error {}, force on the base {}",
+                                                  history.evaluations, step, ms, times_real,
+                                                  percent(largest_energy_error(history)), base));
   }
-  if (band.known())
-    observer_.tell(
+  if (error_bounds.known())
+    observer_.report_to(
         Line::detail,
         fmt::format("bounds   {} to {}, +- {}, discretisation error only, estimated from {} and {} nodes{}",
                     written.number(end.force - end.half), written(end.force + end.half),
-                    percent(end.half / std::abs(end.force)), result.model.node_count(), band.coarse_nodes,
-                    band.seconds < 0.05 ? "" : fmt::format(", {:.1f} s more", band.seconds)));
-  tell_of_voxels(end);
+                    percent(end.half / std::abs(end.force)), result.model.node_count(),
+                    error_bounds.coarse_nodes,
+                    error_bounds.seconds < 0.05 ? "" : fmt::format(", {:.1f} s more", error_bounds.seconds)));
+  report_voxels(end);
 }
 
-void Recorder::tell_of_voxels(const End& end) {
+void Recorder::report_voxels(const End& end) {
   const ImageError& image = result.image_error;
   if (!image.known())
-    return observer_.tell(Line::detail, "voxels   no error by the image's resolution: " + image.unknown);
+    return observer_.report_to(Line::detail, "voxels   no error by the image's resolution: " + image.unknown);
   const Written written = force_written(end.force);
-  observer_.tell(
+  observer_.report_to(
       Line::detail,
       fmt::format("voxels   +- {}, +- {}, by the image's resolution: {} by the surface's shape, {} by the "
                   "thickness, with voxels of {} along the approach direction",
@@ -401,39 +407,39 @@ void Recorder::tell_of_voxels(const End& end) {
 }
 
 Comparison Recorder::compare_with_measured() {
-  Comparison comparison =
-      dimple::compare(*how_.beside, result.history.force, result.band, result.loading.touch != nullptr);
+  Comparison comparison = dimple::compare(*how_.compared, result.history.force, result.error_bounds,
+                                          result.loading.indenter != nullptr);
   write_comparison(how_.folder / "compare.csv", comparison);
   facts_.push_back("compared with " + in_words(comparison));
-  observer_.tell(Line::said, "compare  " + in_words(comparison));
+  observer_.report_to(Line::said, "compare  " + in_words(comparison));
   for (const std::string* words : {&comparison.measured.left_out, &comparison.measured.averaged})
-    if (!words->empty()) observer_.tell(Line::said, "compare  " + *words);
+    if (!words->empty()) observer_.report_to(Line::said, "compare  " + *words);
   return comparison;
 }
 
 // Shows further tools as solids, like the measured one.
-void Recorder::show_beside(const Loading& loading) {
+void Recorder::show_further(const Loading& loading) {
   std::vector<ResultWriter::Rigid> rigid;
-  for (const Touch& other : loading.walls) {
+  for (const RigidBody& other : loading.walls) {
     if (!other.is_tool) {
       rigid.push_back({other.name});
       continue;
     }
-    const auto come = [steps = loading.steps, rate = loading.rate, name = other.name,
-                       motion = other.motion.value_or(Vec3::Zero().eval())](double time_s) {
+    const auto displacement = [steps = loading.steps, rate = loading.rate, name = other.name,
+                               motion = other.motion.value_or(Vec3::Zero().eval())](double time_s) {
       return steps.empty() ? Vec3(rate * time_s * motion) : moved_at(time_s, steps, rate, name);
     };
-    rigid.push_back({other.name, true, tool_body(other), come});
+    rigid.push_back({other.name, true, tool_body(other), displacement});
   }
-  writer_->show_beside(std::move(rigid));
+  writer_->show_further(std::move(rigid));
 }
 
 // Adds the walls to the picture and the page, and reports their forces.
 void Recorder::show_walls() {
   writer_->show_walls(gap_to_walls(given_.scene, result.loading));
   for (std::size_t k = 0; k < result.history.walls.size(); ++k) {
-    const Touch& rigid = result.loading.walls[k];
-    const TouchingTool::Touched& now = result.history.walls[k];
+    const RigidBody& rigid = result.loading.walls[k];
+    const RigidContact::ContactSummary& now = result.history.walls[k];
     facts_.push_back(rigid.is_tool ? "tool " + at_the_end_in_words(rigid.name, now)
                                    : (rigid.name == "wall" ? "" : "wall ") + in_words(rigid.name, now));
   }
@@ -443,15 +449,15 @@ void Recorder::show_walls() {
 void Recorder::draw_overview(const End& end, const std::optional<Comparison>& comparison) {
   if (result.history.interrupted) return;
   const std::string ended = end.status == "finished" ? "" : " (" + end.status + ")";
-  writer_->overview(result.history, result.band, result.image_error, comparison,
+  writer_->overview(result.history, result.error_bounds, result.image_error, comparison,
                     fmt::format("{}: {}{}{}", how_.subject, end.title,
                                 of_image(end.force, image_error_json(result.image_error)), ended),
                     facts_, result.warnings);
 }
 
-void Recorder::tell_of_images() {
+void Recorder::report_images() {
   if (!has_images()) return;
-  observer_.tell(Line::said, "images   " + images_->told());
+  observer_.report_to(Line::said, "images   " + images_->reported());
   const std::string warning = images_->warning();
   if (warning.empty()) return;
   result.warnings.push_back(warning);
@@ -461,7 +467,7 @@ void Recorder::tell_of_images() {
 std::vector<std::pair<std::string, double>> Recorder::times_here(double solve_s, double write_s) const {
   auto times = times_of(result, how_.read_s);
   times.emplace_back("solving", solve_s);
-  times.emplace_back(result.levels.empty() ? "band" : "coarser clouds", result.band.seconds);
+  times.emplace_back(result.levels.empty() ? "band" : "coarser clouds", result.error_bounds.seconds);
   times.emplace_back("writing", write_s);
   if (images_s_ > 0.0) times.emplace_back("images", images_s_);
   return times;

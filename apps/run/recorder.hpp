@@ -26,8 +26,8 @@ struct Recording {
   std::function<Json(const Result&)> summary = {};                    ///< beginning of the summary
   std::function<std::vector<std::string>(const Result&)> facts = {};  ///< for the picture
   std::string subject = {};
-  std::vector<std::string> command = {};     ///< repeats the run; none: its image is in memory only
-  std::optional<MeasuredCurve> beside = {};  ///< for comparison with the force
+  std::vector<std::string> command = {};       ///< repeats the run; none: its image is in memory only
+  std::optional<MeasuredCurve> compared = {};  ///< for comparison with the force
   ImageTask images = {};
   double read_s = 0.0;  ///< before simulate()
   Stopwatch whole = {};

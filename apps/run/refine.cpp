@@ -4,9 +4,9 @@
 
 #include <cmath>
 
-#include "apps/run/band_of_run.hpp"
 #include "apps/run/model_options.hpp"
 #include "apps/run/pipeline.hpp"
+#include "apps/run/run_error_bounds.hpp"
 #include "apps/run/unless_stopped.hpp"
 #include "io/error.hpp"
 #include "io/stop.hpp"
@@ -20,7 +20,7 @@ std::unique_ptr<Level> march_level(Index nodes, const Case& given, const Origin&
                                    const RunObserver& observer) {
   const Stopwatch whole;
   auto level = std::make_unique<Level>();
-  level->asked = nodes;
+  level->requested = nodes;
   Result& result = level->result = read;
   result.stages = {};  // restarts its clock
   result.stages.add(read.stages);
@@ -32,21 +32,21 @@ std::unique_ptr<Level> march_level(Index nodes, const Case& given, const Origin&
                             .part = observer.part};
   const RunLog log{keeping, result};
   make_ready(given, place(nodes, given.scene, from.organ, from.image, log, result), log, result);
-  refuse_without_band(why_no_band(given.scene, from.organ, result.report.boundary, result));
+  refuse_without_error_bounds(why_no_error_bounds(given.scene, from.organ, result.report.boundary, result));
   log.begin(Part::solving, given.scene);
   const Observer hears{
       .frame =
           [&](const Frame& frame) {
             level->frames.push_back({frame.number, frame.t, frame.depth, frame.u, frame.f, frame.forces});
           },
-      .sample = [](const ForceSample&, const History&) { return stop_asked() == StopReason::none; },
+      .sample = [](const ForceSample&, const History&) { return stop_requested() == StopReason::none; },
       .retry =
           [&](const Retry& retry) {
             log.detail(
                 fmt::format("retry    at {:.3f} mm ({}): {}", 1e3 * retry.depth, retry.code, retry.what));
           }};
   level->system = march(given.scene, solver_options(given.scene), hears, nullptr, log, result);
-  if (result.history.interrupted) throw Stopped(stop_asked());
+  if (result.history.interrupted) throw Stopped(stop_requested());
   level->seconds = whole.seconds();
   return level;
 }
@@ -54,25 +54,25 @@ std::unique_ptr<Level> march_level(Index nodes, const Case& given, const Origin&
 // Sets the error bounds of a level from the level before.
 void compare(Result& now, const Level* before, bool several_tissues) {
   if (!before) {
-    now.band.unknown = "the run ended with its first set of nodes";
+    now.error_bounds.unknown = "the run ended with its first set of nodes";
     return;
   }
   const Result& coarse = before->result;
-  now.band.half = half_widths(now.history.force, now.model.node_count(), coarse.history.force,
-                              now.model.tool.radius, several_tissues);
-  now.band.unknown = "";
-  now.band.coarse_nodes = coarse.model.node_count();
+  now.error_bounds.half = half_widths(now.history.force, now.model.node_count(), coarse.history.force,
+                                      now.model.tool.radius, several_tissues);
+  now.error_bounds.unknown = "";
+  now.error_bounds.coarse_nodes = coarse.model.node_count();
   if (now.followed) now.followed->half = half_of_displacement(now, coarse.followed->u);
 }
 
-RefinementLevel told_of(const Level& level) {
+RefinementLevel report_of(const Level& level) {
   const Result& now = level.result;
-  RefinementLevel told{.nodes = now.model.node_count(),
-                       .force = now.history.force.back().force,
-                       .half = now.band.known() ? now.band.half.back() : 0.0,
-                       .seconds = level.seconds};
-  if (now.followed) told.length = now.followed->u.norm(), told.half_length = now.followed->half;
-  return told;
+  RefinementLevel reported{.nodes = now.model.node_count(),
+                           .force = now.history.force.back().force,
+                           .half = now.error_bounds.known() ? now.error_bounds.half.back() : 0.0,
+                           .seconds = level.seconds};
+  if (now.followed) reported.length = now.followed->u.norm(), reported.half_length = now.followed->half;
+  return reported;
 }
 
 bool may_be_too_coarse(const Error& error) {
@@ -95,9 +95,9 @@ void compare_with_coarser(const Case& given, const Goal& goal, const Origin& fro
                           const Stopwatch& whole, const RefinementObserver& observer, int number,
                           Refinement& found) {
   Level& finest = *found.finest;
-  const Index nodes = finest.asked / 2, fewest = fewest_nodes_with_band(read.facing_share);
-  if (finest.asked < fewest) {
-    finest.result.band.unknown =
+  const Index nodes = finest.requested / 2, fewest = fewest_nodes_with_error_bounds(read.facing_fraction);
+  if (finest.requested < fewest) {
+    finest.result.error_bounds.unknown =
         fmt::format("not calibrated below {} nodes, and no larger set of nodes reached a force", fewest);
     return;
   }
@@ -107,10 +107,10 @@ void compare_with_coarser(const Case& given, const Goal& goal, const Origin& fro
     const std::unique_ptr<Level> coarser =
         unless_stopped([&] { return march_level(nodes, given, from, read, observer.of_march); });
     compare(finest.result, coarser.get(), !given.scene.tissues.empty());
-    found.levels.insert(found.levels.end() - 1, told_of(*coarser));
-    found.levels.back() = told_of(finest);
+    found.levels.insert(found.levels.end() - 1, report_of(*coarser));
+    found.levels.back() = report_of(finest);
     observer.marched(number, found.levels[found.levels.size() - 2]);
-    const auto [last, half] = asked_for(found.levels.back(), finest.result);
+    const auto [last, half] = requested_for(found.levels.back(), finest.result);
     if (half <= goal.half_width(last)) found.stopped_short.reset();
   } catch (const Stopped&) {
     found.stopped_short = RefinementEnd{.why = RefinementEnd::Why::stopped};
@@ -121,7 +121,7 @@ void compare_with_coarser(const Case& given, const Goal& goal, const Origin& fro
 
 }  // namespace
 
-void refuse_without_band(const std::string& none) {
+void refuse_without_error_bounds(const std::string& none) {
   if (none.empty()) return;
   throw UsageError({.fact = "the accuracy of this run cannot be estimated",
                     .where = "--accuracy (accuracy.goal) or --budget (accuracy.budget_s)",
@@ -131,8 +131,8 @@ void refuse_without_band(const std::string& none) {
 
 void check_goal(const Scene& scene) {
   if (!scene.goal || scene.followed) return;
-  const double least = band_floor(scene)(most_nodes_for_accuracy);
-  if (scene.goal->share == 0.0 || scene.goal->share >= least) return;
+  const double least = error_floor(scene)(most_nodes_for_accuracy);
+  if (scene.goal->fraction == 0.0 || scene.goal->fraction >= least) return;
   throw UsageError({.fact = fmt::format("an accuracy of {} is requested", scene.goal->text),
                     .where = "--accuracy (accuracy.goal)",
                     .why = fmt::format("the error of this load cannot be shown to be below {:.2g} %: two "
@@ -141,7 +141,7 @@ void check_goal(const Scene& scene) {
                     .remedy = "request less accuracy, or a depth below the radius of the contact patch"});
 }
 
-std::pair<double, double> asked_for(const RefinementLevel& level, const Solution& result) {
+std::pair<double, double> requested_for(const RefinementLevel& level, const Solution& result) {
   return result.followed ? std::pair(level.length, level.half_length)
                          : std::pair(std::abs(level.force), level.half);
 }
@@ -155,7 +155,7 @@ Refinement refine(const Case& given, const Goal& goal, const Origin& from, const
   int failures = 0, number = 0;
   // The floor of a displacement's bounds, as a part of it, is not known in advance.
   const Index hoped =
-      expected_nodes(read.followed ? 0.0 : goal.share, read.facing_share, band_floor(given.scene));
+      expected_nodes(read.followed ? 0.0 : goal.fraction, read.facing_fraction, error_floor(given.scene));
   Index nodes = nodes_of_first_level(hoped);
   while (!found.stopped_short) {
     ++number;
@@ -174,7 +174,7 @@ Refinement refine(const Case& given, const Goal& goal, const Origin& from, const
       const double expected = marching.seconds() * static_cast<double>(next) / static_cast<double>(nodes);
       const bool in_time = goal.budget_s == 0.0 || whole.seconds() + expected < goal.budget_s;
       const bool again = may_be_too_coarse(error) && in_time &&
-                         (found.finest ? next > found.finest->asked
+                         (found.finest ? next > found.finest->requested
                                        : ++failures < most_failures && next <= most_nodes_for_accuracy);
       if (!again && !found.finest) throw;
       observer.failed(number, nodes, error.report.fact);
@@ -190,21 +190,23 @@ Refinement refine(const Case& given, const Goal& goal, const Origin& from, const
       continue;
     }
     compare(level->result, found.finest.get(), !given.scene.tissues.empty());
-    found.levels.push_back(told_of(*level));
+    found.levels.push_back(report_of(*level));
     observer.marched(number, found.levels.back());
-    const auto [last, half] = asked_for(found.levels.back(), level->result);
-    const double wanted = goal.half_width(last);
-    const bool known = level->result.band.known();
+    const auto [last, half] = requested_for(found.levels.back(), level->result);
+    const double goal_width = goal.half_width(last);
+    const bool known = level->result.error_bounds.known();
     found.finest = std::move(level);
-    if (known && half <= wanted) break;
-    const Index next = known ? nodes_of_next_level(nodes, half, wanted) : nodes_of_second_level(nodes, hoped);
+    if (known && half <= goal_width) break;
+    const Index next =
+        known ? nodes_of_next_level(nodes, half, goal_width) : nodes_of_second_level(nodes, hoped);
     found.stopped_short = found.failed && next >= found.failed->nodes
                               ? found.failed
                               : end_before(next, nodes, *found.finest, goal, whole);
     nodes = next;
   }
-  const bool asked_to_stop = found.stopped_short && found.stopped_short->why == RefinementEnd::Why::stopped;
-  if (found.failed && !asked_to_stop && !found.finest->result.band.known())
+  const bool stopped_on_request =
+      found.stopped_short && found.stopped_short->why == RefinementEnd::Why::stopped;
+  if (found.failed && !stopped_on_request && !found.finest->result.error_bounds.known())
     compare_with_coarser(given, goal, from, read, whole, observer, ++number, found);
   found.seconds = refining.seconds();
   return found;
@@ -217,7 +219,7 @@ void replay(Level level, const RunObserver& observer, Result& result) {
   if (observer.placed) observer.placed(result.model, result.model.scheme);
   Stopwatch writing;
   try {
-    stop_if_asked();
+    stop_if_requested();
     if (observer.begin) observer.begin(result);
     writing = {};
     for (const KeptFrame& frame : level.frames)

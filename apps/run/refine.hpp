@@ -23,8 +23,8 @@ namespace dimple {
 // 6. After a failure it has twice the nodes if no level has a force yet, else half of those that failed.
 // 7. If only one level has a force because finer ones fail, it is compared with one of half its nodes.
 //
-// The bounds are those of the bonded patch (`band.hpp`, with their calibration). Evidence: coverage and cost
-// of the goals in tests/verification/results/band_goals.csv.
+// The bounds are those of the bonded patch (`error_bounds.hpp`, with their calibration). Evidence: coverage
+// and cost of the goals in tests/verification/results/band_goals.csv.
 
 /// Frame that is kept, since only the end of the march shows whether its level is fine enough.
 struct KeptFrame {
@@ -40,7 +40,7 @@ struct Level {
   std::vector<std::pair<RunObserver::Line, std::string>> lines;
   std::unique_ptr<ForceSystem> system;  ///< for the forces of the frames
   std::vector<KeptFrame> frames;
-  Index asked = 0;  ///< requested nodes
+  Index requested = 0;  ///< requested nodes
   double seconds = 0.0;
 };
 
@@ -74,12 +74,12 @@ Refinement refine(const Case& given, const Goal& goal, const Origin& from, const
                   const Stopwatch& whole, const RefinementObserver& observer);
 
 /// Throws UsageError if there is a reason why there are no error bounds.
-void refuse_without_band(const std::string& none);
+void refuse_without_error_bounds(const std::string& none);
 /// Throws UsageError: the requested error is below the scatter of two node sets.
 void check_goal(const Scene& scene);
 
 /// Quantity of a requested accuracy, displacement or force, and half-width of its error bounds.
-std::pair<double, double> asked_for(const RefinementLevel& level, const Solution& result);
+std::pair<double, double> requested_for(const RefinementLevel& level, const Solution& result);
 
 /// Passes on the messages and frames of a level, which becomes the result.
 void replay(Level level, const RunObserver& observer, Result& result);

@@ -132,53 +132,54 @@ Json hundredths_of(const std::vector<std::array<Place, 2>>& pieces) {
 
 // Motion of the tool at a time [mm]: along its press direction, in space with the displacement by the loads,
 // and its turn. Linear between samples.
-struct Come {
+struct ToolMotion {
   double depth = 0.0;
-  Vec3 way = Vec3::Zero();
+  Vec3 displacement = Vec3::Zero();
   Eigen::Quaterniond turned = Eigen::Quaterniond::Identity();
 };
 
-Come come_at(const History& history, const Vec3& push, double time_s) {
+ToolMotion tool_motion_at(const History& history, const Vec3& approach, double time_s) {
   const std::vector<ForceSample>& force = history.force;
   const auto of = [&](const ForceSample& s) {
-    return Come{1e3 * s.depth, 1e3 * (history.carried + s.depth * push + Vec3(s.aside.data())),
-                Eigen::Quaterniond(rotation(Vec3(s.turned.data())))};
+    return ToolMotion{1e3 * s.depth, 1e3 * (history.carried + s.depth * approach + Vec3(s.aside.data())),
+                      Eigen::Quaterniond(rotation(Vec3(s.turned.data())))};
   };
   if (force.empty()) return {};
   const auto after =
       std::find_if(force.begin(), force.end(), [&](const ForceSample& s) { return s.t >= time_s; });
   if (after == force.end()) return of(force.back());
   if (after == force.begin()) return of(*after);
-  const Come a = of(*(after - 1)), b = of(*after);
-  const double share = (time_s - (after - 1)->t) / (after->t - (after - 1)->t);
-  return {a.depth + share * (b.depth - a.depth), a.way + share * (b.way - a.way),
-          a.turned.slerp(share, b.turned)};
+  const ToolMotion a = of(*(after - 1)), b = of(*after);
+  const double fraction = (time_s - (after - 1)->t) / (after->t - (after - 1)->t);
+  return {a.depth + fraction * (b.depth - a.depth),
+          a.displacement + fraction * (b.displacement - a.displacement), a.turned.slerp(fraction, b.turned)};
 }
 
 // Radius of the tool: of a contacting tool half of its width, else that of the bonded patch [m].
 double tool_radius(const ReportInput& input) {
-  return input.touch ? input.touch->shape.radius : input.model.tool.radius;
+  return input.indenter ? input.indenter->shape.radius : input.model.tool.radius;
 }
 
 // Outline of the tool at the end: its extreme points in each direction of the slice. It is drawn no higher
 // than three radii above its tip.
 Json silhouette(const Slice& slice, const ReportInput& input) {
-  constexpr int ways = 48;
-  const Vec3 push = input.model.tool.push;
-  const Come at_end = come_at(input.history, push, std::numeric_limits<double>::infinity());
-  const Vec3 come = at_end.way;
+  constexpr int directions = 48;
+  const Vec3 approach = input.model.tool.approach;
+  const ToolMotion at_end = tool_motion_at(input.history, approach, std::numeric_limits<double>::infinity());
+  const Vec3 displacement = at_end.displacement;
   Points places = input.tool.position_mm;
   if (places.cols() == 0) return Json::array();
-  if (input.touch && at_end.turned.vec() != Vec3::Zero()) {
-    const Vec3 foot = 1e3 * input.touch->pose.tip;
+  if (input.indenter && at_end.turned.vec() != Vec3::Zero()) {
+    const Vec3 foot = 1e3 * input.indenter->pose.tip;
     places = (at_end.turned.toRotationMatrix() * (places.colwise() - foot)).colwise() + foot;
   }
-  const double tip = (push.transpose() * places).maxCoeff(), highest = 3e3 * tool_radius(input);
-  for (auto place : places.colwise()) place += come + push * std::max(0.0, tip - push.dot(place) - highest);
+  const double tip = (approach.transpose() * places).maxCoeff(), highest = 3e3 * tool_radius(input);
+  for (auto place : places.colwise())
+    place += displacement + approach * std::max(0.0, tip - approach.dot(place) - highest);
   const Points seen = (slice.place.linear() * places).colwise() + slice.place.translation();
   Json list = Json::array();
-  for (int k = 0; k < ways; ++k) {
-    const double angle = 2.0 * std::numbers::pi * k / ways;
+  for (int k = 0; k < directions; ++k) {
+    const double angle = 2.0 * std::numbers::pi * k / directions;
     Index farthest = 0;
     (std::cos(angle) * seen.row(0) + std::sin(angle) * seen.row(1)).maxCoeff(&farthest);
     for (const Json& number : hundredths(seen.col(farthest))) list.push_back(number);
@@ -206,18 +207,18 @@ Json slice_json(const Slice& slice, const ReportInput& input, double slab_mm) {
     return Points((slice.place.linear() * places_mm).colwise() + slice.place.translation());
   };
   const Points nodes = moved(model.X * 1e3);
-  std::vector<bool> base(static_cast<std::size_t>(nodes.cols())), circle(base);
+  std::vector<bool> base(static_cast<std::size_t>(nodes.cols())), bonded_patch(base);
   for (const Index a : model.base) base[static_cast<std::size_t>(a)] = true;
-  for (const Index a : model.circle) circle[static_cast<std::size_t>(a)] = true;
-  Json free = Json::array(), held = Json::array(), pushed = Json::array();
+  for (const Index a : model.bonded_patch) bonded_patch[static_cast<std::size_t>(a)] = true;
+  Json free = Json::array(), held = Json::array(), on_patch = Json::array();
   for (Index a = 0; a < nodes.cols(); ++a) {
     if (!(std::abs(nodes(2, a)) <= 0.5 * slab_mm)) continue;
-    Json& list = circle[static_cast<std::size_t>(a)] ? pushed
-                 : base[static_cast<std::size_t>(a)] ? held
-                                                     : free;
+    Json& list = bonded_patch[static_cast<std::size_t>(a)] ? on_patch
+                 : base[static_cast<std::size_t>(a)]       ? held
+                                                           : free;
     for (const Json& number : hundredths(nodes.col(a))) list.push_back(number);
   }
-  result["nodes"] = {{"free", free}, {"base", held}, {"circle", pushed}};
+  result["nodes"] = {{"free", free}, {"base", held}, {"circle", on_patch}};
 
   const Surface& surface = input.frames.body;
   if (!surface.empty()) {
@@ -257,9 +258,9 @@ Json body_json(const ReportInput& input) {
     std::vector<std::int8_t> moved;
     for (const float u : frame.displacement_mm.reshaped())
       moved.push_back(static_cast<std::int8_t>(largest > 0.0 ? std::lround(127.0 * u / largest) : 0L));
-    const Come tool = come_at(input.history, input.model.tool.push, frame.time_s);
+    const ToolMotion tool = tool_motion_at(input.history, input.model.tool.approach, frame.time_s);
     frames.push_back({{"depth_mm", rounded(tool.depth, 1e6)},
-                      {"tool_mm", {tool.way.x(), tool.way.y(), tool.way.z()}},
+                      {"tool_mm", {tool.displacement.x(), tool.displacement.y(), tool.displacement.z()}},
                       {"step_mm", largest / 127.0},
                       {"displacement", packed(moved)}});
     const Eigen::Quaterniond& turned = tool.turned;  // about the tip; x,y,z,w
@@ -274,9 +275,9 @@ Json body_json(const ReportInput& input) {
 Json tool_json(const ReportInput& input) {
   const ToolPlace& tool = input.model.tool;
   Json result = mesh_json(input.tool.position_mm, input.tool.triangles);
-  const Vec3 centre = 1e3 * (input.touch ? input.touch->pose.tip : tool.centre);
+  const Vec3 centre = 1e3 * (input.indenter ? input.indenter->pose.tip : tool.centre);
   result["centre_mm"] = {centre.x(), centre.y(), centre.z()};
-  result["push"] = {tool.push.x(), tool.push.y(), tool.push.z()};
+  result["push"] = {tool.approach.x(), tool.approach.y(), tool.approach.z()};
   result["radius_mm"] = 1e3 * tool_radius(input);
   return result;
 }
@@ -284,7 +285,7 @@ Json tool_json(const ReportInput& input) {
 // Force curve; of a long march every so many samples, and the last.
 Json curve_json(const ReportInput& input) {
   const History& history = input.history;
-  const Band& band = input.band;
+  const ErrorBounds& error_bounds = input.error_bounds;
   const std::optional<Comparison>& comparison = input.comparison;
   constexpr std::size_t most = 400;
   const std::size_t count = history.force.size(), stride = (count + most - 1) / most;
@@ -293,14 +294,15 @@ Json curve_json(const ReportInput& input) {
   double largest = 0.0;
   for (std::size_t k = 0; k < count; ++k) {
     const ForceSample& sample = history.force[k];
-    const double across = input.over_time ? lateral_force(sample, input.model.tool.push) : 0.0;
-    largest = std::max({largest, std::abs(sample.force) + (band.known() ? band.half[k] : 0.0), across});
+    const double across = input.over_time ? lateral_force(sample, input.model.tool.approach) : 0.0;
+    largest = std::max(
+        {largest, std::abs(sample.force) + (error_bounds.known() ? error_bounds.half[k] : 0.0), across});
     if (k % stride != 0 && k + 1 != count) continue;
     depth.push_back(1e3 * sample.depth);
     force.push_back(sample.force);
     time.push_back(sample.t);
     lateral.push_back(across);
-    if (band.known()) half.push_back(band.half[k]);
+    if (error_bounds.known()) half.push_back(error_bounds.half[k]);
   }
   if (comparison)
     for (const double measured : comparison->measured.force) largest = std::max(largest, std::abs(measured));
@@ -314,7 +316,7 @@ Json curve_json(const ReportInput& input) {
   return curve;
 }
 
-Json beside_json(const std::optional<Comparison>& comparison) {
+Json comparison_json(const std::optional<Comparison>& comparison) {
   if (!comparison || comparison->measured.depth.empty()) return nullptr;
   const MeasuredCurve& measured = comparison->measured;
   Json depth = Json::array();
@@ -489,7 +491,7 @@ Json report_data(const ReportInput& input) {
   Json data;
   data["options"] = input.options;
   data["curve"] = curve_json(input);
-  data["beside"] = beside_json(input.comparison);
+  data["beside"] = comparison_json(input.comparison);
   // Nodes of a slab: in dense parts a few layers.
   const double far_mm = model.spacing.size() > 0 ? 1e3 * model.spacing.maxCoeff() : 0.0;
   const double slab_mm = std::clamp(0.5 * far_mm, 0.2e3 * model.tool.radius, 1e3 * model.tool.radius);

@@ -7,14 +7,14 @@
 #include <string>
 #include <vector>
 
-#include "apps/run/band.hpp"
 #include "apps/run/compare.hpp"
+#include "apps/run/error_bounds.hpp"
 #include "io/draw/zero_pieces.hpp"
 #include "io/label_image.hpp"
 #include "io/vtk_files.hpp"
 #include "preprocess/model.hpp"
 #include "solver/march.hpp"
-#include "solver/terms/touching_tool.hpp"
+#include "solver/terms/rigid_contact.hpp"
 
 namespace dimple {
 
@@ -63,12 +63,12 @@ void keep(BodyFrames& frames, BodyFrames::Frame frame);
 /// Data of a page at the end of a run. Missing parts are left out.
 struct ReportInput {
   const Model& model;
-  const SurfaceFile& tool;  ///< at rest
-  const Touch* touch;       ///< of a contacting tool; else null
+  const SurfaceFile& tool;    ///< at rest
+  const RigidBody* indenter;  ///< of a contacting tool; else null
   const std::vector<Slice>& slices;
   const BodyFrames& frames;
   const History& history;
-  const Band& band;
+  const ErrorBounds& error_bounds;
   const std::optional<Comparison>& comparison;
   const Points& surface_displacement_mm;  ///< [3 x vertices of the frames' body] at the end, or none
   std::string options;                    ///< config.resolved.toml

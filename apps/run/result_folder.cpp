@@ -106,25 +106,25 @@ bool holds_only(const fs::path& folder, const char* file) {
 }
 
 // True for the summary of a run without results.
-bool is_a_word(const Json& summary) {
+bool is_status_file(const Json& summary) {
   if (!summary.is_object() || summary.contains("force_N") || !summary.contains("status")) return false;
   return summary["status"] == "failed" || summary["status"] == "interrupted";
 }
 
 // True if the files can be made again in a moment, as a model can.
-bool nothing_to_lose(const fs::path& folder, const std::vector<fs::path>& files) {
+bool may_overwrite(const fs::path& folder, const std::vector<fs::path>& files) {
   constexpr std::array made_again = {"summary.json", "config.resolved.toml", "label.vti"};
   const auto is_made_again = [&](const fs::path& file) {
     return file.parent_path() == folder / "model" ||
            std::find(made_again.begin(), made_again.end(), file.filename()) != made_again.end();
   };
-  return is_a_word(summary_in(folder)) && std::all_of(files.begin(), files.end(), is_made_again);
+  return is_status_file(summary_in(folder)) && std::all_of(files.begin(), files.end(), is_made_again);
 }
 
 }  // namespace
 
 bool holds_only_a_word(const fs::path& folder) {
-  return is_a_word(summary_in(folder)) && holds_only(folder, "summary.json");
+  return is_status_file(summary_in(folder)) && holds_only(folder, "summary.json");
 }
 
 void end_otherwise(Json& summary, const Error& error) {
@@ -164,8 +164,8 @@ void write_word(const fs::path& folder, const std::string& command, const std::s
   write_summary(folder, word);
 }
 
-void leave_word(const fs::path& folder, const std::string& command, const std::string& image,
-                const Error& error, const std::vector<std::string>& warnings) noexcept try {
+void write_status(const fs::path& folder, const std::string& command, const std::string& image,
+                  const Error& error, const std::vector<std::string>& warnings) noexcept try {
   if (error.code == ExitCode::usage) return;
   const auto* stopped = dynamic_cast<const Stopped*>(&error);
   std::error_code ignored;
@@ -228,7 +228,7 @@ ResultFolder::ResultFolder(fs::path folder, Existing existing, fs::path model)
 void ResultFolder::require_nothing_to_lose() const {
   if (existing_ != Existing::refuse) return;
   const std::vector<fs::path> files = written_before(path_, model_);
-  if ((files.empty() && !holds_temporaries(path_)) || nothing_to_lose(path_, files)) return;
+  if ((files.empty() && !holds_temporaries(path_)) || may_overwrite(path_, files)) return;
   const bool is_model = std::find(files.begin(), files.end(), path_ / "model.toml") != files.end() &&
                         !is_there(path_ / "summary.json");
   throw OutputError(

@@ -21,8 +21,8 @@ bool holds_only_a_word(const std::filesystem::path& folder);
 /// Writes to a summary.json why a run left nothing else in its folder. It makes the folder if needed, but not
 /// after Ctrl-C. A folder with other files is left alone. If they are those of the present run and it has
 /// finished, its summary and page report that the work after it has not. Never throws.
-void leave_word(const std::filesystem::path& folder, const std::string& command, const std::string& image,
-                const Error& error, const std::vector<std::string>& warnings) noexcept;
+void write_status(const std::filesystem::path& folder, const std::string& command, const std::string& image,
+                  const Error& error, const std::vector<std::string>& warnings) noexcept;
 
 /// Sets in the summary of a run that it ended otherwise after all: status, exit code and why.
 void end_otherwise(nlohmann::ordered_json& summary, const Error& error);

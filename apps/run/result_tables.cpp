@@ -10,7 +10,7 @@
 
 namespace dimple {
 
-void ResultWriter::tables(const History& history, const Band& band, const ImageError& image,
+void ResultWriter::tables(const History& history, const ErrorBounds& error_bounds, const ImageError& image,
                           double spread) const {
   Table force{.header = {"time_s", "indentation_mm", "force_N", "base_force_N"},
               .column = std::vector<std::vector<double>>(4)};
@@ -22,14 +22,15 @@ void ResultWriter::tables(const History& history, const Band& band, const ImageE
     std::vector<double> least, most;
     for (std::size_t k = 0; k < history.force.size(); ++k) {
       const double force = history.force[k].force, low = force - half(k);
-      least.push_back(touch_ && force >= 0.0 ? std::max(low, 0.0) : low);  // contact has no tension
+      least.push_back(indenter_ && force >= 0.0 ? std::max(low, 0.0) : low);  // contact has no tension
       most.push_back(history.force[k].force + half(k));
     }
     force.header.insert(force.header.end(), {low, high});
     force.column.push_back(std::move(least));
     force.column.push_back(std::move(most));
   };
-  if (band.known()) add_from_to("low_N", "high_N", [&](std::size_t k) { return band.half[k]; });
+  if (error_bounds.known())
+    add_from_to("low_N", "high_N", [&](std::size_t k) { return error_bounds.half[k]; });
   if (image.known()) {
     force.header.push_back("image_half_N");
     force.column.push_back(image.half);
@@ -55,7 +56,7 @@ void ResultWriter::tables(const History& history, const Band& band, const ImageE
   };
   add_if_any(aside_columns, 1e3, &ForceSample::aside);
   add_if_any(turned_columns, 180.0 / std::numbers::pi, &ForceSample::turned);
-  add_wrenches_beside(history, force);
+  add_further_wrenches(history, force);
   write_csv(folder_ / "force.csv", force);
 
   Table energy{.header = {"time_s", "indentation_mm", "kinetic_J", "stored_J", "external_work_J",
@@ -70,11 +71,11 @@ void ResultWriter::tables(const History& history, const Band& band, const ImageE
 }
 
 // A wall has no reference point for a moment.
-void ResultWriter::add_wrenches_beside(const History& history, Table& force) const {
-  const std::size_t walls = beside_it_.size();
+void ResultWriter::add_further_wrenches(const History& history, Table& force) const {
+  const std::size_t walls = further_.size();
   for (std::size_t k = 0; k < walls; ++k)
-    for (std::size_t c = 0; c < (beside_it_[k].is_tool ? wrench_columns.size() : 3); ++c) {
-      force.header.push_back(fmt::format("{}_{}", beside_it_[k].name, wrench_columns[c]));
+    for (std::size_t c = 0; c < (further_[k].is_tool ? wrench_columns.size() : 3); ++c) {
+      force.header.push_back(fmt::format("{}_{}", further_[k].name, wrench_columns[c]));
       std::vector<double>& column = force.column.emplace_back();
       for (std::size_t sample = 0; sample < history.force.size(); ++sample)
         column.push_back(history.on_walls[sample * walls + k][c]);

@@ -78,24 +78,24 @@ RockingOfBody::RockingOfBody(const Model& model) {
   if (static_cast<Index>(far_.size()) < fewest_far) far_.clear();
   x_.resize(3, static_cast<Index>(far_.size()));
   for (Index k = 0; k < x_.cols(); ++k) x_.col(k) = model.X.col(far_[static_cast<std::size_t>(k)]);
-  settled_ = Points::Zero(3, x_.cols());
+  preload_displacement_ = Points::Zero(3, x_.cols());
 }
 
 void RockingOfBody::see(const Frame& frame) {
   if (far_.empty()) return;
   Points u(3, x_.cols());
   for (Index k = 0; k < u.cols(); ++k)
-    u.col(k) = frame.u.col(far_[static_cast<std::size_t>(k)]).head<3>() - settled_.col(k);
-  if (frame.number == 0) settled_ = u;
+    u.col(k) = frame.u.col(far_[static_cast<std::size_t>(k)]).head<3>() - preload_displacement_.col(k);
+  if (frame.number == 0) preload_displacement_ = u;
   if (!(frame.depth > depth_)) return;
   depth_ = frame.depth;
   const Points rigid = rigid_part(x_, u);
   rigid_ = root_mean_square(rigid);
-  rest_ = root_mean_square(u - rigid);
+  undeformed_ = root_mean_square(u - rigid);
 }
 
 std::string RockingOfBody::warning() const {
-  if (!(depth_ > 0.0) || rigid_ < rocks_much * depth_ || rest_ > mostly_rigid * rigid_) return {};
+  if (!(depth_ > 0.0) || rigid_ < rocks_much * depth_ || undeformed_ > mostly_rigid * rigid_) return {};
   return fmt::format(
       "far from the tool the organ moves as a rigid body, by {} of the tool's {} ({:.0f} %): it rocks or "
       "yields on its base, and the force depends on the base; compare other values of --base-depth and "

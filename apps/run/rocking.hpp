@@ -18,11 +18,11 @@ class RockingOfBody {
   std::string warning() const;
 
  private:
-  std::vector<Index> far_;  // nodes; none: too few are far from tool and base
-  Points x_, settled_;      // [3 x far] at rest, and displacements before the tool has moved [m]
-  double depth_ = 0.0;      // the largest [m]
-  double rigid_ = 0.0;      // root mean square of the rigid motion then [m]
-  double rest_ = 0.0;       // and of the remaining motion [m]
+  std::vector<Index> far_;           // nodes; none: too few are far from tool and base
+  Points x_, preload_displacement_;  // [3 x far] at rest, and displacements before the tool has moved [m]
+  double depth_ = 0.0;               // the largest [m]
+  double rigid_ = 0.0;               // root mean square of the rigid motion then [m]
+  double undeformed_ = 0.0;          // and of the remaining motion [m]
 };
 
 }  // namespace dimple

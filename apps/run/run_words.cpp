@@ -42,8 +42,8 @@ std::string loads_and_films_in_words(const Result& result) {
   if (const std::string text = in_words(loads); !text.empty()) words.push_back(text);
   for (const Membrane& film : loads.membrane) words.push_back("membrane " + in_words(film));
   if (loads.move_the_body())
-    words.push_back(
-        fmt::format("preload: largest displacement {}", length_in_words(1e3 * result.history.settled)));
+    words.push_back(fmt::format("preload: largest displacement {}",
+                                length_in_words(1e3 * result.history.preload_displacement)));
   return fmt::format("{}", fmt::join(words, "; "));
 }
 
@@ -81,7 +81,7 @@ std::vector<std::string> scene_in_words(const Scene& scene, const Result& result
   };
   add("material", moduli_in_words(scene, result.tissues));
   add("contact",
-      loading.touch ? friction_in_words(loading.touch->friction) : std::string(name_of(scene.contact)));
+      loading.indenter ? friction_in_words(loading.indenter->friction) : std::string(name_of(scene.contact)));
   add("loads", loads_and_films_in_words(result));
   add("supports", supports_in_words(loading.further));
   add("cut", cuts_in_words(result));
@@ -89,11 +89,11 @@ std::vector<std::string> scene_in_words(const Scene& scene, const Result& result
   return lines;
 }
 
-std::string nodes_for_band_in_words(Index nodes, Index usual, double facing_share) {
+std::string nodes_for_error_bounds_in_words(Index nodes, Index usual, double facing_fraction) {
   return fmt::format(
       "nodes    {} instead of {}, as none were given: {:.0f} % of the surface faces another part of it, and "
       "error bounds of such a body need at least {} nodes",
-      nodes, usual, 100.0 * facing_share, nodes);
+      nodes, usual, 100.0 * facing_fraction, nodes);
 }
 
 std::string nodes_for_edge_in_words(Index nodes, Index usual) {
@@ -101,7 +101,7 @@ std::string nodes_for_edge_in_words(Index nodes, Index usual) {
                      nodes, usual);
 }
 
-void tell_of_supports(const RunLog& log, const Model& model) {
+void report_supports(const RunLog& log, const Model& model) {
   const SupportReport& support = model.support_report;
   const ConsistencyReport& consistency = model.consistency_report;
   log.detail(fmt::format(
@@ -230,10 +230,11 @@ std::string in_words(const RefinementEnd& end, const Goal& goal) {
   return "";
 }
 
-std::string shortfall_in_words(const std::string& asked, std::optional<double> share,
+std::string shortfall_in_words(const std::string& requested, std::optional<double> fraction,
                                const std::string& ended) {
-  return fmt::format("the requested accuracy, {}, was not reached: {}; {}", asked,
-                     share ? "the error is +- " + percent(*share) : "the error is unknown so far", ended);
+  return fmt::format("the requested accuracy, {}, was not reached: {}; {}", requested,
+                     fraction ? "the error is +- " + percent(*fraction) : "the error is unknown so far",
+                     ended);
 }
 
 std::string next_half_in_words(const Refinement& refinement, Index more) {

@@ -10,10 +10,10 @@ namespace dimple {
 // Messages of a run, made of its data.
 
 /// Reports that a folded body uses as many nodes as its error bounds need, instead of the default.
-std::string nodes_for_band_in_words(Index nodes, Index usual, double facing_share);
+std::string nodes_for_error_bounds_in_words(Index nodes, Index usual, double facing_fraction);
 std::string nodes_for_edge_in_words(Index nodes, Index usual);
 /// Reports supports, gradients, folds and masses of a complete model.
-void tell_of_supports(const RunLog& log, const Model& model);
+void report_supports(const RunLog& log, const Model& model);
 /// Law and numbers of a tissue.
 std::string describe(const Tissues& tissues, std::size_t t, const std::string& label);
 /// Moduli, loads, supports, cuts and steps, one line each, for the picture.
@@ -34,9 +34,9 @@ std::string level_in_words(int number, const RefinementLevel& level, bool has_di
 std::string failure_in_words(int number, Index nodes, const std::string& fact);
 /// Reason why a refinement has ended before its goal.
 std::string in_words(const RefinementEnd& end, const Goal& goal);
-/// Warning that the requested accuracy was not reached. `share`: remaining error, as a part of the force or
-/// length.
-std::string shortfall_in_words(const std::string& asked, std::optional<double> share,
+/// Warning that the requested accuracy was not reached. `fraction`: remaining error, as a part of the force
+/// or length.
+std::string shortfall_in_words(const std::string& requested, std::optional<double> fraction,
                                const std::string& ended);
 /// Cost of half the error. `more`: nodes for it.
 std::string next_half_in_words(const Refinement& refinement, Index more);

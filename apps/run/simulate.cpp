@@ -5,7 +5,6 @@
 #include <memory>
 #include <utility>
 
-#include "apps/run/band_of_run.hpp"
 #include "apps/run/cut_scene.hpp"
 #include "apps/run/cuts.hpp"
 #include "apps/run/folds.hpp"
@@ -17,6 +16,7 @@
 #include "apps/run/other_tools.hpp"
 #include "apps/run/pipeline.hpp"
 #include "apps/run/refine.hpp"
+#include "apps/run/run_error_bounds.hpp"
 #include "apps/run/run_words.hpp"
 #include "apps/run/steps.hpp"
 #include "apps/run/stopwatch.hpp"
@@ -33,12 +33,12 @@ namespace {
 
 // The case's own cloud, and of an image what other clouds are made from. `before_cuts` gets the body as it is
 // before anything is cut, for a scene whose later steps cut it again.
-std::pair<Placed, std::shared_ptr<Origin>> placed_by(const Case& given, const RunObserver& observer,
-                                                     const RunLog& log, Result& result,
-                                                     std::optional<Organ>* before_cuts = nullptr) {
+std::pair<NodePlacement, std::shared_ptr<Origin>> placed_by(const Case& given, const RunObserver& observer,
+                                                            const RunLog& log, Result& result,
+                                                            std::optional<Organ>* before_cuts = nullptr) {
   std::optional<Organ> organ;
   if (!given.model) organ = organ_of(given, log, result, before_cuts);
-  Placed placed = place(given, organ, log, result);
+  NodePlacement placed = place(given, organ, log, result);
   std::shared_ptr<Origin> of_image;
   if (organ) of_image = origin_of(given.scene, std::move(*organ), result);
   if (observer.placed) observer.placed(placed.places, placed.scheme);
@@ -47,18 +47,18 @@ std::pair<Placed, std::shared_ptr<Origin>> placed_by(const Case& given, const Ru
 
 // The band is the error of the result by its discretisation, from a march on a coarser cloud, which begins
 // here beside the finer one. Null: there can be none, and the result says why.
-std::unique_ptr<CoarserMarch> begin_band(const Case& given, Result& result) {
+std::unique_ptr<CoarserMarch> begin_error_bounds(const Case& given, Result& result) {
   const Scene scene = given.origin ? with_model_of(given.scene, given.origin->choices) : given.scene;
-  result.band.unknown = why_no_band_after(scene, result);
-  if (!result.band.known()) return {};
-  result.band.unknown = "the run ended first";  // what stays if find_band() is never reached
+  result.error_bounds.unknown = why_no_error_bounds_after(scene, result);
+  if (!result.error_bounds.known()) return {};
+  result.error_bounds.unknown = "the run ended first";  // what stays if find_error_bounds() is never reached
   return std::make_unique<CoarserMarch>(scene, result);
 }
 
-void find_band(const Case& given, CoarserMarch& coarser, const RunLog& log, Result& result) {
-  log.begin(Part::band, given.scene);
-  BandOfRun found = band_of_run(given.scene, result, coarser);
-  result.band = std::move(found.band);
+void find_error_bounds(const Case& given, CoarserMarch& coarser, const RunLog& log, Result& result) {
+  log.begin(Part::error_bounds, given.scene);
+  RunErrorBounds found = error_bounds_of_run(given.scene, result, coarser);
+  result.error_bounds = std::move(found.error_bounds);
   if (result.followed) result.followed->half = found.half_of_displacement;
   if (found.stopped) result.history.interrupted = true;
 }
@@ -68,7 +68,7 @@ void find_image_error(const Scene& scene, const RunLog& log, Result& result) {
   result.image_error = image_error_of(scene, result);
   const History& history = result.history;
   if (history.force.empty()) return;
-  const double discretisation = result.band.known() ? result.band.half.back() : 0.0;
+  const double discretisation = result.error_bounds.known() ? result.error_bounds.half.back() : 0.0;
   if (const std::string words = image_warning(result.image_error, history.force.back().force,
                                               history.force.back().depth, discretisation);
       !words.empty())
@@ -80,8 +80,8 @@ Case with_origin(const Case& given) {
   Case result = given;
   if (!given.origin) return result;
   result.scene = with_model_of(given.scene, given.origin->choices);
-  result.scene.cloud.nodes = Scene::Cloud{}.nodes;
-  result.scene.cloud.spacing_mm = Scene::Cloud{}.spacing_mm;
+  result.scene.node_set.nodes = Scene::NodeSet{}.nodes;
+  result.scene.node_set.spacing_mm = Scene::NodeSet{}.spacing_mm;
   return result;
 }
 
@@ -95,7 +95,7 @@ std::shared_ptr<Origin> origin_of_levels(const Case& given, const RunLog& log, R
   }
   auto origin = std::make_shared<Origin>(*given.origin);
   origin->choices = given.scene;
-  refuse_without_band(why_no_labels(given.scene, *origin));
+  refuse_without_error_bounds(why_no_labels(given.scene, *origin));
   check_materials(given.scene, given.model->scheme);
   static_cast<ImageFacts&>(result) = origin->facts;
   result.provenance = given.model->provenance;
@@ -105,32 +105,33 @@ std::shared_ptr<Origin> origin_of_levels(const Case& given, const RunLog& log, R
   return origin;
 }
 
-void tell_how_it_ended(const Scene& scene, const Goal& goal, Refinement& found, const RunObserver& observer) {
+void report_how_it_ended(const Scene& scene, const Goal& goal, Refinement& found,
+                         const RunObserver& observer) {
   Result& finest = found.finest->result;
   const RunLog log{observer, finest};
-  const bool known = finest.band.known();
+  const bool known = finest.error_bounds.known();
   const std::string why = found.stopped_short ? in_words(*found.stopped_short, goal) : "";
-  if (found.stopped_short && (goal.share > 0.0 || goal.absolute > 0.0)) {
-    const auto [value, half] = asked_for(found.levels.back(), finest);
+  if (found.stopped_short && (goal.fraction > 0.0 || goal.absolute > 0.0)) {
+    const auto [value, half] = requested_for(found.levels.back(), finest);
     log.warn(shortfall_in_words(goal.text, known ? std::optional(half / value) : std::nullopt, why));
   } else if (found.stopped_short) {
     log.say("refine   " + why);
   }
   // More nodes narrow a band down to a floor: so well two clouds agree by chance.
-  const Index more = nodes_for_half_the_band(finest.model.node_count(), band_floor(scene));
+  const Index more = nodes_for_half_the_error(finest.model.node_count(), error_floor(scene));
   const bool would_fail = found.failed && more >= found.failed->nodes;
   if (known && !would_fail && more <= most_nodes_for_accuracy) log.say(next_half_in_words(found, more));
   if (goal.budget_s > 0.0)
     finest.chosen["accuracy.budget_s"] =
         fmt::format("another machine uses other nodes; to repeat this result: --budget 0 --nodes {}",
-                    found.finest->asked);
+                    found.finest->requested);
 }
 
 void simulate_to(const Goal& goal, const Case& given, const RunObserver& observer, Result& result) {
   const Stopwatch whole;
   const RunLog log{observer, result};
   const Scene& scene = given.scene;
-  refuse_without_band(why_no_band(scene));
+  refuse_without_error_bounds(why_no_error_bounds(scene));
   const std::shared_ptr<Origin> origin = origin_of_levels(given, log, result);
   result.followed = followed_in(scene, origin->organ);  // a structure whose displacement is wanted too
   const bool follows = result.followed.has_value();
@@ -142,7 +143,7 @@ void simulate_to(const Goal& goal, const Case& given, const RunObserver& observe
        .failed = [&](int number, Index nodes,
                      const std::string& fact) { log.say(failure_in_words(number, nodes, fact)); },
        .of_march = observer});  // hears how each level begins; its frames are kept for replay()
-  tell_how_it_ended(scene, goal, found, observer);
+  report_how_it_ended(scene, goal, found, observer);
   Result& finest = found.finest->result;
   finest.levels = std::move(found.levels);
   // Further clouds of this origin take their tissues from the image, if there are several, and their base and
@@ -153,13 +154,13 @@ void simulate_to(const Goal& goal, const Case& given, const RunObserver& observe
   const double others_s = found.seconds - found.finest->seconds;
   // The result becomes the finest level's, and the observer hears of it as if it had been the only one.
   replay(std::move(*found.finest), observer, result);
-  result.band.seconds = others_s;  // the other levels are what the band has cost
+  result.error_bounds.seconds = others_s;  // the other levels are what the band has cost
   find_image_error(scene, RunLog{observer, result}, result);
 }
 
 // Steps that cut before anything has moved, which the model has from the start.
-void list_cuts_at_rest(const Scene& scene, Result& result) {
-  const std::size_t all = cuts_at_rest(scene).size();
+void list_cuts_of_undeformed_body(const Scene& scene, Result& result) {
+  const std::size_t all = cuts_of_undeformed_body(scene).size();
   for (const Scene::Step& step : scene.steps) {
     if (!step.cut) return;
     CutMade made{.name = step.name, .text = step.cut.text, .toughness_J_m2 = step.toughness_J_m2};
@@ -209,8 +210,8 @@ void simulate(const Case& given, const RunObserver& observer, Result& result) {
   require_tools_apart(result.loading);
   if (const std::string words = tool_in_wall(scene, result.model, result.loading); !words.empty())
     log.warn(words);
-  list_cuts_at_rest(scene, result);
-  stop_if_asked();
+  list_cuts_of_undeformed_body(scene, result);
+  stop_if_requested();
   log.begin(Part::solving, scene);
   if (observer.begin) observer.begin(result);
   std::optional<CutScene> cuts;
@@ -218,13 +219,14 @@ void simulate(const Case& given, const RunObserver& observer, Result& result) {
   // Models after cuts, and further clouds of several tissues, ask the image what a point is made of.
   if (of_image && (cuts || !scene.tissues.empty())) of_image->image = std::move(result.image);
   result.image = {};  // the march does not
-  const std::unique_ptr<CoarserMarch> coarser = given.band ? begin_band(given, result) : nullptr;
+  const std::unique_ptr<CoarserMarch> coarser =
+      given.error_bounds ? begin_error_bounds(given, result) : nullptr;
   // Makes the System of the result's model and takes it through the load, or each step of the scene, by the
   // march that the time mode asks for; where a step cuts, `cuts` makes the next model, of which the observer
   // is told.
   march(scene, solver_options(scene), observer.march, given.from, log, result, cuts ? &*cuts : nullptr,
         &observer);
-  if (coarser && !result.history.interrupted) find_band(given, *coarser, log, result);
+  if (coarser && !result.history.interrupted) find_error_bounds(given, *coarser, log, result);
   find_image_error(scene, log, result);
 }
 

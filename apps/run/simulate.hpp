@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "apps/run/band.hpp"
+#include "apps/run/error_bounds.hpp"
 #include "apps/run/image_error.hpp"
 #include "apps/run/model_files.hpp"
 #include "apps/run/work.hpp"
@@ -22,15 +22,15 @@ namespace dimple {
 
 /// Changes by a comparison: of the body before its surface is extracted, or of the tool once nodes are
 /// placed. They are no options of a run.
-struct BodyChange {
+struct BodyModification {
   std::function<LabelImage(const LabelImage&)> image = {};
   double smoothing = 1.0;              ///< SurfaceOptions::smoothing
   double outward_voxels = 0.0;         ///< SurfaceOptions::outward_mm in voxels, of their mean edge
   std::optional<ToolShape> tool = {};  ///< that touches, on the nodes of the one that the options name
 };
 
-struct Origin;     // organ.hpp
-struct ReadOrgan;  // organ.hpp
+struct Origin;         // organ.hpp
+struct PreparedOrgan;  // organ.hpp
 
 /// Input of a run: the image that scene.image.file names, or an existing model, and every choice that decides
 /// the result.
@@ -41,10 +41,10 @@ struct Case {
   const LabelImage* image = nullptr;          ///< instead of the file that scene.image.file names
   /// Instead of an image, one that was read before with the same options of the image and the same width of
   /// the circle, which its surface follows; all others may differ.
-  const ReadOrgan* organ = nullptr;
+  const PreparedOrgan* organ = nullptr;
   const MarchState* from = nullptr;  ///< where an earlier run of the same case stood
-  bool band = false;                 ///< of the force is wanted: by a coarser cloud, after the march
-  BodyChange change = {};
+  bool error_bounds = false;         ///< of the force is wanted: by a coarser cloud, after the march
+  BodyModification change = {};
 };
 
 /// Width below which a gap counts as narrow: the walls of a sulcus face each other across it.
@@ -71,7 +71,7 @@ struct ImageFacts {
     std::vector<LabelMeasure> labels;            ///< taken out
     std::function<bool(const Vec3&)> took = {};  ///< whether a blade took what was at a place [mm, LPS]
   } cut;
-  double facing_share = 0.0;  ///< of the surface: what faces another part across narrow_gap_mm or less
+  double facing_fraction = 0.0;  ///< of the surface: what faces another part across narrow_gap_mm or less
   Mat3 voxel_edges_mm = Mat3::Zero();  ///< columns: the edges of a voxel, LPS
   SegmentReport segment;
 };
@@ -88,7 +88,7 @@ struct CutMade {
   double force_before = 0.0, force = 0.0;      ///< on the tool, along its push [N]
   double stored_before = 0.0, released = 0.0;  ///< the stored energy, and by how much it falls [J]
   /// Clouds of the two bodies differ by as much, where a cut releases nothing.
-  bool releases_no_more_than_clouds_differ() const { return released < 0.003 * stored_before; }
+  bool releases_no_more_than_node_sets_differ() const { return released < 0.003 * stored_before; }
   /// [J] By the balance of energy: what the area takes and the tissue does not give is the blade's work,
   /// without what it rubs on its sides.
   double work_of_blade() const { return std::max(0.0, 1e-6 * toughness_J_m2 * area_mm2 - released); }
@@ -106,7 +106,7 @@ struct Unloaded {
 /// The model under its load, and all that is known of how both were made.
 struct LoadedModel : ImageFacts {
   LabelImage image;                      ///< until the march begins, where the case began with one
-  Index nodes_for_band = 0;              ///< required by the body's folds where none were given; 0: not so
+  Index nodes_for_error_bounds = 0;      ///< required by the body's folds where none were given; 0: not so
   std::shared_ptr<const Origin> origin;  ///< of the model, where it is known
   ModelReport report;
   std::map<std::string, std::string> chosen;      ///< option key -> value chosen for it
@@ -119,7 +119,7 @@ struct LoadedModel : ImageFacts {
   TimeMode time = TimeMode::quasi_static;
   std::optional<Unloaded> unloaded;  ///< where the body was imaged under its loads
   double spread = 0.0;               ///< relative spread of the force by its material, +-; 0: none requested
-  Stages stages;                     ///< of the preprocessing [s]
+  StageTimes stages;                 ///< of the preprocessing [s]
   /// [s] Reading the image, making the model from it, completing it; without the observer's part.
   double read_s = 0.0, build_s = 0.0, complete_s = 0.0;
 };
@@ -138,7 +138,7 @@ struct Solution {
 
 /// Errors of the force, and the warnings.
 struct Judgement {
-  Band band;
+  ErrorBounds error_bounds;
   ImageError image_error;
   std::vector<RefinementLevel>
       levels;  ///< where an accuracy is requested: all node sets, the last is this one

@@ -31,23 +31,25 @@ Vec3 three(const std::vector<double>& numbers) {
 
 }  // namespace
 
-Vec3 way_of(const std::vector<double>& move, const Vec3& push) {
-  return move.size() == 1 ? Vec3(move[0] * push) : Vec3(move[0], move[1], move[2]);
+Vec3 displacement_of(const std::vector<double>& move, const Vec3& approach) {
+  return move.size() == 1 ? Vec3(move[0] * approach) : Vec3(move[0], move[1], move[2]);
 }
 
 std::vector<Step> steps_of(const Scene& scene, const ToolPlace& tool,
-                           const std::map<std::string, Vec3>& push_of_others) {
+                           const std::map<std::string, Vec3>& approach_of_others) {
   const bool relaxing = relaxes(materials_of(scene));
   std::vector<Step> steps;
-  RigidWay of_tool;
+  RigidMotion of_tool;
   for (const Scene::Step& step : moving_steps(scene)) {
-    const auto other = push_of_others.find(step.moves);
+    const auto other = approach_of_others.find(step.moves);
     Step& made = steps.emplace_back();
     made.name = step.name;
     made.moves = is_of_tool(step) ? "" : step.moves;
-    made.lasts = step.time_s;
+    made.duration = step.time_s;
     if (!step.move_mm.empty())
-      made.way = 1e-3 * way_of(step.move_mm, other == push_of_others.end() ? tool.push : other->second);
+      made.displacement =
+          1e-3 *
+          displacement_of(step.move_mm, other == approach_of_others.end() ? tool.approach : other->second);
     if (!step.turn_deg.empty()) {
       made.turn = std::numbers::pi / 180.0 * three(step.turn_deg);
       made.lever = std::max(scene.tool->radius, 1e-3 * scene.depth_mm);
@@ -55,7 +57,7 @@ std::vector<Step> steps_of(const Scene& scene, const ToolPlace& tool,
     if (made.holds()) made.lever = (relaxing ? 1.0 : 0.1) * tool.radius;  // of ten equilibria, or one
     if (!step.about_mm.empty()) {
       made.about = 1e-3 * three(step.about_mm);
-      made.lever = std::max(made.lever, (*made.about - tool.centre - of_tool.come).norm());
+      made.lever = std::max(made.lever, (*made.about - tool.centre - of_tool.initial_displacement).norm());
     }
     of_tool = after(made, of_tool, tool.centre);
   }
@@ -76,12 +78,12 @@ void require_near(const std::vector<Step>& steps, const Points& body) {
            .remedy = "give lengths and places in mm, LPS, near the body"});
 }
 
-std::vector<Vec3> way_of_tool(const Scene& scene, const Vec3& push) {
-  std::vector<Vec3> way;
+std::vector<Vec3> path_of_tool(const Scene& scene, const Vec3& approach) {
+  std::vector<Vec3> path;
   Vec3 come = Vec3::Zero();
-  for (const Step& step : steps_of(scene, {.push = push}))
-    if (step.moves.empty()) way.push_back(come += step.way);
-  return way;
+  for (const Step& step : steps_of(scene, {.approach = approach}))
+    if (step.moves.empty()) path.push_back(come += step.displacement);
+  return path;
 }
 
 namespace {
@@ -90,24 +92,24 @@ namespace {
 // The last argument: it has turned, then or before.
 template <class Look>
 void look_along(const Scene& scene, const ToolPlace& tool, const Look& look) {
-  RigidWay before;
+  RigidMotion before;
   for (const Step& step : steps_of(scene, tool)) {
     if (!step.moves.empty()) continue;
-    const RigidWay way = way_in(step, before, tool.centre);
+    const RigidMotion motion = motion_in(step, before, tool.centre);
     const double angle = 180.0 / std::numbers::pi * step.turn.norm();
     const int looks = std::max(1, static_cast<int>(std::ceil(angle / looked_at_deg - 1e-9)));
     for (int k = 1; k < looks; ++k) {
       const double s = step.length() * k / looks;
-      look(way.come_at(s), way.turned_at(s), way.has_turned());
+      look(motion.displacement_at(s), motion.turned_at(s), motion.has_turned());
     }
     before = after(step, before, tool.centre);
-    look(before.come, before.turned, way.has_turned());
+    look(before.initial_displacement, before.turned, motion.has_turned());
   }
 }
 
 // Length of the tool's axis from the tip to the height of its first contact, or `above` that [m].
-double axis_below(const Vec3& come, const Mat3& turned, const Vec3& push, double above) {
-  const double high = std::max(0.0, come.dot(push) + above), upright = push.dot(turned * push);
+double axis_below(const Vec3& come, const Mat3& turned, const Vec3& approach, double above) {
+  const double high = std::max(0.0, come.dot(approach) + above), upright = approach.dot(turned * approach);
   return high / std::max(upright, 1.0 / most_of_axis);
 }
 
@@ -115,14 +117,14 @@ double axis_below(const Vec3& come, const Mat3& turned, const Vec3& push, double
 
 std::vector<Vec3> swept(const Scene& scene, const ToolPlace& tool) {
   const ToolShape& shape = scene.tool.value();
-  std::vector<Vec3> way;
+  std::vector<Vec3> path;
   look_along(scene, tool, [&](const Vec3& come, const Mat3& turned, bool has_turned) {
-    way.push_back(come);
+    path.push_back(come);
     if (!has_turned) return;
-    const double up = std::min(axis_below(come, turned, tool.push, shape.radius), shape.length);
-    way.push_back(come - up * (turned * tool.push));
+    const double up = std::min(axis_below(come, turned, tool.approach, shape.radius), shape.length);
+    path.push_back(come - up * (turned * tool.approach));
   });
-  return way;
+  return path;
 }
 
 double deepest(const Scene& scene, const ToolPlace& tool) {
@@ -130,12 +132,12 @@ double deepest(const Scene& scene, const ToolPlace& tool) {
   double most = 0.0;
   if (turns(scene)) {
     look_along(scene, tool,
-               [&](const Vec3& come, const Mat3&, bool) { most = std::max(most, come.dot(tool.push)); });
+               [&](const Vec3& come, const Mat3&, bool) { most = std::max(most, come.dot(tool.approach)); });
     return most;
   }
   double depth = 0.0;
   for (const Step& step : steps_of(scene, tool))
-    if (step.moves.empty()) most = std::max(most, depth += step.way.dot(tool.push));
+    if (step.moves.empty()) most = std::max(most, depth += step.displacement.dot(tool.approach));
   return most;
 }
 
@@ -143,27 +145,27 @@ double most_of_tool_below(const Scene& scene, const ToolPlace& tool) {
   if (!turns(scene)) return deepest(scene, tool);
   double most = 0.0;
   look_along(scene, tool, [&](const Vec3& come, const Mat3& turned, bool) {
-    most = std::max(most, axis_below(come, turned, tool.push, 0.0));
+    most = std::max(most, axis_below(come, turned, tool.approach, 0.0));
   });
   return most;
 }
 
 std::string in_words(const Step& step) {
-  const Vec3 mm = 1e3 * step.way + Vec3::Zero(),
+  const Vec3 mm = 1e3 * step.displacement + Vec3::Zero(),
              degrees = 180.0 / std::numbers::pi * step.turn + Vec3::Zero();
   const std::string who = step.moves.empty() ? "the tool" : step.moves;
   const std::string moves = fmt::format("moves by ({:.4g}, {:.4g}, {:.4g}) mm", mm.x(), mm.y(), mm.z());
-  const std::string lasts = step.lasts > 0.0 ? fmt::format(", in {:.4g} s", step.lasts) : "";
-  if (step.holds()) return fmt::format("{}: nothing moves for {:.4g} s", step.name, step.lasts);
-  if (!step.turns()) return fmt::format("{}: {} {}{}", step.name, who, moves, lasts);
+  const std::string duration_words = step.duration > 0.0 ? fmt::format(", in {:.4g} s", step.duration) : "";
+  if (step.holds()) return fmt::format("{}: nothing moves for {:.4g} s", step.name, step.duration);
+  if (!step.turns()) return fmt::format("{}: {} {}{}", step.name, who, moves, duration_words);
   std::string about = "its tip";
   if (step.about) {
     const Vec3 place = 1e3 * *step.about + Vec3::Zero();
     about = fmt::format("({:.4g}, {:.4g}, {:.4g}) mm", place.x(), place.y(), place.z());
   }
   return fmt::format("{}: {} {}turns by {:.4g} degrees, ({:.4g}, {:.4g}, {:.4g}), about {}{}", step.name, who,
-                     step.way.isZero(0.0) ? "" : moves + " and ", degrees.norm(), degrees.x(), degrees.y(),
-                     degrees.z(), about, lasts);
+                     step.displacement.isZero(0.0) ? "" : moves + " and ", degrees.norm(), degrees.x(),
+                     degrees.y(), degrees.z(), about, duration_words);
 }
 
 LargestForce largest_force(const Loading& loading, const std::vector<ForceSample>& force) {
@@ -181,9 +183,9 @@ LargestForce largest_force(const Loading& loading, const std::vector<ForceSample
   return largest;
 }
 
-double lateral_force(const ForceSample& sample, const Vec3& push) {
+double lateral_force(const ForceSample& sample, const Vec3& approach) {
   const Vec3 force(sample.on_tool[0], sample.on_tool[1], sample.on_tool[2]);
-  return (force - force.dot(push) * push).norm();
+  return (force - force.dot(approach) * approach).norm();
 }
 
 }  // namespace dimple

@@ -9,17 +9,17 @@
 namespace dimple {
 
 /// Displacement from x,y,z in LPS, or from one number along the press direction.
-Vec3 way_of(const std::vector<double>& move, const Vec3& push);
+Vec3 displacement_of(const std::vector<double>& move, const Vec3& approach);
 
 /// Steps for the solver. The tool moves along its press direction from its centre, others along theirs.
 std::vector<Step> steps_of(const Scene& scene, const ToolPlace& tool,
-                           const std::map<std::string, Vec3>& push_of_others = {});
+                           const std::map<std::string, Vec3>& approach_of_others = {});
 
 /// Throws UsageError: a step is longer than twenty times the size of the body, whose nodes are given [m].
 void require_near(const std::vector<Step>& steps, const Points& body);
 
 /// Displacement of a tool that does not turn, after each step [m].
-std::vector<Vec3> way_of_tool(const Scene& scene, const Vec3& push);
+std::vector<Vec3> path_of_tool(const Scene& scene, const Vec3& approach);
 
 /// Displacements of a contacting tool that may turn, first at its centre: those of its tip along each turn.
 /// After a turn each is followed by the highest point of its axis that may be in contact.
@@ -42,6 +42,6 @@ struct LargestForce {
 LargestForce largest_force(const Loading& loading, const std::vector<ForceSample>& force);
 
 /// Lateral force on the tool, normal to its press direction [N].
-double lateral_force(const ForceSample& sample, const Vec3& push);
+double lateral_force(const ForceSample& sample, const Vec3& approach);
 
 }  // namespace dimple

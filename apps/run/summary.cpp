@@ -20,7 +20,7 @@ Json three(const Vec3& v) {
   return Json::array({v.x(), v.y(), v.z()});
 }
 
-Json stages_json(const Stages& stages) {
+Json stages_json(const StageTimes& stages) {
   Json result = Json::object();
   for (const auto& [name, s] : stages.seconds()) result[name] = s;
   return result;
@@ -60,13 +60,13 @@ Json model_json(const LoadedModel& p) {
           {"dropped_volume_mm3", p.segment.dropped_volume_mm3},
           {"closed_volume_mm3", p.closed_mm3},
           {"cut", cut_json(p.cut)},
-          {"facing_share", p.facing_share},
-          {"nodes_for_band", p.nodes_for_band},
+          {"facing_share", p.facing_fraction},
+          {"nodes_for_band", p.nodes_for_error_bounds},
           {"cavities", cavities_json(p.segment.cavities)},
           {"surface_step_mm", p.segment.step_mm},
           {"smoothing_mm", p.segment.smoothing_mm},
           {"node_spacing_mm", r.spacing_mm},
-          {"rim_spacing_mm", r.rim_spacing_mm},
+          {"rim_spacing_mm", r.patch_edge_spacing_mm},
           {"largest_spacing_mm", r.largest_spacing_mm},
           {"cell_mm", r.cell_mm},
           {"evenness",
@@ -74,9 +74,9 @@ Json model_json(const LoadedModel& p) {
             {"nearest_spread", r.evenness.spread},
             {"nearest_min", r.evenness.minimum},
             {"fill_distance", r.evenness.fill}}},
-          {"circle_rim_nodes", r.rim_nodes},
+          {"circle_rim_nodes", r.patch_edge_nodes},
           {"base_reason", r.boundary.base_reason},
-          {"circle_reason", r.boundary.circle_reason},
+          {"circle_reason", r.boundary.patch_reason},
           {"image_read_s", p.read_s},
           {"model_build_s", p.build_s}};
 }
@@ -85,17 +85,17 @@ Json counts_json(const Model& model) {
   return {{"nodes", model.node_count()},
           {"integration_points", model.point_count()},
           {"base_nodes", model.base.size()},
-          {"circle_nodes", model.circle.size()},
+          {"circle_nodes", model.bonded_patch.size()},
           {"circle_centre_mm", three(model.tool.centre * 1e3)},
-          {"push", three(model.tool.push)},
+          {"push", three(model.tool.approach)},
           {"circle_diameter_mm", 2e3 * model.tool.radius}};
 }
 
 // A contacting tool has no bonded patch.
-void add_touch(Json& summary, const Touch& touch, const History& history) {
+void add_contact(Json& summary, const RigidBody& indenter, const History& history) {
   for (const char* key : {"circle_nodes", "circle_centre_mm", "circle_diameter_mm"})
     summary["counts"].erase(key);
-  const ToolShape& shape = touch.shape;
+  const ToolShape& shape = indenter.shape;
   Json tool = {{"words", in_words(shape)}, {"radius_mm", 1e3 * shape.radius}};
   for (const ToolLength& length : lengths_of(shape))
     tool[length.name + "_" + length.unit] = length.in_unit(length.value);
@@ -106,41 +106,41 @@ void add_touch(Json& summary, const Touch& touch, const History& history) {
     tool["length_mm"] = 1e3 * shape.mesh->length;
     tool["distances_every_mm"] = 1e3 * shape.mesh->distance.step;
   }
-  tool["first_touch_mm"] = three(1e3 * touch.pose.tip);
-  tool["contact_samples"] = touch.surface.count();
+  tool["first_touch_mm"] = three(1e3 * indenter.pose.tip);
+  tool["contact_samples"] = indenter.surface.count();
   tool["samples_in_contact"] = history.contact_samples;
   tool["contact_area_mm2"] = 1e6 * history.contact_area;
-  if (touch.friction > 0.0) {
-    tool["friction"] = std::isinf(touch.friction) ? Json("stick") : Json(touch.friction);
-    tool["sticking_area_mm2"] = 1e6 * history.contact_sticks;
-    tool["slipping_area_mm2"] = 1e6 * (history.contact_area - history.contact_sticks);
+  if (indenter.friction > 0.0) {
+    tool["friction"] = std::isinf(indenter.friction) ? Json("stick") : Json(indenter.friction);
+    tool["sticking_area_mm2"] = 1e6 * history.no_slip_area;
+    tool["slipping_area_mm2"] = 1e6 * (history.contact_area - history.no_slip_area);
     if (!history.force.empty())
-      tool["lateral_force_N"] = lateral_force(history.force.back(), touch.pose.points_at);
-    tool["friction_heat_J"] = history.contact_heat;
+      tool["lateral_force_N"] = lateral_force(history.force.back(), indenter.pose.points_at);
+    tool["friction_heat_J"] = history.contact_dissipation;
   }
   tool["largest_pressure_Pa"] = history.contact_pressure;
   tool["largest_penetration_mm"] = 1e3 * history.penetration;
   summary["tool"] = tool;
 }
 
-void add_folds(Json& summary, const FoldBanks& banks, const FoldContact::Audit& at_end) {
-  summary["self_contact"] = {{"places", banks.count()},
-                             {"places_that_touch", at_end.touching},
+void add_folds(Json& summary, const FoldFaces& fold_faces, const FoldContact::Audit& at_end) {
+  summary["self_contact"] = {{"places", fold_faces.count()},
+                             {"places_that_touch", at_end.in_contact},
                              {"area_that_touches_mm2", 1e6 * at_end.area},
                              {"sum_of_forces_N", at_end.force},
                              {"largest_penetration_mm", 1e3 * at_end.penetration},
                              {"farthest_slid_mm", 1e3 * at_end.slid}};
 }
 
-void add_friction(Json& its, const Touch& rigid, const TouchingTool::Touched& now) {
+void add_friction(Json& its, const RigidBody& rigid, const RigidContact::ContactSummary& now) {
   if (!(rigid.friction > 0.0)) return;
   its["friction"] = std::isinf(rigid.friction) ? Json("stick") : Json(rigid.friction);
-  its["sticking_area_mm2"] = 1e6 * now.sticks;
-  its["slipping_area_mm2"] = 1e6 * (now.area - now.sticks);
-  its["friction_heat_J"] = now.heat;
+  its["sticking_area_mm2"] = 1e6 * now.no_slip;
+  its["slipping_area_mm2"] = 1e6 * (now.area - now.no_slip);
+  its["friction_heat_J"] = now.dissipation;
 }
 
-Json other_tool_json(const Touch& tool, const TouchingTool::Touched& now) {
+Json other_tool_json(const RigidBody& tool, const RigidContact::ContactSummary& now) {
   Json its = {{"words", in_words(tool.shape)},
               {"first_touch_mm", three(1e3 * tool.pose.tip)},
               {"points_along", three(tool.pose.points_at)},
@@ -155,8 +155,8 @@ Json other_tool_json(const Touch& tool, const TouchingTool::Touched& now) {
   return its;
 }
 
-Json wall_json(const Touch& wall, const TouchingTool::Touched& now) {
-  const Eigen::VectorXd& back = wall.set_back;
+Json wall_json(const RigidBody& wall, const RigidContact::ContactSummary& now) {
+  const Eigen::VectorXd& back = wall.gap_offset;
   Json its = {
       {"places", wall.surface.count()},
       {"places_that_touch", now.samples},
@@ -171,10 +171,10 @@ Json wall_json(const Touch& wall, const TouchingTool::Touched& now) {
 
 // Adds the contact of the other rigid tools and of the walls at the end.
 void add_rigid(Json& summary, const Result& result) {
-  const std::vector<TouchingTool::Touched>& at_end = result.history.walls;
+  const std::vector<RigidContact::ContactSummary>& at_end = result.history.walls;
   for (std::size_t k = 0; k < result.loading.walls.size(); ++k) {
-    const Touch& rigid = result.loading.walls[k];
-    const TouchingTool::Touched now = k < at_end.size() ? at_end[k] : TouchingTool::Touched{};
+    const RigidBody& rigid = result.loading.walls[k];
+    const RigidContact::ContactSummary now = k < at_end.size() ? at_end[k] : RigidContact::ContactSummary{};
     summary[rigid.is_tool ? "other_tools" : "walls"][rigid.name] =
         rigid.is_tool ? other_tool_json(rigid, now) : wall_json(rigid, now);
   }
@@ -225,15 +225,15 @@ Json consistency_json(const ConsistencyReport& consistency) {
 }
 
 // Error bounds of the last force.
-Json band_json(const Band& band, const History& history, bool touches) {
-  if (!band.known()) return {{"unknown", band.unknown}};
-  const double force = history.force.back().force, half = band.half.back();
-  const double low = touches && force >= 0.0 ? std::max(force - half, 0.0) : force - half;
+Json error_bounds_json(const ErrorBounds& error_bounds, const History& history, bool has_contact) {
+  if (!error_bounds.known()) return {{"unknown", error_bounds.unknown}};
+  const double force = history.force.back().force, half = error_bounds.half.back();
+  const double low = has_contact && force >= 0.0 ? std::max(force - half, 0.0) : force - half;
   return {{"low_N", low},
           {"high_N", force + half},
           {"half_N", half},
           {"of", "discretisation"},
-          {"coarser_nodes", band.coarse_nodes}};
+          {"coarser_nodes", error_bounds.coarse_nodes}};
 }
 
 }  // namespace
@@ -249,12 +249,12 @@ Json image_error_json(const ImageError& error) {
 namespace {
 
 // Displacement at the last depth, with its error bounds.
-Json displacement_json(const Followed& followed, const Band& band) {
+Json displacement_json(const Followed& followed, const ErrorBounds& error_bounds) {
   Json result = {{"place_mm", three(followed.place * 1e3)},
                  {"displacement_mm", three(followed.u * 1e3)},
                  {"length_mm", 1e3 * followed.u.norm()}};
-  if (band.known()) {
-    result["coarser_nodes"] = band.coarse_nodes;
+  if (error_bounds.known()) {
+    result["coarser_nodes"] = error_bounds.coarse_nodes;
     result["half_mm"] = 1e3 * followed.half;
   }
   return result;
@@ -307,9 +307,9 @@ double evaluations_of(const History& history) {
 }
 
 // Displacement of a support when on_support was recorded [m].
-Vec3 way_of_support(const Result& result, const HeldSet& support) {
+Vec3 displacement_of_support(const Result& result, const HeldSet& support) {
   const Loading& loading = result.loading;
-  if (loading.steps.empty()) return result.on_support_at * support.share * support.direction;
+  if (loading.steps.empty()) return result.on_support_at * support.fraction * support.direction;
   const double t = result.history.force.empty() ? 0.0 : result.history.force.back().t;
   return moved_at(t, loading.steps, loading.rate, support.name);
 }
@@ -346,12 +346,12 @@ Json steps_json(const Result& result) {
   for (const CutMade& made : result.cuts)
     if (made.after == 0) list.push_back(cut_step_json(made));
   for (const Step& step : result.loading.steps) {
-    const Vec3 way = 1e3 * step.way + Vec3::Zero();
+    const Vec3 displacement = 1e3 * step.displacement + Vec3::Zero();
     const double began = ended, t = ended += step.seconds(result.loading.rate);
     double largest = 0.0;
     Json one = {{"name", step.name},
                 {"moves", step.moves.empty() ? "tool" : step.moves},
-                {"move_mm", {way.x(), way.y(), way.z()}}};
+                {"move_mm", {displacement.x(), displacement.y(), displacement.z()}}};
     if (step.turns()) one["turn_deg"] = three(180.0 / std::numbers::pi * step.turn);
     if (step.about) one["about_mm"] = three(1e3 * *step.about);
     for (const ForceSample& sample : result.history.force) {
@@ -361,7 +361,7 @@ Json steps_json(const Result& result) {
         one["time_s"] = sample.t;
         one["indentation_mm"] = 1e3 * sample.depth;
         one["force_N"] = sample.force;
-        one["lateral_force_N"] = lateral_force(sample, result.model.tool.push);
+        one["lateral_force_N"] = lateral_force(sample, result.model.tool.approach);
         one["largest_force_N"] = largest;
         one["force_on_tool_N"] = {sample.on_tool[0], sample.on_tool[1], sample.on_tool[2]};
         if (step.turns()) {
@@ -380,11 +380,11 @@ Json steps_json(const Result& result) {
 
 double largest_energy_error(const History& history) {
   if (history.energy.empty()) return 0.0;
-  const EnergySample& rest = history.energy.front();  // work of the loads before the tool moves
+  const EnergySample& first = history.energy.front();  // work of the loads before the tool moves
   double error = 0.0, scale = 0.0;
   for (const EnergySample& e : history.energy) {
-    error = std::max(error, std::abs(e.error() - rest.error()));
-    scale = std::max(scale, std::abs(e.external - rest.external));
+    error = std::max(error, std::abs(e.error() - first.error()));
+    scale = std::max(scale, std::abs(e.external - first.external));
   }
   return scale > 0.0 ? error / scale : 0.0;
 }
@@ -405,8 +405,8 @@ void add_loads_and_supports(Json& summary, const Result& result) {
     for (const SurfacePressure& one : loads.pressure) pressures[one.name] = one.pressure;
     summary["loads"] = {{"gravity_m_per_s2", {loads.gravity.x(), loads.gravity.y(), loads.gravity.z()}},
                         {"pressure_Pa", pressures},
-                        {"settled_mm", 1e3 * history.settled}};
-    if (!result.loading.touch) summary["loads"]["circle_moved_mm"] = three(1e3 * history.carried);
+                        {"settled_mm", 1e3 * history.preload_displacement}};
+    if (!result.loading.indenter) summary["loads"]["circle_moved_mm"] = three(1e3 * history.carried);
     if (const auto& unloaded = result.unloaded)
       summary["loads"]["unloaded"] = {{"rounds", unloaded->rounds},
                                       {"taken_back_mm", 1e3 * unloaded->taken_back},
@@ -419,7 +419,7 @@ void add_loads_and_supports(Json& summary, const Result& result) {
   if (!result.loading.steps.empty()) summary["scene"] = steps_json(result);
   for (std::size_t k = 0; k < result.on_support.size(); ++k) {
     const HeldSet& support = result.loading.further[k];
-    const Vec3 force = result.on_support[k], moved = 1e3 * way_of_support(result, support);
+    const Vec3 force = result.on_support[k], moved = 1e3 * displacement_of_support(result, support);
     summary["supports"][support.name] = {{"nodes", support.node.size()},
                                          {"hold", support.hold == HeldSet::Hold::along ? "sliding" : "fixed"},
                                          {"force_N", {force.x(), force.y(), force.z()}},
@@ -451,7 +451,7 @@ void add_force(Json& summary, const Result& result) {
     const Eigen::Map<const Wrench> on_tool(history.force.back().on_tool.data());
     summary["force_on_tool_N"] = {on_tool[0], on_tool[1], on_tool[2]};
     summary["moment_on_tool_Nm"] = {on_tool[3], on_tool[4], on_tool[5]};
-    summary["lateral_share"] = lateral_share(on_tool, model.tool.push);
+    summary["lateral_share"] = lateral_fraction(on_tool, model.tool.approach);
     if (!result.loading.steps.empty()) {
       const LargestForce largest = largest_force(result.loading, history.force);
       summary["largest_force"] = {{"force_N", largest.sample.force},
@@ -461,12 +461,12 @@ void add_force(Json& summary, const Result& result) {
     }
   }
   summary["base_force_N"] = history.force.empty() ? 0.0 : history.force.back().base_force;
-  summary["band"] = band_json(result.band, history, result.loading.touch != nullptr);
+  summary["band"] = error_bounds_json(result.error_bounds, history, result.loading.indenter != nullptr);
   summary["image_error"] = image_error_json(result.image_error);
   if (result.spread > 0.0)
     summary["band_of_mu"] = {{"low_N", force - result.spread * std::abs(force)},
                              {"high_N", force + result.spread * std::abs(force)}};
-  if (result.followed) summary["displacement"] = displacement_json(*result.followed, result.band);
+  if (result.followed) summary["displacement"] = displacement_json(*result.followed, result.error_bounds);
 }
 
 void add_steps(Json& summary, const Result& result) {
@@ -491,12 +491,12 @@ void add_times(Json& summary, const Result& result, const RunTimes& times) {
   summary["prepare_wall_s"] = result.complete_s;
   summary["solve_wall_s"] = times.solve_s;
   summary["write_wall_s"] = times.write_s;
-  summary["band_wall_s"] = result.band.seconds;
+  summary["band_wall_s"] = result.error_bounds.seconds;
   summary["total_wall_s"] = times.total_s;
-  double rest_s = times.total_s;
+  double remaining_s = times.total_s;
   for (const auto& [name, s] : times.parts)
-    if (s > 0.0) summary["parts_wall_s"][name] = s, rest_s -= s;
-  if (!times.parts.empty()) summary["parts_wall_s"]["starting and ending"] = std::max(0.0, rest_s);
+    if (s > 0.0) summary["parts_wall_s"][name] = s, remaining_s -= s;
+  if (!times.parts.empty()) summary["parts_wall_s"]["starting and ending"] = std::max(0.0, remaining_s);
   summary["ms_per_step"] = evaluations > 0.0 ? 1e3 * times.solve_s / evaluations : 0.0;
   summary["real_time_factor"] = times.solve_s > 0.0 ? reached_s / times.solve_s : 0.0;
 }
@@ -530,13 +530,13 @@ void add_run(Json& summary, const Scene& scene, const Result& result, const RunT
   summary["precision"] = scene.solver.precision == Precision::single_ ? "single" : "double";
   summary["requested"] = {
       {"depth_mm", scene.depth_mm}, {"rate_mm_per_s", scene.rate_mm_per_s}, {"frames", scene.solver.frames}};
-  summary["contact"] = result.loading.touch
-                           ? "in contact, " + friction_in_words(result.loading.touch->friction)
+  summary["contact"] = result.loading.indenter
+                           ? "in contact, " + friction_in_words(result.loading.indenter->friction)
                            : std::string(name_of(scene.contact));
   add_loads_and_supports(summary, result);
   summary["material"] = materials_json(scene, result.tissues);
   summary["counts"] = counts_json(model);
-  if (result.loading.touch) add_touch(summary, *result.loading.touch, result.history);
+  if (result.loading.indenter) add_contact(summary, *result.loading.indenter, result.history);
   add_rigid(summary, result);
   if (result.loading.folds) add_folds(summary, *result.loading.folds, result.history.folds);
   summary["support"] = support_json(model.support_report);
@@ -562,8 +562,8 @@ void add_scene(Json& summary, const Scene& scene, const Result& result) {
   add_loads_and_supports(summary, result);
   summary["material"] = materials_json(scene, result.tissues);
   summary["counts"] = counts_json(model);
-  for (const char* of_circle : {"circle_nodes", "circle_centre_mm", "circle_diameter_mm", "push"})
-    summary["counts"].erase(of_circle);
+  for (const char* of_patch_alone : {"circle_nodes", "circle_centre_mm", "circle_diameter_mm", "push"})
+    summary["counts"].erase(of_patch_alone);
   add_rigid(summary, result);
   summary["support"] = support_json(model.support_report);
   summary["volume_mm3"] = model.volume.sum() * 1e9;

@@ -11,7 +11,7 @@
 #include "apps/scene/surface_part.hpp"
 #include "io/error.hpp"
 #include "io/words.hpp"
-#include "preprocess/cloud/neighbours.hpp"
+#include "preprocess/nodes/neighbours.hpp"
 #include "preprocess/surface/body_surface.hpp"
 
 namespace dimple {
@@ -100,12 +100,12 @@ void check_nodes(const Scene::Support& held, const Chosen& chosen, const Discret
                              "labels, unless tissues differ"
                            : "give another side, a larger ball on the surface, or more --nodes"));
   const auto of_tool =
-      std::count_if(nodes.begin(), nodes.end(), [&](Index a) { return has(places.circle, a); });
+      std::count_if(nodes.begin(), nodes.end(), [&](Index a) { return has(places.bonded_patch, a); });
   if (of_tool > 0)
     throw ModelError(
         report_on(name, "on",
                   fmt::format("on '{}' contains {} of the {} nodes of the contact patch", held.on_words,
-                              of_tool, places.circle.size()),
+                              of_tool, places.bonded_patch.size()),
                   fmt::format("the centre of the contact patch is at {}, and its nodes move with the tool",
                               in_words(1e3 * places.tool.centre)),
                   "move or shrink the support (a ball in place of a side), or move the tool (--indent-at)"));
@@ -121,7 +121,7 @@ HeldSet set_of(const Scene::Support& held, const Chosen& chosen, double depth_mm
   const Vec3 move(held.move_mm[0], held.move_mm[1], held.move_mm[2]);
   if (!held.slides) {
     set.direction = move.isZero(0.0) ? move : move.normalized();
-    set.share = move.norm() / depth_mm;
+    set.fraction = move.norm() / depth_mm;
     return set;
   }
   if (chosen.normal.norm() < facing)
@@ -138,7 +138,7 @@ HeldSet set_of(const Scene::Support& held, const Chosen& chosen, double depth_mm
         fmt::format("the patch's mean normal is ({:.2f}, {:.2f}, {:.2f}), and across it nothing is held",
                     set.direction.x(), set.direction.y(), set.direction.z()),
         "give a displacement within 45 degrees of the normal, or hold = \"fixed\""));
-  set.share = along / depth_mm;
+  set.fraction = along / depth_mm;
   return set;
 }
 
@@ -147,11 +147,11 @@ std::string sentence(const HeldSet& set, double depth_mm, Index of_base, Index o
     const Vec3 shown = v.array() + 0.0;  // avoids -0
     return fmt::format("({:.4g}, {:.4g}, {:.4g})", shown.x(), shown.y(), shown.z());
   };
-  const Vec3 moves = set.share * depth_mm * set.direction;
+  const Vec3 moves = set.fraction * depth_mm * set.direction;
   std::string text = fmt::format("{}: {} nodes, ", set.name, set.node.size());
   if (set.hold == HeldSet::Hold::along)
     text += fmt::format("sliding, normal {}", three((set.direction * 100.0).array().round() / 100.0));
-  if (set.share != 0.0)
+  if (set.fraction != 0.0)
     text += fmt::format("{}moves {} mm", set.hold == HeldSet::Hold::along ? ", " : "", three(moves));
   else if (set.hold == HeldSet::Hold::all)
     text += "fixed";
@@ -217,7 +217,7 @@ Supports supports_of(const Scene& scene, const Discretisation& places,
     result.words.push_back(sentence(set, scene.depth_mm, of_base, of_others));
   }
   Index held_before = 0;
-  for (Index a = 0; a < places.node_count(); ++a) held_before += has(base, a) || has(places.circle, a);
+  for (Index a = 0; a < places.node_count(); ++a) held_before += has(base, a) || has(places.bonded_patch, a);
   if (taken + held_before == places.node_count())
     throw ModelError({.fact = fmt::format("the supports contain all of the {} free nodes", taken),
                       .where = "support",
@@ -226,7 +226,7 @@ Supports supports_of(const Scene& scene, const Discretisation& places,
   return result;
 }
 
-void require_free_under(const Touch& tool, double depth, const std::vector<HeldSet>& supports,
+void require_free_under(const RigidBody& tool, double depth, const std::vector<HeldSet>& supports,
                         const Model& model) {
   if (supports.empty() || !(depth > 0.0)) return;
   const double radius = contact_radius(tool.shape, depth);

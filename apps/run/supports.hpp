@@ -6,7 +6,7 @@
 
 #include "apps/scene/scene.hpp"
 #include "solver/constraints.hpp"
-#include "solver/terms/touching_tool.hpp"
+#include "solver/terms/rigid_contact.hpp"
 
 namespace dimple {
 
@@ -28,7 +28,7 @@ Supports supports_of(const Scene& scene, const Discretisation& places,
 
 /// Throws ModelError: a support holds surface nodes that a tool presses down to `depth` [m] from first
 /// contact.
-void require_free_under(const Touch& tool, double depth, const std::vector<HeldSet>& supports,
+void require_free_under(const RigidBody& tool, double depth, const std::vector<HeldSet>& supports,
                         const Model& model);
 
 /// Force of the tissue on the support [N].

@@ -45,7 +45,7 @@ Index fewest_nodes_under_tool(const Scene& scene) {
   return tool && (tool->edge > 0.0 || tool->mesh) ? 4000 : 0;
 }
 
-std::vector<double> forces_of_touch(const std::vector<ForceSample>& curve, const std::vector<double>& depth) {
+std::vector<double> contact_forces(const std::vector<ForceSample>& curve, const std::vector<double>& depth) {
   std::vector<double> log_depth, log_force;
   for (const ForceSample& sample : curve)
     if (sample.depth > 0.0 && sample.force > 0.0) {
@@ -74,20 +74,20 @@ double reach_of_contact(const ToolShape& shape, double depth) {
   return shape.radius + std::max(0.5 * shape.radius, depth);
 }
 
-std::shared_ptr<const Touch> touch_of(const Scene& scene, const Model& model) {
+std::shared_ptr<const RigidBody> indenter_of(const Scene& scene, const Model& model) {
   const std::optional<ToolShape> shape = scene.tool;
-  return shape ? touch_of(scene, model, *shape) : nullptr;
+  return shape ? indenter_of(scene, model, *shape) : nullptr;
 }
 
-std::shared_ptr<const Touch> touch_of(const Scene& scene, const Model& model, const ToolShape& shape) {
-  auto touch = std::make_shared<Touch>();
-  touch->shape = shape;
-  touch->surface =
+std::shared_ptr<const RigidBody> indenter_of(const Scene& scene, const Model& model, const ToolShape& shape) {
+  auto indenter = std::make_shared<RigidBody>();
+  indenter->shape = shape;
+  indenter->surface =
       contact_surface(model, reach_of_contact(shape, 1e-3 * scene.depth_mm),
-                      turns(scene) ? swept(scene, model.tool) : way_of_tool(scene, model.tool.push));
-  touch->pose = first_touch(shape, model.tool, touch->surface);
-  touch->friction = scene.friction;
-  return touch;
+                      turns(scene) ? swept(scene, model.tool) : path_of_tool(scene, model.tool.approach));
+  indenter->pose = first_contact(shape, model.tool, indenter->surface);
+  indenter->friction = scene.friction;
+  return indenter;
 }
 
 }  // namespace dimple

@@ -10,7 +10,7 @@ auto unless_stopped(const Work& work) {
   try {
     return work();
   } catch (...) {
-    stop_if_asked();
+    stop_if_requested();
     throw;
   }
 }

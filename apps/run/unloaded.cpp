@@ -27,7 +27,7 @@ constexpr int most_rounds = 30;
 constexpr double close_enough = 1e-3, closest = 1e-4;
 // A round that does not halve the distance halves the correction of the next, to a quarter at least. A node
 // moved relative to its neighbours may change its place by up to twice as much.
-constexpr double comes_closer = 0.5, least_share = 0.25;
+constexpr double contraction = 0.5, least_fraction = 0.25;
 constexpr const char* by_imaged = "load.imaged";
 constexpr const char* taken_off = "taken_off";  // in a model's provenance
 
@@ -51,7 +51,7 @@ bool names_parts(const Scene& scene) {
 }
 
 // Distance of everything from its place in the image [m].
-struct Beside {
+struct Difference {
   Points node, point, vertex;
   double largest() const {
     return std::max(node.colwise().norm().maxCoeff(),
@@ -121,24 +121,24 @@ void check_imaged(const Scene& scene, const ModelFiles* model) {
 void take_loads_off(const Scene& scene, const std::vector<HeldSet>& further,
                     const std::vector<double>& density, const RunLog& log, LoadedModel& result) {
   if (!was_loaded(scene)) return;
-  if (folds_touch(scene, result.facing_share))
+  if (folds_make_contact(scene, result.facing_fraction))
     refuse("contact between folds cannot be combined with a body imaged under its loads",
            "the load-free shape is computed without their contact", "give --self-contact off");
   log.doing("computing the load-free shape");
   const Discretisation imaged = result.model;
   const Points vertex = 1e-3 * imaged.surface.vertex_mm;
   const double size = (imaged.X.rowwise().maxCoeff() - imaged.X.rowwise().minCoeff()).norm();
-  double before = std::numeric_limits<double>::infinity(), first = before, share = 1.0;
+  double before = std::numeric_limits<double>::infinity(), first = before, fraction = 1.0;
   Unloaded& unloaded = result.unloaded.emplace();
   unloaded.imaged_surface = imaged.surface;
   unloaded.imaged_centre = imaged.tool.centre;
   for (;;) {
-    stop_if_asked();
+    stop_if_requested();
     const Equilibrium now = under_loads(scene, further, result, imaged.surface);
     const Model& model = result.model;
-    const Beside beside{model.X + now.node - imaged.X, model.point + now.point - imaged.point,
-                        1e-3 * model.surface.vertex_mm + now.vertex - vertex};
-    unloaded.within = beside.largest();
+    const Difference difference{model.X + now.node - imaged.X, model.point + now.point - imaged.point,
+                                1e-3 * model.surface.vertex_mm + now.vertex - vertex};
+    unloaded.within = difference.largest();
     unloaded.taken_back = (model.X - imaged.X).colwise().norm().maxCoeff();
     if (unloaded.within <= std::min(close_enough * size, closest)) break;
     if (unloaded.rounds == 0) first = unloaded.within;
@@ -152,12 +152,12 @@ void take_loads_off(const Scene& scene, const std::vector<HeldSet>& further,
            .remedy =
                "lower gravity or the pressures, raise the stiffness, or use the image's shape as load-free",
            .code = "unloaded"});
-    if (!(unloaded.within < comes_closer * before)) share = std::max(0.5 * share, least_share);
+    if (!(unloaded.within < contraction * before)) fraction = std::max(0.5 * fraction, least_fraction);
     before = unloaded.within;
     Discretisation places = model;
-    places.X -= share * beside.node;
-    places.point -= share * beside.point;
-    places.surface.vertex_mm -= 1e3 * share * beside.vertex;
+    places.X -= fraction * difference.node;
+    places.point -= fraction * difference.point;
+    places.surface.vertex_mm -= 1e3 * fraction * difference.vertex;
     unload_cells(imaged, now.F, places);
     Eigen::VectorXi tissue = model.tissue;
     const Scheme scheme = model.scheme;
@@ -165,8 +165,9 @@ void take_loads_off(const Scene& scene, const std::vector<HeldSet>& further,
   }
   // The bonded patch moves back with its nodes; the loads bring it to its place in the image.
   Vec3 back = Vec3::Zero();
-  for (const Index a : imaged.circle) back += result.model.X.col(a) - imaged.X.col(a);
-  if (!imaged.circle.empty()) result.model.tool.centre += back / static_cast<double>(imaged.circle.size());
+  for (const Index a : imaged.bonded_patch) back += result.model.X.col(a) - imaged.X.col(a);
+  if (!imaged.bonded_patch.empty())
+    result.model.tool.centre += back / static_cast<double>(imaged.bonded_patch.size());
   result.provenance[taken_off] =
       fmt::format("the loads, from {} off the image", length_in_words(1e3 * unloaded.taken_back));
   log.say(fmt::format(

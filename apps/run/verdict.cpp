@@ -77,10 +77,10 @@ Answer of_image(const Result& result) {
                               part(result.segment.dropped_volume_mm3, "of other pieces dropped");
   if (!changed.empty()) answer.of = "of the labelled volume: " + changed.substr(2);
   if (result.image_warnings > 0) answer.reasons.insert(counted(result.image_warnings));
-  const double as_asked = 100.0 * (1.0 - cut_away / labelled);
-  if (!(std::abs(answer.value - as_asked) <= 100.0 * volume_to_check))
+  const double as_requested = 100.0 * (1.0 - cut_away / labelled);
+  if (!(std::abs(answer.value - as_requested) <= 100.0 * volume_to_check))
     answer.reasons.insert(
-        fmt::format("differs from {:.3g} % by more than {:g} %", as_asked, 100.0 * volume_to_check));
+        fmt::format("differs from {:.3g} % by more than {:g} %", as_requested, 100.0 * volume_to_check));
   return answer;
 }
 
@@ -145,31 +145,31 @@ Answer of_energy(const Result& result) {
 }
 
 Answer of_accuracy(const Scene& scene, const Result& result) {
-  const Band& band = result.band;
+  const ErrorBounds& error_bounds = result.error_bounds;
   const auto check_image = [&](Answer& answer, double discretisation) {
     const ForceSample last = result.history.force.empty() ? ForceSample() : result.history.force.back();
     if (is_large(result.image_error, last.force, discretisation))
       answer.reasons.insert("the image's resolution leaves +- " +
                             percent(result.image_error.half.back() / std::abs(last.force)));
   };
-  if (!band.known() || result.history.force.empty()) {
+  if (!error_bounds.known() || result.history.force.empty()) {
     Answer answer{.value = static_cast<double>(result.model.node_count()),
                   .unit = "nodes",
                   .of = "without an error estimate of the force",
-                  .reasons = {band.unknown.empty() ? "there is no force" : band.unknown}};
+                  .reasons = {error_bounds.unknown.empty() ? "there is no force" : error_bounds.unknown}};
     check_image(answer, 0.0);
     return answer;
   }
-  const double force = std::abs(result.history.force.back().force), half = band.half.back();
+  const double force = std::abs(result.history.force.back().force), half = error_bounds.half.back();
   Answer answer{.value = 100.0 * half / force, .unit = "%", .of = "discretisation error of the force, +-"};
   const std::optional<Goal> goal = scene.goal;
-  const bool asked = goal && (goal->share > 0.0 || goal->absolute > 0.0);
-  if (asked && half > goal->half_width(force))
+  const bool requested = goal && (goal->fraction > 0.0 || goal->absolute > 0.0);
+  if (requested && half > goal->half_width(force))
     answer.reasons.insert("larger than the requested accuracy");
-  else if (!asked)
-    answer.check_beyond(100.0 * band_to_check);
+  else if (!requested)
+    answer.check_beyond(100.0 * error_to_check);
   check_image(answer, half);
-  answer.bad = !(half <= band_too_wide * force);
+  answer.bad = !(half <= error_too_large * force);
   return answer;
 }
 

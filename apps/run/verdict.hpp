@@ -14,7 +14,7 @@ inline constexpr double volume_to_check = 0.05;        ///< of the labels: diffe
 inline constexpr double grid_volume_to_check = 0.005;  ///< of the body: volume missing in the points
 inline constexpr double inertia_to_check = 0.1;        ///< of the tool's force: not carried by the base
 inline constexpr double energy_to_check = 0.02;        ///< as in guards.hpp
-inline constexpr double band_to_check = 0.1, band_too_wide = 0.25;  ///< half-width, of the force
+inline constexpr double error_to_check = 0.1, error_too_large = 0.25;  ///< half-width, of the force
 
 /// Verdicts on `image`, `model`, `equilibrium`, `energy` and `accuracy`, in this order: `word` is "good",
 /// "check" or "bad"; `value` and `unit` are its number, `of` what that measures; `reasons`: why it is not

@@ -2,7 +2,7 @@
 
 #include "io/vtk_files.hpp"
 #include "preprocess/model.hpp"
-#include "solver/terms/touching_tool.hpp"
+#include "solver/terms/rigid_contact.hpp"
 
 namespace dimple {
 
@@ -10,7 +10,7 @@ namespace dimple {
 /// the bonded nodes move as one. Positions in LPS mm.
 SurfaceFile tool_body(const Discretisation& model);
 /// Contacting tool at first contact; a punch is drawn three radii long.
-SurfaceFile tool_body(const Touch& touch);
+SurfaceFile tool_body(const RigidBody& indenter);
 
 /// ParaView script that shows the results of its own folder: the text of view.py, the same for every run.
 extern const char* const view_script;

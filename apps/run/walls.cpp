@@ -122,7 +122,7 @@ void check_walls(const Scene& scene, const LabelImage& image, const std::vector<
 namespace {
 
 // Part of the surface that can come to the wall, by the place next to it on the wall.
-ContactSurface facing_surface(const Model& model, const Touch& wall, double reach,
+ContactSurface facing_surface(const Model& model, const RigidBody& wall, double reach,
                               const std::optional<Eigen::Vector4d>& opening, Index most_places) {
   bool opens = false;
   ContactSurface surface = wall_surface(
@@ -149,7 +149,7 @@ ContactSurface facing_surface(const Model& model, const Touch& wall, double reac
   return surface;
 }
 
-Eigen::VectorXd distances(const Touch& wall, const Points& places) {
+Eigen::VectorXd distances(const RigidBody& wall, const Points& places) {
   Eigen::VectorXd result(places.cols());
   for (Index k = 0; k < places.cols(); ++k)
     result[k] = distance_to_tool(wall.shape, wall.pose, places.col(k)).distance;
@@ -157,8 +157,8 @@ Eigen::VectorXd distances(const Touch& wall, const Points& places) {
 }
 
 // Offsets the wall: as a whole to a stated gap, and out of the body where they overlap.
-std::string set_back(const std::string& name, const WallShape& shape, std::optional<double> gap,
-                     double allowed, Touch& wall) {
+std::string gap_offset(const std::string& name, const WallShape& shape, std::optional<double> gap,
+                       double allowed, RigidBody& wall) {
   const ContactSurface& surface = wall.surface;
   const Eigen::VectorXd at = distances(wall, surface.place) + roundness(wall),
                         between = distances(wall, surface.between);
@@ -175,8 +175,8 @@ std::string set_back(const std::string& name, const WallShape& shape, std::optio
                             length_in_words(1e3 * allowed)),
          .remedy = fmt::format("correct the image or the wall, or give it a gap, as wall.{}.gap = 0", name),
          .code = "wall"});
-  wall.set_back = (-at.array() - whole).max(0.0) + whole;
-  wall.set_back_between = (-between.array() - whole).max(0.0) + whole;
+  wall.gap_offset = (-at.array() - whole).max(0.0) + whole;
+  wall.gap_offset_between = (-between.array() - whole).max(0.0) + whole;
   const double overlap = std::max(0.0, -(nearest + whole));
   std::string words =
       overlap > 0.0
@@ -201,18 +201,18 @@ bool is_within(const DistanceGrid& grid, const Vec3& x) {
   return true;
 }
 
-struct Standing {
-  Touch wall;
+struct FixedWall {
+  RigidBody wall;
   double back;  // [m]
   std::optional<Eigen::Vector4d> opening;
 };
 
-std::vector<Standing> standing_walls(const Scene& scene, const Loading& loading) {
-  std::vector<Standing> walls;
-  for (const Touch& wall : loading.walls) {
+std::vector<FixedWall> fixed_walls(const Scene& scene, const Loading& loading) {
+  std::vector<FixedWall> walls;
+  for (const RigidBody& wall : loading.walls) {
     const Scene::Wall* its = named(scene.walls, wall.name);
     if (wall.is_tool || !its) continue;
-    walls.push_back({wall, wall.set_back.size() > 0 ? wall.set_back.minCoeff() : 0.0, its->opening});
+    walls.push_back({wall, wall.gap_offset.size() > 0 ? wall.gap_offset.minCoeff() : 0.0, its->opening});
   }
   return walls;
 }
@@ -220,12 +220,12 @@ std::vector<Standing> standing_walls(const Scene& scene, const Loading& loading)
 // Nearest wall and its distance [mm]; NaN at its opening.
 struct Nearest {
   double gap = std::numeric_limits<double>::infinity();
-  const Standing* wall = nullptr;
+  const FixedWall* wall = nullptr;
 };
-Nearest nearest_of(const std::vector<Standing>& walls, const Vec3& place_mm) {
+Nearest nearest_of(const std::vector<FixedWall>& walls, const Vec3& place_mm) {
   Nearest nearest;
   bool is_open = false;
-  for (const Standing& one : walls) {
+  for (const FixedWall& one : walls) {
     if (one.wall.shape.field && !is_within(*one.wall.shape.field, 1e-3 * place_mm - one.wall.pose.tip))
       continue;
     const ToolDistance to = distance_to_tool(one.wall.shape, one.wall.pose, 1e-3 * place_mm);
@@ -242,7 +242,7 @@ Nearest nearest_of(const std::vector<Standing>& walls, const Vec3& place_mm) {
 }  // namespace
 
 GapAt gap_to_walls(const Scene& scene, const Loading& loading) {
-  const std::vector<Standing> walls = standing_walls(scene, loading);
+  const std::vector<FixedWall> walls = fixed_walls(scene, loading);
   if (walls.empty()) return {};
   return [walls](const Vec3& place_mm) { return nearest_of(walls, place_mm).gap; };
 }
@@ -250,7 +250,7 @@ GapAt gap_to_walls(const Scene& scene, const Loading& loading) {
 namespace {
 
 // Displacements of a tool from its first contact on [m]; turns are left out.
-std::vector<Vec3> places_come_to(const Loading& loading, std::string_view name, const Vec3& motion) {
+std::vector<Vec3> places_reached(const Loading& loading, std::string_view name, const Vec3& motion) {
   std::vector<Vec3> places = {Vec3::Zero()};
   if (loading.steps.empty()) places.emplace_back(loading.depth * motion);
   double come = 0.0;
@@ -259,15 +259,15 @@ std::vector<Vec3> places_come_to(const Loading& loading, std::string_view name, 
 }
 
 // Drawn shaft over the bonded patch: the axis and eight lines around it, to two radii above it [mm].
-Points shaft_of(const ToolPlace& circle) {
+Points shaft_of(const ToolPlace& bonded_patch) {
   Points shaft(3, 9 * 8);
-  const Vec3 side = circle.push.unitOrthogonal(), across = circle.push.cross(side);
+  const Vec3 side = bonded_patch.approach.unitOrthogonal(), across = bonded_patch.approach.cross(side);
   for (Index k = 0; k < shaft.cols(); ++k) {
     const double angle = 0.25 * std::numbers::pi * static_cast<double>(k % 9),
-                 out = k % 9 == 8 ? 0.0 : circle.radius,
-                 up = 0.25 * static_cast<double>(k / 9 + 1) * circle.radius;
-    shaft.col(k) =
-        1e3 * (circle.centre - up * circle.push + out * (std::cos(angle) * side + std::sin(angle) * across));
+                 out = k % 9 == 8 ? 0.0 : bonded_patch.radius,
+                 up = 0.25 * static_cast<double>(k / 9 + 1) * bonded_patch.radius;
+    shaft.col(k) = 1e3 * (bonded_patch.centre - up * bonded_patch.approach +
+                          out * (std::cos(angle) * side + std::sin(angle) * across));
   }
   return shaft;
 }
@@ -276,7 +276,7 @@ Points shaft_of(const ToolPlace& circle) {
 
 std::string tool_in_wall(const Scene& scene, const Model& model, const Loading& loading) {
   constexpr double little = 0.1;  // of the tool's radius
-  const std::vector<Standing> walls = standing_walls(scene, loading);
+  const std::vector<FixedWall> walls = fixed_walls(scene, loading);
   if (walls.empty()) return {};
   double most = 0.0;
   std::string words;
@@ -294,17 +294,17 @@ std::string tool_in_wall(const Scene& scene, const Model& model, const Loading& 
             name, length_in_words(most), nearest.wall->wall.name, in_words(place), nearest.wall->wall.name);
       }
   };
-  look("tool", loading.touch ? tool_body(*loading.touch).position_mm : shaft_of(model.tool),
-       loading.touch ? loading.touch->shape.radius : model.tool.radius,
-       places_come_to(loading, "", model.tool.push));
-  for (const Touch& rigid : loading.walls)
+  look("tool", loading.indenter ? tool_body(*loading.indenter).position_mm : shaft_of(model.tool),
+       loading.indenter ? loading.indenter->shape.radius : model.tool.radius,
+       places_reached(loading, "", model.tool.approach));
+  for (const RigidBody& rigid : loading.walls)
     if (rigid.is_tool)
       look(fmt::format("tool '{}'", rigid.name), tool_body(rigid).position_mm, rigid.shape.radius,
-           places_come_to(loading, rigid.name, rigid.motion.value_or(Vec3::Zero())));
+           places_reached(loading, rigid.name, rigid.motion.value_or(Vec3::Zero())));
   return words;
 }
 
-std::string in_words(const std::string& name, const TouchingTool::Touched& wall) {
+std::string in_words(const std::string& name, const RigidContact::ContactSummary& wall) {
   if (wall.samples == 0 && wall.penetration > 0.0)
     return fmt::format(
         "{}: in contact at none of its contact points at the end; between them the surface penetrates by {}",
@@ -315,7 +315,7 @@ std::string in_words(const std::string& name, const TouchingTool::Touched& wall)
                      length_in_words(1e3 * wall.penetration));
 }
 
-Walls walls_beside(const Scene& scene, const Model& model, const LabelImage* image, const Organ* organ) {
+Walls walls_of(const Scene& scene, const Model& model, const LabelImage* image, const Organ* organ) {
   Walls walls;
   if (scene.walls.empty()) return walls;
   if (model.surface.empty())
@@ -328,7 +328,7 @@ Walls walls_beside(const Scene& scene, const Model& model, const LabelImage* ima
       std::max(std::clamp(reach_of_size * size, least_reach, most_reach), 1.5 * deepest(scene, model.tool));
   for (const Scene::Wall& its : scene.walls) {
     const std::string& name = its.name;
-    Touch wall;
+    RigidBody wall;
     const WallShape shape = wall_shape_of(its, model, image, organ, reach);
     wall.shape = shape.shape;
     wall.pose = shape.pose;
@@ -349,10 +349,10 @@ Walls walls_beside(const Scene& scene, const Model& model, const LabelImage* ima
            .code = "wall"});
     const double allowed = image && !image->run.empty() ? 1e-3 * overlap_voxels * image->spacing().maxCoeff()
                                                         : overlap_spacings * model.spacing.mean();
-    const std::string apart = set_back(name, shape, its.gap, allowed, wall);
+    const std::string apart = gap_offset(name, shape, its.gap, allowed, wall);
     walls.words.push_back(fmt::format("{}: {}, {}; {}; {} contact points", name, shape.words,
                                       friction_in_words(wall.friction), apart, wall.surface.count()));
-    walls.touch.push_back(std::move(wall));
+    walls.rigid_body.push_back(std::move(wall));
   }
   return walls;
 }

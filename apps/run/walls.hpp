@@ -17,13 +17,13 @@ void check_walls(const Scene& scene, const LabelImage& image, const std::vector<
 
 /// Walls next to a model, and a sentence on each.
 struct Walls {
-  std::vector<Touch> touch;
+  std::vector<RigidBody> rigid_body;
   std::vector<std::string> words;
 };
 /// `image`: with the labels; `organ`: read from it; null: the model was made before. Throws UsageError: a
 /// wall needs an image, and there is none; ModelError: a wall overlaps the body by more than a voxel, with
 /// the place, or no part of the body can reach it.
-Walls walls_beside(const Scene& scene, const Model& model, const LabelImage* image, const Organ* organ);
+Walls walls_of(const Scene& scene, const Model& model, const LabelImage* image, const Organ* organ);
 
 /// Distance of a place from the nearest wall [mm]; NaN at an opening. Empty: there are no walls.
 GapAt gap_to_walls(const Scene& scene, const Loading& loading);
@@ -33,6 +33,6 @@ GapAt gap_to_walls(const Scene& scene, const Loading& loading);
 std::string tool_in_wall(const Scene& scene, const Model& model, const Loading& loading);
 
 /// Force, contact area and largest penetration of a wall at the end, in a sentence.
-std::string in_words(const std::string& name, const TouchingTool::Touched& wall);
+std::string in_words(const std::string& name, const RigidContact::ContactSummary& wall);
 
 }  // namespace dimple

@@ -45,8 +45,8 @@ std::string scene_title(double largest_N, double depth_mm, const std::string& st
 }
 
 std::string nodes_in_words(Index nodes, const ModelReport& report) {
-  const std::string near = length_in_words(report.rim_spacing_mm);
-  return report.rim_spacing_mm < report.spacing_mm
+  const std::string near = length_in_words(report.patch_edge_spacing_mm);
+  return report.patch_edge_spacing_mm < report.spacing_mm
              ? fmt::format("{} nodes: {} apart at the tool, {} far from it", nodes, near,
                            length_in_words(report.largest_spacing_mm))
              : fmt::format("{} nodes: {} apart", nodes, near);

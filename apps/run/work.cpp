@@ -8,13 +8,13 @@ const char* name_of(Part part) {
       return "reading";
     case Part::surface:
       return "surface";
-    case Part::cloud:
+    case Part::node_set:
       return "cloud";
     case Part::supports:
       return "supports";
     case Part::solving:
       return "solving";
-    case Part::band:
+    case Part::error_bounds:
       return "band";
     case Part::writing:
       return "writing";
@@ -34,14 +34,14 @@ double expected_s(Part part, const Work& work) {
       return 0.02 + 0.02 * us * work.voxels;
     case Part::surface:
       return 0.2 + 0.3 * us * work.voxels;
-    case Part::cloud:
+    case Part::node_set:
       return 0.3 + 130.0 * us * work.nodes;
     case Part::supports:
       return 130.0 * us * work.nodes;
     case Part::solving:
       return evaluations_s(work.depths, work.points);
-    case Part::band:
-      return work.band ? 0.3 + 130.0 * us * work.nodes + evaluations_s(4.0, 0.5 * work.points) : 0.0;
+    case Part::error_bounds:
+      return work.error_bounds ? 0.3 + 130.0 * us * work.nodes + evaluations_s(4.0, 0.5 * work.points) : 0.0;
     case Part::writing:
       return work.picture ? 0.8 : 0.05;
   }

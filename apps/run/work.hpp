@@ -5,9 +5,9 @@
 namespace dimple {
 
 /// The parts of a run, in their order.
-enum class Part { reading, surface, cloud, supports, solving, band, writing };
-inline constexpr std::array all_parts = {Part::reading, Part::surface, Part::cloud,  Part::supports,
-                                         Part::solving, Part::band,    Part::writing};
+enum class Part { reading, surface, node_set, supports, solving, error_bounds, writing };
+inline constexpr std::array all_parts = {Part::reading, Part::surface,      Part::node_set, Part::supports,
+                                         Part::solving, Part::error_bounds, Part::writing};
 const char* name_of(Part part);
 
 /// Counts from which the durations of a run's parts are estimated.
@@ -15,7 +15,7 @@ struct Work {
   double voxels = 0.0;
   double nodes = 1500.0, points = 10500.0;
   double depths = 16.0;  ///< equilibria
-  bool picture = true, band = true;
+  bool picture = true, error_bounds = true;
   bool refinement = false;  ///< further levels may follow; their number is unknown
 };
 

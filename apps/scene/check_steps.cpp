@@ -60,14 +60,14 @@ void check_turn(const Scene::Step& step) {
                 "a place is x,y,z in LPS", "give for instance about_mm = [0, 0, 40]");
 }
 
-void check_way(const Scene& scene, const Scene::Step& step) {
+void check_motion(const Scene& scene, const Scene::Step& step) {
   const std::size_t count = step.move_mm.size();
   check_turn(step);
   if (count == 0 && !step.turn_deg.empty()) return;
   if (count == 0 && step.time_s > 0.0) return;  // a hold
   const bool is_a_tool = is_of_tool(step) || named(scene.further_tools, step.moves);
-  const bool along_push = count == 1 && is_a_tool;
-  if (count != 3 && !along_push)
+  const bool along_approach = count == 1 && is_a_tool;
+  if (count != 3 && !along_approach)
     refuse_step(step.name, "move_mm",
                 count == 0 ? "moves nothing" : fmt::format("moves by {} numbers", count),
                 is_a_tool ? "a tool moves by x,y,z in LPS, or by one number along its approach direction"
@@ -142,7 +142,7 @@ void check_steps(const Scene& scene) {
       }))
     refuse_step(moving.front().name, "time_s", "holds, and no step moves anything",
                 "the tool would never make contact", "press first, as step.press.move_mm = 4");
-  double pushed = 0.0;
+  double pressed = 0.0;
   for (const Scene::Step& step : moving) {
     if (!is_of_tool(step)) {
       std::vector<std::string> known = {tool_word};
@@ -156,13 +156,13 @@ void check_steps(const Scene& scene) {
     if (named(scene.walls, step.moves))
       refuse_step(step.name, "moves", fmt::format("moves '{}', and a wall has that name too", step.moves),
                   "a wall does not move, and bodies are moved by name", "name the wall differently");
-    check_way(scene, step);
-    if (is_of_tool(step) && step.move_mm.size() == 1) pushed += step.move_mm[0];
-    if (pushed < 0.0 && scene.contact == Contact::frictionless)
+    check_motion(scene, step);
+    if (is_of_tool(step) && step.move_mm.size() == 1) pressed += step.move_mm[0];
+    if (pressed < 0.0 && scene.contact == Contact::frictionless)
       refuse_step(step.name, "move_mm", "lifts a frictionless tool above its first contact",
                   "only a bonded tool pulls", "lift it less, or give --contact bonded");
   }
-  if (turns(scene) && deepest_push(moving) <= 0.0)
+  if (turns(scene) && deepest_along_approach(moving) <= 0.0)
     refuse_step(first_turn(scene), "turn_deg", "turns the tool, and no step presses it in",
                 "the nodes are placed for the depth to which it is pressed",
                 "press it first, as step.press.move_mm = 2");

@@ -22,8 +22,8 @@ std::string first_named(const Named& all, const Is& is) {
   return {};
 }
 
-bool goes_somewhere(const std::vector<double>& way) {
-  return std::any_of(way.begin(), way.end(), [](double d) { return d != 0.0; });
+bool goes_somewhere(const std::vector<double>& components) {
+  return std::any_of(components.begin(), components.end(), [](double d) { return d != 0.0; });
 }
 
 constexpr auto moves_along = [](const auto& one) { return goes_somewhere(one.move_mm); };
@@ -42,16 +42,16 @@ bool any_is(const Named& all, const Is& is) {
 }
 
 void add_tools(const Scene& scene, Features& has) {
-  const bool is_circle = !scene.tool;
-  has.set(Feature::circle, is_circle);
-  has.set(Feature::touching_tool, !is_circle);
+  const bool is_bonded_patch = !scene.tool;
+  has.set(Feature::bonded_patch, is_bonded_patch);
+  has.set(Feature::contacting_tool, !is_bonded_patch);
   has.set(Feature::friction, scene.friction > 0.0);
   has.set(Feature::further_friction,
           any_is(scene.further_tools, has_friction) || any_is(scene.walls, has_friction));
   has.set(Feature::chosen_contact, scene.given.contact);
   has.set(Feature::chosen_diameter, scene.given.diameter);
   has.set(Feature::frictionless, scene.contact == Contact::frictionless);
-  has.set(Feature::sideways, is_circle && any_is(scene.steps, goes_in_space));
+  has.set(Feature::sideways, is_bonded_patch && any_is(scene.steps, goes_in_space));
   has.set(Feature::turning, any_is(scene.steps, turns_tool));
   has.set(Feature::further_tool, !scene.further_tools.empty());
   has.set(Feature::moving_further_tool, any_is(scene.further_tools, moves_along));
@@ -112,12 +112,12 @@ std::optional<Feature> first_of(Features some, Features there) {
 }
 
 // Text of the table with its placeholders replaced.
-std::string filled_in(const char* text, const Scene& scene, Feature beside) {
+std::string filled_in(const char* text, const Scene& scene, Feature other) {
   const auto after = cuts_after_moves(scene);
   const auto any = [](const auto&) { return true; };
   return fmt::format(
-      fmt::runtime(text), fmt::arg("beside", words_of(beside).name),
-      fmt::arg("option", words_of(beside).option), fmt::arg("tool", scene.tool_words.shape),
+      fmt::runtime(text), fmt::arg("beside", words_of(other).name),
+      fmt::arg("option", words_of(other).option), fmt::arg("tool", scene.tool_words.shape),
       fmt::arg("friction", scene.tool_words.friction), fmt::arg("cut", scene.cut.text),
       fmt::arg("time", name_of(scene.solver.time)), fmt::arg("scheme", scene.scheme),
       fmt::arg("spread", fmt::format("{:g}", 100.0 * scene.material.mu_spread)),
@@ -133,8 +133,8 @@ std::string filled_in(const char* text, const Scene& scene, Feature beside) {
       fmt::arg("cut_step", after.empty() ? "" : after.front().name));
 }
 
-Report report_of(const Clash& row, const Scene& scene, Feature beside) {
-  const auto filled = [&](const char* text) { return filled_in(text, scene, beside); };
+Report report_of(const Clash& row, const Scene& scene, Feature other) {
+  const auto filled = [&](const char* text) { return filled_in(text, scene, other); };
   return {.fact = filled(row.fact),
           .where = filled(row.where),
           .why = filled(row.why),
@@ -142,17 +142,16 @@ Report report_of(const Clash& row, const Scene& scene, Feature beside) {
 }
 
 // First reason in the table why there are no error bounds or no proportional force.
-const Clash* reason_in(Features has, Feature wanted) {
+const Clash* reason_in(Features has, Feature requested) {
   for (const Clash& row : clashes())
-    if (row.feature == wanted && first_of(row.beside, has)) return &row;
+    if (row.feature == requested && first_of(row.other, has)) return &row;
   return nullptr;
 }
 
 std::optional<Report> clash_in(Features has, const Scene& scene) {
   for (const Clash& row : clashes())
     if (has.has(row.feature))
-      if (const std::optional<Feature> beside = first_of(row.beside, has))
-        return report_of(row, scene, *beside);
+      if (const std::optional<Feature> other = first_of(row.other, has)) return report_of(row, scene, *other);
   for (const Need& need : needs())
     if (has.has(need.feature))
       if (const Clash* row = reason_in(has, need.needs))
@@ -194,16 +193,16 @@ void check_pairs(const Scene& scene, Feature driver) {
   if (std::optional<Report> report = clash_of(scene, driver)) throw UsageError(*std::move(report));
 }
 
-void check_pair(const Scene& scene, Feature feature, Feature beside) {
+void check_pair(const Scene& scene, Feature feature, Feature other) {
   if (!features_of(scene).has(feature)) return;
   for (const Clash& row : clashes()) {
-    if (row.feature == feature && row.beside.has(beside)) throw UsageError(report_of(row, scene, beside));
-    if (row.feature == beside && row.beside.has(feature)) throw UsageError(report_of(row, scene, feature));
+    if (row.feature == feature && row.other.has(other)) throw UsageError(report_of(row, scene, other));
+    if (row.feature == other && row.other.has(feature)) throw UsageError(report_of(row, scene, feature));
   }
 }
 
-std::string why_without(const Scene& scene, Feature wanted) {
-  const Clash* row = reason_in(features_of(scene), wanted);
+std::string why_without(const Scene& scene, Feature requested) {
+  const Clash* row = reason_in(features_of(scene), requested);
   return row ? row->why : "";
 }
 
@@ -220,7 +219,7 @@ std::string pairs_in_words() {
     std::string rows;
     for (const Clash& row : clashes())
       if (row.feature == feature)
-        rows += fmt::format("  not with   {}\n             {}\n", names_in_words(row.beside), row.why);
+        rows += fmt::format("  not with   {}\n             {}\n", names_in_words(row.other), row.why);
     for (const Need& need : needs())
       if (need.feature == feature) rows += fmt::format("  needs      {}\n", words_of(need.needs).name);
     if (!rows.empty()) text += fmt::format("{}\n{}\n", words_of(feature).name, rows);

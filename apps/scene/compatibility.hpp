@@ -14,8 +14,8 @@ namespace dimple {
 /// Feature of a scene, or driver (from `run` on). Two features are compatible unless the table of clashes()
 /// excludes them.
 enum class Feature : std::uint8_t {
-  circle,
-  touching_tool,
+  bonded_patch,
+  contacting_tool,
   friction,          ///< of the measured tool
   further_friction,  ///< of a further tool or a wall
   chosen_contact,
@@ -68,7 +68,7 @@ enum class Feature : std::uint8_t {
   fit,
   export_mesh,
   by_hand,
-  touching_by_hand,
+  contacting_tool_by_hand,
   session,
   shift,
   places,
@@ -105,7 +105,7 @@ const FeatureWords& words_of(Feature feature);
 /// that is not proportional to one modulus.
 struct Clash {
   Feature feature;
-  Features beside;
+  Features other;
   const char* fact;
   const char* where;
   const char* why;
@@ -136,13 +136,13 @@ std::optional<Report> clash_of(const Scene& scene, Feature driver);
 /// Nothing needs to be built before. Throws what features_of() throws.
 void check_pairs(const Scene& scene, Feature driver);
 
-/// Throws UsageError: the configuration has `feature`, which excludes `beside`. For features found after the
+/// Throws UsageError: the configuration has `feature`, which excludes `other`. For features found after the
 /// configuration was read: inertia of a march, or the scheme of a model made before.
-void check_pair(const Scene& scene, Feature feature, Feature beside);
+void check_pair(const Scene& scene, Feature feature, Feature other);
 
 inline constexpr const char* not_for_dynamics = "not calibrated for dynamics";
-/// Reason why the configuration has no `wanted` (error bounds or a proportional force); empty if it has.
-std::string why_without(const Scene& scene, Feature wanted);
+/// Reason why the configuration has no `requested` (error bounds or a proportional force); empty if it has.
+std::string why_without(const Scene& scene, Feature requested);
 
 /// Throws UsageError: the scheme does not support a law, a stress or several tissues. The scheme may be that
 /// of a model made before.

@@ -16,8 +16,8 @@ constexpr Features of(Each... each) {
 }
 
 constexpr std::array<FeatureWords, feature_count> all_words = {{
-    {F::circle, "the bonded indenter", "tool.shape"},
-    {F::touching_tool, "a contacting tool", "tool.shape"},
+    {F::bonded_patch, "the bonded indenter", "tool.shape"},
+    {F::contacting_tool, "a contacting tool", "tool.shape"},
     {F::friction, "friction of the tool", "tool.friction"},
     {F::further_friction, "friction of a further tool or a wall", "tool.NAME.friction, wall.NAME.friction"},
     {F::chosen_contact, "a choice of contact under the bonded indenter", "load.contact"},
@@ -70,7 +70,7 @@ constexpr std::array<FeatureWords, feature_count> all_words = {{
     {F::fit, "dimple fit", ""},
     {F::export_mesh, "dimple export", ""},
     {F::by_hand, "a tool moved by hand", ""},
-    {F::touching_by_hand, "a contacting tool moved by hand", ""},
+    {F::contacting_tool_by_hand, "a contacting tool moved by hand", ""},
     {F::session, "a Session", ""},
     {F::shift, "dimple shift", ""},
     {F::places, "the list of places", ""},
@@ -88,7 +88,7 @@ static_assert(is_in_order());
 // Features and texts that several lines of the table use.
 constexpr Features loads = of(F::fluid_lost, F::gravity, F::pressure, F::body_force);
 constexpr const char* equilibrium = "contact is solved in equilibrium, depth by depth";
-constexpr const char* circle_alone = "its explicit march has the bonded indenter only";
+constexpr const char* patch_alone = "its explicit march has the bonded indenter only";
 constexpr const char* leave_one = "leave one of them out";
 constexpr const char* deformed = "step.{cut_step}.cut";
 constexpr const char* mu_in_words =
@@ -123,7 +123,7 @@ constexpr auto all_clashes = std::to_array<Clash>({
      "{beside} has no membranes", "{membrane}",
      "membranes have no mass and are modelled in equilibrium only, in dimple run and solve",
      "leave it out here, or use dimple run with --time quasi-static"},
-    {F::touching_tool,
+    {F::contacting_tool,
      of(F::model_in_memory, F::solve, F::solve_in_memory, F::export_mesh, F::session, F::shift,
         F::paper_comparison),
      "{beside} has the bonded indenter only, and the tool is '{tool}'", "tool.shape",
@@ -160,16 +160,16 @@ constexpr auto all_clashes = std::to_array<Clash>({
     {F::by_hand, of(F::paper_scheme), "a tool is moved by hand with the scheme {scheme}",
      "--scheme (scheme.name)", "each of its equilibria needs hundreds of force evaluations",
      "use the scheme 'converging'"},
-    {F::touching_by_hand, loads, "a contacting tool moved by hand needs a body without loads", "load",
+    {F::contacting_tool_by_hand, loads, "a contacting tool moved by hand needs a body without loads", "load",
      "its first contact is computed on the body as imaged",
      "leave the loads out, use the bonded indenter, or use dimple run"},
-    {F::touching_by_hand, of(F::support),
+    {F::contacting_tool_by_hand, of(F::support),
      "a contacting tool moved by hand needs a body held by its base only", "support",
      "further held or moved parts have not been validated with it",
      "leave the supports out, use the bonded indenter, or use dimple run"},
-    {F::touching_by_hand, of(F::friction), "a tool moved by hand has no friction", "tool.friction",
+    {F::contacting_tool_by_hand, of(F::friction), "a tool moved by hand has no friction", "tool.friction",
      "with friction its force depends on its path", "leave the friction out, or use dimple run"},
-    {F::touching_by_hand, of(F::viscous), "a contacting tool moved by hand needs elastic tissue",
+    {F::contacting_tool_by_hand, of(F::viscous), "a contacting tool moved by hand needs elastic tissue",
      "material.prony_g", "tissue that relaxes continues to move after the tool has left",
      "leave the Prony terms out, or use the bonded indenter"},
     {F::explain, of(F::paper_scheme), "the comparisons of --explain need the converging scheme",
@@ -181,8 +181,9 @@ constexpr auto all_clashes = std::to_array<Clash>({
      "it was imaged",
      leave_one},
     // Steps.
-    {F::turning, of(F::circle), "the step '{turning}' turns the bonded indenter", "step.{turning}.turn_deg",
-     "the bonded indenter only translates", "choose a contacting tool, as --tool capsule:2mm,length=20mm"},
+    {F::turning, of(F::bonded_patch), "the step '{turning}' turns the bonded indenter",
+     "step.{turning}.turn_deg", "the bonded indenter only translates",
+     "choose a contacting tool, as --tool capsule:2mm,length=20mm"},
     {F::sideways, of(F::frictionless),
      "the step '{sideways}' moves the tool in space, and it is frictionless", "step.{sideways}.move_mm",
      "tissue slides under it and does not follow it",
@@ -219,21 +220,22 @@ constexpr auto all_clashes = std::to_array<Clash>({
     {F::steps, of(F::inertia), "steps are requested of a march with inertia", "solver.time",
      "each step goes from an equilibrium to the next", "leave --time and --scheme out, or the steps"},
     // The tool.
-    {F::friction, of(F::circle), "friction '{friction}' is requested, and the tool is the bonded indenter",
-     "--friction (tool.friction)",
+    {F::friction, of(F::bonded_patch),
+     "friction '{friction}' is requested, and the tool is the bonded indenter", "--friction (tool.friction)",
      "friction needs a contacting tool; the other tool is bonded or slides (--contact)",
      "leave --friction out, or choose such a tool, as --tool sphere:5mm"},
-    {F::touching_tool, of(F::inertia), "inertia cannot be combined with the tool '{tool}'",
+    {F::contacting_tool, of(F::inertia), "inertia cannot be combined with the tool '{tool}'",
      "--time (solver.time)", equilibrium, "leave --time out, or --tool"},
-    {F::touching_tool, of(F::paper_scheme), "the scheme horton2007 cannot be combined with the tool '{tool}'",
-     "--scheme (scheme.name)", circle_alone, "leave --scheme out, or --tool"},
-    {F::touching_tool, of(F::chosen_contact), "{beside} cannot be combined with the tool '{tool}'",
+    {F::contacting_tool, of(F::paper_scheme),
+     "the scheme horton2007 cannot be combined with the tool '{tool}'", "--scheme (scheme.name)", patch_alone,
+     "leave --scheme out, or --tool"},
+    {F::contacting_tool, of(F::chosen_contact), "{beside} cannot be combined with the tool '{tool}'",
      "--contact (load.contact)", "a tool of this shape is in contact, with --friction or without",
      "leave --contact out, or --tool"},
-    {F::touching_tool, of(F::chosen_diameter), "{beside} cannot be combined with the tool '{tool}'",
+    {F::contacting_tool, of(F::chosen_diameter), "{beside} cannot be combined with the tool '{tool}'",
      "--indenter-diameter (boundary.indenter_diameter_mm)", "the tool's own lengths define its size",
      "leave --indenter-diameter out, or --tool"},
-    {F::touching_tool, of(F::accuracy), "{beside} cannot be combined with the tool '{tool}'",
+    {F::contacting_tool, of(F::accuracy), "{beside} cannot be combined with the tool '{tool}'",
      "--accuracy (accuracy.goal)",
      "the nodes for an accuracy are calibrated for the bonded indenter only; a contacting tool has error "
      "bounds for the given nodes",
@@ -246,7 +248,7 @@ constexpr auto all_clashes = std::to_array<Clash>({
     {F::further_tool, of(F::inertia), "inertia cannot be combined with a further tool",
      "--time (solver.time)", equilibrium, leave_one},
     {F::further_tool, of(F::paper_scheme), "the scheme horton2007 cannot be combined with a further tool",
-     "--scheme (scheme.name)", circle_alone, leave_one},
+     "--scheme (scheme.name)", patch_alone, leave_one},
     {F::further_tool, loads, "{beside} cannot be combined with a further tool", "load",
      "the first contact is computed on the body at rest, without loads", leave_one},
     {F::further_tool, of(F::membrane), "a membrane cannot be combined with a further tool", "membrane",
@@ -259,7 +261,7 @@ constexpr auto all_clashes = std::to_array<Clash>({
      "--self-contact (load.self_contact) and --scheme (scheme.name)", equilibrium, leave_one},
     {F::imaged_loaded,
      of(F::fluid_lost, F::wall, F::free_base, F::cut, F::cut_step, F::grid_images, F::warped_images,
-        F::touching_tool, F::steps, F::followed_place, F::self_contact),
+        F::contacting_tool, F::steps, F::followed_place, F::self_contact),
      "{beside} cannot be combined with a body imaged under its loads", "load.imaged",
      "its place is given in the image, and the load-free shape differs from it", "leave one of the two out"},
     // Materials.

@@ -30,7 +30,7 @@ bool is_of_a_preset(const Option& option) {
 
 // Rank of an option's source: 0, none, a preset or a default in a file of all options; 1, for all cases of a
 // table, each of which may override it; 2, a file; 3, the caller.
-int weight_of(const Config& config, const std::string& key) {
+int precedence_of(const Config& config, const std::string& key) {
   const auto source = config.source.find(key);
   if (source == config.source.end() || source->second.starts_with(of_preset)) return 0;
   if (source->second.starts_with(for_all_cases)) return 1;
@@ -52,12 +52,12 @@ void take_preset(Config& config, bool young_given) {
   const bool none = preset == "none";
   Config published;
   if (!none) static_cast<MaterialNumbers&>(published.material) = numbers_of_preset(preset);
-  const int weight = weight_of(config, "material.preset");
+  const int weight = precedence_of(config, "material.preset");
   std::vector<Option> own = options_of(config), theirs = options_of(published);
   for (std::size_t k = 0; k < own.size(); ++k) {
     const std::string& key = own[k].key;
     if (!is_of_a_preset(own[k]) || (key == "material.mu_Pa" && young_given)) continue;
-    if (none ? !was_of_a_preset(config, key) : weight_of(config, key) >= weight) continue;
+    if (none ? !was_of_a_preset(config, key) : precedence_of(config, key) >= weight) continue;
     std::visit([&](auto* value) { *value = *std::get<decltype(value)>(theirs[k].value); }, own[k].value);
     if (none)
       config.source.erase(key);
@@ -70,7 +70,7 @@ void resolve_young(Config& config) {
   auto& m = config.material;
   if (m.young_Pa == 0.0) return;
   const auto young = config.source.find("material.young_Pa"), mu = config.source.find("material.mu_Pa");
-  if (weight_of(config, "material.mu_Pa") > 1)
+  if (precedence_of(config, "material.mu_Pa") > 1)
     throw UsageError(
         {.fact = fmt::format("both a shear modulus, {} Pa, and Young's modulus, {} Pa, are given", m.mu_Pa,
                              m.young_Pa),
@@ -90,7 +90,7 @@ void match_ogden(Config& config, int weight_of_modulus) {
   constexpr double rounding = 1e-12;
   if (!(sum > 0.0) || std::abs(sum - m.mu_Pa) <= rounding * sum)
     return;  // an invalid law is refused elsewhere
-  const int weight = weight_of(config, "material.ogden_mu_Pa");
+  const int weight = precedence_of(config, "material.ogden_mu_Pa");
   if (weight == weight_of_modulus && weight > 0)
     throw UsageError(
         {.fact = fmt::format("both a shear modulus, {} Pa, and Ogden moduli that add up to {} Pa are given",
@@ -110,16 +110,16 @@ void match_ogden(Config& config, int weight_of_modulus) {
 
 // The number of nodes follows from the spacing; a number of the caller overrides a spacing in a file.
 void resolve_spacing(Config& config) {
-  if (!(config.cloud.spacing_mm > 0.0)) return;
-  const int nodes = weight_of(config, "cloud.nodes"), spacing = weight_of(config, "cloud.spacing_mm");
-  if (nodes > spacing) config.cloud.spacing_mm = 0.0;
+  if (!(config.node_set.spacing_mm > 0.0)) return;
+  const int nodes = precedence_of(config, "cloud.nodes"), spacing = precedence_of(config, "cloud.spacing_mm");
+  if (nodes > spacing) config.node_set.spacing_mm = 0.0;
   const auto in_terminal = [&](const char* key) {
     const auto source = config.source.find(key);
     return source != config.source.end() && source->second.starts_with("--");
   };
   if (in_terminal("cloud.nodes") && in_terminal("cloud.spacing_mm"))
-    throw UsageError({.fact = fmt::format("both {} nodes and a spacing of {} are given", config.cloud.nodes,
-                                          length_in_words(config.cloud.spacing_mm)),
+    throw UsageError({.fact = fmt::format("both {} nodes and a spacing of {} are given",
+                                          config.node_set.nodes, length_in_words(config.node_set.spacing_mm)),
                       .where = fmt::format("{} and {}", config.source.at("cloud.nodes"),
                                            config.source.at("cloud.spacing_mm")),
                       .why = "one follows from the other",
@@ -129,7 +129,7 @@ void resolve_spacing(Config& config) {
 // The source nearer to the command line decides between the number of points and their ratio.
 void resolve_points(Config& config) {
   if (!(config.grid.points > 0) || !(config.grid.ratio > 0.0)) return;
-  const int points = weight_of(config, "grid.points"), ratio = weight_of(config, "grid.ratio");
+  const int points = precedence_of(config, "grid.points"), ratio = precedence_of(config, "grid.ratio");
   if (points < ratio) config.grid.points = 0;
   if (points > ratio) config.grid.ratio = 0.0;
   if (points == ratio)
@@ -149,7 +149,7 @@ void take_poses(Config& config) {
                       .where = "--poses (load.poses)",
                       .why = "poses are steps from one to the next",
                       .remedy = "leave one of the two out"});
-  if (weight_of(config, "load.rate_mm_per_s") > 0)
+  if (precedence_of(config, "load.rate_mm_per_s") > 0)
     throw UsageError({.fact = "a rate is given, and poses",
                       .where = "--rate (load.rate_mm_per_s)",
                       .why = "the times of the poses set the speed of the tool",
@@ -171,7 +171,7 @@ void resolve_steps(Config& config) {
     for (const double d : step.move_mm) length = std::hypot(length, d);
     longest = std::max(longest, length);
   }
-  const double pushed = deepest_push(moving), depth = pushed > 0.0 ? pushed : longest;
+  const double pressed = deepest_along_approach(moving), depth = pressed > 0.0 ? pressed : longest;
   if (!(depth > 0.0)) return;  // check_steps() refuses it
   const auto given = config.source.find("load.depth_mm");
   if (given != config.source.end() && given->second != "the steps" &&
@@ -203,14 +203,14 @@ bool depth_is_of_tool(const Config& config) {
 }
 
 bool was_given(const Description& description, const std::string& key) {
-  return weight_of(*description.options, key) > 0;
+  return precedence_of(*description.options, key) > 0;
 }
 
 void complete(Config& config) {
-  const int young = config.material.young_Pa > 0.0 ? weight_of(config, "material.young_Pa") : 0;
-  const bool young_given = young > 0 && young >= weight_of(config, "material.preset");
+  const int young = config.material.young_Pa > 0.0 ? precedence_of(config, "material.young_Pa") : 0;
+  const bool young_given = young > 0 && young >= precedence_of(config, "material.preset");
   if (!young_given && config.material.preset != "none") config.material.young_Pa = 0.0;
-  const int weight_of_modulus = std::max(weight_of(config, "material.mu_Pa"), young);
+  const int weight_of_modulus = std::max(precedence_of(config, "material.mu_Pa"), young);
   take_preset(config, young_given);
   resolve_young(config);
   match_ogden(config, weight_of_modulus);
@@ -230,7 +230,7 @@ void complete_for_all_cases(Description& description) {
     if (key.starts_with("material.") || key == "cloud.nodes") source = for_all_cases + source;
 }
 
-std::string beside_preset(const Config& config) {
+std::string deviations_from_preset(const Config& config) {
   if (config.material.preset == "none") return {};
   Config own = config, published;
   static_cast<MaterialNumbers&>(published.material) = numbers_of_preset(config.material.preset);
@@ -255,7 +255,7 @@ bool default_stiffness(const Config& config) {
 
 bool default_nodes(const Description& description) {
   const Config& config = *description.options;
-  return config.cloud.nodes == Config{}.cloud.nodes && !(config.cloud.spacing_mm > 0.0) &&
+  return config.node_set.nodes == Config{}.node_set.nodes && !(config.node_set.spacing_mm > 0.0) &&
          config.source.count("cloud.nodes") == 0;
 }
 

@@ -78,7 +78,7 @@ struct Config {
   struct Scheme {
     std::string name{converging.name};
   } scheme;
-  ModelChoices::Cloud cloud;
+  ModelChoices::NodeSet node_set;
   ModelChoices::Grid grid;
   struct Support {
     double radius_factor = 0.0;
@@ -130,7 +130,7 @@ struct Config {
     std::string goal;                ///< "2%", "1mN", or empty
     std::string quantity = "force";  ///< or "displacement@x,y,z"
     double budget_s = 0.0;
-    std::string band = "on";
+    std::string error_bounds = "on";
   } accuracy;
   Scene::Output output;
 
@@ -165,7 +165,7 @@ void complete(Config& config);
 
 /// Preset, and its numbers that were replaced: "horton_2007, but mu_Pa 3.0 (--mu) in place of 210.0". Empty:
 /// there is no preset, or none was replaced.
-std::string beside_preset(const Config& config);
+std::string deviations_from_preset(const Config& config);
 
 /// True if the stiffness is the default.
 bool default_stiffness(const Config& config);

@@ -23,8 +23,8 @@ std::string pattern_of(const WordForm& form) {
   for (const WordNumber& number : form.numbers) parts.push_back(number.name);
   for (const WordNumber& key : form.keys)
     parts.push_back(key.usual ? fmt::format("[{}=...]", key.name) : key.name + "=...");
-  const std::string rest = fmt::format("{}", fmt::join(parts, std::string(1, form.between)));
-  return form.kind.empty() || parts.empty() ? form.kind + rest : form.kind + form.after_kind + rest;
+  const std::string joined = fmt::format("{}", fmt::join(parts, std::string(1, form.between)));
+  return form.kind.empty() || parts.empty() ? form.kind + joined : form.kind + form.after_kind + joined;
 }
 
 bool begins_a_number(const std::string& text) {
@@ -60,8 +60,8 @@ double number_of(const OptionWord& word, const WordForm& form, const WordNumber&
 }
 
 // Checks bounds that depend on the first number.
-void check_beside_first(const OptionWord& word, const WordForm& form, const WordNumber& number,
-                        double value) {
+void check_against_first(const OptionWord& word, const WordForm& form, const WordNumber& number,
+                         double value) {
   constexpr double rounding = 1e-9;
   const double first = word.number.front(), least = number.least_of_first * first,
                most = number.most_of_first * first;
@@ -86,7 +86,7 @@ void read_keys(OptionWord& word, const WordForm& form, const std::vector<std::st
     auto& its = value[static_cast<std::size_t>(key - form.keys.begin())];
     if (its) refuse_word(word, fmt::format("has two values of {}", name), "it has one");
     its = number_of(word, form, *key, std::string(trimmed(part.substr(equals + 1))));
-    if (key->least_of_first > 0.0) check_beside_first(word, form, *key, *its);
+    if (key->least_of_first > 0.0) check_against_first(word, form, *key, *its);
   }
   for (std::size_t k = 0; k < value.size(); ++k) {
     if (!value[k] && !form.keys[k].usual)
@@ -165,8 +165,8 @@ OptionWord parse_word(const WordTable& table, const std::string& text, const std
   if (form == table.forms.end()) refuse_word(word, "is not known", why_unknown);
   word.kind = form->kind;
   const std::size_t end = form->kind.empty() ? std::string::npos : t.find(form->after_kind);
-  const std::string rest = form->kind.empty() ? t : end == std::string::npos ? "" : t.substr(end + 1);
-  std::vector<std::string> parts = parts_between(rest, form->between);
+  const std::string joined = form->kind.empty() ? t : end == std::string::npos ? "" : t.substr(end + 1);
+  std::vector<std::string> parts = parts_between(joined, form->between);
   if (form->names.empty()) {
     read_numbers(word, *form, std::move(parts));
   } else {

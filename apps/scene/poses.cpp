@@ -68,10 +68,10 @@ PosesTaken steps_of_poses(const std::string& file) {
           "time must increase along a path", "sort the rows, and remove duplicates");
     StepText step;
     step.order = static_cast<int>(k);
-    const Vec3 way((*x)[k] - (*x)[k - 1], (*y)[k] - (*y)[k - 1], (*z)[k] - (*z)[k - 1]);
+    const Vec3 displacement((*x)[k] - (*x)[k - 1], (*y)[k] - (*y)[k - 1], (*z)[k] - (*z)[k - 1]);
     const Eigen::AngleAxisd by(turn_of(file, turn, k) * turn_of(file, turn, k - 1).conjugate());
     const Vec3 degrees = by.angle() * 180.0 / std::numbers::pi * by.axis();
-    if (!way.isZero(0.0)) step.move_mm.assign(way.begin(), way.end());
+    if (!displacement.isZero(0.0)) step.move_mm.assign(displacement.begin(), displacement.end());
     if (degrees.norm() > least_turned_deg) step.turn_deg.assign(degrees.begin(), degrees.end());
     step.time_s = (*time)[k] - (*time)[k - 1];
     moves = moves || !step.move_mm.empty() || !step.turn_deg.empty();

@@ -16,8 +16,8 @@ std::optional<Goal> goal_of(const Config& config) {
   if (text.empty() && !(goal.budget_s > 0.0)) return std::nullopt;
   const Config usual;
   const std::map<std::string, bool> other_than_usual = {
-      {"cloud.nodes", config.cloud.nodes != usual.cloud.nodes},
-      {"cloud.spacing_mm", config.cloud.spacing_mm != usual.cloud.spacing_mm}};
+      {"cloud.nodes", config.node_set.nodes != usual.node_set.nodes},
+      {"cloud.spacing_mm", config.node_set.spacing_mm != usual.node_set.spacing_mm}};
   for (const auto& [key, is_other] : other_than_usual)  // a file of all options also states the defaults
     if (const auto source = config.source.find(key);
         source != config.source.end() && (is_other || is_of_caller(source->second)))
@@ -40,7 +40,9 @@ std::optional<Goal> goal_of(const Config& config) {
              .help = is_absolute ? "largest error"
                                  : fmt::format("largest error, as 2% or {}", of_place ? "0.1mm" : "1mN")},
             text, "--accuracy (accuracy.goal)");
-  (is_absolute ? goal.absolute : goal.share) = !is_absolute ? 0.01 * value : of_place ? 1e-3 * value : value;
+  (is_absolute ? goal.absolute : goal.fraction) = !is_absolute ? 0.01 * value
+                                                  : of_place   ? 1e-3 * value
+                                                               : value;
   return goal;
 }
 
@@ -73,7 +75,7 @@ void set_material(const Config& config, Scene& scene) {
   scene.material.mu_spread = 0.01 * config.material.mu_spread_percent;
   scene.material.printed_stress = config.material.stress == "printed";
   scene.material.preset = config.material.preset;
-  scene.material.beside_preset = beside_preset(config);
+  scene.material.deviations_from_preset = deviations_from_preset(config);
   material_of(scene);  // throws if the numbers give no material
   for (const auto& [label, differing] : config.tissue)
     scene.tissues.push_back(tissue_of(config, label, differing));
@@ -83,7 +85,7 @@ void set_model(const Config& config, Scene& scene) {
   scene.image = config.image;
   scene.cut = cut_named(config.image.cut, "--cut (image.cut)", config.image.cut_gap_mm);
   scene.scheme = config.scheme.name;
-  scene.cloud = config.cloud;
+  scene.node_set = config.node_set;
   scene.grid = config.grid;
   scene.support_radius_factor = config.support.radius_factor;
   scene.boundary = config.boundary;
@@ -155,7 +157,7 @@ Scene resolve(const Description& description) {
   set_loads(config, scene);
   set_contact(config, scene);
   set_numerics(config, scene);
-  scene.band = config.accuracy.band == "on";
+  scene.error_bounds = config.accuracy.error_bounds == "on";
   scene.goal = goal_of(config);
   scene.followed = followed_named(config.accuracy.quantity);
   scene.output = config.output;

@@ -117,7 +117,7 @@ std::vector<BodyForce> body_forces_named(const std::map<std::string, BodyForceTe
   return forces;
 }
 
-WordNumber share_of_lost_fluid() {
+WordNumber fraction_of_lost_fluid() {
   return {"share", "%", 0.01, 0.0, 100.0, true, true};
 }
 
@@ -125,7 +125,7 @@ std::optional<Scene::Fluid> fluid_named(const std::string& text) {
   if (text == "none") return std::nullopt;
   const OptionWord word = parse_word(
       {"the lost fluid",
-       {{.numbers = joined(direction_numbers(), {share_of_lost_fluid()}),
+       {{.numbers = joined(direction_numbers(), {fraction_of_lost_fluid()}),
          .example = "the direction that is up and a fraction of the height: anterior,60%, or 0,-1,0,60%",
          .is_side = true}}},
       text, "load.fluid_lost");

@@ -18,7 +18,7 @@ Vec3 gravity_named(const std::string& text);
 /// Lost fluid of "anterior,60%"; nothing: none is lost.
 std::optional<Scene::Fluid> fluid_named(const std::string& text);
 /// Fraction of the body's height, in percent as in an option.
-WordNumber share_of_lost_fluid();
+WordNumber fraction_of_lost_fluid();
 std::vector<Scene::Pressure> pressures_named(const std::map<std::string, PressureText>& texts);
 std::vector<BodyForce> body_forces_named(const std::map<std::string, BodyForceText>& texts);
 /// Membranes. `of_all`: --membrane, or none; it is named "surface".
@@ -50,18 +50,18 @@ PosesTaken steps_of_poses(const std::string& file);
 /// Largest depth of the tool over steps that move something [mm]. With displacements in x, y and z only, the
 /// approach direction is not available yet; the depth is then along the first displacement.
 template <class Steps>
-double deepest_push(const Steps& steps) {
-  double pushed = 0.0, deepest = 0.0, along_first = 0.0, deepest_along_first = 0.0;
+double deepest_along_approach(const Steps& steps) {
+  double pressed = 0.0, deepest = 0.0, along_first = 0.0, deepest_along_first = 0.0;
   Vec3 first = Vec3::Zero();
   for (const auto& step : steps) {
     if (step.moves != tool_word) continue;
     if (step.move_mm.size() == 1) {
-      pushed += step.move_mm[0];
-      deepest = std::max(deepest, pushed);
+      pressed += step.move_mm[0];
+      deepest = std::max(deepest, pressed);
     } else if (step.move_mm.size() == 3) {
-      const Vec3 way(step.move_mm[0], step.move_mm[1], step.move_mm[2]);
-      if (first.isZero(0.0)) first = way.normalized();
-      along_first += way.dot(first);
+      const Vec3 displacement(step.move_mm[0], step.move_mm[1], step.move_mm[2]);
+      if (first.isZero(0.0)) first = displacement.normalized();
+      along_first += displacement.dot(first);
       deepest_along_first = std::max(deepest_along_first, along_first);
     }
   }

@@ -11,7 +11,7 @@
 namespace dimple {
 namespace {
 
-constexpr std::size_t most_supports = 28;  // each has a bit of node_set
+constexpr std::size_t most_supports = 28;  // each has a bit of node_flags
 
 Report support_report(const std::string& name, const char* key, const std::string& fact,
                       const std::string& why, const std::string& remedy) {

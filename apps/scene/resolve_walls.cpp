@@ -131,10 +131,10 @@ void check_bed(const Scene& scene) {
                       .why = "it would move as a whole",
                       .remedy = "give a wall below it, as --wall plane:0,0,0,0,0,1, or a support"});
   // A bonded patch prescribes the motion of its nodes, but only after the loads have been applied.
-  const bool circle_holds = !scene.tool && scene.contact == Contact::bonded && !has_loads(scene);
+  const bool patch_holds = !scene.tool && scene.contact == Contact::bonded && !has_loads(scene);
   const bool support_holds = std::any_of(scene.supports.begin(), scene.supports.end(),
                                          [](const Scene::Support& support) { return !support.slides; });
-  if (circle_holds || support_holds) return;
+  if (patch_holds || support_holds) return;
   throw UsageError(
       {.fact = "nothing holds the body sideways before it is pressed on its walls",
        .where = option,

@@ -30,7 +30,7 @@ bool turns(const Scene& scene) {
                      [](const Scene::Step& step) { return !step.turn_deg.empty(); });
 }
 
-std::vector<Cut> cuts_at_rest(const Scene& scene) {
+std::vector<Cut> cuts_of_undeformed_body(const Scene& scene) {
   std::vector<Cut> cuts;
   if (scene.cut) cuts.push_back(scene.cut);
   for (const Scene::Step& step : scene.steps) {
@@ -67,8 +67,8 @@ const char* name_of(Contact contact) {
 
 Scheme scheme_of(const ModelChoices& c) {
   Scheme scheme = *scheme_named(c.scheme);  // one of the option's choices
-  if (c.cloud.rim > 0.0) {
-    scheme.grading.rim = c.cloud.rim;
+  if (c.node_set.patch_edge > 0.0) {
+    scheme.grading.patch_edge = c.node_set.patch_edge;
     scheme.grading.least = 0.0;
   }
   if (c.grid.ratio > 0.0) scheme.points_per_node = c.grid.ratio;

@@ -18,10 +18,10 @@ namespace dimple {
 
 /// Largest error requested of the force or of a displacement, and the time for the search for the nodes.
 struct Goal {
-  std::string text;                    ///< as it was given
-  double share = 0.0, absolute = 0.0;  ///< relative, or in N or m; both 0: as small as the time allows
-  double budget_s = 0.0;               ///< 0: unlimited
-  double half_width(double of) const { return absolute > 0.0 ? absolute : share * of; }
+  std::string text;                       ///< as it was given
+  double fraction = 0.0, absolute = 0.0;  ///< relative, or in N or m; both 0: as small as the time allows
+  double budget_s = 0.0;                  ///< 0: unlimited
+  double half_width(double of) const { return absolute > 0.0 ? absolute : fraction * of; }
 };
 
 /// Shape of a cut: a plane or a disc, a straight edge that enters along a line, a drawn sheet, or a label
@@ -55,14 +55,14 @@ struct ModelChoices {
   } image;
   Cut cut;  ///< before the load
   std::string scheme{converging.name};
-  struct Cloud {
+  struct NodeSet {
     std::int64_t nodes = 1500;
     double spacing_mm = 0.0;  ///< instead of the number of nodes; 0: from that number
-    double rim = 0.0;         ///< here and in all that follow, 0: the scheme's value
+    double patch_edge = 0.0;  ///< here and in all that follow, 0: the scheme's value
     std::int64_t seed = 1;
     double jitter = 0.0;
-    bool operator==(const Cloud&) const = default;
-  } cloud;
+    bool operator==(const NodeSet&) const = default;
+  } node_set;
   struct Grid {
     std::int64_t points = 0;
     double ratio = 0.0;
@@ -106,7 +106,7 @@ struct Scene : ModelChoices {
     double mu_spread = 0.0;  ///< relative uncertainty of the shear modulus
     bool printed_stress = false;
     std::string preset = "none";
-    std::string beside_preset = {};  ///< numbers that replace the preset's, as text
+    std::string deviations_from_preset = {};  ///< numbers that replace the preset's, as text
     bool operator==(const Material&) const = default;
   } material;                          ///< of all labels without a tissue of their own
   std::vector<TissueOfLabel> tissues;  ///< in the order of their labels
@@ -123,7 +123,7 @@ struct Scene : ModelChoices {
   /// Lost fluid: direction against gravity, and the fraction of the body's height above the fluid's level.
   struct Fluid {
     Vec3 up = Vec3::Zero();
-    double share = 0.0;
+    double fraction = 0.0;
   };
   std::optional<Fluid> fluid_lost;
   struct Pressure {
@@ -201,7 +201,7 @@ struct Scene : ModelChoices {
     enum class Time { automatic, quasi_static, explicit_ } time = Time::automatic;
   } solver;
 
-  bool band = true;              ///< the error bounds of the force are requested
+  bool error_bounds = true;      ///< the error bounds of the force are requested
   std::optional<Goal> goal;      ///< accuracy for which nodes are sought
   std::optional<Vec3> followed;  ///< position whose displacement is requested [m, LPS, at rest]
   struct Output {
@@ -239,7 +239,7 @@ std::vector<Scene::Step> moving_steps(const Scene& scene);
 /// True if the tool rotates in any step.
 bool turns(const Scene& scene);
 /// Cuts before any motion: that before the load, and those of the first steps.
-std::vector<Cut> cuts_at_rest(const Scene& scene);
+std::vector<Cut> cuts_of_undeformed_body(const Scene& scene);
 bool has_cuts(const Scene& scene);  ///< at rest
 
 /// Step that cuts the body after a motion.

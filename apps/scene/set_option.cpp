@@ -116,13 +116,14 @@ std::string option_named(const std::string& name, const std::string& source,
     return text;
   };
   const auto without_section = [](const std::string& key) { return key.substr(key.find('.') + 1); };
-  const std::string wanted = in_words(name);
+  const std::string requested = in_words(name);
   std::vector<std::string> known = others;
   const Option* by_its_end = nullptr;
   for (const Option& option : options) {
     const std::string flag = in_words(option.flag), bare = without_unit(option);
-    if (wanted == option.key || wanted == bare || (!flag.empty() && wanted == flag)) return option.key;
-    if (wanted == without_section(option.key) || wanted == without_section(bare)) by_its_end = &option;
+    if (requested == option.key || requested == bare || (!flag.empty() && requested == flag))
+      return option.key;
+    if (requested == without_section(option.key) || requested == without_section(bare)) by_its_end = &option;
     known.push_back(flag.empty() ? without_section(bare) : flag);
     known.push_back(without_section(option.key));
   }

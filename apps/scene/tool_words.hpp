@@ -8,8 +8,8 @@
 
 namespace dimple {
 
-/// Shape of a contacting tool: sphere:5mm, FILE.stl. Nothing: `circle`. Throws UsageError: neither `circle`
-/// nor a valid shape; InputError: a file.
+/// Shape of a contacting tool: sphere:5mm, FILE.stl. Nothing: `bonded_patch`. Throws UsageError: neither
+/// `bonded_patch` nor a valid shape; InputError: a file.
 std::optional<ToolShape> tool_named(const std::string& shape, const std::string& option);
 
 /// Coulomb's coefficient; infinite for `stick`. Throws UsageError: neither that nor a number from 0 to 10.

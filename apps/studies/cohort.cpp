@@ -83,7 +83,7 @@ void require_ids(const Cohort& cohort) {
 }
 
 // Path in a row, relative to the table.
-std::string beside(const Cohort& cohort, const std::string& key, const std::string& text) {
+std::string next_to(const Cohort& cohort, const std::string& key, const std::string& text) {
   const fs::path path = cohort.file.parent_path() / text;
   const bool is_word = key == "output.compare"      ? text == paper_word
                        : key == "image.label_names" ? !fs::exists(path) && known_label_names(text)
@@ -123,8 +123,8 @@ bool is_other_run(const Error& error) {
 
 // Records why a case failed, unless the folder holds other files; a crashed run leaves no summary. Never
 // throws: the program ends with that failure anyway.
-void put_down(const Cohort& cohort, std::size_t row, const fs::path& folder, const Error& error,
-              bool died = false) noexcept try {
+void write_failure(const Cohort& cohort, std::size_t row, const fs::path& folder, const Error& error,
+                   bool died = false) noexcept try {
   std::error_code ignored;
   const bool is_free =
       !fs::exists(folder, ignored) || fs::is_empty(folder, ignored) || holds_only_a_word(folder);
@@ -180,13 +180,13 @@ CaseEnd run_apart(const Cohort& cohort, std::size_t row, const Description& of_a
     if (const auto before = finished_before(described, folder))
       return {.how = How::skipped, .headline = before->headline};
   } catch (const UsageError& error) {
-    if (!options.anew || !is_other_run(error)) throw;
+    if (!options.rerun || !is_other_run(error)) throw;
   }
   std::vector<std::string> words = options.program;
   words.push_back(std::to_string(row + 1));
   constexpr double grace_s = 0.9;  // less than the whole program has to end
   const ProgramRun run = run_program(
-      words, fs::current_path(), log.string(), [] { return stop_asked() != StopReason::none; }, grace_s);
+      words, fs::current_path(), log.string(), [] { return stop_requested() != StopReason::none; }, grace_s);
   CaseEnd end{.seconds = whole.seconds()};
   std::error_code ignored;
   if (run.code == 0) {
@@ -204,7 +204,7 @@ CaseEnd run_apart(const Cohort& cohort, std::size_t row, const Description& of_a
   }
   if (run.code < 128) throw failure_of(run.code, folder, log);
   const Error error = crashed(run.code - 128, log);
-  put_down(cohort, row, folder, error, true);
+  write_failure(cohort, row, folder, error, true);
   throw error;
 }
 
@@ -246,7 +246,7 @@ std::string image_of(const Cohort& cohort, std::size_t row) {
   for (std::size_t c = 0; c < cohort.key.size(); ++c)
     if (const std::string& text = cohort.table.row[row].field[c];
         cohort.key[c] == "image.file" && !text.empty())
-      return beside(cohort, cohort.key[c], text);
+      return next_to(cohort, cohort.key[c], text);
   return {};
 }
 
@@ -256,7 +256,7 @@ Description case_of(const Cohort& cohort, std::size_t row, Description described
   complete_for_all_cases(described);  // the row's values take precedence
   for (std::size_t c = 0; c < cohort.key.size(); ++c)
     if (const std::string& key = cohort.key[c]; key != "id" && !fields.field[c].empty())
-      set_option(described, key, beside(cohort, key, fields.field[c]), line);
+      set_option(described, key, next_to(cohort, key, fields.field[c]), line);
   require_one_modulus(cohort, row, described);
   complete(described);
   if (image_file(described).empty())
@@ -295,11 +295,11 @@ std::string changed_since(const Cohort& cohort, std::size_t row, const fs::path&
 }
 
 Outcome run_case(const Cohort& cohort, std::size_t row, const Description& of_all_rows, const fs::path& out,
-                 bool anew, const RecordObserver& observer) {
+                 bool rerun, const RecordObserver& observer) {
   const fs::path folder = out / cohort.id(row);
   try {
     const Description described = case_of(cohort, row, of_all_rows);
-    if (!anew) return record_run(described, folder, Existing::resume, observer);
+    if (!rerun) return record_run(described, folder, Existing::resume, observer);
     try {
       if (const auto before = finished_before(described, folder)) return *before;
     } catch (const UsageError& error) {
@@ -309,7 +309,7 @@ Outcome run_case(const Cohort& cohort, std::size_t row, const Description& of_al
   } catch (const Stopped&) {
     throw;
   } catch (const Error& error) {
-    put_down(cohort, row, folder, error);
+    write_failure(cohort, row, folder, error);
     throw;
   }
 }
@@ -322,9 +322,9 @@ std::vector<CaseEnd> run_cohort(const Cohort& cohort, const Description& of_all_
   make_folder(out);
   std::vector<CaseEnd> ends(cohort.size());
   std::size_t ended = 0;
-  std::mutex telling;
-  const auto tell = [&](std::size_t row) {
-    const std::lock_guard lock(telling);
+  std::mutex reporting;
+  const auto report_row = [&](std::size_t row) {
+    const std::lock_guard lock(reporting);
     const CaseEnd& end = ends[row];
     const std::string place = fmt::format("{:>5}/{}  {}", ++ended, cohort.size(), cohort.id(row));
     switch (end.how) {
@@ -343,27 +343,27 @@ std::vector<CaseEnd> run_cohort(const Cohort& cohort, const Description& of_all_
     ends[row].how = How::failed;
     ends[row].reason = error.report;
     ends[row].code = error.code;
-    tell(row);
+    report_row(row);
   };
 
   std::vector<std::size_t> able;
-  for (std::size_t row = 0; row < cohort.size() && stop_asked() == StopReason::none; ++row) try {
+  for (std::size_t row = 0; row < cohort.size() && stop_requested() == StopReason::none; ++row) try {
       case_of(cohort, row, of_all_rows);
       able.push_back(row);
     } catch (const Error& error) {
-      put_down(cohort, row, out / cohort.id(row), error);
+      write_failure(cohort, row, out / cohort.id(row), error);
       fail(row, error);
     }
 
   std::atomic<std::size_t> next{0};
   const auto work = [&] {
-    while (stop_asked() == StopReason::none) {
+    while (stop_requested() == StopReason::none) {
       const std::size_t k = next++;
       if (k >= able.size()) return;
       const std::size_t row = able[k];
       try {
         ends[row] = run_apart(cohort, row, of_all_rows, out, options);
-        tell(row);
+        report_row(row);
       } catch (const Error& error) {
         fail(row, error);
       } catch (const std::exception& error) {

@@ -40,9 +40,9 @@ std::string changed_since(const Cohort& cohort, std::size_t row, const std::file
 
 /// Runs one row in the folder named by its id, as record_run() does: resumes a stopped run and returns at
 /// once if the same run is finished. A run of other options or another image is refused, or replaced with
-/// `anew`. A failure is recorded in the folder unless that holds other files. Throws Error.
+/// `rerun`. A failure is recorded in the folder unless that holds other files. Throws Error.
 Outcome run_case(const Cohort& cohort, std::size_t row, const Description& of_all_rows,
-                 const std::filesystem::path& out, bool anew, const RecordObserver& observer);
+                 const std::filesystem::path& out, bool rerun, const RecordObserver& observer);
 
 /// State of a row at the end.
 struct CaseEnd {
@@ -56,7 +56,7 @@ struct CaseEnd {
 
 struct CohortOptions {
   std::size_t jobs = 1;
-  bool anew = false;
+  bool rerun = false;
   std::vector<std::string> program;  ///< program with its arguments; the row's number, from 1, is appended
 };
 

@@ -212,7 +212,7 @@ std::size_t write_bids(const std::vector<CollectedCase>& cases, const fs::path& 
   std::size_t count = 0;
   std::string version;
   for (const CollectedCase& one : cases) {
-    stop_if_asked();
+    stop_if_requested();
     const fs::path from = out / one.id;
     std::error_code ignored;
     if (one.force[0].empty() || !fs::exists(from / "force.csv", ignored)) continue;

@@ -7,7 +7,7 @@
 #include <optional>
 #include <tuple>
 
-#include "apps/run/band.hpp"
+#include "apps/run/error_bounds.hpp"
 #include "apps/run/organ.hpp"
 #include "apps/run/simulate.hpp"
 #include "apps/run/stopwatch.hpp"
@@ -54,8 +54,8 @@ std::vector<double> forces_at(const std::vector<ForceSample>& samples, const std
       continue;
     }
     const ForceSample& before = *std::prev(after);
-    const double share = (depth - before.depth) / (after->depth - before.depth);
-    result.push_back(before.force + std::min(share, 1.0) * (after->force - before.force));
+    const double fraction = (depth - before.depth) / (after->depth - before.depth);
+    result.push_back(before.force + std::min(fraction, 1.0) * (after->force - before.force));
   }
   return result;
 }
@@ -67,12 +67,12 @@ double seconds_by_itself(const Result& result) {
 
 Tried run(const Case& given, const std::vector<double>& depths_mm) {
   Tried tried;
-  double gave_way_mm = INFINITY;  // nothing deeper is compared
+  double limit_point_mm = INFINITY;  // nothing deeper is compared
   const RunObserver observer{.march = {.sample = [&](const ForceSample& sample, const History& history) {
                                const double mm = 1e3 * sample.depth;
-                               if (has_limit_point(history)) gave_way_mm = std::min(gave_way_mm, mm);
-                               const bool enough = gave_way_mm < INFINITY && mm > depths_mm.front() - 1e-6;
-                               return !enough && stop_asked() == StopReason::none;
+                               if (has_limit_point(history)) limit_point_mm = std::min(limit_point_mm, mm);
+                               const bool enough = limit_point_mm < INFINITY && mm > depths_mm.front() - 1e-6;
+                               return !enough && stop_requested() == StopReason::none;
                              }}};
   try {
     unless_stopped([&] { simulate(given, observer, tried.result); });
@@ -81,9 +81,9 @@ Tried run(const Case& given, const std::vector<double>& depths_mm) {
     if (tried.force.empty()) throw;
     tried.deeper = "no equilibrium was found deeper";
   }
-  if (stop_asked() != StopReason::none) throw Stopped(stop_asked());
+  if (stop_requested() != StopReason::none) throw Stopped(stop_requested());
   tried.force = forces_at(tried.result.history.force, depths_mm);
-  while (tried.force.size() > 1 && depths_mm[tried.force.size() - 1] > gave_way_mm - 1e-6) {
+  while (tried.force.size() > 1 && depths_mm[tried.force.size() - 1] > limit_point_mm - 1e-6) {
     tried.force.pop_back();
     tried.deeper = "the tissue passed a limit point deeper";
   }
@@ -102,9 +102,9 @@ bool same_nodes(const Model& a, const Model& b) {
 
 }  // namespace
 
-Index nodes_to_explain(const Scene& scene, double facing_share) {
+Index nodes_to_explain(const Scene& scene, double facing_fraction) {
   return std::max(fewest_nodes_under_tool(scene),
-                  facing_share > most_facing ? Index{2000} : Scene::Cloud{}.nodes);
+                  facing_fraction > most_facing ? Index{2000} : Scene::NodeSet{}.nodes);
 }
 
 namespace {
@@ -113,10 +113,10 @@ namespace {
 Scene config_to_explain(Scene scene, Index nodes) {
   scene.goal.reset();
   scene.followed.reset();
-  scene.band = true;
+  scene.error_bounds = true;
   scene.material.mu_spread = 0.0;
-  scene.cloud.spacing_mm = 0.0;
-  scene.cloud.nodes = nodes;
+  scene.node_set.spacing_mm = 0.0;
+  scene.node_set.nodes = nodes;
   scene.given.nodes = true;
   scene.solver.frames = frames;
   return scene;
@@ -126,18 +126,18 @@ Scene config_to_explain(Scene scene, Index nodes) {
 struct ForceReference {
   const std::vector<double>& depths_mm;
   const Scene& held;
-  const ReadOrgan& organ;    // of the case as given, and its model with positions as numbers
-  const Tried& found;        // case as given
-  const Tried& as_it_is;     // case with its positions as numbers
-  std::vector<double> mean;  // force [N] over the node sets so far
-  int clouds = 1;
+  const PreparedOrgan& organ;  // of the case as given, and its model with positions as numbers
+  const Tried& found;          // case as given
+  const Tried& as_it_is;       // case with its positions as numbers
+  std::vector<double> mean;    // force [N] over the node sets so far
+  int node_sets = 1;
 };
 
 void take_into_mean(ForceReference& reference, const std::vector<double>& force) {
   std::vector<double>& mean = reference.mean;
   mean.resize(std::min(mean.size(), force.size()));
-  for (std::size_t k = 0; k < mean.size(); ++k) mean[k] += (force[k] - mean[k]) / (reference.clouds + 1);
-  ++reference.clouds;
+  for (std::size_t k = 0; k < mean.size(); ++k) mean[k] += (force[k] - mean[k]) / (reference.node_sets + 1);
+  ++reference.node_sets;
 }
 
 // Force proportional to the depth, at each of the depths.
@@ -150,13 +150,13 @@ std::vector<double> proportional(const Tried& now, double depth_mm, const std::v
 
 // Replaces the forces of a trial by the mean of them and those with another random node set. Returns the
 // number of depths that both have.
-std::size_t average_with_another_cloud(Tried& now, const Case& given, const std::vector<double>& depths_mm,
-                                       std::size_t depths) {
-  ReadOrgan same = *given.organ;
+std::size_t average_with_another_node_set(Tried& now, const Case& given, const std::vector<double>& depths_mm,
+                                          std::size_t depths) {
+  PreparedOrgan same = *given.organ;
   same.made = made_in(given.scene, now.result);
   Case again = given;
   again.organ = &same;
-  ++again.scene.cloud.seed;
+  ++again.scene.node_set.seed;
   const auto other = run(again, depths_mm);
   if (other.force.size() < depths) now.deeper = other.deeper;
   depths = std::min(depths, other.force.size());
@@ -168,13 +168,13 @@ std::size_t average_with_another_cloud(Tried& now, const Case& given, const std:
 // Compares the forces with those of the reference.
 void compare(Alternative& alternative, const Trial& trial, const Case& given, Tried& now,
              const ForceReference& reference, double noise) {
-  const bool same_cloud =
-      trial.kind == Alternative::Kind::cloud || same_nodes(now.result.model, reference.as_it_is.result.model);
-  const std::vector<double>& compared = same_cloud ? reference.as_it_is.force : reference.mean;
+  const bool same_node_set = trial.kind == Alternative::Kind::node_set ||
+                             same_nodes(now.result.model, reference.as_it_is.result.model);
+  const std::vector<double>& compared = same_node_set ? reference.as_it_is.force : reference.mean;
   std::size_t depths = std::min({now.force.size(), compared.size(), reference.found.force.size()});
   // Effects close to the scatter between node sets are averaged over two node sets.
-  if (!same_cloud && std::abs(now.force[depths - 1] / compared[depths - 1] - 1.0) < few_noises * noise)
-    depths = average_with_another_cloud(now, given, reference.depths_mm, depths);
+  if (!same_node_set && std::abs(now.force[depths - 1] / compared[depths - 1] - 1.0) < few_noises * noise)
+    depths = average_with_another_node_set(now, given, reference.depths_mm, depths);
   for (std::size_t k = 0; k < depths; ++k)
     alternative.effects.emplace_back(reference.depths_mm[k], now.force[k] / compared[k] - 1.0);
   std::tie(alternative.depth_mm, alternative.effect) = alternative.effects.back();
@@ -187,7 +187,7 @@ using Say = std::function<void(const std::string&)>;
 
 // True if a case has the same body as a scene: its image and its surface are made in the same manner.
 bool has_same_body(const Case& a, const Scene& b) {
-  const BodyChange& change = a.change;
+  const BodyModification& change = a.change;
   return !change.image && change.smoothing == 1.0 && change.outward_voxels == 0.0 &&
          a.scene.image.close_mm == b.image.close_mm;
 }
@@ -200,7 +200,7 @@ std::optional<Alternative> try_out(const Trial& trial, ForceReference& reference
   try {
     const double depth_mm = trial.given.scene.depth_mm;
     Case given = trial.given;
-    std::optional<ReadOrgan> changed;
+    std::optional<PreparedOrgan> changed;
     if (!has_same_body(given, reference.held)) unless_stopped([&] { changed = read_once(given, {}); });
     given.organ = changed ? &*changed : &reference.organ;
     Tried now = run(given, trial.linear ? std::vector{depth_mm} : reference.depths_mm);
@@ -236,15 +236,15 @@ std::optional<Explanation> explain_with(Index nodes, Index* more, const Scene& g
   std::vector<double> depths_mm;
   for (int k = 1; k <= frames; ++k) depths_mm.push_back(scene.depth_mm * k / frames);
 
-  ReadOrgan organ = read_once({.scene = scene}, {});
+  PreparedOrgan organ = read_once({.scene = scene}, {});
   Tried found = run({.scene = scene, .organ = &organ}, depths_mm);
   found.result.image = organ.read.image;  // simulate() has released it
-  if (const Index least = nodes_to_explain(scene, found.result.facing_share); more && nodes < least) {
+  if (const Index least = nodes_to_explain(scene, found.result.facing_fraction); more && nodes < least) {
     *more = least;
     return std::nullopt;
   }
   const Vec3 down = found.result.model.axes * found.result.report.boundary.down;
-  Explanation explanation{.nodes = scene.cloud.nodes,
+  Explanation explanation{.nodes = scene.node_set.nodes,
                           .depth_mm = depths_mm[found.force.size() - 1],
                           .force = found.force.back(),
                           .seconds = found.seconds};

@@ -16,7 +16,7 @@ namespace dimple {
 /// Run with one choice changed, and its force.
 struct Alternative {
   enum class Kind {
-    cloud,          ///< the discretisation: smaller effects than that of other random nodes are noise
+    node_set,       ///< the discretisation: smaller effects than that of other random nodes are noise
     doubt,          ///< uncertain in the image or the scene
     simplification  ///< effect that a model may leave out
   };
@@ -54,7 +54,7 @@ inline double threshold(const Explanation& e) {
 
 /// Initial number of nodes for the comparisons: a run's default, or more for a folded body or a tool that
 /// needs more.
-Index nodes_to_explain(const Scene& scene, double facing_share);
+Index nodes_to_explain(const Scene& scene, double facing_fraction);
 
 /// Contacting tool with one choice changed: a length, with the nodes of the unchanged tool, or its friction.
 /// The assumed uncertainty is 2 % of a radius and 20 % of the radius of an edge.

@@ -31,9 +31,9 @@ std::string instead_of(const Alternative& a, const Explanation& e) {
 }
 
 const char* word_of(Alternative::Kind kind) {
-  return kind == Alternative::Kind::cloud   ? "discretisation"
-         : kind == Alternative::Kind::doubt ? "doubt"
-                                            : "simplification";
+  return kind == Alternative::Kind::node_set ? "discretisation"
+         : kind == Alternative::Kind::doubt  ? "doubt"
+                                             : "simplification";
 }
 
 std::string verdict(const Explanation& explanation, const Alternative& a) {
@@ -117,9 +117,9 @@ void write_choices(const std::filesystem::path& folder, const ChoiceTable& table
     if (is_new)
       tornado.rows.push_back({.name = row.what,
                               .note = row.all,
-                              .colour = row.kind == Alternative::Kind::cloud   ? 2
-                                        : row.kind == Alternative::Kind::doubt ? 0
-                                                                               : 1});
+                              .colour = row.kind == Alternative::Kind::node_set ? 2
+                                        : row.kind == Alternative::Kind::doubt  ? 0
+                                                                                : 1});
     Tornado::Row& bar = tornado.rows[at->second];
     if (!row.at.empty() && bar.note.find(row.at) == std::string::npos)
       bar.note += (bar.note.empty() ? "" : ", ") + row.at;

@@ -23,7 +23,7 @@ namespace {
 
 using Kind = Alternative::Kind;
 
-constexpr double tilt_degrees_of_up = 15.0, share_of_fluid = 0.2, opening_mm = 5.0, gap_of_label_mm = 2.0;
+constexpr double tilt_degrees_of_up = 15.0, fraction_of_fluid = 0.2, opening_mm = 5.0, gap_of_label_mm = 2.0;
 
 struct ShiftTrial {
   std::string what, instead, all;
@@ -40,16 +40,16 @@ struct Measured {
 };
 
 // Measures a shift. `places`: of Measured::elsewhere; if empty, they are set from this shift.
-Measured measured(const Scene& scene, const ShiftScene& asked, Points& places) {
+Measured measured(const Scene& scene, const ShiftScene& requested, Points& places) {
   Shifted now;
-  unless_stopped([&] { come_to_rest(scene, asked, {}, now); });
+  unless_stopped([&] { find_equilibrium(scene, requested, {}, now); });
   Measured result;
-  result.at_opening = now.surface_mm.col(now.largest_in(asked.opening)).norm();
+  result.at_opening = now.surface_mm.col(now.largest_in(requested.opening)).norm();
   if (places.cols() == 0) {
-    places.resize(3, now.line.cols() + static_cast<Index>(asked.targets.size()));
+    places.resize(3, now.line.cols() + static_cast<Index>(requested.targets.size()));
     for (Index k = 0; k < places.cols(); ++k)
       places.col(k) = k < now.line.cols() ? Vec3(now.line.col(k))
-                                          : asked.targets[static_cast<std::size_t>(k - now.line.cols())];
+                                          : requested.targets[static_cast<std::size_t>(k - now.line.cols())];
   }
   result.elsewhere = now.at(places);
   result.nodes = now.result.model.X;
@@ -72,8 +72,8 @@ Scene::Wall& skull_in(Scene& scene) {
 
 class Trials {
  public:
-  Trials(const Scene& scene, const ShiftScene& asked, const ShiftOptions& options, double base_depth)
-      : unchanged_(scene), asked_(asked), options_(options) {
+  Trials(const Scene& scene, const ShiftScene& requested, const ShiftOptions& options, double base_depth)
+      : unchanged_(scene), requested_(requested), options_(options) {
     discretisation();
     skull();
     load();
@@ -93,11 +93,11 @@ class Trials {
   void discretisation() {
     for (const int more : {1, 2})
       add("cloud", "two other random node sets",
-          fmt::format("seed {} instead of {}", unchanged_.cloud.seed + more, unchanged_.cloud.seed),
-          Kind::cloud, [&](Scene& c) { c.cloud.seed += more; });
+          fmt::format("seed {} instead of {}", unchanged_.node_set.seed + more, unchanged_.node_set.seed),
+          Kind::node_set, [&](Scene& c) { c.node_set.seed += more; });
     add("number of nodes", "",
-        fmt::format("{} instead of {}", 2 * unchanged_.cloud.nodes, unchanged_.cloud.nodes), Kind::cloud,
-        [](Scene& c) { c.cloud.nodes *= 2; });
+        fmt::format("{} instead of {}", 2 * unchanged_.node_set.nodes, unchanged_.node_set.nodes),
+        Kind::node_set, [](Scene& c) { c.node_set.nodes *= 2; });
   }
 
   void skull() {
@@ -116,7 +116,7 @@ class Trials {
             [&](Scene& c) { skull_in(c).gap = 1e-3 * other; });
     add("friction at the skull", "", "0.3 instead of none", Kind::doubt,
         [](Scene& c) { skull_in(c).friction = 0.3; });
-    const Eigen::Vector4d& o = asked_.opening;
+    const Eigen::Vector4d& o = requested_.opening;
     for (const double sign : {1.0, -1.0}) {
       const double radius = std::max(o[3] + sign * opening_mm, 0.5 * o[3]);
       add("opening", fmt::format("radius {} mm larger or smaller", plain(opening_mm)),
@@ -128,21 +128,21 @@ class Trials {
   void load() {
     const Scene::Fluid fluid = unchanged_.fluid_lost.value();
     for (const double sign : {1.0, -1.0}) {
-      const double share = std::clamp(fluid.share + sign * share_of_fluid, 0.05, 1.0);
-      if (share == fluid.share) continue;
-      add("fluid lost", fmt::format("{:g} points more or less of the height", 100.0 * share_of_fluid),
-          fmt::format("{:.0f} % instead of {:.0f} %", 100.0 * share, 100.0 * fluid.share), Kind::doubt,
-          [&](Scene& c) { c.fluid_lost->share = share; });
+      const double fraction = std::clamp(fluid.fraction + sign * fraction_of_fluid, 0.05, 1.0);
+      if (fraction == fluid.fraction) continue;
+      add("fluid lost", fmt::format("{:g} points more or less of the height", 100.0 * fraction_of_fluid),
+          fmt::format("{:.0f} % instead of {:.0f} %", 100.0 * fraction, 100.0 * fluid.fraction), Kind::doubt,
+          [&](Scene& c) { c.fluid_lost->fraction = fraction; });
     }
     Index axis = 0;
     fluid.up.cwiseAbs().minCoeff(&axis);
     const Vec3 u = (Vec3::Unit(axis) - fluid.up[axis] * fluid.up).normalized(), v = fluid.up.cross(u);
     const double angle = tilt_degrees_of_up * std::numbers::pi / 180.0;
-    for (const Vec3& way : {u, Vec3(-u), v, Vec3(-v)})
+    for (const Vec3& displacement : {u, Vec3(-u), v, Vec3(-v)})
       add("direction of up", fmt::format("tilted by {:g} degrees in four directions", tilt_degrees_of_up),
-          fmt::format("tilted by {:g} degrees, {}", tilt_degrees_of_up, side_of(way)), Kind::doubt,
+          fmt::format("tilted by {:g} degrees, {}", tilt_degrees_of_up, side_of(displacement)), Kind::doubt,
           [&](Scene& c) {
-            c.fluid_lost->up = (std::cos(angle) * fluid.up + std::sin(angle) * way).normalized();
+            c.fluid_lost->up = (std::cos(angle) * fluid.up + std::sin(angle) * displacement).normalized();
           });
   }
 
@@ -162,17 +162,17 @@ class Trials {
     if (!(unchanged_.image.close_mm > 0.0)) return;
     const std::string all = fmt::format("open instead of filled below {} mm, with contact or without",
                                         plain(unchanged_.image.close_mm));
-    for (const bool touch : {false, true})
+    for (const bool indenter : {false, true})
       add("sulci", all,
-          touch ? "open, with contact of their walls" : "open, and their walls pass through each other",
-          Kind::doubt, [touch](Scene& c) {
+          indenter ? "open, with contact of their walls" : "open, and their walls pass through each other",
+          Kind::doubt, [indenter](Scene& c) {
             c.image.close_mm = 0.0;
-            c.self_contact = touch ? Scene::SelfContact::on : Scene::SelfContact::off;
+            c.self_contact = indenter ? Scene::SelfContact::on : Scene::SelfContact::off;
           });
   }
 
   const Scene& unchanged_;
-  const ShiftScene& asked_;
+  const ShiftScene& requested_;
   const ShiftOptions& options_;
 };
 
@@ -194,21 +194,21 @@ struct Reference {
   Measured as_it_is;
   double mean = 0.0;
   Points mean_elsewhere;
-  int clouds = 1;
+  int node_sets = 1;
 };
 
 void compare(const Measured& now, const ShiftTrial& trial, Reference& reference, Alternative& alternative,
              ShiftExplanation& e) {
   const Points& nodes = reference.as_it_is.nodes;
-  const bool same = trial.kind == Kind::cloud || (now.nodes.cols() == nodes.cols() && now.nodes == nodes);
+  const bool same = trial.kind == Kind::node_set || (now.nodes.cols() == nodes.cols() && now.nodes == nodes);
   alternative.effect = now.at_opening - (same ? reference.as_it_is.at_opening : reference.mean);
   alternative.elsewhere =
       farthest(now.elsewhere, same ? reference.as_it_is.elsewhere : reference.mean_elsewhere);
-  if (trial.kind == Kind::cloud) e.noise_mm = std::max(e.noise_mm, std::abs(alternative.effect));
+  if (trial.kind == Kind::node_set) e.noise_mm = std::max(e.noise_mm, std::abs(alternative.effect));
   if (trial.what != "cloud") return;
-  ++reference.clouds;
-  reference.mean += (now.at_opening - reference.mean) / reference.clouds;
-  reference.mean_elsewhere += (now.elsewhere - reference.mean_elsewhere) / reference.clouds;
+  ++reference.node_sets;
+  reference.mean += (now.at_opening - reference.mean) / reference.node_sets;
+  reference.mean_elsewhere += (now.elsewhere - reference.mean_elsewhere) / reference.node_sets;
 }
 
 }  // namespace
@@ -216,22 +216,22 @@ void compare(const Measured& now, const ShiftTrial& trial, Reference& reference,
 ShiftExplanation explain_shift(const Scene& scene, const ShiftOptions& options,
                                const std::function<void(const std::string&)>& progress) {
   const Stopwatch whole;
-  const ShiftScene asked = scene_of(options);
+  const ShiftScene requested = scene_of(options);
   ShiftExplanation e;
-  e.nodes = scene.cloud.nodes;
+  e.nodes = scene.node_set.nodes;
   Reference reference;
   Points places(3, 0);
-  reference.as_it_is = measured(scene, asked, places);
+  reference.as_it_is = measured(scene, requested, places);
   e.seconds = whole.seconds();
   reference.mean = e.shift_mm = reference.as_it_is.at_opening;
   reference.mean_elsewhere = reference.as_it_is.elsewhere;
-  const Trials trials(scene, asked, options, reference.as_it_is.base_depth);
+  const Trials trials(scene, requested, options, reference.as_it_is.base_depth);
   try {
     for (const ShiftTrial& trial : trials.list) {
       Alternative alternative{trial.what, trial.instead, trial.all, trial.kind};
       const Stopwatch trying;
       try {
-        compare(measured(trial.scene, asked, places), trial, reference, alternative, e);
+        compare(measured(trial.scene, requested, places), trial, reference, alternative, e);
       } catch (const Stopped&) {
         throw;
       } catch (const Error& error) {

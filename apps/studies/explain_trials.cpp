@@ -7,7 +7,7 @@
 #include <cmath>
 #include <limits>
 
-#include "apps/run/band.hpp"
+#include "apps/run/error_bounds.hpp"
 #include "apps/run/tool.hpp"
 #include "apps/run/words.hpp"
 #include "apps/scene/tool_words.hpp"
@@ -46,32 +46,33 @@ void add_discretisation(std::vector<Trial>& trials, const Unchanged& u) {
   const Scene& scene = u.scene;
   for (const int more : {1, 2})
     add(trials, u, "cloud", "two other random node sets",
-        fmt::format("seed {} instead of {}", scene.cloud.seed + more, scene.cloud.seed), Kind::cloud,
-        [&](Case& c) { c.scene.cloud.seed += more; });
+        fmt::format("seed {} instead of {}", scene.node_set.seed + more, scene.node_set.seed), Kind::node_set,
+        [&](Case& c) { c.scene.node_set.seed += more; });
   add(trials, u, "number of nodes", "",
-      fmt::format("{} instead of {}", 2 * scene.cloud.nodes, scene.cloud.nodes), Kind::cloud,
-      [](Case& c) { c.scene.cloud.nodes *= 2; });
+      fmt::format("{} instead of {}", 2 * scene.node_set.nodes, scene.node_set.nodes), Kind::node_set,
+      [](Case& c) { c.scene.node_set.nodes *= 2; });
 
   const double ratio = scheme_of(scene).points_per_node;
   add(trials, u, "integration points", "",
-      fmt::format("{} per node instead of {}", plain(2.0 * ratio), plain(ratio)), Kind::cloud, [&](Case& c) {
+      fmt::format("{} per node instead of {}", plain(2.0 * ratio), plain(ratio)), Kind::node_set,
+      [&](Case& c) {
         c.scene.grid.points = 0;
         c.scene.grid.ratio = 2.0 * ratio;
       });
   const double tolerance = scene.solver.tolerance;
   add(trials, u, "equilibrium", "",
       fmt::format("to {} of the reactions instead of {}", plain(0.1 * tolerance), plain(tolerance)),
-      Kind::cloud, [&](Case& c) { c.scene.solver.tolerance = std::max(0.1 * tolerance, 1e-8); });
+      Kind::node_set, [&](Case& c) { c.scene.solver.tolerance = std::max(0.1 * tolerance, 1e-8); });
   const double step = longest_step_radii(scene);
   add(trials, u, "steps of the load", "",
-      fmt::format("{:g} instead of {:g} radii of the {}", 0.5 * step, step, u.tool_name()), Kind::cloud,
+      fmt::format("{:g} instead of {:g} radii of the {}", 0.5 * step, step, u.tool_name()), Kind::node_set,
       [&](Case& c) { c.scene.solver.step_radii = std::max(0.5 * step, 0.001); });
 }
 
 void add_contact(std::vector<Trial>& trials, const Unchanged& u) {
   const bool bonded = u.scene.contact == Contact::bonded;
-  if (const Touch* touch = u.touch())
-    for (const ToolChoice& choice : tool_choices(touch->shape, touch->friction))
+  if (const RigidBody* indenter = u.indenter())
+    for (const ToolChoice& choice : tool_choices(indenter->shape, indenter->friction))
       add(trials, u, choice.what, choice.all, choice.instead, Kind::doubt, [&](Case& c) {
         c.change.tool = choice.shape;
         c.scene.friction = choice.friction;
@@ -102,11 +103,12 @@ void add_tool_place(std::vector<Trial>& trials, const Unchanged& unchanged) {
   const auto& tool = unchanged.found.model.tool;
   const Vec3 centre = centre_in_image(unchanged.found);
   Index axis = 0;
-  tool.push.cwiseAbs().minCoeff(&axis);
-  const Vec3 u = (Vec3::Unit(axis) - tool.push[axis] * tool.push).normalized(), v = tool.push.cross(u);
+  tool.approach.cwiseAbs().minCoeff(&axis);
+  const Vec3 u = (Vec3::Unit(axis) - tool.approach[axis] * tool.approach).normalized(),
+             v = tool.approach.cross(u);
   for (const Vec3& step : {u, Vec3(-u), v, Vec3(-v)}) {
     const Vec3 shown = step.array() + 0.0;  // no -0
-    add(trials, unchanged, unchanged.touch() ? "tool's place" : "circle",
+    add(trials, unchanged, unchanged.indenter() ? "tool's place" : "circle",
         fmt::format("moved by {:g} mm in four directions", tool_step_mm),
         fmt::format("moved by {:g} mm along ({:+.1f}, {:+.1f}, {:+.1f})", tool_step_mm, shown.x(), shown.y(),
                     shown.z()),
@@ -148,21 +150,23 @@ void add_folds(std::vector<Trial>& trials, const Unchanged& u) {
   else
     add(trials, u, "folds", "", fmt::format("closed below {} mm, at the same place", plain(narrow_gap_mm)),
         Kind::doubt, change(narrow_gap_mm));
-  if (!(u.found.facing_share > most_facing) || u.found.time != TimeMode::quasi_static) return;
-  const bool touch = u.found.loading.folds != nullptr;
+  if (!(u.found.facing_fraction > most_facing) || u.found.time != TimeMode::quasi_static) return;
+  const bool folds_in_contact = u.found.loading.folds != nullptr;
   add(trials, u, "walls of folds", "",
-      touch ? "pass through each other" : "come into contact where they close, without friction", Kind::doubt,
-      [touch](Case& c) { c.scene.self_contact = touch ? Scene::SelfContact::off : Scene::SelfContact::on; });
+      folds_in_contact ? "pass through each other" : "come into contact where they close, without friction",
+      Kind::doubt, [indenter](Case& c) {
+        c.scene.self_contact = indenter ? Scene::SelfContact::off : Scene::SelfContact::on;
+      });
 }
 
 void add_small_strain(std::vector<Trial>& trials, const Unchanged& u) {
   const double depth_mm = u.scene.depth_mm, small_mm = small_depth_radii * u.radius_mm();
   // With a contacting tool, the force is not proportional to the depth at small strain either.
-  if (u.touch() || !(small_mm < depth_mm) || u.found.time != TimeMode::quasi_static) return;
+  if (u.indenter() || !(small_mm < depth_mm) || u.found.time != TimeMode::quasi_static) return;
   add(trials, u, "strain", "", "small instead of large", Kind::simplification, [&](Case& c) {
     // Supports move in proportion to the depth.
     for (Scene::Support& support : c.scene.supports)
-      for (double& way : support.move_mm) way *= small_mm / depth_mm;
+      for (double& component : support.move_mm) component *= small_mm / depth_mm;
     c.scene.depth_mm = small_mm;
     c.scene.solver.frames = 1;
   });
@@ -176,15 +180,15 @@ void add_far_tissue(std::vector<Trial>& trials, const Unchanged& u) {
       [&](Case& c) {
         const std::vector<int> labels = u.found.segment.labels;
         const Boundary& boundary = u.found.report.boundary;
-        const Vec3 centre = 1e3 * centre_in_image(u.found), push = u.found.model.tool.push;
-        const LabelImage near = without_far_tissue(u.found.image, centre, push, away);
+        const Vec3 centre = 1e3 * centre_in_image(u.found), approach = u.found.model.tool.approach;
+        const LabelImage near = without_far_tissue(u.found.image, centre, approach, away);
         // Without its lowest part, the body is held up to the same height as before.
         if (!boundary.flat_base)
           c.scene.boundary.base_depth_mm = std::max(
               boundary.base_depth - reach_of(u.found.image, labels, u.down) + reach_of(near, labels, u.down),
               0.1);
         c.change.image = [=](const LabelImage& image) {
-          return without_far_tissue(image, centre, push, away);
+          return without_far_tissue(image, centre, approach, away);
         };
       });
 }
@@ -228,7 +232,7 @@ void add_one_material(std::vector<Trial>& trials, const Unchanged& u) {
 Scene pinned(Scene scene, const LoadedModel& found, const Vec3& down) {
   const auto& tool = found.model.tool;
   scene.boundary.indent_at = vector_text(1e3 * centre_in_image(found));
-  scene.boundary.direction = vector_text(tool.push);
+  scene.boundary.direction = vector_text(tool.approach);
   scene.boundary.base = vector_text(down);
   if (scene.solver.time == Scene::Numerics::Time::automatic)
     scene.solver.time = found.time == TimeMode::quasi_static ? Scene::Numerics::Time::quasi_static

@@ -25,9 +25,9 @@ struct Unchanged {
   const Result& found;
   Vec3 down;
 
-  const Touch* touch() const { return found.loading.touch.get(); }
-  std::string tool_name() const { return touch() ? "tool" : "circle"; }
-  double radius_mm() const { return 1e3 * (touch() ? touch()->shape.radius : found.model.tool.radius); }
+  const RigidBody* indenter() const { return found.loading.indenter.get(); }
+  std::string tool_name() const { return indenter() ? "tool" : "circle"; }
+  double radius_mm() const { return 1e3 * (indenter() ? indenter()->shape.radius : found.model.tool.radius); }
 };
 
 /// Scene with the positions that were found, as numbers, so that a change of the body does not move the tool.

@@ -41,28 +41,28 @@ std::string chosen_format(const std::string& format, const fs::path& file) {
 
 // Body meshed with finite elements.
 struct ElementMesh {
-  ElementModel model;                  // only nodes, elements, base and patch, in the surface's frame
-  double spacing_mm = 0.0, rim = 1.0;  // edge length far from the patch; relative length at its edge
+  ElementModel model;                         // only nodes, elements, base and patch, in the surface's frame
+  double spacing_mm = 0.0, patch_edge = 1.0;  // edge length far from the patch; relative length at its edge
   double volume_mm3 = 0.0;
 };
 
 ElementMesh tetrahedra(const Scene& scene, const BodySurface& surface, const Boundary& boundary,
                        ModelOptions options) {
   // With the even nodes of the paper, a hundred thousand tetrahedra would be needed at the edge of the patch.
-  if (scene.cloud.rim <= 0.0) options.cloud.grading.rim = 0.15;
-  options.cloud.grading.reach = 3.0;
-  options.cloud.grading.load_exponent = 0.0;
-  const Sizing sizing(surface, boundary, options.cloud.grading);
+  if (scene.node_set.patch_edge <= 0.0) options.node_set.grading.patch_edge = 0.15;
+  options.node_set.grading.reach = 3.0;
+  options.node_set.grading.load_exponent = 0.0;
+  const Sizing sizing(surface, boundary, options.node_set.grading);
   ElementMesh mesh;
-  mesh.rim = options.cloud.grading.rim;
-  mesh.spacing_mm = scene.cloud.spacing_mm > 0.0
-                        ? scene.cloud.spacing_mm
-                        : tetrahedra_spacing_for_count(surface, options.cloud.count, sizing);
+  mesh.patch_edge = options.node_set.grading.patch_edge;
+  mesh.spacing_mm = scene.node_set.spacing_mm > 0.0
+                        ? scene.node_set.spacing_mm
+                        : tetrahedra_spacing_for_count(surface, options.node_set.count, sizing);
   TetrahedralMesh made = make_tetrahedra(surface, boundary, sizing, mesh.spacing_mm);
   mesh.model.X = std::move(made.X);
   mesh.model.elements = made.tetrahedra;
   mesh.model.base = std::move(made.base);
-  mesh.model.circle = std::move(made.circle);
+  mesh.model.bonded_patch = std::move(made.bonded_patch);
   mesh.volume_mm3 = made.volume_mm3;
   return mesh;
 }
@@ -96,7 +96,7 @@ ElementModel element_model(const Scene& scene, const RunObserver& observer) {
   model.X = surface.to_world() * model.X.colwise().homogeneous();
   model.mu = material.mu;
   model.kappa = material.kappa;
-  model.push = surface.to_world().linear() * boundary.push + Vec3::Zero();
+  model.approach = surface.to_world().linear() * boundary.approach + Vec3::Zero();
   model.depth_mm = scene.depth_mm;
   model.bonded = scene.contact == Contact::bonded;
   model.frames = static_cast<int>(scene.solver.frames);
@@ -105,10 +105,10 @@ ElementModel element_model(const Scene& scene, const RunObserver& observer) {
                   scene.depth_mm, name_of(scene.contact), written_by, DIMPLE_VERSION),
       fmt::format("{} nodes, {} tetrahedra, edges of {:.4g} mm, {:.4g} mm at the edge of the contact patch; "
                   "{}, the surface's {}",
-                  model.X.cols(), model.elements.cols(), mesh.spacing_mm, mesh.spacing_mm * mesh.rim,
+                  model.X.cols(), model.elements.cols(), mesh.spacing_mm, mesh.spacing_mm * mesh.patch_edge,
                   volume_in_words(mesh.volume_mm3), volume_in_words(surface.volume())),
       fmt::format("base: {} nodes, {}", model.base.size(), boundary.base_reason),
-      fmt::format("contact patch: {} nodes, {}", model.circle.size(), boundary.circle_reason)};
+      fmt::format("contact patch: {} nodes, {}", model.bonded_patch.size(), boundary.patch_reason)};
   return model;
 }
 
@@ -123,7 +123,7 @@ Outcome export_model(const Scene& scene, const std::string& format, const fs::pa
   const ElementModel model = element_model(scene, keeping);
   for (const std::string& line : model.remarks)
     keeping.line(RunObserver::Line::said, fmt::format("export   {}", line));
-  stop_if_asked();
+  stop_if_requested();
   remove_temporaries_of(file);
   write_file(file, known == "febio" ? febio_input(model) : calculix_input(model));
   const std::string command = known == "febio"

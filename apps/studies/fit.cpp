@@ -37,18 +37,19 @@ void multiply(Scene& scene, double factor) {
 }
 
 std::optional<HalfSpaceCheck> half_space_check(const LoadedModel& result, const MeasuredCurve& curve,
-                                               double touch, double nu) {
-  if (!result.loading.touch || !result.origin) return std::nullopt;
+                                               double first_contact_at, double nu) {
+  if (!result.loading.indenter || !result.origin) return std::nullopt;
   double products = 0.0, squares = 0.0;
   for (std::size_t k = 0; k < curve.depth.size(); ++k) {
-    const std::optional<double> unit = half_space_force(result.loading.touch->shape, curve.depth[k] - touch);
+    const std::optional<double> unit =
+        half_space_force(result.loading.indenter->shape, curve.depth[k] - first_contact_at);
     if (!unit) return std::nullopt;
     products += curve.force[k] * *unit;
     squares += *unit * *unit;
   }
   const Origin& origin = *result.origin;
-  const BodyUnderCircle body =
-      body_under_circle(origin.organ.body->surface, origin.boundary, origin.organ.options.boundary.voxel_mm);
+  const BodyUnderPatch body =
+      body_under_patch(origin.organ.body->surface, origin.boundary, origin.organ.options.boundary.voxel_mm);
   // E / (1 - nu^2) = 2 mu / (1 - nu)
   return HalfSpaceCheck{.mu = 0.5 * (1.0 - nu) * products / squares, .thickness = body.thickness};
 }
@@ -77,8 +78,8 @@ struct Runs {
   std::vector<std::string> warnings;
 };
 
-void march(Runs& runs, const Scene& scene, bool band) {
-  runs.last = march(scene, band);
+void march(Runs& runs, const Scene& scene, bool error_bounds) {
+  runs.last = march(scene, error_bounds);
   add_new(runs.warnings, runs.last.warnings);
   ++runs.count;
 }
@@ -87,12 +88,12 @@ void march(Runs& runs, const Scene& scene, bool band) {
 std::vector<double> unit_forces(Runs& runs, const MeasuredCurve& curve, const std::vector<double>& numbers) {
   const Scene one = with_numbers(runs.own, runs.of, numbers);
   const bool one_run = takes_one_run(runs.of);
-  if (!one_run || runs.count == 0) march(runs, one, one_run && runs.own.band);
+  if (!one_run || runs.count == 0) march(runs, one, one_run && runs.own.error_bounds);
   if (!one_run)
     runs.progress(
         fmt::format("run {:>3}  {} {:.4g}", runs.count, runs.of.substr(3), fmt::join(numbers, ", ")));
-  const double touch_mm = runs.of == mu_and_touch ? numbers[0] : 0.0;
-  return scaled(forces_later(runs.last, curve.depth, 1e-3 * touch_mm), 1.0 / material_of(one).mu);
+  const double contact_mm = runs.of == mu_and_contact ? numbers[0] : 0.0;
+  return scaled(forces_later(runs.last, curve.depth, 1e-3 * contact_mm), 1.0 / material_of(one).mu);
 }
 
 // Fits from each start, the best first. A start without equilibrium is skipped if another has one.
@@ -123,7 +124,7 @@ void require_no_inertia(const Scene& given, const FoundFit& found) {
   const Result& result = found.result;
   // A contacting tool is slow unless its rate is given.
   if (given.solver.time != Scene::Numerics::Time::automatic ||
-      (result.loading.touch && !found.scene.given.rate) ||
+      (result.loading.indenter && !found.scene.given.rate) ||
       choose_time(result.model, {materials_of(found.scene), result.tissues.of_point}, result.loading) ==
           TimeMode::quasi_static)
     return;
@@ -136,7 +137,7 @@ FoundFit found_with(const Description& options, Runs& runs, const CurveFit& best
   std::vector<double> numbers;
   for (std::size_t k = 1; k < best.number.size(); ++k) numbers.push_back(best.number[k].value);
   FoundFit found{.options = options, .scene = with_numbers(runs.own, runs.of, numbers), .fit = best};
-  if (!takes_one_run(runs.of)) march(runs, found.scene, runs.own.band);
+  if (!takes_one_run(runs.of)) march(runs, found.scene, runs.own.error_bounds);
   found.stiffer = best.number[0].value / material_of(found.scene).mu;
   multiply(found.scene, found.stiffer);
   found.result = std::move(runs.last);
@@ -153,18 +154,18 @@ FoundFit found_with(const Description& options, Runs& runs, const CurveFit& best
   return found;
 }
 
-double first_touch_of(const FoundFit& found, const std::string& of) {
-  return of == mu_and_touch ? 1e-3 * found.fit.number[1].value : 0.0;  // [m]
+double first_contact_of(const FoundFit& found, const std::string& of) {
+  return of == mu_and_contact ? 1e-3 * found.fit.number[1].value : 0.0;  // [m]
 }
 
 // Adds the errors by the error bounds of the force and, if it was not sought, by the first contact.
 void add_errors(FoundFit& found, const MeasuredCurve& curve, const std::string& of) {
   const Result& result = found.result;
-  add_discretisation(found.fit, curve.depth, share_of_band(result, curve, found.fit));
-  if (of == mu_and_touch) return;
-  const double off = off_first_touch(curve.depth.back());
-  add_first_touch(found.fit, curve.force, scaled(forces_later(result, curve.depth, -off), found.stiffer),
-                  scaled(forces_later(result, curve.depth, off), found.stiffer));
+  add_discretisation(found.fit, curve.depth, fraction_of_error_bounds(result, curve, found.fit));
+  if (of == mu_and_contact) return;
+  const double off = off_first_contact(curve.depth.back());
+  add_first_contact(found.fit, curve.force, scaled(forces_later(result, curve.depth, -off), found.stiffer),
+                    scaled(forces_later(result, curve.depth, off), found.stiffer));
 }
 
 void warn_of_residuals(FoundFit& found, const MeasuredCurve& curve, const std::string& of) {
@@ -209,16 +210,17 @@ Outcome fit(const Description& described, const FitOptions& options, const fs::p
   FoundFit found = found_with(own, runs, fits.front());
   require_no_inertia(given, found);
   add_errors(found, curve, options.of);
-  const double touch = first_touch_of(found, options.of);
-  if (options.of == mu_and_touch) found.scene.depth_mm = 1e3 * (curve.depth.back() - touch);
-  found.check = half_space_check(found.result, curve, touch, poisson_ratio(material_of(found.scene)));
+  const double first_contact_at = first_contact_of(found, options.of);
+  if (options.of == mu_and_contact) found.scene.depth_mm = 1e3 * (curve.depth.back() - first_contact_at);
+  found.check =
+      half_space_check(found.result, curve, first_contact_at, poisson_ratio(material_of(found.scene)));
 
   if (!found.fit.converged)
     found.warnings.push_back(
         fmt::format("the search was ended after {} runs: the numbers may not be the best", found.runs));
   warn_of_residuals(found, curve, options.of);
   if (fits.size() > 1) weigh_other_sign(found, fits[1]);
-  add_new(found.warnings, settle(found.fit, found.result.band.unknown.empty()));
+  add_new(found.warnings, conclude(found.fit, found.result.error_bounds.unknown.empty()));
 
   results.prepare();
   Outcome outcome = write_fit(folder, options, curve, found);

@@ -14,10 +14,10 @@ namespace dimple {
 inline constexpr Index nodes_for_one_run = 4000;
 
 /// Name of the parameters modulus and first contact.
-inline constexpr const char* mu_and_touch = "mu,touch";
+inline constexpr const char* mu_and_contact = "mu,touch";
 
 struct FitOptions {
-  std::string of = "mu";        ///< "mu", mu_and_touch, "mu,alpha", "mu,g,tau"
+  std::string of = "mu";        ///< "mu", mu_and_contact, "mu,alpha", "mu,g,tau"
   std::filesystem::path curve;  ///< see read_measured_curve()
 };
 

@@ -47,7 +47,7 @@ void require_long_tool(const std::optional<ToolShape>& tool, double depth_mm, co
 const FitNumbers& fit_numbers(const std::string& of) {
   static const std::vector<FitNumbers> all = {
       {"mu", "a modulus alone", {}},
-      {mu_and_touch, "with the place of first contact", {}},
+      {mu_and_contact, "with the place of first contact", {}},
       {"mu,alpha", "with Ogden's exponent", {"material.ogden_mu_Pa", "material.ogden_alpha"}},
       {"mu,limit", "with the limit of Gent's law", {"material.gent_limit"}},
       {"mu,g,tau", "with one Prony term", {"material.prony_g", "material.prony_tau_s"}}};
@@ -82,7 +82,7 @@ void require_proportional(const std::string& why) {
 
 // The place of the first touch is looked for in the forces of one run, as the modulus is.
 bool takes_one_run(const std::string& of) {
-  return of == "mu" || of == mu_and_touch;
+  return of == "mu" || of == mu_and_contact;
 }
 
 // The options of the case that the curve belongs to, but for the numbers that are sought. `given`: the scene
@@ -96,8 +96,8 @@ Description case_of(const Description& described, const Scene& given, const FitO
   Description own = described;
   put_numbers(own, "material.mu_spread_percent", {0.0});
   const double depth_mm =
-      1e3 *
-      (curve.depth.back() + (options.of == mu_and_touch ? farthest_first_touch(curve.depth.back()) : 0.0));
+      1e3 * (curve.depth.back() +
+             (options.of == mu_and_contact ? farthest_first_contact(curve.depth.back()) : 0.0));
   put_numbers(own, "load.depth_mm", {depth_mm}, curve.name);
   require_long_tool(given.tool, depth_mm, curve);
   if (!curve.time.empty()) {
@@ -123,8 +123,8 @@ Scene with_numbers(Scene scene, const std::string& of, const std::vector<double>
 // between.
 std::vector<std::vector<FitParameter>> searches_of(const std::string& of, const MeasuredCurve& curve) {
   if (of == "mu") return {{}};
-  if (of == mu_and_touch) {
-    const double far = 1e3 * farthest_first_touch(curve.depth.back());
+  if (of == mu_and_contact) {
+    const double far = 1e3 * farthest_first_contact(curve.depth.back());
     return {{{.name = "touch", .unit = "mm", .start = 0.0, .least = -far, .most = far, .is_place = true}}};
   }
   if (of == "mu,alpha") {
@@ -136,27 +136,27 @@ std::vector<std::vector<FitParameter>> searches_of(const std::string& of, const 
   }
   if (of == "mu,limit")
     return {{{.name = "limit", .unit = "", .start = 2.0, .least = 0.05, .most = 200.0, .logarithmic = true}}};
-  const double lasts = curve.depth.back() / ramp_rate(curve);
+  const double duration = curve.depth.back() / ramp_rate(curve);
   return {{{.name = "g", .unit = "", .start = 0.5, .least = 0.01, .most = 0.99},
            {.name = "tau",
             .unit = "s",
-            .start = 0.3 * lasts,
-            .least = 0.01 * lasts,
-            .most = 100.0 * lasts,
+            .start = 0.3 * duration,
+            .least = 0.01 * duration,
+            .most = 100.0 * duration,
             .logarithmic = true}}};
 }
 
 // `auto` is decided when the modulus is known.
-Result march(Scene scene, bool band) {
+Result march(Scene scene, bool error_bounds) {
   using Time = Scene::Numerics::Time;
   if (scene.solver.time == Time::automatic) scene.solver.time = Time::quasi_static;
   RunObserver observer;
   observer.march.sample = [](const ForceSample&, const History&) {
-    stop_if_asked();
+    stop_if_requested();
     return true;
   };
-  Result result = simulate({.scene = scene, .band = band}, observer);
-  if (result.history.interrupted) throw Stopped(stop_asked());
+  Result result = simulate({.scene = scene, .error_bounds = error_bounds}, observer);
+  if (result.history.interrupted) throw Stopped(stop_requested());
   return result;
 }
 
@@ -168,27 +168,27 @@ void add_new(std::vector<std::string>& list, const std::vector<std::string>& mor
 // Forces at the depths of the curve, for a first contact `later` [m] than their zero.
 std::vector<double> forces_later(const Result& result, std::vector<double> depth, double later) {
   for (double& d : depth) d = std::max(0.0, d - later);
-  return result.loading.touch ? forces_of_touch(result.history.force, depth)
-                              : forces_between(result.history.force, depth);
+  return result.loading.indenter ? contact_forces(result.history.force, depth)
+                                 : forces_between(result.history.force, depth);
 }
 
 // Relative half-width of the force's error bounds, as it affects the fit. For the bonded patch, the largest
 // at any depth: error bounds at a smaller depth affect the modulus as much. A contacting tool has few nodes
 // under it at first, and hardly any force, so its rows are weighted.
-double share_of_band(const Result& result, const MeasuredCurve& curve, const CurveFit& fit) {
-  if (!result.band.known()) return 0.0;
+double fraction_of_error_bounds(const Result& result, const MeasuredCurve& curve, const CurveFit& fit) {
+  if (!result.error_bounds.known()) return 0.0;
   const std::vector<ForceSample>& samples = result.history.force;
-  if (result.loading.touch) {
-    std::vector<double> share = halves_between(samples, result.band.half, curve.depth);
+  if (result.loading.indenter) {
+    std::vector<double> fraction = halves_between(samples, result.error_bounds.half, curve.depth);
     const std::vector<double> force = forces_between(samples, curve.depth);
-    for (std::size_t k = 0; k < share.size(); ++k) share[k] /= std::abs(force[k]);
-    return weighted_share(share, fit.force);
+    for (std::size_t k = 0; k < fraction.size(); ++k) fraction[k] /= std::abs(force[k]);
+    return weighted_fraction(fraction, fit.force);
   }
-  double share = 0.0;
+  double fraction = 0.0;
   for (std::size_t k = 0; k < samples.size(); ++k)
     if (const ForceSample& s = samples[k]; s.depth > 0.0)
-      share = std::max(share, result.band.half[k] / std::abs(s.force));
-  return share;
+      fraction = std::max(fraction, result.error_bounds.half[k] / std::abs(s.force));
+  return fraction;
 }
 
 }  // namespace dimple

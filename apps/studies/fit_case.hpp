@@ -37,11 +37,11 @@ Scene with_numbers(Scene scene, const std::string& of, const std::vector<double>
 /// between them.
 std::vector<std::vector<FitParameter>> searches_of(const std::string& of, const MeasuredCurve& curve);
 /// Runs a scene in equilibrium. Throws what simulate() throws, and Stopped.
-Result march(Scene scene, bool band);
+Result march(Scene scene, bool error_bounds);
 /// Forces of the model at the curve's depths [N], where the tool first touches `later` [m] after their zero.
 std::vector<double> forces_later(const Result& result, std::vector<double> depth, double later);
 /// Relative half-width of the force's error bounds, as the fit weighs it.
-double share_of_band(const Result& result, const MeasuredCurve& curve, const CurveFit& fit);
+double fraction_of_error_bounds(const Result& result, const MeasuredCurve& curve, const CurveFit& fit);
 
 /// Adds the lines that `list` does not hold yet.
 void add_new(std::vector<std::string>& list, const std::vector<std::string>& more);

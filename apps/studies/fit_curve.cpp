@@ -26,17 +26,17 @@ VectorXd vector_of(const std::vector<double>& list) {
 }
 
 // Fraction of the range between a number's limits: the search covers all real x and never exceeds them.
-double share_of(double x) {
+double fraction_of(double x) {
   return 1.0 / (1.0 + std::exp(-x));
 }
 double number_at(const FitParameter& s, double x) {
-  return s.logarithmic ? s.least * std::pow(s.most / s.least, share_of(x))
-                       : s.least + (s.most - s.least) * share_of(x);
+  return s.logarithmic ? s.least * std::pow(s.most / s.least, fraction_of(x))
+                       : s.least + (s.most - s.least) * fraction_of(x);
 }
 double x_of(const FitParameter& s, double number) {
-  const double share = s.logarithmic ? std::log(number / s.least) / std::log(s.most / s.least)
-                                     : (number - s.least) / (s.most - s.least);
-  return std::log(share / (1.0 - share));
+  const double fraction = s.logarithmic ? std::log(number / s.least) / std::log(s.most / s.least)
+                                        : (number - s.least) / (s.most - s.least);
+  return std::log(fraction / (1.0 - fraction));
 }
 
 struct OutOfRuns {};
@@ -90,7 +90,7 @@ struct Projection {
   }
   int df(const VectorXd& x, MatrixXd& J) try {
     const VectorXd here = residual(x);
-    for (Index k = 0; k < inputs(); ++k) J.col(k) = (residual(beside(x, k)) - here) / (toward(x, k) * step);
+    for (Index k = 0; k < inputs(); ++k) J.col(k) = (residual(shifted(x, k)) - here) / (toward(x, k) * step);
     return 0;
   } catch (const OutOfRuns&) {
     return -1;
@@ -98,7 +98,7 @@ struct Projection {
 
   // Differences point inwards, where the law is milder.
   static double toward(const VectorXd& x, Index k) { return x[k] > 0.0 ? -1.0 : 1.0; }
-  static VectorXd beside(VectorXd x, Index k) {
+  static VectorXd shifted(VectorXd x, Index k) {
     x[k] += toward(x, k) * step;
     return x;
   }
@@ -167,7 +167,7 @@ MatrixXd derivatives(Projection& problem, const VectorXd& x, double mu, const Ve
   for (Index k = 0; k < x.size(); ++k) {
     const FitParameter& s = problem.sought[static_cast<std::size_t>(k)];
     try {
-      J.col(k + 1) = mu * (problem.unit(Projection::beside(x, k)) - unit) /
+      J.col(k + 1) = mu * (problem.unit(Projection::shifted(x, k)) - unit) /
                      (number_at(s, x[k] + Projection::toward(x, k) * Projection::step) - number_at(s, x[k]));
     } catch (const OutOfRuns&) {
       J.col(k + 1).setZero();
@@ -203,7 +203,7 @@ double noise_variance(double sum2, double memory, double rows, double numbers) {
 FittedNumber number_found(const FitParameter& s, double x) {
   FittedNumber number = {.name = s.name, .unit = s.unit, .value = number_at(s, x)};
   if (s.is_place) number.scale = s.most - s.least;
-  number.at_limit = std::abs(share_of(x) - 0.5) > 0.48;
+  number.at_limit = std::abs(fraction_of(x) - 0.5) > 0.48;
   return number;
 }
 
@@ -247,12 +247,12 @@ CurveFit fit_curve(const std::vector<double>& depth, const std::vector<double>& 
   return result;
 }
 
-void add_discretisation(CurveFit& fit, const std::vector<double>& depth, double half_share) {
-  const VectorXd along = half_share * vector_of(fit.force);
+void add_discretisation(CurveFit& fit, const std::vector<double>& depth, double half_fraction) {
+  const VectorXd along = half_fraction * vector_of(fit.force);
   const VectorXd tilt = tilted(depth, along);
   if (fit.number.size() == 1) {
     fit.number[0].discretisation =
-        half_share < 1.0 ? fit.number[0].value * half_share / (1.0 - half_share) : infinite;
+        half_fraction < 1.0 ? fit.number[0].value * half_fraction / (1.0 - half_fraction) : infinite;
     return;
   }
   for (std::size_t k = 0; k < fit.number.size(); ++k) {
@@ -261,8 +261,8 @@ void add_discretisation(CurveFit& fit, const std::vector<double>& depth, double 
   }
 }
 
-void add_first_touch(CurveFit& fit, const std::vector<double>& measured, const std::vector<double>& earlier,
-                     const std::vector<double>& later) {
+void add_first_contact(CurveFit& fit, const std::vector<double>& measured, const std::vector<double>& earlier,
+                       const std::vector<double>& later) {
   const VectorXd m = vector_of(measured), f = vector_of(fit.force);
   const auto with = [&](std::size_t k, const VectorXd& moved) {
     if (fit.number.size() == 1) return fit.number[0].value * m.dot(moved) / moved.squaredNorm();
@@ -274,20 +274,20 @@ void add_first_touch(CurveFit& fit, const std::vector<double>& measured, const s
   }
 }
 
-double weighted_share(const std::vector<double>& share, const std::vector<double>& force) {
+double weighted_fraction(const std::vector<double>& fraction, const std::vector<double>& force) {
   const VectorXd squares = vector_of(force).cwiseAbs2();
-  return vector_of(share).dot(squares) / squares.sum();
+  return vector_of(fraction).dot(squares) / squares.sum();
 }
 
-double off_first_touch(double depth) {
+double off_first_contact(double depth) {
   return std::min(1e-4, 0.25 * depth);
 }
 
-double farthest_first_touch(double depth) {
+double farthest_first_contact(double depth) {
   return std::min(1e-3, 0.25 * depth);
 }
 
-std::vector<std::string> settle(CurveFit& fit, bool discretisation_known) {
+std::vector<std::string> conclude(CurveFit& fit, bool discretisation_known) {
   constexpr const char* remedy = "a longer, deeper or less noisy one may, or fit fewer numbers (--of)";
   std::vector<std::string> words;
   for (FittedNumber& f : fit.number) {

@@ -28,11 +28,12 @@ struct FittedNumber {
   double noise = 0.0;           ///< from the scatter of the residuals; infinite: not determined
   double discretisation = 0.0;  ///< from the error bounds of the model's force; 0 if unavailable
   double by_tilt = 0.0;         ///< change by a tilt of the forces from +1 % to -1 %; 0 for one number
-  double earlier = std::numeric_limits<double>::quiet_NaN();  ///< see add_first_touch(); NaN if not computed
+  double earlier =
+      std::numeric_limits<double>::quiet_NaN();  ///< see add_first_contact(); NaN if not computed
   double later = std::numeric_limits<double>::quiet_NaN();
   double scale = 0.0;      ///< of a position: range of its search
   bool at_limit = false;   ///< of the search
-  bool determined = true;  ///< false: see settle()
+  bool determined = true;  ///< false: see conclude()
   double half() const { return noise + discretisation; }
 };
 
@@ -63,33 +64,33 @@ CurveFit fit_curve(const std::vector<double>& depth, const std::vector<double>& 
                    const std::vector<FitParameter>& sought, const UnitForces& unit_forces,
                    int most_runs = 24);
 
-/// Adds the uncertainty of the numbers from the error bounds of the model's force, +- `half_share` of it:
+/// Adds the uncertainty of the numbers from the error bounds of the model's force, +- `half_fraction` of it:
 /// once for all depths alike, and for several numbers also as a tilt from one bound at the beginning to the
 /// other at the end. A modulus alone is between mu / (1 + h) and mu / (1 - h).
-void add_discretisation(CurveFit& fit, const std::vector<double>& depth, double half_share);
+void add_discretisation(CurveFit& fit, const std::vector<double>& depth, double half_fraction);
 
-/// Adds the change of the numbers if first contact is off_first_touch() before or after the curve's zero.
+/// Adds the change of the numbers if first contact is off_first_contact() before or after the curve's zero.
 /// `earlier` and `later`: forces [N] of the model with the fitted numbers at depths larger and smaller by
 /// that. A modulus alone is fitted again; several numbers follow from their derivatives.
-void add_first_touch(CurveFit& fit, const std::vector<double>& measured, const std::vector<double>& earlier,
-                     const std::vector<double>& later);
+void add_first_contact(CurveFit& fit, const std::vector<double>& measured, const std::vector<double>& earlier,
+                       const std::vector<double>& later);
 /// Assumed error of first contact [m]: 0.1 mm, or a quarter of the depth for a curve shallower than 0.4 mm.
-double off_first_touch(double depth);
+double off_first_contact(double depth);
 
 /// Relative half-width of the model's error bounds as it affects a modulus: least squares weighs each row by
 /// the square of its force.
-double weighted_share(const std::vector<double>& share, const std::vector<double>& force);
+double weighted_fraction(const std::vector<double>& fraction, const std::vector<double>& force);
 
 /// Decides which numbers the curve determines; returns warnings about the others. A number is not determined
 /// at a limit of the search, or if its interval is wider than its value; for a position, than the search
 /// range. Without a known discretisation error, a tilt of the forces of 1 % is assumed, by which node sets
 /// may differ.
-std::vector<std::string> settle(CurveFit& fit, bool discretisation_known);
+std::vector<std::string> conclude(CurveFit& fit, bool discretisation_known);
 
 /// True if the worse fit is not worse beyond the noise, so that the curve does not distinguish the two.
 bool alike(const CurveFit& better, const CurveFit& worse);
 
 /// Largest distance of first contact from the zero of the curve's depth in the search [m].
-double farthest_first_touch(double depth);
+double farthest_first_contact(double depth);
 
 }  // namespace dimple

@@ -42,7 +42,7 @@ std::string in_words(const FittedNumber& f, const std::string& unknown) {
 }
 
 // "mu 217 to 248 Pa with the first touch 0.10 mm off"; empty if first contact was sought itself.
-std::string first_touch_in_words(const FittedNumber& f, double off) {
+std::string first_contact_in_words(const FittedNumber& f, double off) {
   if (std::isnan(f.earlier)) return {};
   const auto [low, high] = std::minmax(f.earlier, f.later);
   return fmt::format("{} {} to {}{} with the first contact {} off", f.name, plain(low, 4), plain(high, 4),
@@ -58,11 +58,12 @@ std::string in_words(const HalfSpaceCheck& check, double mu) {
 }
 
 // Sentences on each number, then on the effect of an error in the first contact on each.
-std::vector<std::string> in_words(const FoundFit& found, double off_touch) {
+std::vector<std::string> in_words(const FoundFit& found, double off_contact) {
   std::vector<std::string> words;
-  for (const FittedNumber& f : found.fit.number) words.push_back(in_words(f, found.result.band.unknown));
   for (const FittedNumber& f : found.fit.number)
-    if (const std::string text = first_touch_in_words(f, off_touch); !text.empty()) words.push_back(text);
+    words.push_back(in_words(f, found.result.error_bounds.unknown));
+  for (const FittedNumber& f : found.fit.number)
+    if (const std::string text = first_contact_in_words(f, off_contact); !text.empty()) words.push_back(text);
   return words;
 }
 
@@ -120,10 +121,10 @@ std::string fitted_toml(const MeasuredCurve& curve, const FoundFit& found,
   return to_toml(options, notes);
 }
 
-constexpr const char* not_in_the_band =
+constexpr const char* not_in_error_bounds =
     "the error bounds exclude the base, the place of the contact patch, the contact, the segmentation and "
     "the choice of this law";
-constexpr const char* not_in_the_band_of_a_tool =
+constexpr const char* not_in_error_bounds_of_a_tool =
     "the error bounds exclude the base, the tool's place and shape, its friction, its first contact, the "
     "segmentation and the choice of this law";
 
@@ -141,29 +142,29 @@ Json to_json(const FittedNumber& f, bool known) {
           {"determined", f.determined}};
 }
 
-const char* left_out_of_band(const FoundFit& found) {
-  return found.result.loading.touch ? not_in_the_band_of_a_tool : not_in_the_band;
+const char* left_out_of_error_bounds(const FoundFit& found) {
+  return found.result.loading.indenter ? not_in_error_bounds_of_a_tool : not_in_error_bounds;
 }
 
 // Writes the modulus and its errors to the summary.
 void put_numbers(Json& summary, const FitOptions& options, const MeasuredCurve& curve,
                  const FoundFit& found) {
   const FittedNumber& mu = found.fit.number[0];
-  const std::string& unknown = found.result.band.unknown;
+  const std::string& unknown = found.result.error_bounds.unknown;
   // A modulus that is not determined is null.
-  const auto told = [&](double x) { return mu.determined && std::isfinite(x) ? Json(x) : Json(); };
-  summary["mu_Pa"] = told(mu.value);
-  summary["mu_low_Pa"] = told(mu.value - mu.half());
-  summary["mu_high_Pa"] = told(mu.value + mu.half());
+  const auto reported = [&](double x) { return mu.determined && std::isfinite(x) ? Json(x) : Json(); };
+  summary["mu_Pa"] = reported(mu.value);
+  summary["mu_low_Pa"] = reported(mu.value - mu.half());
+  summary["mu_high_Pa"] = reported(mu.value + mu.half());
   summary["noise_share"] = std::isfinite(mu.noise) ? Json(mu.noise / mu.value) : Json();
   summary["discretisation_share"] = unknown.empty() ? Json(mu.discretisation / mu.value) : Json();
   if (!unknown.empty()) summary["discretisation_unknown"] = unknown;
   summary["band_of"] = unknown.empty() ? "noise and discretisation" : "noise alone";
   for (const FittedNumber& f : found.fit.number) summary["numbers"][f.name] = to_json(f, unknown.empty());
-  if (options.of != mu_and_touch) {
-    summary["first_touch"] = {{"off_mm", 1e3 * off_first_touch(curve.depth.back())},
-                              {"mu_if_earlier_Pa", told(mu.earlier)},
-                              {"mu_if_later_Pa", told(mu.later)}};
+  if (options.of != mu_and_contact) {
+    summary["first_touch"] = {{"off_mm", 1e3 * off_first_contact(curve.depth.back())},
+                              {"mu_if_earlier_Pa", reported(mu.earlier)},
+                              {"mu_if_later_Pa", reported(mu.later)}};
   }
   if (found.check)
     summary["half_space_check"] = {{"mu_Pa", found.check->mu},
@@ -180,15 +181,15 @@ Json summary_of(const FitOptions& options, const MeasuredCurve& curve, const Fou
   summary["version"] = DIMPLE_VERSION;
   summary["of"] = options.of;
   put_numbers(summary, options, curve, found);
-  if (found.result.loading.touch) summary["tool"] = found.scene.tool_words.shape;
-  if (found.result.loading.touch) summary["friction"] = found.scene.tool_words.friction;
+  if (found.result.loading.indenter) summary["tool"] = found.scene.tool_words.shape;
+  if (found.result.loading.indenter) summary["friction"] = found.scene.tool_words.friction;
   summary["rows"] = curve.depth.size();
   summary["depth_mm"] = 1e3 * curve.depth.back();
   summary["nodes"] = found.result.model.node_count();
   summary["runs"] = found.runs;
   summary["residual_rms_N"] = found.fit.rms;
   summary["residual_memory"] = found.fit.memory;
-  summary["not_in_the_band"] = left_out_of_band(found);
+  summary["not_in_the_band"] = left_out_of_error_bounds(found);
   summary["warnings"] = found.warnings;
   return summary;
 }
@@ -210,7 +211,7 @@ Outcome write_fit(const fs::path& folder, const FitOptions& options, const Measu
   write_csv(folder / "fit.csv", {.header = {"indentation_mm", "measured_N", "model_N", "residual_N"},
                                  .column = {scaled(curve.depth, 1e3), curve.force, found.fit.force,
                                             residuals(curve, found.fit)}});
-  const std::vector<std::string> words = in_words(found, off_first_touch(curve.depth.back()));
+  const std::vector<std::string> words = in_words(found, off_first_contact(curve.depth.back()));
   const std::vector<Chart> charts = charts_of(curve, found, words);
   for (const char* name : {"fit.png", "fit.svg"}) write_chart(folder / name, charts);
   write_file(folder / "fitted.toml", fitted_toml(curve, found, words));
@@ -222,7 +223,7 @@ Outcome write_fit(const fs::path& folder, const FitOptions& options, const Measu
 void say_fit(const MeasuredCurve& curve, const FoundFit& found,
              const std::function<void(const std::string&)>& progress) {
   for (const std::string& warning : found.warnings) progress("warning: " + warning);
-  if (const std::string& unknown = found.result.band.unknown; !unknown.empty()) {
+  if (const std::string& unknown = found.result.error_bounds.unknown; !unknown.empty()) {
     progress("bounds   discretisation unknown: " + unknown);
     for (const FittedNumber& f : found.fit.number)
       if (f.by_tilt > 0.0 && std::isfinite(f.by_tilt))
@@ -236,7 +237,7 @@ void say_fit(const MeasuredCurve& curve, const FoundFit& found,
       curve.depth.size(), length_in_words(1e3 * curve.depth.back()), found.runs, found.runs == 1 ? "" : "s",
       found.result.model.node_count(), 100.0 * (found.fit.rms / largest_force(curve))));
   if (found.check) progress(in_words(*found.check, found.fit.number[0].value));
-  progress(fmt::format("note     {}", left_out_of_band(found)));
+  progress(fmt::format("note     {}", left_out_of_error_bounds(found)));
 }
 
 }  // namespace dimple

@@ -56,7 +56,7 @@ Library library_of(const Scene& own, const std::string& of, const std::vector<Fi
   library.sought = sought;
   library.mu = own.material.mu_Pa;
   if (takes_one_run(of)) {
-    library.run.push_back(march(own, own.band));
+    library.run.push_back(march(own, own.error_bounds));
     add_new(warnings, library.run.front().warnings);
     return library;
   }
@@ -119,7 +119,7 @@ class ForcesOf {
 
 // The best fit of one curve over all searches; nothing where it has none.
 std::optional<CurveFit> best_fit(const std::vector<Library>& libraries, const Result& neo_hookean,
-                                 double share, const MeasuredCurve& curve) {
+                                 double fraction, const MeasuredCurve& curve) {
   std::optional<CurveFit> best;
   for (const Library& library : libraries) try {
       const ForcesOf forces(library, curve);
@@ -133,9 +133,9 @@ std::optional<CurveFit> best_fit(const std::vector<Library>& libraries, const Re
     } catch (const InputError&) {  // no positive modulus
     }
   if (!best) return best;
-  const bool known = neo_hookean.band.known();
-  if (known) add_discretisation(*best, curve.depth, share);
-  settle(*best, known);
+  const bool known = neo_hookean.error_bounds.known();
+  if (known) add_discretisation(*best, curve.depth, fraction);
+  conclude(*best, known);
   return best;
 }
 
@@ -145,8 +145,9 @@ double quantile(std::vector<double> list, double q) {
   std::sort(list.begin(), list.end());
   const double at = q * static_cast<double>(list.size() - 1);
   const auto below = static_cast<std::size_t>(at);
-  const double rest = at - static_cast<double>(below);
-  return below + 1 < list.size() ? (1.0 - rest) * list[below] + rest * list[below + 1] : list.back();
+  const double remaining = at - static_cast<double>(below);
+  return below + 1 < list.size() ? (1.0 - remaining) * list[below] + remaining * list[below + 1]
+                                 : list.back();
 }
 
 Table table_of(const std::vector<std::optional<CurveFit>>& fits, const std::vector<MeasuredCurve>& curves,
@@ -196,8 +197,8 @@ ChartSeries mean_residual(const std::vector<std::optional<CurveFit>>& fits,
   std::vector<double> sum(bins, 0.0), count(bins, 0.0);
   for (std::size_t k = 0; k < fits.size(); ++k)
     for (std::size_t row = 0; fits[k] && row < curves[k].depth.size(); ++row) {
-      const double share = curves[k].depth[row] / curves[k].depth.back();
-      const auto bin = std::min(bins - 1, static_cast<std::size_t>(share * bins));
+      const double fraction = curves[k].depth[row] / curves[k].depth.back();
+      const auto bin = std::min(bins - 1, static_cast<std::size_t>(fraction * bins));
       sum[bin] += (curves[k].force[row] - fits[k]->force[row]) / largest_force(curves[k]);
       count[bin] += 1.0;
     }
@@ -273,18 +274,18 @@ Outcome fit_samples(const Description& described, const FitOptions& options,
                       .why = "the fits interpolate between runs",
                       .remedy = "fit shallower curves, or use more --nodes"});
   std::optional<Result> own_run;
-  if (!takes_one_run(options.of)) own_run = march(scene, scene.band);
+  if (!takes_one_run(options.of)) own_run = march(scene, scene.error_bounds);
   const Result& neo_hookean = own_run ? *own_run : libraries.front().run.front();
-  double share = 0.0;
+  double fraction = 0.0;
   std::vector<std::optional<CurveFit>> fits;
   for (const MeasuredCurve& curve : curves) {
-    stop_if_asked();
-    if (share == 0.0) {  // of the deepest, by the forces of the run
+    stop_if_requested();
+    if (fraction == 0.0) {  // of the deepest, by the forces of the run
       CurveFit of_run;
       of_run.force = forces_later(neo_hookean, deepest.depth, 0.0);
-      share = share_of_band(neo_hookean, deepest, of_run);
+      fraction = fraction_of_error_bounds(neo_hookean, deepest, of_run);
     }
-    fits.push_back(best_fit(libraries, neo_hookean, share, curve));
+    fits.push_back(best_fit(libraries, neo_hookean, fraction, curve));
   }
   const std::vector<FitParameter>& sought = libraries.front().sought;
   const Table table = table_of(fits, curves, sought);
@@ -309,7 +310,7 @@ Outcome fit_samples(const Description& described, const FitOptions& options,
   summary["mu_Pa"] = spread_of(*table.find("mu_Pa"));
   for (const FitParameter& s : sought) summary["numbers"][s.name] = spread_of(table.column[4]);
   summary["rms_of_largest_force"] = spread_of(*table.find("rms_of_largest_force"));
-  summary["discretisation_share"] = neo_hookean.band.known() ? Json(share) : Json();
+  summary["discretisation_share"] = neo_hookean.error_bounds.known() ? Json(fraction) : Json();
   summary["nodes"] = neo_hookean.model.node_count();
   summary["warnings"] = warnings;
   const std::string text = as_text(summary);

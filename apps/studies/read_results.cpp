@@ -93,8 +93,8 @@ void read_curve(const fs::path& folder, FinishedRun& run) {
     run.curve.push_back({0.0, 1e-3 * (*depth)[k], (*force)[k], 0.0});
     if (low && high) run.half.push_back(0.5 * ((*high)[k] - (*low)[k]));
   }
-  const double last = table.rows() > 0 ? force->back() : 0.0, told = run.summary.at("force_N");
-  if (run.curve.empty() || std::abs(last - told) > 1e-9 * std::abs(told))
+  const double last = table.rows() > 0 ? force->back() : 0.0, reported = run.summary.at("force_N");
+  if (run.curve.empty() || std::abs(last - reported) > 1e-9 * std::abs(reported))
     refuse(fmt::format("the files in {} are not of one run", run.folder), where,
            "its last force is not that of summary.json", "run the scene again with --force");
 }
@@ -255,8 +255,8 @@ FinishedRun read_finished_run(const std::string& given) {
   read_energy(folder, run);
   if (run.half.empty()) {
     const Json* unknown = part_of(run.summary, {"band", "unknown"});
-    run.no_band = unknown && unknown->is_string() ? printable(unknown->get<std::string>())
-                                                  : "force.csv has no columns low_N and high_N";
+    run.no_error_bounds = unknown && unknown->is_string() ? printable(unknown->get<std::string>())
+                                                          : "force.csv has no columns low_N and high_N";
   }
   for (const Json* image : {part_of(run.summary, {"image_sha256"}),
                             part_of(run.summary, {"made_from", "image_sha256"})})  // of `dimple solve`
@@ -272,7 +272,7 @@ std::vector<CollectedCase> collect(const fs::path& out, const std::vector<double
            "the cases of a batch are folders in one", "give a folder written by `dimple batch -o`");
   std::set<std::string> ids(expected.begin(), expected.end());
   for (const auto& entry : fs::directory_iterator(out)) {
-    stop_if_asked();
+    stop_if_requested();
     if (fs::exists(entry.path() / "summary.json", error) || fs::exists(entry.path() / checkpoint_file, error))
       ids.insert(entry.path().filename().string());
   }
@@ -281,7 +281,7 @@ std::vector<CollectedCase> collect(const fs::path& out, const std::vector<double
            "no folder in it has a summary.json", "give a folder written by `dimple batch -o`");
   std::vector<CollectedCase> cases;
   for (const std::string& id : ids) {
-    stop_if_asked();
+    stop_if_requested();
     cases.push_back(case_in(out / id, depths_mm));
   }
   return cases;

@@ -37,11 +37,11 @@ struct FinishedRun {
   Json summary;
   std::map<std::string, std::string> options;  ///< of config.resolved.toml
   std::vector<ForceSample> curve;              ///< at depths that increase
-  std::vector<double> half;  ///< half-width of the error bounds at each of them [N], or none
-  std::string no_band;       ///< why there are none
-  std::string image_sha256;  ///< empty if not known
-  double cut_area = 0.0;     ///< of all its cuts [m^2]
-  double stored = 0.0;       ///< energy at the end [J]
+  std::vector<double> half;     ///< half-width of the error bounds at each of them [N], or none
+  std::string no_error_bounds;  ///< why there are none
+  std::string image_sha256;     ///< empty if not known
+  double cut_area = 0.0;        ///< of all its cuts [m^2]
+  double stored = 0.0;          ///< energy at the end [J]
 };
 
 /// Reads the folder of a finished run. Throws InputError: no such folder, no run in it, an unfinished run, a

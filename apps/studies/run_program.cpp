@@ -53,14 +53,14 @@ ProgramRun run_program(const std::vector<std::string>& arguments, const fs::path
   const Child ends_with_this_process(child);
   ProgramRun run;
   int status = 0;
-  Clock::time_point asked;
+  Clock::time_point requested;
   while (waitpid(child, &status, WNOHANG) == 0) {
     if (!run.interrupted && stop_requested && stop_requested()) {
       run.interrupted = true;
-      asked = Clock::now();
+      requested = Clock::now();
       if (grace_s > 0.0) kill(-child, SIGTERM);
     }
-    if (run.interrupted && Clock::now() >= asked + std::chrono::duration<double>(grace_s)) {
+    if (run.interrupted && Clock::now() >= requested + std::chrono::duration<double>(grace_s)) {
       kill(-child, SIGKILL);
       waitpid(child, &status, 0);
       break;

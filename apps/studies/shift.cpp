@@ -17,7 +17,7 @@
 #include "apps/run/walls.hpp"
 #include "apps/run/words.hpp"
 #include "apps/scene/resolve.hpp"
-#include "apps/studies/shift_band.hpp"
+#include "apps/studies/shift_error_bounds.hpp"
 #include "apps/studies/shift_page.hpp"
 #include "apps/studies/shift_run.hpp"
 #include "io/digits.hpp"
@@ -42,7 +42,8 @@ Json json_of(const Vec3& v) {
 
 // Table of positions and displacements [3xM] mm, with the component along gravity and, if available, the
 // error bounds.
-Table table_of(const Points& place_mm, const Points& shift_mm, const Vec3& up, const ShiftBand& band) {
+Table table_of(const Points& place_mm, const Points& shift_mm, const Vec3& up,
+               const ShiftErrorBounds& error_bounds) {
   Table table{.header = {"x_mm", "y_mm", "z_mm", "shift_x_mm", "shift_y_mm", "shift_z_mm", "shift_mm",
                          "along_gravity_mm"},
               .column = std::vector<std::vector<double>>(8)};
@@ -54,9 +55,9 @@ Table table_of(const Points& place_mm, const Points& shift_mm, const Vec3& up, c
     table.column[6].push_back(shift_mm.col(k).norm());
     table.column[7].push_back(-shift_mm.col(k).dot(up));
   }
-  if (band.known()) {
+  if (error_bounds.known()) {
     table.header.push_back("band_mm");
-    table.column.emplace_back(static_cast<std::size_t>(place_mm.cols()), band.half_mm);
+    table.column.emplace_back(static_cast<std::size_t>(place_mm.cols()), error_bounds.half_mm);
   }
   return table;
 }
@@ -89,7 +90,7 @@ void warn_of_shift(const RunLog& log, const Shifted& now, double shift_mm) {
     log.warn(fmt::format("{} of {} integration points are inverted: do not use the shift there",
                          now.sweep.inverted, now.result.model.point_count()));
   for (std::size_t k = 0; k < now.result.history.walls.size(); ++k) {
-    const Touch& wall = now.result.loading.walls[k];
+    const RigidBody& wall = now.result.loading.walls[k];
     const double in = now.result.history.walls[k].penetration, apart = wall.surface.spacing.mean();
     if (in > 0.15 * apart)
       log.warn(
@@ -120,40 +121,43 @@ void write_fields(const fs::path& folder, const Shifted& now) {
             {.position_mm = 1e3 * model.X, .fields = {field(u_mm)}, .even_if_stopped = true}, 0.0);
 }
 
-Json shift_json(const ShiftOptions& options, const ShiftScene& asked, const Scene& scene, const Shifted& now,
-                const ShiftBand& band) {
-  const Index largest = now.largest_in(asked.opening);
-  const Vec3 middle = now.at_middle(asked.opening), most = now.surface_mm.col(largest);
-  const Points targets = points_of(asked.targets);
+Json shift_json(const ShiftOptions& options, const ShiftScene& requested, const Scene& scene,
+                const Shifted& now, const ShiftErrorBounds& error_bounds) {
+  const Index largest = now.largest_in(requested.opening);
+  const Vec3 middle = now.at_middle(requested.opening), most = now.surface_mm.col(largest);
+  const Points targets = points_of(requested.targets);
   return {{"middle_mm", middle.norm()},
-          {"middle_along_gravity_mm", -middle.dot(asked.up)},
+          {"middle_along_gravity_mm", -middle.dot(requested.up)},
           {"largest_at_opening_mm", most.norm()},
-          {"along_gravity_mm", -most.dot(asked.up)},
+          {"along_gravity_mm", -most.dot(requested.up)},
           {"components_mm", json_of(most)},
           {"at_mm", json_of(Vec3(now.result.model.surface.vertex_mm.col(largest)))},
           {"largest_of_all_mm", now.surface_mm.colwise().norm().maxCoeff()},
-          {"targets", json_of(targets, now.targets_mm, asked.up, false)},
-          {"profile", json_of(now.line, now.line_mm, asked.up, true)},
-          {"up", json_of(asked.up)},
+          {"targets", json_of(targets, now.targets_mm, requested.up, false)},
+          {"profile", json_of(now.line, now.line_mm, requested.up, true)},
+          {"up", json_of(requested.up)},
           {"fluid_lost", options.fluid_lost},
           {"fluid_level_mm", 1e3 * now.result.loading.loads.fluid->level},
           {"skull", options.skull},
-          {"opening_mm", {asked.opening[0], asked.opening[1], asked.opening[2], asked.opening[3]}},
+          {"opening_mm",
+           {requested.opening[0], requested.opening[1], requested.opening[2], requested.opening[3]}},
           {"mu_Pa", scene.material.mu_Pa},
           {"base", now.result.report.boundary.base_reason},
-          {"band", in_words(band)},
-          {"band_mm", band.known() ? Json(band.half_mm) : Json()},
+          {"band", in_words(error_bounds)},
+          {"band_mm", error_bounds.known() ? Json(error_bounds.half_mm) : Json()},
           {"left_out", shift_leaves_out}};
 }
 
 // Writes the displacements at the targets and along a line into the brain.
-void write_tables(const fs::path& folder, const Shifted& now, const ShiftScene& asked,
-                  const ShiftBand& band) {
-  write_csv(folder / "targets.csv", table_of(points_of(asked.targets), now.targets_mm, asked.up, band));
-  write_csv(folder / "profile.csv", table_of(now.line, now.line_mm, asked.up, band));
+void write_tables(const fs::path& folder, const Shifted& now, const ShiftScene& requested,
+                  const ShiftErrorBounds& error_bounds) {
+  write_csv(folder / "targets.csv",
+            table_of(points_of(requested.targets), now.targets_mm, requested.up, error_bounds));
+  write_csv(folder / "profile.csv", table_of(now.line, now.line_mm, requested.up, error_bounds));
 }
 
-void warp_images(const RunLog& log, const ImageTask& task, const fs::path& folder, Shifted& now, Json& told) {
+void warp_images(const RunLog& log, const ImageTask& task, const fs::path& folder, Shifted& now,
+                 Json& reported) {
   std::vector<int> labels;
   for (const LabelMeasure& label : now.result.labels) labels.push_back(label.value);
   ImageWriter images(task, folder, now.result.model, labels, now.result.cut);
@@ -161,9 +165,9 @@ void warp_images(const RunLog& log, const ImageTask& task, const fs::path& folde
   images.keep(
       {.number = 1, .t = 1.0, .depth = 0.0, .u = now.u(), .f = now.f, .forces = now.system->tissue()});
   images.write();
-  log.say("images   " + images.told());
+  log.say("images   " + images.reported());
   if (const std::string warning = images.warning(); !warning.empty()) log.warn(warning);
-  told = images.summary();
+  reported = images.summary();
 }
 
 // Command line that repeats the run, with the options that are in no file.
@@ -191,20 +195,21 @@ std::string title_of(const Scene& scene, const Json& shift) {
 
 // Headline of a shift: "shift at the middle of the opening 8.51 mm (6.0 to 11.0 mm), 8.40 mm of it along
 // gravity; largest at the opening 10.00 mm".
-std::string headline_of(const Json& shift, const ShiftBand& band) {
+std::string headline_of(const Json& shift, const ShiftErrorBounds& error_bounds) {
   const auto length = [&](const char* key) { return length_in_words(shift[key].get<double>()); };
   const double middle = shift["middle_mm"];
   return fmt::format(
       "shift at the middle of the opening {}{}, {} of it along gravity; largest at the opening {}{}",
       length("middle_mm"),
-      band.known()
-          ? fmt::format(" ({:.1f} to {:.1f} mm)", std::max(0.0, middle - band.half_mm), middle + band.half_mm)
+      error_bounds.known()
+          ? fmt::format(" ({:.1f} to {:.1f} mm)", std::max(0.0, middle - error_bounds.half_mm),
+                        middle + error_bounds.half_mm)
           : "",
       length("middle_along_gravity_mm"), length("largest_at_opening_mm"),
-      band.known() ? "" : "; error " + in_words(band));
+      error_bounds.known() ? "" : "; error " + in_words(error_bounds));
 }
 
-Json times_json(const Shifted& now, double band_s, double images_s, double pictures_s, double total_s) {
+Json times_json(const Shifted& now, double comparing_s, double images_s, double pictures_s, double total_s) {
   const Result& result = now.result;
   const double surface_s = result.stages.seconds("close gaps") + result.stages.seconds("surface");
   Json parts = {{"reading", result.read_s},
@@ -212,12 +217,12 @@ Json times_json(const Shifted& now, double band_s, double images_s, double pictu
                 {"cloud", std::max(0.0, result.build_s - surface_s)},
                 {"supports and walls", result.complete_s},
                 {"solving", now.solve_s},
-                {"band", band_s},
+                {"band", comparing_s},
                 {"images", images_s},
                 {"pictures and tables", pictures_s}};
-  double rest_s = total_s;
-  for (const auto& [name, s] : parts.items()) rest_s -= s.get<double>();
-  parts["starting and ending"] = std::max(0.0, rest_s);
+  double remaining_s = total_s;
+  for (const auto& [name, s] : parts.items()) remaining_s -= s.get<double>();
+  parts["starting and ending"] = std::max(0.0, remaining_s);
   return parts;
 }
 
@@ -227,14 +232,14 @@ Outcome shift(const Description& described, const ShiftOptions& options, const f
               Existing existing, const RecordObserver& observer) {
   const Stopwatch whole;
   const Scene scene = resolve(described);
-  const ShiftScene asked = scene_of(options);
+  const ShiftScene requested = scene_of(options);
   ResultFolder results(folder, existing);
-  const ImageTask task = images_asked_for(scene);
+  const ImageTask task = requested_images(scene);
   Shifted now;
   const RunObserver hears{.line = observer.line, .part = observer.part};
   const RunLog log{hears, now.result};
-  come_to_rest(
-      scene, asked,
+  find_equilibrium(
+      scene, requested,
       {.observer = hears, .placed = [&](const Discretisation& places) { require_overlap(task, places); }},
       now);
   Result& result = now.result;
@@ -242,27 +247,27 @@ Outcome shift(const Description& described, const ShiftOptions& options, const f
     log.say("wall     " + in_words(result.loading.walls[k].name, result.history.walls[k]));
 
   const Stopwatch comparing;
-  const ShiftBand band = band_of_shift(scene, asked, now);
-  const double band_s = comparing.seconds();
-  const bool tables_alone = options.tables_alone || band.stopped;
+  const ShiftErrorBounds error_bounds = error_bounds_of_shift(scene, requested, now);
+  const double comparing_s = comparing.seconds();
+  const bool tables_alone = options.tables_alone || error_bounds.stopped;
 
   results.prepare();
   write_fields(folder, now);
-  write_tables(folder, now, asked, band);
+  write_tables(folder, now, requested, error_bounds);
   Json images;
   const Stopwatch warping;
   if (!tables_alone) warp_images(log, task, folder, now, images);
   const double images_s = warping.seconds();
   const Stopwatch drawing;
   Json summary = summary_of_image(scene, result);
-  summary["status"] = band.stopped ? "interrupted" : "finished";
+  summary["status"] = error_bounds.stopped ? "interrupted" : "finished";
   summary["version"] = DIMPLE_VERSION;
-  Json told = shift_json(options, asked, scene, now, band);
-  warn_of_narrow_opening(log, now, asked.opening);
-  warn_of_shift(log, now, told["largest_at_opening_mm"]);
+  Json reported = shift_json(options, requested, scene, now, error_bounds);
+  warn_of_narrow_opening(log, now, requested.opening);
+  warn_of_shift(log, now, reported["largest_at_opening_mm"]);
   const std::vector<std::string> assumed = assumptions_of(described, options);
   log.say("assumed  " + fmt::format("{}", fmt::join(assumed, "; ")));
-  told["assumed"] = assumed;
+  reported["assumed"] = assumed;
   log.say(std::string("shift    ") + shift_leaves_out);
   add_scene(summary, scene, result);
   summary["images"] = images;
@@ -272,22 +277,22 @@ Outcome shift(const Description& described, const ShiftOptions& options, const f
   if (!tables_alone) {
     std::string pictured;
     const std::string picture =
-        before_and_after(now, asked, scene, task, folder, title_of(scene, told), pictured);
-    told["pictured"] = pictured;
+        before_and_after(now, requested, scene, task, folder, title_of(scene, reported), pictured);
+    reported["pictured"] = pictured;
     write_file(folder / "overview.png", picture);
-    page = page_of_shift(now, asked, scene, options_text, command_of(options, folder), picture);
+    page = page_of_shift(now, requested, scene, options_text, command_of(options, folder), picture);
   }
-  summary["shift"] = told;
+  summary["shift"] = reported;
   summary["solve_wall_s"] = now.solve_s;
   summary["total_wall_s"] = whole.seconds();
-  summary["parts_wall_s"] = times_json(now, band_s, images_s, drawing.seconds(), whole.seconds());
+  summary["parts_wall_s"] = times_json(now, comparing_s, images_s, drawing.seconds(), whole.seconds());
   summary["warnings"] = result.warnings;
   Outcome outcome;
-  outcome.interrupted = band.stopped;
+  outcome.interrupted = error_bounds.stopped;
   outcome.summary_json = as_text(summary);
   if (!tables_alone) write_report(folder / "report.html", summary, page);
   write_file(folder / "summary.json", outcome.summary_json);
-  outcome.headline = headline_of(told, band);
+  outcome.headline = headline_of(reported, error_bounds);
   return outcome;
 }
 

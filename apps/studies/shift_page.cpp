@@ -56,8 +56,9 @@ std::vector<std::uint8_t> greys(const std::vector<double>& value, double low, do
   std::vector<std::uint8_t> grey;
   grey.reserve(3 * value.size());
   for (const double x : value) {
-    const double share = high > low ? std::clamp((x - low) / (high - low), 0.0, 1.0) : 0.0;
-    grey.insert(grey.end(), 3, static_cast<std::uint8_t>(std::isfinite(x) ? std::lround(255.0 * share) : 0));
+    const double fraction = high > low ? std::clamp((x - low) / (high - low), 0.0, 1.0) : 0.0;
+    grey.insert(grey.end(), 3,
+                static_cast<std::uint8_t>(std::isfinite(x) ? std::lround(255.0 * fraction) : 0));
   }
   return grey;
 }
@@ -135,8 +136,8 @@ std::array<double, 2> window_of(const std::vector<Sampled>& planes) {
       if (std::isfinite(x) && x != 0.0) all.push_back(x);
   if (all.empty()) return {0.0, 1.0};
   std::sort(all.begin(), all.end());
-  const auto at = [&](double share) {
-    return all[static_cast<std::size_t>(share * static_cast<double>(all.size() - 1))];
+  const auto at = [&](double fraction) {
+    return all[static_cast<std::size_t>(fraction * static_cast<double>(all.size() - 1))];
   };
   return {std::min(at(0.01), 0.0), at(0.99)};
 }
@@ -144,8 +145,8 @@ std::array<double, 2> window_of(const std::vector<Sampled>& planes) {
 // Depth at which the planes cross below the opening; a plane at the opening may pass above the brain.
 constexpr double planes_below_mm = 20.0;
 
-std::vector<Slice> slices_of(const Shifted& now, const ShiftScene& asked) {
-  Vec3 through = asked.opening.head<3>();
+std::vector<Slice> slices_of(const Shifted& now, const ShiftScene& requested) {
+  Vec3 through = requested.opening.head<3>();
   for (Index k = 0; k < now.line.cols(); ++k) {
     through = now.line.col(k);
     if ((now.line.col(k) - now.line.col(0)).norm() >= planes_below_mm) break;
@@ -179,12 +180,12 @@ SurfaceFile ring(const Vec3& centre, const Vec3& normal, double radius) {
 
 }  // namespace
 
-std::string before_and_after(const Shifted& now, const ShiftScene& asked, const Scene& scene,
+std::string before_and_after(const Shifted& now, const ShiftScene& requested, const Scene& scene,
                              const ImageTask& written, const fs::path& folder, const std::string& title,
-                             std::string& told) {
+                             std::string& reported) {
   const Shown shown = shown_of(written, folder);
   const VolumeImage before(shown.before), after(shown.after);
-  const std::vector<Slice> slices = slices_of(now, asked);
+  const std::vector<Slice> slices = slices_of(now, requested);
   double longest = 0.0;
   for (const Slice& slice : slices) longest = std::max({longest, slice.width_mm, slice.height_mm});
   const double pixel_mm = std::max(before.grid().spacing().minCoeff(), longest / most_pixels);
@@ -214,43 +215,43 @@ std::string before_and_after(const Shifted& now, const ShiftScene& asked, const 
     plane.rows = first[k].rows;
     plane.before = coloured(first[k]);
     plane.after = coloured(second[k]);
-    plane.rest = flat(crossings(on_plane(surface.vertex_mm), surface.triangles));
+    plane.undeformed = flat(crossings(on_plane(surface.vertex_mm), surface.triangles));
     plane.moved = flat(crossings(on_plane(surface.vertex_mm + now.surface_mm), surface.triangles));
     plane.wall = wall_on(slice, gap);
-    mark_targets(now, asked.targets, slice, plane);
+    mark_targets(now, requested.targets, slice, plane);
   }
-  told = fmt::format(
+  reported = fmt::format(
       "{} in three planes through a point below the opening, before and after; targets within {:g} mm of a "
       "plane",
       shown.before.filename().string(), near_plane_mm);
-  picture.lines = {told};
+  picture.lines = {reported};
   return before_after_png(picture);
 }
 
-nlohmann::ordered_json page_of_shift(Shifted& now, const ShiftScene& asked, const Scene& scene,
+nlohmann::ordered_json page_of_shift(Shifted& now, const ShiftScene& requested, const Scene& scene,
                                      const std::string& options, const std::string& command,
                                      const std::string& picture) {
   // View from above, with the opening in front.
   Model& model = now.result.model;
   const ToolPlace was = model.tool;
-  model.tool = {1e-3 * asked.opening.head<3>(), -asked.up, 1e-3 * asked.opening[3]};
+  model.tool = {1e-3 * requested.opening.head<3>(), -requested.up, 1e-3 * requested.opening[3]};
   const ReducedSurface reduced = reduced_surface(model.surface, model.tool, most_triangles_shown);
   BodyFrames frames;
   frames.body = {model.surface.vertex_mm(Eigen::all, reduced.vertex), reduced.triangles};
   const Points moved = now.surface_mm(Eigen::all, reduced.vertex);
   frames.frame = {{0, 0.0, Eigen::Matrix3Xf::Zero(3, moved.cols())}, {1, 1.0, moved.cast<float>()}};
-  const Vec3 out = (asked.opening.head<3>() - 1e3 * model.X.rowwise().mean()).normalized();
-  const SurfaceFile tool = ring(asked.opening.head<3>(), out, asked.opening[3]);
-  const std::vector<Slice> slices = slices_of(now, asked);
+  const Vec3 out = (requested.opening.head<3>() - 1e3 * model.X.rowwise().mean()).normalized();
+  const SurfaceFile tool = ring(requested.opening.head<3>(), out, requested.opening[3]);
+  const std::vector<Slice> slices = slices_of(now, requested);
   const std::optional<Comparison> nothing;
-  const Band band;
+  const ErrorBounds error_bounds;
   nlohmann::ordered_json page = report_data({.model = model,
                                              .tool = tool,
-                                             .touch = nullptr,
+                                             .indenter = nullptr,
                                              .slices = slices,
                                              .frames = frames,
                                              .history = now.result.history,
-                                             .band = band,
+                                             .error_bounds = error_bounds,
                                              .comparison = nothing,
                                              .surface_displacement_mm = moved,
                                              .options = options,

@@ -28,7 +28,7 @@ namespace dimple {
 namespace {
 
 constexpr double usual_gap_mm = 2.0;    // of a derived skull, by default
-constexpr double held_share = 0.15;     // of the brain's smallest extent, as an upper limit
+constexpr double held_fraction = 0.15;  // of the brain's smallest extent, as an upper limit
 constexpr double held_depth_mm = 20.0;  // of the brain's lowest part
 constexpr double unheld_mm = 5.0;       // radius without held nodes, around the position of no tool
 constexpr double fold_reach_mm = 5.0;   // half of the largest gap with contact under --self-contact
@@ -78,11 +78,11 @@ std::string from_middle(const BodySurface& surface, const Vec3& place) {
   return text.empty() ? "at the brain's middle" : text + " of the brain's middle";
 }
 
-void say_places(const RunLog& log, const BodySurface& surface, const ShiftScene& asked) {
-  const Vec3 opening = asked.opening.head<3>();
+void say_places(const RunLog& log, const BodySurface& surface, const ShiftScene& requested) {
+  const Vec3 opening = requested.opening.head<3>();
   log.say(fmt::format("opening  {}, of {} radius: {}", dimple::in_words(opening),
-                      length_in_words(asked.opening[3]), from_middle(surface, opening)));
-  for (const Vec3& target : asked.targets)
+                      length_in_words(requested.opening[3]), from_middle(surface, opening)));
+  for (const Vec3& target : requested.targets)
     log.say(fmt::format("target   {}: {}", dimple::in_words(target), from_middle(surface, target)));
 }
 
@@ -116,10 +116,10 @@ void spread_evenly(Organ& organ) {
   const BodySurface& surface = organ.body->surface;
   if (!(boundary.base_depth_mm > 0.0))
     boundary.base_depth_mm =
-        std::min(held_depth_mm, held_share * (surface.upper() - surface.lower()).minCoeff());
+        std::min(held_depth_mm, held_fraction * (surface.upper() - surface.lower()).minCoeff());
   boundary.is_pressed = false;
   boundary.contact_radius_mm = unheld_mm;
-  organ.options.cloud.grading.rim = 1.0;
+  organ.options.node_set.grading.patch_edge = 1.0;
 }
 
 // Points from the brain's surface at the opening to its centre.
@@ -128,8 +128,8 @@ Points line_into(const BodySurface& surface, const Vec3& opening) {
   const Vec3 from = surface.closest(to_body * opening).place, to = surface.centroid();
   std::vector<Vec3> places;
   const double length = (to - from).norm();
-  for (double way = 0.5; way < length; way += profile_step_mm) {
-    const Vec3 x = from + way / length * (to - from);
+  for (double travelled = 0.5; travelled < length; travelled += profile_step_mm) {
+    const Vec3 x = from + travelled / length * (to - from);
     if (surface.contains(x)) places.push_back(surface.to_world() * x);
   }
   Points result(3, static_cast<Index>(places.size()));
@@ -183,43 +183,46 @@ Points Shifted::at(const Points& places_mm) const {
   return 1e3 * inner_interpolation(result.model, 1e-3 * places_mm)(u().topRows<3>());
 }
 
-void come_to_rest(const Scene& scene, const ShiftScene& asked, const ShiftHooks& hooks, Shifted& now) {
+void find_equilibrium(const Scene& scene, const ShiftScene& requested, const ShiftHooks& hooks,
+                      Shifted& now) {
   check_pairs(scene, Feature::shift);
   Result& result = now.result;
   const RunLog log{hooks.observer, result};
   const Case given{.scene = scene, .change = hooks.change};
   Organ organ = read_organ(given, model_options(scene), log, result);
-  require_on_brain(organ, asked.opening, asked.targets);
-  say_places(log, organ.body->surface, asked);
+  require_on_brain(organ, requested.opening, requested.targets);
+  say_places(log, organ.body->surface, requested);
   spread_evenly(organ);
   result.provenance = {{"image", name_of_image(scene)},
                        {"image_sha256", sha256_of_image(scene, result.image)}};
   find_site(scene, log, organ, result);
   const std::optional<Organ> brain = std::move(organ);
-  Placed placed = place(given, brain, log, result);
+  NodePlacement placed = place(given, brain, log, result);
   if (hooks.placed) hooks.placed(placed.places);
-  now.line = line_into(brain->body->surface, asked.opening.head<3>());
+  now.line = line_into(brain->body->surface, requested.opening.head<3>());
   result.origin = std::make_shared<Origin>(Origin{
       .choices = scene, .organ = *brain, .image = {}, .facts = result, .image_warnings = {}, .boundary = {}});
   make_ready(given, std::move(placed), log, result);
-  stop_if_asked();
+  stop_if_requested();
   log.begin(Part::solving, scene);
   const Stopwatch solving;
   now.tissue = std::make_unique<ForceSystem>(result.model, result.tissues, scene.solver.precision);
   const Loading& loading = result.loading;
   now.system = make_system(*now.tissue, result.model, loading.contact, loading.further, loading.loads,
                            scene.solver.tolerance, nullptr, loading.folds, loading.walls);
-  const Rest& rest = now.system->step_start();
-  now.f.setZero(4, rest.u.cols());
+  const EquilibriumState& state = now.system->step_start();
+  now.f.setZero(4, state.u.cols());
   now.system->set({});
-  now.sweep = now.system->force_at(rest.u, rest.lambda, now.f);
-  now.surface_mm = 1e3 * surface_interpolation(result.model)(rest.u.topRows<3>());
-  result.history.settled = 1e-3 * now.surface_mm.colwise().norm().maxCoeff();
+  now.sweep = now.system->force_at(state.u, state.lambda, now.f);
+  now.surface_mm = 1e3 * surface_interpolation(result.model)(state.u.topRows<3>());
+  result.history.preload_displacement = 1e-3 * now.surface_mm.colwise().norm().maxCoeff();
   now.line_mm = now.at(now.line);
-  now.targets_mm = now.at(points_of(asked.targets));
-  for (const TouchingTool* wall : now.system->walls()) {
-    TouchingTool::Touched& touched = result.history.walls.emplace_back(wall->touched());
-    touched.penetration = std::max(touched.penetration, wall->audit(rest.u, now.system->now()).penetration);
+  now.targets_mm = now.at(points_of(requested.targets));
+  for (const RigidContact* wall : now.system->walls()) {
+    RigidContact::ContactSummary& contact_summary =
+        result.history.walls.emplace_back(wall->contact_summary());
+    contact_summary.penetration =
+        std::max(contact_summary.penetration, wall->audit(state.u, now.system->now()).penetration);
   }
   now.solve_s = solving.seconds();
 }
@@ -248,7 +251,8 @@ std::vector<std::string> assumptions_of(const Description& described, const Shif
 namespace {
 
 void check_fluid_lost(const ShiftOptions& options) {
-  parse_word({"the lost fluid", {{"", {share_of_lost_fluid()}, "60%"}}}, options.fluid_lost, "--fluid-lost");
+  parse_word({"the lost fluid", {{"", {fraction_of_lost_fluid()}, "60%"}}}, options.fluid_lost,
+             "--fluid-lost");
 }
 
 }  // namespace

@@ -53,11 +53,12 @@ Points points_of(const std::vector<Vec3>& list);
 struct ShiftHooks {
   RunObserver observer = {};
   std::function<void(const Discretisation&)> placed = {};
-  BodyChange change = {};
+  BodyModification change = {};
 };
 /// Computes the equilibrium. `scene`: of describe_shift(). Throws as simulate() does; UsageError: the opening
 /// or a target is outside the brain.
-void come_to_rest(const Scene& scene, const ShiftScene& asked, const ShiftHooks& hooks, Shifted& result);
+void find_equilibrium(const Scene& scene, const ShiftScene& requested, const ShiftHooks& hooks,
+                      Shifted& result);
 
 /// Assumptions for options that were not given, a sentence each.
 std::vector<std::string> assumptions_of(const Description& described, const ShiftOptions& options);

@@ -149,13 +149,13 @@ class ToolStyle : public vtkInteractorStyleTrackballCamera {
 };
 vtkStandardNewMacro(ToolStyle)
 
-    void tell(vtkObject*, unsigned long, void* what, void*) {
+    void report(vtkObject*, unsigned long, void* what, void*) {
   (*static_cast<std::function<void()>*>(what))();
 }
 
 // Legend of the displacement's colours, with its title above.
-void lay_out(vtkScalarBarActor& legend, vtkColorTransferFunction& heat) {
-  legend.SetLookupTable(&heat);
+void lay_out(vtkScalarBarActor& legend, vtkColorTransferFunction& colours) {
+  legend.SetLookupTable(&colours);
   legend.SetTitle("displacement [mm]\n ");  // empty line: VTK sets the numbers too close
   legend.SetOrientationToHorizontal();
   legend.SetNumberOfLabels(3);
@@ -202,7 +202,7 @@ struct BodyWindow::Parts {
   vtkNew<vtkRenderWindowInteractor> interactor;
   vtkNew<ToolStyle> style;
   Shape body, tool;
-  vtkNew<vtkColorTransferFunction> heat;
+  vtkNew<vtkColorTransferFunction> colours;
   vtkNew<vtkScalarBarActor> legend;
   vtkNew<vtkTextActor> words;
   vtkNew<vtkContextActor> chart_actor;
@@ -229,14 +229,14 @@ struct BodyWindow::Parts {
 
   // Sets the colours for displacements from 0 to `top`.
   void colours_to(double top) {
-    heat->RemoveAllPoints();
+    colours->RemoveAllPoints();
     for (std::size_t k = 0; k < pale_to_dark.size(); ++k)
-      heat->AddRGBPoint(top * static_cast<double>(k) / static_cast<double>(pale_to_dark.size() - 1),
-                        pale_to_dark[k][0], pale_to_dark[k][1], pale_to_dark[k][2]);
+      colours->AddRGBPoint(top * static_cast<double>(k) / static_cast<double>(pale_to_dark.size() - 1),
+                           pale_to_dark[k][0], pale_to_dark[k][1], pale_to_dark[k][2]);
   }
 
   // Approach direction on the screen, in pixels per mm.
-  std::array<double, 2> push_on_screen() {
+  std::array<double, 2> approach_on_screen() {
     const auto seen = [&](const Vec3& p) {
       view->SetWorldPoint(p.x(), p.y(), p.z(), 1.0);
       view->WorldToDisplay();
@@ -261,9 +261,9 @@ struct BodyWindow::Parts {
 
   // Adds the body, coloured by displacement, and the tool in metal; the mouse picks only the body.
   void add_shapes() {
-    heat->SetColorSpaceToLab();
+    colours->SetColorSpaceToLab();
     colours_to(1.0);
-    body.mapper->SetLookupTable(heat);
+    body.mapper->SetLookupTable(colours);
     body.mapper->UseLookupTableScalarRangeOn();
     body.mapper->ScalarVisibilityOn();
     body.actor->GetProperty()->SetAmbient(0.25);
@@ -275,7 +275,7 @@ struct BodyWindow::Parts {
   }
 
   void add_texts() {
-    lay_out(*legend, *heat);
+    lay_out(*legend, *colours);
     view->AddActor2D(legend);
     words->GetTextProperty()->SetColor(0.15, 0.15, 0.15);
     words->GetTextProperty()->SetFontSize(16);
@@ -309,12 +309,12 @@ struct BodyWindow::Parts {
 
   // Distance [mm] of a drag along the approach direction.
   double dragged_to(int x, int y) {
-    const auto push = push_on_screen();
-    const double mm = std::hypot(push[0], push[1]);  // pixels
+    const auto approach = approach_on_screen();
+    const double mm = std::hypot(approach[0], approach[1]);  // pixels
     const double dx = x - from_x, dy = y - from_y;
     const double in_one = 0.5 * view->GetSize()[1] / view->GetActiveCamera()->GetParallelScale();
     // Seen from straight above, the approach direction has no length on the screen: a drag down presses.
-    return mm > 0.3 * in_one ? (dx * push[0] + dy * push[1]) / (mm * mm) : -dy / in_one;
+    return mm > 0.3 * in_one ? (dx * approach[0] + dy * approach[1]) / (mm * mm) : -dy / in_one;
   }
 };
 
@@ -338,8 +338,8 @@ BodyWindow::BodyWindow() {
     if (dragged) dragged(parts_->dragged_to(x, y));
   };
   p.style->up = [this] {
-    if (const auto place = let_go ? parts_->body_at(parts_->to_x, parts_->to_y) : std::nullopt)
-      let_go(*place);
+    if (const auto place = on_release ? parts_->body_at(parts_->to_x, parts_->to_y) : std::nullopt)
+      on_release(*place);
     if (released) released();
   };
   p.style->key = [this](const std::string& name) { return key && key(name); };
@@ -416,7 +416,7 @@ void BodyWindow::run() {
   p.ticked = [this] {
     if (tick && !tick()) parts_->interactor->TerminateApp();
   };
-  p.on_tick->SetCallback(tell);
+  p.on_tick->SetCallback(report);
   p.on_tick->SetClientData(&p.ticked);
   p.interactor->AddObserver(vtkCommand::TimerEvent, p.on_tick);
   p.interactor->CreateRepeatingTimer(4);

@@ -50,10 +50,10 @@ class BodyWindow {
   /// Left button pressed on the body, at [LPS mm]. True: the mouse moves the tool until the button is
   /// released.
   std::function<bool(const Vec3& place_mm)> pressed = {};
-  /// Mouse motion since then along the approach direction [mm]; `let_go`: button released on the body, at
+  /// Mouse motion since then along the approach direction [mm]; `on_release`: button released on the body, at
   /// [LPS mm].
   std::function<void(double along_mm)> dragged = {};
-  std::function<void(const Vec3& place_mm)> let_go = {};
+  std::function<void(const Vec3& place_mm)> on_release = {};
   std::function<void()> released = {};
   /// Key by its X name ("space", "t"); true: the picture has changed and is redrawn.
   std::function<bool(const std::string& key)> key = {};

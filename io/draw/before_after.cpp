@@ -15,7 +15,7 @@ using Plane = BeforeAfter::Plane;
 
 constexpr int width = 1600;
 constexpr double letter_room = 20.0;
-const Colour moved_ink = rgb(0xE8590C), rest_ink = rgb(0x1560A0), mark_ink = rgb(0x00A07A);
+const Colour moved_ink = rgb(0xE8590C), undeformed_ink = rgb(0x1560A0), mark_ink = rgb(0x00A07A);
 
 void check(const Plane& plane) {
   const auto all = static_cast<std::size_t>(3 * plane.columns * plane.rows);
@@ -61,7 +61,7 @@ void draw_plane(Canvas& canvas, const Rect& r, const Plane& plane, bool after) {
     for (const auto& piece : pieces) canvas.line(at(piece[0]), at(piece[1]), thick, colour);
   };
   draw(plane.wall, 2.0, wall_ink);
-  draw(plane.rest, after ? 1.2 : 1.8, rest_ink);
+  draw(plane.undeformed, after ? 1.2 : 1.8, undeformed_ink);
   if (after) draw(plane.moved, 1.8, moved_ink);
   for (const Vec2& mark : after ? plane.mark_after : plane.mark_before) {
     canvas.disc(at(mark), 5.5, card);
@@ -72,7 +72,7 @@ void draw_plane(Canvas& canvas, const Rect& r, const Plane& plane, bool after) {
 }
 
 void draw_meanings(Canvas& canvas, const Vec2& at, const BeforeAfter& picture) {
-  std::vector<LegendEntry> entries{{"outline before", rest_ink, Mark::line},
+  std::vector<LegendEntry> entries{{"outline before", undeformed_ink, Mark::line},
                                    {"outline after", moved_ink, Mark::line}};
   if (!picture.wall.empty()) entries.push_back({picture.wall, wall_ink, Mark::line});
   if (std::any_of(picture.plane.begin(), picture.plane.end(),

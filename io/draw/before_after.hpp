@@ -18,8 +18,8 @@ struct BeforeAfter {
     double width_mm = 0.0, height_mm = 0.0;
     std::ptrdiff_t columns = 0, rows = 0;
     std::vector<std::uint8_t> before = {},
-                              after = {};     ///< [3 x columns x rows] red, green, blue, from the top
-    Pieces rest = {}, moved = {}, wall = {};  ///< the body's outline before and after, and rigid parts
+                              after = {};           ///< [3 x columns x rows] red, green, blue, from the top
+    Pieces undeformed = {}, moved = {}, wall = {};  ///< the body's outline before and after, and rigid parts
     std::vector<Eigen::Vector2d> mark_before = {}, mark_after = {};  ///< tracked places
   };
   std::string title;

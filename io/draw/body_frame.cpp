@@ -6,10 +6,10 @@
 
 namespace dimple {
 
-BodyFrame body_frame(const Points& nodes, const Vec3& circle_centre, const Vec3& push) {
+BodyFrame body_frame(const Points& nodes, const Vec3& patch_centre, const Vec3& approach) {
   using Vec2 = Eigen::Vector2d;
   BodyFrame f;
-  f.up = push.allFinite() && push.norm() > 1e-9 ? Vec3(-push.normalized()) : Vec3::UnitZ();
+  f.up = approach.allFinite() && approach.norm() > 1e-9 ? Vec3(-approach.normalized()) : Vec3::UnitZ();
   // Any two directions across `up`, from the axis least aligned with it.
   Index least = 0;
   f.up.cwiseAbs().minCoeff(&least);
@@ -35,7 +35,7 @@ BodyFrame body_frame(const Points& nodes, const Vec3& circle_centre, const Vec3&
   // Front: the side with the contact patch, where the skin slopes toward the viewer. Without such a side, the
   // one that shows left, posterior or superior on the right.
   const double reach = std::sqrt(std::max(axes.eigenvalues()[0], 0.0) / std::max(count, 1.0));
-  const double offset = circle_centre.allFinite() ? (circle_centre - mean).dot(f.front) : 0.0;
+  const double offset = patch_centre.allFinite() ? (patch_centre - mean).dot(f.front) : 0.0;
   Index main = 0;
   f.broad.cwiseAbs().maxCoeff(&main);
   const bool turn = std::abs(offset) > 0.1 * reach ? offset < 0.0 : f.broad[main] < 0.0;

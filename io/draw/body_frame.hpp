@@ -14,6 +14,6 @@ struct BodyFrame {
 
 /// Frame of the body with these nodes. Deterministic: the same body gives the same frame for any signs of its
 /// eigenvectors. Places and a direction that are not finite do not count.
-BodyFrame body_frame(const Points& nodes, const Vec3& circle_centre, const Vec3& push);
+BodyFrame body_frame(const Points& nodes, const Vec3& patch_centre, const Vec3& approach);
 
 }  // namespace dimple

@@ -98,13 +98,13 @@ std::vector<Tick> even_ticks(double low, double high, int most) {
 }
 
 /// Ticks, as many as the texts have room for: next to each other or one above the other.
-std::vector<Tick> ticks_of(const Axis& axis, double pixels, bool beside) {
+std::vector<Tick> ticks_of(const Axis& axis, double pixels, bool vertical) {
   std::vector<Tick> ticks;
   const auto fits = [&] {
     double at = -1e9, half = 0.0;
     for (const Tick& tick : ticks) {
       const double here = axis.fraction(tick.value) * pixels,
-                   own = (beside ? text_width(tick.text, small) + 18.0 : 24.0) / 2.0;
+                   own = (vertical ? text_width(tick.text, small) + 18.0 : 24.0) / 2.0;
       if (here - at < own + half) return false;
       at = here, half = own;
     }
@@ -118,13 +118,13 @@ std::vector<Tick> ticks_of(const Axis& axis, double pixels, bool beside) {
 }
 
 void draw_grid(Canvas& canvas, const Rect& plot, const Axis& axis, const std::vector<Tick>& ticks,
-               bool beside) {
+               bool vertical) {
   for (const Tick& tick : ticks) {
     const double f = axis.fraction(tick.value);
     if (f < -1e-9 || f > 1.0 + 1e-9) continue;
     const Vec2 at(plot.x + f * plot.w, plot.y + (1.0 - f) * plot.h);
     const Colour colour = tick.value == 0.0 && f > 1e-6 && f < 1.0 - 1e-6 ? soft_ink : hairline;
-    if (beside) {
+    if (vertical) {
       canvas.line({at.x(), plot.y}, {at.x(), plot.y + plot.h}, 1.0, colour);
       canvas.text({at.x(), plot.y + plot.h + 20.0}, tick.text, small, Align::centre);
     } else {
@@ -142,7 +142,7 @@ struct Trace {
   std::size_t look = 0;                 ///< number of hue and marker
   std::vector<std::vector<Vec2>> line;  ///< pieces
   std::vector<Vec2> point;
-  std::vector<Vec2> band;  ///< its corners
+  std::vector<Vec2> error_bounds;  ///< its corners
 };
 
 void draw_marker(Canvas& canvas, const Vec2& at, std::size_t look, double radius) {
@@ -188,23 +188,23 @@ std::vector<Trace> traces_of(const Chart& chart, const Axis& x, const Axis& y, c
   };
   for (std::size_t n = 0; n < chart.series.size(); ++n) {
     const ChartSeries& s = chart.series[n];
-    Trace trace{.series = &s, .look = looks[n], .line = {}, .point = {}, .band = {}};
+    Trace trace{.series = &s, .look = looks[n], .line = {}, .point = {}, .error_bounds = {}};
     std::vector<Vec2> back;  // along the lower side of the error bounds
-    bool goes_on = false;
+    bool continues = false;
     for (std::size_t i = 0; i < s.x.size(); ++i) {
       const bool shown = is_shown(s.x[i]) && is_shown(s.y[i]);
       if (shown) {
         trace.point.push_back(at(s.x[i], s.y[i]));
-        if (!goes_on) trace.line.emplace_back();
+        if (!continues) trace.line.emplace_back();
         trace.line.back().push_back(trace.point.back());
         if (!s.half.empty()) {
-          trace.band.push_back(at(s.x[i], s.y[i] + s.half[i]));
+          trace.error_bounds.push_back(at(s.x[i], s.y[i] + s.half[i]));
           back.push_back(at(s.x[i], s.y[i] - s.half[i]));
         }
       }
-      goes_on = shown;
+      continues = shown;
     }
-    trace.band.insert(trace.band.end(), back.rbegin(), back.rend());
+    trace.error_bounds.insert(trace.error_bounds.end(), back.rbegin(), back.rend());
     std::erase_if(trace.line, [&](const auto& piece) { return !s.line || piece.size() < 2; });
     traces.push_back(std::move(trace));
   }
@@ -229,7 +229,8 @@ void draw_end(Canvas& canvas, const Rect& plot, const Trace& trace, bool on_whit
 
 void draw_traces(Canvas& canvas, const Rect& plot, const std::vector<Trace>& traces) {
   for (const Trace& trace : traces)
-    if (trace.band.size() > 3) canvas.polygon(trace.band, mixed(hue(trace.look), card, 0.72F));
+    if (trace.error_bounds.size() > 3)
+      canvas.polygon(trace.error_bounds, mixed(hue(trace.look), card, 0.72F));
   for (const Trace& trace : traces)
     for (const auto& piece : trace.line) canvas.curve(piece, 2.2, hue(trace.look), trace.series->dashed);
   for (const Trace& trace : traces)

@@ -50,12 +50,12 @@ struct Projection {
 };
 
 /// Fits all points into the rectangle.
-inline Projection fitted(const Camera& camera, const Rect& rect, std::initializer_list<const Points*> clouds,
-                         double margin_mm) {
+inline Projection fitted(const Camera& camera, const Rect& rect,
+                         std::initializer_list<const Points*> node_sets, double margin_mm) {
   Eigen::AlignedBox2d box;
-  for (const Points* cloud : clouds)
-    for (Index n = 0; n < cloud->cols(); ++n)
-      if (usable(cloud->col(n))) box.extend(Vec2(camera.seen(cloud->col(n)).head<2>()));
+  for (const Points* node_set : node_sets)
+    for (Index n = 0; n < node_set->cols(); ++n)
+      if (usable(node_set->col(n))) box.extend(Vec2(camera.seen(node_set->col(n)).head<2>()));
   Projection projection{.camera = camera, .centre = {rect.x + rect.w / 2.0, rect.y + rect.h / 2.0}};
   if (box.isEmpty()) return projection;
   projection.middle_mm = box.center();
@@ -86,9 +86,9 @@ class DepthImage {
     const int y0 = pixel_within(cy - r, h_ - 1), y1 = pixel_within(cy + r, h_ - 1);
     for (int y = y0; y <= y1; ++y)
       for (int x = x0; x <= x1; ++x) {
-        const double u = (x + 0.5 - cx) / r, v = (cy - y - 0.5) / r, rest = 1.0 - u * u - v * v;
-        if (rest < 0.0) continue;
-        const double n = std::sqrt(rest);
+        const double u = (x + 0.5 - cx) / r, v = (cy - y - 0.5) / r, remaining = 1.0 - u * u - v * v;
+        if (remaining < 0.0) continue;
+        const double n = std::sqrt(remaining);
         put(x, y, p.z() + n * radius_mm + lift_mm, [&] { return lit(colour, u, v, n); });
       }
   }

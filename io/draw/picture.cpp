@@ -18,19 +18,19 @@ namespace {
 using namespace draw;
 
 // Hues that the common colour-vision deficiencies keep apart; the lightness differs as well.
-const Colour interior = rgb(0xB9C8D8), base = rgb(0x1560A0), circle = rgb(0xE8590C), cross = rgb(0x8794A4),
-             node_dot = rgb(0x6F8AA6), tool_metal = rgb(0x4F9DA6), tool_fill = rgb(0xDCECEE),
-             tool_ink = rgb(0x1F6F78);
+const Colour interior = rgb(0xB9C8D8), base = rgb(0x1560A0), bonded_patch = rgb(0xE8590C),
+             cross = rgb(0x8794A4), node_dot = rgb(0x6F8AA6), tool_metal = rgb(0x4F9DA6),
+             tool_fill = rgb(0xDCECEE), tool_ink = rgb(0x1F6F78);
 
-bool is_circle(int set) {
+bool is_bonded_patch(int set) {
   return (set & 2) != 0;
 }
 const Colour& colour_of(int set) {
-  return is_circle(set) ? circle : (set & 1) != 0 ? base : interior;
+  return is_bonded_patch(set) ? bonded_patch : (set & 1) != 0 ? base : interior;
 }
 
 /// Pale to dark through yellow, red and purple: the lightness falls evenly, for print in grey.
-Colour heat(double fraction) {
+Colour warm_colour(double fraction) {
   static const std::array<Colour, 7> stops{rgb(0xECEBE6), rgb(0xF9DFA3), rgb(0xF9B768), rgb(0xEE7F52),
                                            rgb(0xCB4A5C), rgb(0x8C2B6B), rgb(0x47175A)};
   const double t = std::clamp(fraction, 0.0, 1.0) * (static_cast<double>(stops.size()) - 1.0);
@@ -40,7 +40,7 @@ Colour heat(double fraction) {
 }
 
 BodyFrame frame_of(const Overview& o) {
-  return body_frame(o.nodes_mm, o.centre_mm, o.push);
+  return body_frame(o.nodes_mm, o.centre_mm, o.approach);
 }
 
 /// Room of a panel below its heading.
@@ -88,11 +88,11 @@ void draw_corners(Canvas& canvas, const Rect& room, const Projection& projection
 }
 
 int set_of(const Overview& o, Index n) {
-  return n < static_cast<Index>(o.node_set.size()) ? o.node_set[static_cast<std::size_t>(n)] : 0;
+  return n < static_cast<Index>(o.node_flags.size()) ? o.node_flags[static_cast<std::size_t>(n)] : 0;
 }
 
-Points moved(const Points& rest, const Points& displacement) {
-  return displacement.cols() == rest.cols() ? Points(rest + displacement) : rest;
+Points moved(const Points& undeformed, const Points& displacement) {
+  return displacement.cols() == undeformed.cols() ? Points(undeformed + displacement) : undeformed;
 }
 
 double middle_of(std::vector<double>& values, std::size_t at) {
@@ -116,7 +116,7 @@ double node_spacing(const Points& nodes) {
   return fourth.empty() ? 1.0 : middle_of(fourth, fourth.size() / 2);
 }
 
-void draw_cloud(Canvas& canvas, const Rect& rect, const Overview& o, const BodyFrame& frame, double spacing) {
+void draw_nodes(Canvas& canvas, const Rect& rect, const Overview& o, const BodyFrame& frame, double spacing) {
   const auto count = o.nodes_mm.cols();
   const Rect room = draw_panel(canvas, rect, "Nodes at rest",
                                fmt::format("{} nodes, seen from the side of the tool", count));
@@ -131,11 +131,11 @@ void draw_cloud(Canvas& canvas, const Rect& rect, const Overview& o, const BodyF
   }
   image.lay_on(canvas, 2.0 * spacing);
   const auto in = [&](int bit) {
-    return std::count_if(o.node_set.begin(), o.node_set.end(), [&](int set) { return (set & bit) != 0; });
+    return std::count_if(o.node_flags.begin(), o.node_flags.end(), [&](int set) { return (set & bit) != 0; });
   };
   std::vector<LegendEntry> entries = {{"free", interior, Mark::dot},
                                       {fmt::format("fixed base ({})", in(1)), base, Mark::dot}};
-  if (o.tool.empty()) entries.push_back({fmt::format("contact patch ({})", in(2)), circle, Mark::dot});
+  if (o.tool.empty()) entries.push_back({fmt::format("contact patch ({})", in(2)), bonded_patch, Mark::dot});
   draw_corners(canvas, room, projection, entries);
 }
 
@@ -145,8 +145,9 @@ double depth_of(const Overview& o) {
 }
 
 Points tool_at_the_end(const Overview& o) {
-  return usable(o.push) ? Points(o.tool_mm.colwise() + (o.carried_mm + depth_of(o) * o.push + o.aside_mm))
-                        : o.tool_mm;
+  return usable(o.approach)
+             ? Points(o.tool_mm.colwise() + (o.carried_mm + depth_of(o) * o.approach + o.aside_mm))
+             : o.tool_mm;
 }
 
 std::vector<LegendEntry> tool_entry(const Overview& o) {
@@ -315,13 +316,13 @@ void draw_section(Canvas& canvas, const Rect& rect, const Overview& o, const Bod
     draw_pieces(
         canvas,
         cut(view.projection, moved(o.surface_mm, o.surface_displacement_mm), o.surface_triangles, there), 1.8,
-        circle);
+        bonded_patch);
   canvas.clip();
   if (view.near && has_surface) draw_where(canvas, room, view, o, centre);
   std::vector<LegendEntry> entries = {{"node", node_dot, Mark::dot},
                                       {"integration point", cross, Mark::cross},
                                       {"outline at rest", soft_ink, Mark::line},
-                                      {o.moment, circle, Mark::line}};
+                                      {o.moment, bonded_patch, Mark::line}};
   if (o.walls) entries.push_back({"wall", wall_ink, Mark::line});
   for (const LegendEntry& entry : tool_entry(o)) entries.push_back(entry);
   draw_corners(canvas, room, view.projection, entries);
@@ -335,7 +336,8 @@ void draw_colour_bar(Canvas& canvas, const Rect& room, double most_mm) {
   const int rows = static_cast<int>(bar.h * fine);
   for (int i = 0; i < rows; ++i) {
     const double y = bar.y + bar.h * (1.0 - (i + 1.0) / rows);
-    canvas.rectangle({bar.x, y, bar.w, std::min(2.0 / fine, bar.y + bar.h - y)}, heat((i + 0.5) / rows));
+    canvas.rectangle({bar.x, y, bar.w, std::min(2.0 / fine, bar.y + bar.h - y)},
+                     warm_colour((i + 0.5) / rows));
   }
   canvas.text({bar.x - 2.0, bar.y - 12.0}, "mm", small);
   const double step = round_below(most_mm / 3.9);
@@ -379,9 +381,9 @@ void draw_surface(DepthImage& image, const Points& surface, const Triangles& tri
     const Index a = t[0], b = t[1], c = t[2];
     if (!usable(surface.col(a)) || !usable(surface.col(b)) || !usable(surface.col(c))) continue;
     const auto at = [&](Index n) { return level[static_cast<std::size_t>(n)]; };
-    image.triangle({surface.col(a), surface.col(b), surface.col(c)},
-                   {normal.col(a), normal.col(b), normal.col(c)},
-                   [&](double u, double v, double w) { return heat(u * at(a) + v * at(b) + w * at(c)); });
+    image.triangle(
+        {surface.col(a), surface.col(b), surface.col(c)}, {normal.col(a), normal.col(b), normal.col(c)},
+        [&](double u, double v, double w) { return warm_colour(u * at(a) + v * at(b) + w * at(c)); });
   }
 }
 
@@ -416,11 +418,11 @@ Deformed deformed(const Rect& room, const Overview& o, const BodyFrame& frame, d
     if (!usable(nodes.col(n))) continue;
     // Nodes are a little inside the skin. Those of the contact patch are lifted so that they are visible
     // through it, but not through an edge. A contacting tool hides them.
-    if (is_circle(set_of(o, n)) && o.tool_triangles.cols() > 0) continue;
-    if (is_circle(set_of(o, n)))
-      image.ball(nodes.col(n), 0.27 * spacing, circle, 0.75 * spacing);
+    if (is_bonded_patch(set_of(o, n)) && o.tool_triangles.cols() > 0) continue;
+    if (is_bonded_patch(set_of(o, n)))
+      image.ball(nodes.col(n), 0.27 * spacing, bonded_patch, 0.75 * spacing);
     else if (!has_surface)
-      image.ball(nodes.col(n), 0.42 * spacing, heat(level[static_cast<std::size_t>(n)]));
+      image.ball(nodes.col(n), 0.42 * spacing, warm_colour(level[static_cast<std::size_t>(n)]));
   }
   return {has_surface, !has_surface && nodes.cols() == 0, most, projection, std::move(image)};
 }
@@ -430,9 +432,10 @@ void draw_body(Canvas& canvas, const Rect& room, const Overview& o, const Deform
   body.image.lay_on(canvas, 2.0 * spacing);
   if (body.most_mm > least_seen(o)) draw_colour_bar(canvas, room, body.most_mm);
   const std::vector<LegendEntry> tool = tool_entry(o);
-  draw_corners(
-      canvas, room, body.projection,
-      tool.empty() ? std::vector<LegendEntry>{{"nodes of the contact patch", circle, Mark::dot}} : tool);
+  draw_corners(canvas, room, body.projection,
+               tool.empty()
+                   ? std::vector<LegendEntry>{{"nodes of the contact patch", bonded_patch, Mark::dot}}
+                   : tool);
 }
 
 void draw_dimple(Canvas& canvas, const Rect& rect, const Overview& o, const Deformed& body, double spacing) {
@@ -464,31 +467,32 @@ double largest_of(const std::vector<double>& values) {
 }
 
 void draw_force(Canvas& canvas, const Rect& rect, const Overview& o) {
-  const bool has_band = !o.half_N.empty() && o.half_N.size() == o.force_N.size(), in_time = !o.time_s.empty();
+  const bool has_error_bounds = !o.half_N.empty() && o.half_N.size() == o.force_N.size(),
+             in_time = !o.time_s.empty();
   const Rect room = draw_panel(
       canvas, rect, in_time ? "Force over time" : "Force against indentation",
       fmt::format("{}; {}",
                   o.tool.empty() ? "reaction of the contact patch's nodes" : "contact force on the tool",
-                  has_band ? "shaded: discretisation error" : "no error estimate"));
-  const double largest = std::max({std::abs(largest_of(o.force_N)), std::abs(largest_of(o.beside_force_N)),
+                  has_error_bounds ? "shaded: discretisation error" : "no error estimate"));
+  const double largest = std::max({std::abs(largest_of(o.force_N)), std::abs(largest_of(o.compared_force_N)),
                                    std::abs(largest_of(o.lateral_N))});
   const Written written = force_written(largest);
   Chart chart{.x_label = in_time ? "time [s]" : "indentation [mm]",
               .y_label = fmt::format("force [{}]", written.unit)};
   ChartSeries force = series_of(in_time ? o.time_s : o.depth_mm, o.force_N, written.per_unit),
-              beside = series_of(o.beside_depth_mm, o.beside_force_N, written.per_unit),
+              compared = series_of(o.compared_depth_mm, o.compared_force_N, written.per_unit),
               lateral = series_of(o.time_s, o.lateral_N, written.per_unit);
   if (force.x.empty()) return say_in_the_middle(canvas, room, "no force recorded");
-  force.markers = lateral.markers = beside.line = false;
-  if (has_band)
+  force.markers = lateral.markers = compared.line = false;
+  if (has_error_bounds)
     for (std::size_t i = 0; i < force.x.size(); ++i) force.half.push_back(written.per_unit * o.half_N[i]);
   force.end = end_of_curve(o);
-  force.name = !lateral.x.empty() ? "along the approach direction" : !beside.x.empty() ? "this run" : "";
+  force.name = !lateral.x.empty() ? "along the approach direction" : !compared.x.empty() ? "this run" : "";
   lateral.name = "across it";
-  beside.name = o.beside;
-  lateral.colour = beside.colour = 2;
+  compared.name = o.compared;
+  lateral.colour = compared.colour = 2;
   chart.series.push_back(force);
-  if (!beside.x.empty()) chart.series.push_back(beside);
+  if (!compared.x.empty()) chart.series.push_back(compared);
   if (!lateral.x.empty()) chart.series.push_back(lateral);
   draw_plot(canvas, room.inset(6.0, 0.0, 0.0, 0.0), chart);
 }
@@ -547,7 +551,7 @@ void write_overview(const std::filesystem::path& file, const Overview& overview)
   const Rect at_the_end{edge, low, w, h};
   auto body = std::async(overview.two_threads ? std::launch::async : std::launch::deferred,
                          [&] { return deformed(room_of(at_the_end), overview, frame, spacing); });
-  draw_cloud(canvas, {edge, top, w, h}, overview, frame, spacing);
+  draw_nodes(canvas, {edge, top, w, h}, overview, frame, spacing);
   draw_section(canvas, {right, top, w, h}, overview, frame, spacing);
   draw_dimple(canvas, at_the_end, overview, body.get(), spacing);
   draw_force(canvas, {right, low, w, h}, overview);

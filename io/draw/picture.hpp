@@ -17,7 +17,7 @@ struct Overview {
   std::vector<std::string> lines;  ///< a few facts: counts, spacing, base and patch with their reasons
   Points nodes_mm;                 ///< [3xN] at rest
   Points displacement_mm;          ///< [3xN] at the end
-  std::vector<int> node_set;       ///< [N] bit 1 base, bit 2 contact patch
+  std::vector<int> node_flags;     ///< [N] bit 1 base, bit 2 contact patch
   Points points_mm;                ///< [3xQ] integration points, shown as + in a thin slab through the patch
   Points surface_mm;               ///< [3xM] the organ's surface at rest
   Points surface_displacement_mm;  ///< [3xM] at the end
@@ -25,7 +25,7 @@ struct Overview {
   Points tool_mm = {};             ///< [3xP] the tool's closed surface at rest; none: it is not drawn
   Triangles tool_triangles = {};   ///< [3xU]
   Vec3 centre_mm;                  ///< of the contact patch
-  Vec3 push;                       ///< unit vector: press direction
+  Vec3 approach;                   ///< unit vector: press direction
   double radius_mm = 0.0;          ///< of the contact patch
   std::string tool = {};           ///< words for a contacting tool; empty: the patch is bonded
   Vec3 carried_mm = Vec3::Zero();  ///< displacement of the patch under loads alone: the tool is there
@@ -39,10 +39,10 @@ struct Overview {
   std::vector<double> lateral_N = {};  ///< likewise: the force across the press direction
   std::vector<double> half_N;          ///< half-width of the error bounds; empty: none available
   double image_half_N = -1.0;  ///< half-width at the end by the image's resolution; negative: not available
-  std::vector<double> beside_depth_mm, beside_force_N;  ///< another curve, as dots; empty: none
-  std::string beside;                                   ///< its word in the legend
-  GapAt walls = {};                                     ///< distance from rigid walls; empty: there are none
-  bool two_threads = false;                             ///< draw with a second one; the same picture
+  std::vector<double> compared_depth_mm, compared_force_N;  ///< another curve, as dots; empty: none
+  std::string compared;                                     ///< its word in the legend
+  GapAt walls = {};          ///< distance from rigid walls; empty: there are none
+  bool two_threads = false;  ///< draw with a second one; the same picture
 };
 
 /// Text at the end of the force curve: "75.4 mN at 8.00 mm, +- 8.03 %, voxels +- 1.60 %"; over time "75.4 mN

@@ -93,16 +93,16 @@ Map::Pointer squared_distance(Mask* object) {
       tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism)));
   const auto listen = itk::CStyleCommand::New();
   listen->SetCallback([](itk::Object* caller, const itk::EventObject&, void*) {
-    if (stop_asked() != StopReason::none) static_cast<itk::ProcessObject*>(caller)->AbortGenerateDataOn();
+    if (stop_requested() != StopReason::none) static_cast<itk::ProcessObject*>(caller)->AbortGenerateDataOn();
   });
   filter->AddObserver(itk::ProgressEvent(), listen);
   try {
     filter->Update();
   } catch (const itk::ProcessAborted&) {
-    stop_if_asked();
+    stop_if_requested();
     throw;
   }
-  stop_if_asked();
+  stop_if_requested();
   return filter->GetOutput();
 }
 
@@ -233,7 +233,7 @@ ClosedImage close_gaps(const LabelImage& image, const std::vector<int>& labels, 
   const Index begin = std::max<Index>(body.first[0], 0),
               end = std::min(body.first[0] + body.size[0], image.size[0]);
   for (Index k = 0; k < image.size[2]; ++k) {
-    stop_if_asked();
+    stop_if_requested();
     for (Index j = 0; j < image.size[1]; ++j) {
       const Index in_j = j - body.first[1], in_k = k - body.first[2];
       const bool in_box = in_j >= 0 && in_j < body.size[1] && in_k >= 0 && in_k < body.size[2];

@@ -168,7 +168,7 @@ LabelImage make_phantom(const PhantomOptions& options) {
   std::vector<std::int32_t> row(static_cast<std::size_t>(image.size[0]));
   for (Index k = 0; k < image.size[2]; ++k)
     for (Index j = 0; j < image.size[1]; ++j) {
-      stop_if_asked();
+      stop_if_requested();
       for (Index i = 0; i < image.size[0]; ++i)
         row[static_cast<std::size_t>(i)] = shape.label(
             origin + h * Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k)));

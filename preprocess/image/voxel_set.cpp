@@ -16,7 +16,7 @@ VoxelSet voxels_with(const LabelImage& image, const std::vector<int>& labels) {
   std::vector<std::size_t> count;
   std::array<Index, 3> lower = image.size, upper = {-1, -1, -1};
   for (Index k = 0; k < image.size[2]; ++k) {
-    stop_if_asked();
+    stop_if_requested();
     for (Index j = 0; j < image.size[1]; ++j) {
       row.clear();
       for (const Run& run : image.row(j, k)) {
@@ -81,19 +81,19 @@ VoxelSet cropped(const VoxelSet& set) {
 }
 
 VoxelSet complement(const VoxelSet& set) {
-  VoxelSet rest{.first = set.first, .size = set.size, .stretch = {}, .offset = {0}};
+  VoxelSet remaining{.first = set.first, .size = set.size, .stretch = {}, .offset = {0}};
   const auto length = static_cast<std::int32_t>(set.size[0]);
   for (Index k = 0; k < set.size[2]; ++k)
     for (Index j = 0; j < set.size[1]; ++j) {
       std::int32_t begin = 0;
       for (const auto& s : set.row(j, k)) {
-        if (s.begin > begin) rest.stretch.push_back({begin, s.begin});
+        if (s.begin > begin) remaining.stretch.push_back({begin, s.begin});
         begin = s.end;
       }
-      if (begin < length) rest.stretch.push_back({begin, length});
-      rest.offset.push_back(rest.stretch.size());
+      if (begin < length) remaining.stretch.push_back({begin, length});
+      remaining.offset.push_back(remaining.stretch.size());
     }
-  return rest;
+  return remaining;
 }
 
 namespace {
@@ -152,12 +152,12 @@ Spreading spreading_of(const VoxelSet& set) {
 }  // namespace
 
 AxisOrder own_order(const VoxelSet& set, const Vec3& spacing) {
-  constexpr double told_apart = 1e-9;
+  constexpr double distinct = 1e-9;
   const Spreading of = spreading_of(set);
   const Vec3 length2 = of.variance.cwiseProduct(spacing.cwiseAbs2());
-  const auto more = [](double a, double b) { return a > b + told_apart * (std::abs(a) + std::abs(b)); };
+  const auto more = [](double a, double b) { return a > b + distinct * (std::abs(a) + std::abs(b)); };
   const auto skew = [&](int axis) {
-    return std::abs(of.skewness[axis]) > told_apart ? of.skewness[axis] : 0.0;
+    return std::abs(of.skewness[axis]) > distinct ? of.skewness[axis] : 0.0;
   };
   // The last axis remains unless another is better; the same holds between the other two.
   int up = 2;
@@ -194,7 +194,7 @@ VoxelSet reordered(const VoxelSet& set, const AxisOrder& order, const std::array
   };
   std::vector<bool> inside(voxels, false);
   for (Index k = 0; k < set.size[2]; ++k) {
-    stop_if_asked();
+    stop_if_requested();
     for (Index j = 0; j < set.size[1]; ++j)
       for (const auto& [begin, end] : set.row(j, k))
         for (Index i = begin; i < end; ++i) inside[place(0, i) + place(1, j) + place(2, k)] = true;
@@ -202,7 +202,7 @@ VoxelSet reordered(const VoxelSet& set, const AxisOrder& order, const std::array
   result.offset = {0};
   const auto length = static_cast<std::size_t>(result.size[0]);
   for (std::size_t row = 0; row < voxels; row += length) {
-    if (row % (length << 12) == 0) stop_if_asked();
+    if (row % (length << 12) == 0) stop_if_requested();
     for (std::size_t i = 0; i < length; ++i) {
       if (!inside[row + i]) continue;
       const std::size_t begin = i;
@@ -243,7 +243,7 @@ Pieces face_connected(const VoxelSet& set) {
     }
   };
   for (Index k = 0; k < set.size[2]; ++k) {
-    stop_if_asked();
+    stop_if_requested();
     for (Index j = 0; j < set.size[1]; ++j) {
       if (j > 0) join(set.row(j, k), set.row(j - 1, k));
       if (k > 0) join(set.row(j, k), set.row(j, k - 1));

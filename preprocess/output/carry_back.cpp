@@ -16,7 +16,7 @@
 #include "io/error.hpp"
 #include "io/stop.hpp"
 #include "io/words.hpp"
-#include "preprocess/cloud/neighbours.hpp"
+#include "preprocess/nodes/neighbours.hpp"
 #include "preprocess/supports/support.hpp"
 #include "preprocess/surface/cut.hpp"
 
@@ -25,18 +25,18 @@ namespace {
 
 constexpr double aimed_at = 1e-9, good_enough = 1e-6;  // m
 constexpr int most_steps = 30, starts = 8;
-constexpr double beside_the_body = 0.25;  // node spacings: how far the field continues outside the body
-constexpr double lost = 0.1;              // mm inside the surface: no solution there is an error
-constexpr double far_apart = 2.5;         // node spacings from which on two places at rest are different
+constexpr double next_to_the_body = 0.25;  // node spacings: how far the field continues outside the body
+constexpr double lost = 0.1;               // mm inside the surface: no solution there is an error
+constexpr double far_apart = 2.5;          // node spacings from which on two places at rest are different
 
 [[noreturn]] void refuse(const std::string& fact, const std::string& why, const std::string& remedy) {
   throw ModelError({.fact = fact, .where = "cut", .why = why, .remedy = remedy, .code = "cut"});
 }
 
 // Inverse of the deformation: X + u(X) = x, by Newton's method. All in metres.
-class WayBack {
+class InverseMap {
  public:
-  WayBack(const Model& model, const Points& u)
+  InverseMap(const Model& model, const Points& u)
       : model_(model), u_(u), field_(model), moved_(model.X + u), near_(moved_) {}
 
   // Damped Newton's method from a node, until no step reduces the residual.
@@ -63,11 +63,11 @@ class WayBack {
   }
 
   struct Found {
-    std::vector<Vec3> inside = {};    // all places of the body at rest that have moved to x
-    std::optional<Vec3> beside = {};  // the place where the continued field has it; may be none
-    bool settles = false;             // a search has converged
+    std::vector<Vec3> inside = {};     // all places of the body at rest that have moved to x
+    std::optional<Vec3> outside = {};  // the place where the continued field has it; may be none
+    bool converges = false;            // a search has converged
   };
-  Found places_at_rest(const Vec3& x, const BodySurface& rest) const {
+  Found reference_places(const Vec3& x, const BodySurface& reference) const {
     Found all;
     std::vector<Vec3>& found = all.inside;
     for (const int a : near_.nearest(x, starts)) {
@@ -79,10 +79,10 @@ class WayBack {
       if (known) continue;
       const std::optional<Vec3> X = from(a, x);
       if (!X) continue;
-      all.settles = true;
-      const Vec3 own = rest.to_world().inverse() * (1e3 * *X);
-      if (!rest.contains(own)) {
-        if (!all.beside && is_beside(own, rest, 1e3 * spacing)) all.beside = X;
+      all.converges = true;
+      const Vec3 own = reference.to_world().inverse() * (1e3 * *X);
+      if (!reference.contains(own)) {
+        if (!all.outside && is_next_to(own, reference, 1e3 * spacing)) all.outside = X;
         continue;
       }
       if (std::none_of(found.begin(), found.end(),
@@ -108,10 +108,10 @@ class WayBack {
  private:
   // True for X [mm, the surface's own frame] outside the body at rest but near it, and not in a gap, with
   // another wall behind.
-  static bool is_beside(const Vec3& X, const BodySurface& rest, double spacing) {
-    const BodySurface::Closest next = rest.closest(X);
-    if (next.distance > beside_the_body * spacing) return false;
-    const std::vector<double> behind = rest.crossings(X, X - next.place);
+  static bool is_next_to(const Vec3& X, const BodySurface& reference, double spacing) {
+    const BodySurface::Closest next = reference.closest(X);
+    if (next.distance > next_to_the_body * spacing) return false;
+    const std::vector<double> behind = reference.crossings(X, X - next.place);
     return std::none_of(behind.begin(), behind.end(),
                         [&](double t) { return t > 0.0 && t * next.distance < 2.0 * spacing; });
   }
@@ -143,16 +143,17 @@ class WayBack {
 }
 
 // Displacement of the surface next to a place outside of the body [mm].
-Vec3 moved_next_to(const BodySurface::Closest& closest, const BodySurface& now, const BodySurface& rest) {
+Vec3 moved_next_to(const BodySurface::Closest& closest, const BodySurface& now,
+                   const BodySurface& reference) {
   const auto corner = now.triangles().col(closest.triangle);
   const Vec3 a = now.vertex().col(corner[0]), e = now.vertex().col(corner[1]) - a,
              g = now.vertex().col(corner[2]) - a, d = closest.place - a, n = e.cross(g);
   const double area = std::max(n.squaredNorm(), std::numeric_limits<double>::min());
-  Vec3 share(0.0, d.cross(g).dot(n) / area, e.cross(d).dot(n) / area);
-  share[0] = 1.0 - share[1] - share[2];
+  Vec3 fraction(0.0, d.cross(g).dot(n) / area, e.cross(d).dot(n) / area);
+  fraction[0] = 1.0 - fraction[1] - fraction[2];
   Vec3 moved = Vec3::Zero();
   for (Index c = 0; c < 3; ++c)
-    moved += share[c] * (now.vertex().col(corner[c]) - rest.vertex().col(corner[c]));
+    moved += fraction[c] * (now.vertex().col(corner[c]) - reference.vertex().col(corner[c]));
   return moved;
 }
 
@@ -166,8 +167,8 @@ std::vector<std::vector<Index>> neighbours_on(const TriangleMesh& sheet) {
   return lists;
 }
 
-// Continues `way` [3 x vertices] from the known vertices to the others, harmonically on the sheet.
-void continue_over(const TriangleMesh& sheet, const std::vector<char>& known, Points& way) {
+// Continues `displacement` [3 x vertices] from the known vertices to the others, harmonically on the sheet.
+void continue_over(const TriangleMesh& sheet, const std::vector<char>& known, Points& displacement) {
   constexpr int sweeps = 200;
   const std::vector<std::vector<Index>> next_to = neighbours_on(sheet);
   std::vector<char> reached = known;
@@ -178,7 +179,7 @@ void continue_over(const TriangleMesh& sheet, const std::vector<char>& known, Po
     Vec3 sum = Vec3::Zero();
     int count = 0;
     for (const Index w : next_to[static_cast<std::size_t>(v)])
-      if (reached[static_cast<std::size_t>(w)]) sum += way.col(w), ++count;
+      if (reached[static_cast<std::size_t>(w)]) sum += displacement.col(w), ++count;
     return Vec3(sum / std::max(count, 1));
   };
   while (!front.empty()) {
@@ -187,12 +188,12 @@ void continue_over(const TriangleMesh& sheet, const std::vector<char>& known, Po
       for (const Index w : next_to[static_cast<std::size_t>(v)])
         if (!reached[static_cast<std::size_t>(w)]) ring.insert(w);
     front.assign(ring.begin(), ring.end());
-    for (const Index v : front) way.col(v) = mean(v);
+    for (const Index v : front) displacement.col(v) = mean(v);
     for (const Index v : front) reached[static_cast<std::size_t>(v)] = 1;
     others.insert(others.end(), front.begin(), front.end());
   }
   for (int k = 0; k < sweeps; ++k)
-    for (const Index v : others) way.col(v) = mean(v);
+    for (const Index v : others) displacement.col(v) = mean(v);
 }
 
 bool is_open(const Triangles& triangles) {
@@ -226,7 +227,7 @@ std::vector<Index> pinched(const Triangles& triangles, const std::vector<char>& 
 }
 
 // The part of an open sheet near the body, in whole triangles.
-TriangleMesh near_part(const TriangleMesh& sheet, const TriangleMesh& at_rest,
+TriangleMesh near_part(const TriangleMesh& sheet, const TriangleMesh& undeformed,
                        const std::vector<double>& away) {
   std::vector<char> kept(static_cast<std::size_t>(sheet.triangles.cols()), 0);
   for (Index t = 0; t < sheet.triangles.cols(); ++t) {
@@ -258,7 +259,7 @@ TriangleMesh near_part(const TriangleMesh& sheet, const TriangleMesh& at_rest,
       number[v] = static_cast<int>(vertex.size());
       vertex.push_back(static_cast<Index>(v));
     }
-  result.vertex = at_rest.vertex(Eigen::all, vertex);
+  result.vertex = undeformed.vertex(Eigen::all, vertex);
   result.triangles.resize(3, static_cast<Index>(triangle.size()));
   for (std::size_t k = 0; k < triangle.size(); ++k)
     for (Index c = 0; c < 3; ++c)
@@ -274,63 +275,66 @@ BodySurface deformed_surface(const Model& model, const Points& u) {
 }
 
 TriangleMesh carried_back(const TriangleMesh& sheet, const Model& model, const Points& u) {
-  const BodySurface now = deformed_surface(model, u), rest(model.surface.vertex_mm, model.surface.triangles);
-  const WayBack way_back(model, u);
+  const BodySurface now = deformed_surface(model, u),
+                    reference(model.surface.vertex_mm, model.surface.triangles);
+  const InverseMap inverse_map(model, u);
   const Index count = sheet.vertex.cols();
-  Points way = Points::Zero(3, count);  // backward displacements
+  Points displacement = Points::Zero(3, count);  // backward displacements
   std::vector<double> away(static_cast<std::size_t>(count), 0.0);
   std::vector<char> places(static_cast<std::size_t>(count), 1), is_lost(places.size(), 0);
   tbb::parallel_for(tbb::blocked_range<Index>(0, count, 64), [&](const tbb::blocked_range<Index>& range) {
-    for (Index v = range.begin(); v < range.end() && stop_asked() == StopReason::none; ++v) {
+    for (Index v = range.begin(); v < range.end() && stop_requested() == StopReason::none; ++v) {
       const auto at = static_cast<std::size_t>(v);
       const Vec3 x = sheet.vertex.col(v);
-      const WayBack::Found found = way_back.places_at_rest(1e-3 * x, rest);
-      places[at] = static_cast<char>(found.inside.empty() ? found.beside.has_value() : found.inside.size());
+      const InverseMap::Found found = inverse_map.reference_places(1e-3 * x, reference);
+      places[at] = static_cast<char>(found.inside.empty() ? found.outside.has_value() : found.inside.size());
       if (!found.inside.empty()) {
-        way.col(v) = 1e3 * found.inside.front() - x;
+        displacement.col(v) = 1e3 * found.inside.front() - x;
         continue;
       }
       const BodySurface::Closest closest = now.closest(x);
       away[at] = closest.distance;
-      is_lost[at] = !found.settles && closest.distance > lost && now.contains(x);
-      way.col(v) = found.beside ? Vec3(1e3 * *found.beside - x) : Vec3(-moved_next_to(closest, now, rest));
+      is_lost[at] = !found.converges && closest.distance > lost && now.contains(x);
+      displacement.col(v) =
+          found.outside ? Vec3(1e3 * *found.outside - x) : Vec3(-moved_next_to(closest, now, reference));
     }
   });
-  stop_if_asked();
+  stop_if_requested();
   for (Index v = 0; v < count; ++v) {
     const auto at = static_cast<std::size_t>(v);
     if (places[at] > 1) refuse_two_places(sheet.vertex.col(v));
     if (is_lost[at]) refuse_lost(sheet.vertex.col(v));
   }
   if (std::any_of(places.begin(), places.end(), [](char found) { return found > 0; }))
-    continue_over(sheet, places, way);
-  TriangleMesh at_rest{sheet.vertex + way, sheet.triangles};
-  if (!is_open(sheet.triangles)) return at_rest;
-  TriangleMesh result = near_part(sheet, at_rest, away);
+    continue_over(sheet, places, displacement);
+  TriangleMesh undeformed{sheet.vertex + displacement, sheet.triangles};
+  if (!is_open(sheet.triangles)) return undeformed;
+  TriangleMesh result = near_part(sheet, undeformed, away);
   if (result.triangles.cols() == 0)
     refuse("a cut meets no tissue", "its blade misses the deformed organ",
            "move it; the surface of the frame before shows where the body is");
   return result;
 }
 
-TriangleMesh stroke_at_rest(const Vec3& x, const Vec3& y, double depth, double step, const Model& model,
-                            const Points& u, const BodySurface& rest) {
+TriangleMesh reference_stroke(const Vec3& x, const Vec3& y, double depth, double step, const Model& model,
+                              const Points& u, const BodySurface& reference) {
   constexpr int samples = 8;
   constexpr double steepest = 0.2;  // of the mean of unit normals across the stroke
-  const WayBack way_back(model, u);
+  const InverseMap inverse_map(model, u);
   const Vec3 along = (y - x).normalized();
-  const Eigen::Isometry3d to_body = rest.to_world().inverse();
+  const Eigen::Isometry3d to_body = reference.to_world().inverse();
   Vec3 into = Vec3::Zero();
   double above = 0.0;  // the surface may be above the straight stroke
   for (int k = 0; k <= samples; ++k) {
-    const WayBack::Found found = way_back.places_at_rest(1e-3 * (x + k * (y - x) / samples), rest);
+    const InverseMap::Found found =
+        inverse_map.reference_places(1e-3 * (x + k * (y - x) / samples), reference);
     if (found.inside.size() > 1) refuse_two_places(x + k * (y - x) / samples);
     const Vec3 X = !found.inside.empty() ? found.inside.front()
-                   : found.beside        ? *found.beside
-                                         : way_back.by_the_nearest_node(1e-3 * (x + k * (y - x) / samples));
-    const BodySurface::Closest closest = rest.closest(to_body * (1e3 * X));
-    const Vec3 normal = rest.to_world().linear() * rest.normal().col(closest.triangle);
-    into -= (way_back.gradient(X).inverse().transpose() * normal).normalized();
+                   : found.outside       ? *found.outside
+                                   : inverse_map.by_the_nearest_node(1e-3 * (x + k * (y - x) / samples));
+    const BodySurface::Closest closest = reference.closest(to_body * (1e3 * X));
+    const Vec3 normal = reference.to_world().linear() * reference.normal().col(closest.triangle);
+    into -= (inverse_map.gradient(X).inverse().transpose() * normal).normalized();
     if (!found.inside.empty()) above = std::max(above, 2.0 * closest.distance);
   }
   into -= into.dot(along) * along;
@@ -339,26 +343,26 @@ TriangleMesh stroke_at_rest(const Vec3& x, const Vec3& y, double depth, double s
            "the surface near it faces opposite directions, or along it",
            "keep the stroke on one side of the body");
   const TriangleMesh sheet = swept_sheet(x, y, into.normalized(), above + 0.1 * step, depth, step);
-  Points way = Points::Zero(3, sheet.vertex.cols());
+  Points displacement = Points::Zero(3, sheet.vertex.cols());
   std::vector<char> known(static_cast<std::size_t>(sheet.vertex.cols()), 0);
-  Index settled = 0, lost_ones = 0;  // lost: in the opening of another cut, near a node
+  Index converged = 0, lost_ones = 0;  // lost: in the opening of another cut, near a node
   Vec3 last_lost = x;
   for (Index v = 0; v < sheet.vertex.cols(); ++v) {
-    stop_if_asked();
+    stop_if_requested();
     const Vec3 place = sheet.vertex.col(v);
-    const WayBack::Found found = way_back.places_at_rest(1e-3 * place, rest);
+    const InverseMap::Found found = inverse_map.reference_places(1e-3 * place, reference);
     if (found.inside.size() > 1) refuse_two_places(place);
-    if (!found.settles && way_back.is_by_a_node(1e-3 * place)) ++lost_ones, last_lost = place;
-    if (found.inside.empty() && !found.beside) continue;
-    way.col(v) = 1e3 * (found.inside.empty() ? *found.beside : found.inside.front()) - place;
+    if (!found.converges && inverse_map.is_by_a_node(1e-3 * place)) ++lost_ones, last_lost = place;
+    if (found.inside.empty() && !found.outside) continue;
+    displacement.col(v) = 1e3 * (found.inside.empty() ? *found.outside : found.inside.front()) - place;
     known[static_cast<std::size_t>(v)] = 1;
-    ++settled;
+    ++converged;
   }
-  if (3 * lost_ones > settled && lost_ones > 0) refuse_lost(last_lost);  // more than a quarter of both
-  if (settled == 0)
+  if (3 * lost_ones > converged && lost_ones > 0) refuse_lost(last_lost);  // more than a quarter of both
+  if (converged == 0)
     refuse("the blade meets no tissue", "its path is outside of the deformed body", "move it, or cut deeper");
-  continue_over(sheet, known, way);
-  return {sheet.vertex + way, sheet.triangles};
+  continue_over(sheet, known, displacement);
+  return {sheet.vertex + displacement, sheet.triangles};
 }
 
 }  // namespace dimple

@@ -26,9 +26,9 @@ TriangleMesh carried_back(const TriangleMesh& sheet, const Model& model, const P
 /// `step` [mm]. Like carried_back() of the swept sheet, but without the deformed surface, which takes too
 /// long for a live cut. The direction into the body is the mean of the rest surface's normals along the
 /// stroke, rotated by the deformation gradient. Outside the tissue the mapping continues from that inside
-/// only. `rest`: the model's surface. Throws ModelError ("cut"): no direction into the body, or no place at
-/// rest.
-TriangleMesh stroke_at_rest(const Vec3& x, const Vec3& y, double depth, double step, const Model& model,
-                            const Points& u, const BodySurface& rest);
+/// only. `reference`: the model's surface. Throws ModelError ("cut"): no direction into the body, or no place
+/// at rest.
+TriangleMesh reference_stroke(const Vec3& x, const Vec3& y, double depth, double step, const Model& model,
+                              const Points& u, const BodySurface& reference);
 
 }  // namespace dimple

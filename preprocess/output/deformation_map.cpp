@@ -15,7 +15,7 @@ namespace dimple {
 namespace {
 
 constexpr double margin = 3.0;         // largest displacements: range in which the surroundings follow
-constexpr double settled = 1e-3;       // of a voxel
+constexpr double converged = 1e-3;     // of a voxel
 constexpr int most_newton_steps = 16;  // of Newton's method
 constexpr int cheap_steps = 4;         // of them with the given gradient
 constexpr double neighbourhood = 2.0;  // cells: farthest distance from its start
@@ -27,12 +27,12 @@ Vec3 vec(const std::array<Index, 3>& a) {
 
 // The six tetrahedra of a cell: the paths from its first corner to its last along the axes in any order. They
 // meet those of the neighbouring cells in whole faces.
-constexpr std::array<std::array<int, 3>, 6> ways = {
+constexpr std::array<std::array<int, 3>, 6> orders = {
     {{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {2, 1, 0}, {1, 0, 2}}};  // three even ones, then three odd
 
 }  // namespace
 
-void WayBackReport::add(const WayBackReport& other) {
+void InverseMapReport::add(const InverseMapReport& other) {
   moved += other.moved;
   solved += other.solved;
   unsettled += other.unsettled;
@@ -55,23 +55,23 @@ DeformationMap::DeformationMap(const Model& model, const FieldAnywhere& field, c
   });
   const double largest_mm = u.cols() > 0 ? 1e3 * u.colwise().norm().maxCoeff() : 0.0;
   if (!(largest_mm > 0.0)) return;
-  const Points rest = to_voxels_ * model.surface.vertex_mm;
-  Points moved = rest;
-  for (Index first = 0; first < rest.cols(); first += FieldAnywhere::most_places) {
-    if (first % 4096 == 0) stop_if_asked();
-    const Index count = std::min(FieldAnywhere::most_places, rest.cols() - first);
-    moved.middleCols(first, count) += displaced(rest.middleCols(first, count));
+  const Points undeformed = to_voxels_ * model.surface.vertex_mm;
+  Points moved = undeformed;
+  for (Index first = 0; first < undeformed.cols(); first += FieldAnywhere::most_places) {
+    if (first % 4096 == 0) stop_if_requested();
+    const Index count = std::min(FieldAnywhere::most_places, undeformed.cols() - first);
+    moved.middleCols(first, count) += displaced(undeformed.middleCols(first, count));
   }
   const Vec3 last = vec(grid.size).array() - 1.0;
   Index beyond = 0;
   for (const auto& x : moved.colwise())
     beyond += (x.array() < -0.5).any() || ((x - last).array() > 0.5).any() ? 1 : 0;
-  share_beyond_ = static_cast<double>(beyond) / static_cast<double>(moved.cols());
+  fraction_beyond_ = static_cast<double>(beyond) / static_cast<double>(moved.cols());
 
   // Extent of a ball of 1 mm along each axis [voxels].
   const Vec3 ball = to_voxels_.linear().rowwise().norm();
-  const Vec3 low = rest.rowwise().minCoeff() - margin * largest_mm * ball,
-             high = rest.rowwise().maxCoeff() + margin * largest_mm * ball;
+  const Vec3 low = undeformed.rowwise().minCoeff() - margin * largest_mm * ball,
+             high = undeformed.rowwise().maxCoeff() + margin * largest_mm * ball;
   std::array<Index, 3> end{};
   for (std::size_t a = 0; a < 3; ++a) {
     const auto d = static_cast<Index>(a);
@@ -127,7 +127,7 @@ void DeformationMap::inside(Index k, std::span<char> is_inside) const {
   std::fill(is_inside.begin(), is_inside.end(), char{0});
   const Index ni = grid_.size[0];
   tbb::parallel_for(Index{0}, grid_.size[1], [&](Index j) {
-    stop_if_asked();
+    stop_if_requested();
     thread_local std::vector<double> crossings;
     rows_inside(static_cast<double>(j), static_cast<double>(k), crossings);
     for (std::size_t c = 0; c + 1 < crossings.size(); c += 2) {
@@ -151,7 +151,7 @@ void DeformationMap::sample_body() {
     return vec({first_[0] + step_[0] * a, first_[1] + step_[1] * b, first_[2] + step_[2] * c});
   };
   tbb::parallel_for(Index{0}, n_[1] * n_[2], [&](Index row) {
-    if (row % 64 == 0) stop_if_asked();
+    if (row % 64 == 0) stop_if_requested();
     thread_local std::vector<double> crossings;
     const Index b = row % n_[1], c = row / n_[1];
     const Vec3 x = at(0, b, c);
@@ -170,7 +170,7 @@ void DeformationMap::sample_body() {
     std::array<Index, 8> number;
     Points places(3, FieldAnywhere::most_places);
     for (Index a = 0; a < n_[0]; a += 2) {
-      stop_if_asked();
+      stop_if_requested();
       Index count = 0;
       for (int corner = 0; corner < 8; ++corner) {
         const Index x = a + (corner & 1), y = pair % pairs_b * 2 + (corner >> 1 & 1),
@@ -193,32 +193,32 @@ void DeformationMap::sample_body() {
 
 // Displacement of a lattice point outside, next to some inside: the field continued from the nearest of
 // those, by at most half of the distance and the largest displacement; false where there is none.
-bool DeformationMap::go_on_from_inside(const std::array<Index, 3>& at, double largest_mm, Vec3& v) const {
+bool DeformationMap::continue_from_inside(const std::array<Index, 3>& at, double largest_mm, Vec3& v) const {
   constexpr double most = 0.5;
   const Vec3 step = vec(step_).cwiseProduct(grid_.spacing());
-  Points ways(3, FieldAnywhere::most_places);
+  Points extrapolated(3, FieldAnywhere::most_places);
   Index count = 0;
   double nearest = std::numeric_limits<double>::infinity();
   for (int k = 0; k < 27; ++k) {
-    const std::array<Index, 3> way{k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1};
+    const std::array<Index, 3> offset{k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1};
     std::array<Index, 3> other = at;
     bool in_lattice = true;
     for (std::size_t a = 0; a < 3; ++a) {
-      other[a] += way[a];
+      other[a] += offset[a];
       in_lattice = in_lattice && other[a] >= 0 && other[a] < n_[a];
     }
     if (!in_lattice || !inside_[static_cast<std::size_t>(point_number(other[0], other[1], other[2]))])
       continue;
-    const double away = vec(way).cwiseProduct(step).norm();
+    const double away = vec(offset).cwiseProduct(step).norm();
     if (away < nearest * (1.0 - 1e-9)) nearest = away, count = 0;
-    if (away < nearest * (1.0 + 1e-9) && count < ways.cols()) ways.col(count++) = vec(way);
+    if (away < nearest * (1.0 + 1e-9) && count < extrapolated.cols()) extrapolated.col(count++) = vec(offset);
   }
   if (count == 0) return false;
-  ways.conservativeResize(3, count);
+  extrapolated.conservativeResize(3, count);
   const Vec3 here = vec(first_) + vec(step_).cwiseProduct(vec(at));
   Points value;
   Eigen::Matrix<double, 9, Eigen::Dynamic> derivative;
-  const Points places = (vec(step_).asDiagonal() * ways).colwise() + here;
+  const Points places = (vec(step_).asDiagonal() * extrapolated).colwise() + here;
   field_.at(1e-3 * (grid_.to_world * places), u_, value, &derivative);
   Vec3 u_mm = Vec3::Zero();
   for (Index k = 0; k < count; ++k) {
@@ -236,11 +236,11 @@ void DeformationMap::continue_outside() {
   const double largest_mm = 1e3 * u_.colwise().norm().maxCoeff();
   LatticeField level{.n = n_, .known = inside_, .v = std::move(v_)};
   tbb::parallel_for(Index{0}, n_[1] * n_[2], [&](Index row) {
-    if (row % 64 == 0) stop_if_asked();
+    if (row % 64 == 0) stop_if_requested();
     for (Index a = 0; a < n_[0]; ++a) {
       const auto m = static_cast<std::size_t>(a + n_[0] * row);
       Vec3 v;
-      if (inside_[m] || !go_on_from_inside({a, row % n_[1], row / n_[1]}, largest_mm, v)) continue;
+      if (inside_[m] || !continue_from_inside({a, row % n_[1], row / n_[1]}, largest_mm, v)) continue;
       level.known[m] = 1;
       for (Index r = 0; r < 3; ++r) level.v[3 * m + static_cast<std::size_t>(r)] = static_cast<float>(v[r]);
     }
@@ -264,7 +264,7 @@ void DeformationMap::bound_rows() {
   const Index rows = n_[1] - 1;
   reach_.assign(static_cast<std::size_t>(rows * (n_[2] - 1)), {none, -none});
   tbb::parallel_for(Index{0}, n_[2] - 1, [&](Index c) {
-    stop_if_asked();
+    stop_if_requested();
     for (Index b = 0; b < rows; ++b) {
       auto& [least, most] = reach_[static_cast<std::size_t>(b + rows * c)];
       bool moves = false;
@@ -313,14 +313,14 @@ void DeformationMap::displacement(Index k, std::span<float> u_mm, std::span<floa
   // With a lattice as fine as the voxels the field was evaluated there already.
   const bool known = has_lattice() && step_ == std::array<Index, 3>{1, 1, 1} && jacobian.empty();
   tbb::parallel_for(Index{0}, grid_.size[1], [&](Index j) {
-    stop_if_asked();
+    stop_if_requested();
     Points places(3, FieldAnywhere::most_places), value;
     std::array<std::size_t, 8> number;
     Index count = 0;
     Eigen::Matrix<double, 9, Eigen::Dynamic> derivative;
     const auto evaluate = [&] {
       if (count == 0) return;
-      stop_if_asked();
+      stop_if_requested();
       field_.at(1e-3 * places.leftCols(count), u_, value, jacobian.empty() ? nullptr : &derivative);
       for (Index m = 0; m < count; ++m) {
         const std::size_t voxel = number[static_cast<std::size_t>(m)];
@@ -352,9 +352,9 @@ void DeformationMap::displacement(Index k, std::span<float> u_mm, std::span<floa
 
 // A tetrahedron of the lattice, at rest and displaced.
 struct DeformationMap::Cell {
-  Vec3 rest, moved;              // its first corner
-  Mat3 rest_edges, moved_edges;  // from there to the others
-  Cell(const DeformationMap& map, Index a, Index b, Index c, int way) {
+  Vec3 undeformed, moved;              // its first corner
+  Mat3 undeformed_edges, moved_edges;  // from there to the others
+  Cell(const DeformationMap& map, Index a, Index b, Index c, int order) {
     const auto corner = [&](const std::array<Index, 3>& at, Vec3& place, Vec3& displaced_place) {
       for (std::size_t d = 0; d < 3; ++d)
         place[static_cast<Index>(d)] = static_cast<double>(map.first_[d] + map.step_[d] * at[d]);
@@ -362,12 +362,12 @@ struct DeformationMap::Cell {
       displaced_place = place + Vec3(v[0], v[1], v[2]);
     };
     std::array<Index, 3> at{a, b, c};
-    corner(at, rest, moved);
+    corner(at, undeformed, moved);
     for (Index e = 0; e < 3; ++e) {
-      ++at[static_cast<std::size_t>(ways[static_cast<std::size_t>(way)][static_cast<std::size_t>(e)])];
+      ++at[static_cast<std::size_t>(orders[static_cast<std::size_t>(order)][static_cast<std::size_t>(e)])];
       Vec3 place, displaced_place;
       corner(at, place, displaced_place);
-      rest_edges.col(e) = place - rest;
+      undeformed_edges.col(e) = place - undeformed;
       moved_edges.col(e) = displaced_place - moved;
     }
   }
@@ -381,7 +381,7 @@ struct DeformationMap::Owners {
 };
 
 // Assigns the voxels of slice k in a displaced tetrahedron to it, unless an earlier, upright one has them.
-void DeformationMap::cover(const Cell& cell, std::int32_t number, bool way_is_even, Index k,
+void DeformationMap::cover(const Cell& cell, std::int32_t number, bool order_is_even, Index k,
                            Owners& owners) const {
   const double level = static_cast<double>(k);
   const Mat3& edges = cell.moved_edges;
@@ -390,7 +390,7 @@ void DeformationMap::cover(const Cell& cell, std::int32_t number, bool way_is_ev
   if (lower[2] > level + 1e-6 || upper[2] < level - 1e-6) return;
   const double volume = edges.determinant();
   if (std::abs(volume) < 1e-12) return;
-  const bool right_way = (volume > 0.0) == way_is_even;
+  const bool oriented = (volume > 0.0) == order_is_even;
   const Mat3 inverse = edges.inverse();
   const auto from = [](double x) { return static_cast<Index>(std::ceil(x - 1e-6)); };
   const auto to = [](double x) { return static_cast<Index>(std::floor(x + 1e-6)); };
@@ -400,11 +400,11 @@ void DeformationMap::cover(const Cell& cell, std::int32_t number, bool way_is_ev
   for (Index j = j0; j <= j1; ++j)
     for (Index i = i0; i <= i1; ++i) {
       const auto voxel = static_cast<std::size_t>(i + ni * j);
-      if (owners.upright[voxel] || (owners.cell[voxel] != Owners::nobody && !right_way)) continue;
+      if (owners.upright[voxel] || (owners.cell[voxel] != Owners::nobody && !oriented)) continue;
       const Vec3 s = inverse * (vec({i, j, k}) - cell.moved);
       if (s.minCoeff() < -on_edge || s.sum() > 1.0 + on_edge) continue;
       owners.cell[voxel] = number;
-      owners.upright[voxel] = right_way;
+      owners.upright[voxel] = oriented;
     }
 }
 
@@ -432,12 +432,12 @@ DeformationMap::Owners DeformationMap::owners_in_slice(Index k) const {
     for (Index b = 0; b < rows; ++b) {
       const auto [least, most] = reach_[static_cast<std::size_t>(b + rows * c)];
       if (static_cast<double>(least) > level + 1e-3 || static_cast<double>(most) < level - 1e-3) continue;
-      stop_if_asked();
+      stop_if_requested();
       for (Index a = 0; a + 1 < n_[0]; ++a) {
         if (!moves_to({a, b, c}, level)) continue;
-        for (int way = 0; way < 6; ++way)
-          cover(Cell(*this, a, b, c, way), static_cast<std::int32_t>(6 * point_number(a, b, c) + way),
-                way < 3, k, owners);
+        for (int order = 0; order < 6; ++order)
+          cover(Cell(*this, a, b, c, order), static_cast<std::int32_t>(6 * point_number(a, b, c) + order),
+                order < 3, k, owners);
       }
     }
   return owners;
@@ -453,9 +453,9 @@ struct DeformationMap::Seeker {
 };
 
 // Solves for the field itself by Newton's method, for a group of neighbours.
-void DeformationMap::solve(std::vector<Seeker>& group, WayBackReport& report) const {
+void DeformationMap::solve(std::vector<Seeker>& group, InverseMapReport& report) const {
   if (group.empty()) return;
-  stop_if_asked();
+  stop_if_requested();
   const Vec3 cell_size = vec(step_);
   std::vector<Seeker*> open;
   for (Seeker& one : group) open.push_back(&one);
@@ -485,13 +485,13 @@ void DeformationMap::solve(std::vector<Seeker>& group, WayBackReport& report) co
       one.X -= by / std::max(1.0, by.cwiseQuotient(cell_size).cwiseAbs().maxCoeff());
     }
     std::erase_if(open, [&](const Seeker* one) {
-      return one->residual <= settled ||
+      return one->residual <= converged ||
              !((one->X - one->start).cwiseAbs().array() <= neighbourhood * cell_size.array()).all();
     });
   }
   for (Seeker& one : group) {
     ++report.solved;
-    if (one.residual > settled) ++report.unsettled;
+    if (one.residual > converged) ++report.unsettled;
     report.largest_residual = std::max(report.largest_residual, one.residual);
     for (Index r = 0; r < 3; ++r) one.place[r] = static_cast<float>(one.best[r]);
   }
@@ -506,8 +506,8 @@ bool DeformationMap::at_body(Index a, Index b, Index c) const {
   return false;
 }
 
-WayBackReport DeformationMap::slice_at_rest(Index k, std::span<float> place) const {
-  WayBackReport report;
+InverseMapReport DeformationMap::reference_slice(Index k, std::span<float> place) const {
+  InverseMapReport report;
   const Index ni = grid_.size[0], nj = grid_.size[1];
   for (Index j = 0; j < nj; ++j)
     for (Index i = 0; i < ni; ++i) {
@@ -527,8 +527,8 @@ WayBackReport DeformationMap::slice_at_rest(Index k, std::span<float> place) con
                 c = number / (n_[0] * n_[1]);
     const Cell cell(*this, a, b, c, static_cast<int>(owner % 6));
     const Vec3 x = vec({static_cast<Index>(voxel) % ni, static_cast<Index>(voxel) / ni, k});
-    const Mat3 back = cell.rest_edges * cell.moved_edges.inverse();
-    const Vec3 start = cell.rest + back * (x - cell.moved);
+    const Mat3 back = cell.undeformed_edges * cell.moved_edges.inverse();
+    const Vec3 start = cell.undeformed + back * (x - cell.moved);
     float* to = place.data() + 3 * voxel;
     for (Index r = 0; r < 3; ++r) to[r] = static_cast<float>(start[r]);
     if (!at_body(a, b, c)) continue;
@@ -542,15 +542,15 @@ WayBackReport DeformationMap::slice_at_rest(Index k, std::span<float> place) con
   return report;
 }
 
-WayBackReport DeformationMap::places_at_rest(Index first, Index last, std::span<float> place) const {
-  std::vector<WayBackReport> of_slice(static_cast<std::size_t>(last - first));
+InverseMapReport DeformationMap::reference_places(Index first, Index last, std::span<float> place) const {
+  std::vector<InverseMapReport> of_slice(static_cast<std::size_t>(last - first));
   const auto length = static_cast<std::size_t>(3 * grid_.slice());
   tbb::parallel_for(first, last, [&](Index k) {
     const auto m = static_cast<std::size_t>(k - first);
-    of_slice[m] = slice_at_rest(k, place.subspan(m * length, length));
+    of_slice[m] = reference_slice(k, place.subspan(m * length, length));
   });
-  WayBackReport report;
-  for (const WayBackReport& slice : of_slice) report.add(slice);
+  InverseMapReport report;
+  for (const InverseMapReport& slice : of_slice) report.add(slice);
   return report;
 }
 

@@ -12,13 +12,13 @@
 namespace dimple {
 
 /// Report on the inverse map, in numbers of voxels.
-struct WayBackReport {
+struct InverseMapReport {
   Index moved = 0;                ///< that show displaced tissue
   Index solved = 0;               ///< of them those in or at the body: the field itself was solved for them
   Index unsettled = 0;            ///< of those, not converged: the best place remains
   Index folded = 0;               ///< covered by inverted tissue only
   double largest_residual = 0.0;  ///< of all those |X + u(X) - x| [voxels]
-  void add(const WayBackReport& other);
+  void add(const InverseMapReport& other);
 };
 
 /// A displacement field u on the voxels of an image, X -> X + u(X), and its inverse: the place at rest X with
@@ -46,13 +46,13 @@ class DeformationMap {
   /// Flags of the voxels whose centre is in the body at rest.
   void inside(Index k, std::span<char> is_inside) const;
   /// Places at rest [3 x voxels] of the voxels of slices [first, last), in voxels along the axes.
-  WayBackReport places_at_rest(Index first, Index last, std::span<float> place) const;
+  InverseMapReport reference_places(Index first, Index last, std::span<float> place) const;
 
   /// Is a place [voxels] within two voxels of the surface inside? Nothing: it is farther, or on the surface.
   std::optional<bool> inside_near_surface(const Vec3& place) const;
 
   /// Fraction of the deformed surface's vertices beyond the image.
-  double share_beyond() const { return share_beyond_; }
+  double fraction_beyond() const { return fraction_beyond_; }
   static constexpr Index most_lattice = 4'000'000;
 
  private:
@@ -63,17 +63,17 @@ class DeformationMap {
   bool has_lattice() const { return n_[0] > 0; }
   void rows_inside(double j, double k, std::vector<double>& crossings) const;
   void sample_body();
-  bool go_on_from_inside(const std::array<Index, 3>& at, double largest_mm, Vec3& v) const;
+  bool continue_from_inside(const std::array<Index, 3>& at, double largest_mm, Vec3& v) const;
   void continue_outside();
   void bound_rows();
   Vec3 on_lattice(const Vec3& place) const;
   Points displaced(const Points& places) const;
   bool moves_to(const std::array<Index, 3>& cell, double level) const;
   bool at_body(Index a, Index b, Index c) const;
-  void cover(const Cell& cell, std::int32_t number, bool way_is_even, Index k, Owners& owners) const;
+  void cover(const Cell& cell, std::int32_t number, bool order_is_even, Index k, Owners& owners) const;
   Owners owners_in_slice(Index k) const;
-  void solve(std::vector<Seeker>& group, WayBackReport& report) const;
-  WayBackReport slice_at_rest(Index k, std::span<float> place) const;
+  void solve(std::vector<Seeker>& group, InverseMapReport& report) const;
+  InverseMapReport reference_slice(Index k, std::span<float> place) const;
 
   const Model& model_;
   const FieldAnywhere& field_;
@@ -81,7 +81,7 @@ class DeformationMap {
   VoxelGrid grid_;
   Eigen::Affine3d to_voxels_;
   SurfaceCells surface_;  // in voxels
-  double share_beyond_ = 0.0;
+  double fraction_beyond_ = 0.0;
 
   std::array<Index, 3> n_{}, first_{}, step_{};  // of the lattice; where it begins and its steps [voxels]
   std::array<std::array<bool, 2>, 3> cut_{};     // ends where the image ends: not zero there

@@ -28,7 +28,7 @@ LatticeField coarsened(const LatticeField& fine) {
 
 void refine(const LatticeField& coarse, LatticeField& fine) {
   tbb::parallel_for(Index{0}, fine.n[2], [&](Index c) {
-    stop_if_asked();
+    stop_if_requested();
     for (Index b = 0; b < fine.n[1]; ++b)
       for (Index a = 0; a < fine.n[0]; ++a) {
         const auto to = static_cast<std::size_t>(fine.number(a, b, c));
@@ -54,7 +54,7 @@ void smooth(LatticeField& level, const Vec3& weight, int sweeps) {
   const std::array<Index, 3> stride{1, level.n[0], level.n[0] * level.n[1]};
   for (int half = 0; half < 2 * sweeps; ++half) {
     tbb::parallel_for(Index{0}, level.n[2], [&](Index c) {
-      stop_if_asked();
+      stop_if_requested();
       for (Index b = 0; b < level.n[1]; ++b)
         for (Index a = (b + c + half) % 2; a < level.n[0]; a += 2) {
           const Index m = level.number(a, b, c);

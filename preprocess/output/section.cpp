@@ -9,7 +9,7 @@
 #include <utility>
 
 #include "io/draw/body_frame.hpp"
-#include "preprocess/cloud/neighbours.hpp"
+#include "preprocess/nodes/neighbours.hpp"
 
 namespace dimple {
 namespace {
@@ -146,7 +146,7 @@ FlatMesh mesh_inside(const std::vector<Piece>& pieces, const std::vector<double>
 Section cut_open(const Discretisation& body) {
   Section section;
   const Vec3 origin = body.tool.centre * 1e3;
-  const BodyFrame frame = body_frame(body.X * 1e3, origin, body.tool.push);
+  const BodyFrame frame = body_frame(body.X * 1e3, origin, body.tool.approach);
   section.front = frame.front;
   const std::vector<Piece> pieces = outline(body.surface, frame, origin);
   if (pieces.empty()) return section;

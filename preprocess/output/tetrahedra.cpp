@@ -18,7 +18,7 @@
 
 #include "io/error.hpp"
 #include "io/stop.hpp"
-#include "preprocess/cloud/node_cloud.hpp"
+#include "preprocess/nodes/node_set.hpp"
 
 namespace dimple {
 namespace {
@@ -30,7 +30,7 @@ using Triangulation = CGAL::Mesh_triangulation_3<Domain>::type;
 using Complex = CGAL::Mesh_complex_3_in_triangulation_3<Triangulation>;
 using Criteria = CGAL::Mesh_criteria_3<Triangulation>;
 
-constexpr int rim_corners = 120;  // of the polygon for the patch's edge: its area is exact to 0.05 %
+constexpr int patch_edge_corners = 120;  // of the polygon for the patch's edge: its area is exact to 0.05 %
 // Bound of the circumradius of triangles and tetrahedra / requested edge: 0.58 and 0.61 for equilateral ones,
 // and the mesher is below its bounds.
 constexpr double radius_per_edge = 0.7;
@@ -38,7 +38,7 @@ constexpr double radius_per_edge = 0.7;
 // body more than the contact patch.
 constexpr double distance_per_edge = 0.12;
 // Nodes of such a mesh per node of a meshless model: measured, 13 to 16 from a thousand nodes up.
-constexpr double nodes_per_cloud_node = 15.0;
+constexpr double vertices_per_node = 15.0;
 // Largest number of cubes of the spacing in a body; refused above it.
 constexpr double most_cubes = 2e5;
 
@@ -50,7 +50,7 @@ struct Field {
   const Sizing* sizing;
   double scale;
   FT operator()(const Point_3& p, int, const Index&) const {
-    stop_if_asked();  // CGAL evaluates the field wherever it refines
+    stop_if_requested();  // CGAL evaluates the field wherever it refines
     return scale * (*sizing)(Vec3(p.x(), p.y(), p.z()));
   }
 };
@@ -68,10 +68,10 @@ Complex fill(const BodySurface& body, const Boundary& boundary, const Sizing& si
 
   CGAL::get_default_random() = CGAL::Random(0);
   Domain domain(surface, &CGAL::get_default_random());
-  const Points rim = rim_of_circle(body, boundary, rim_corners);
+  const Points patch_edge = edge_of_patch(body, boundary, patch_edge_corners);
   std::vector<std::vector<Kernel::Point_3>> lines(1);
-  for (Index k = 0; k <= rim.cols(); ++k) {
-    const Vec3 x = rim.col(k % rim.cols());
+  for (Index k = 0; k <= patch_edge.cols(); ++k) {
+    const Vec3 x = patch_edge.col(k % patch_edge.cols());
     lines[0].emplace_back(x.x(), x.y(), x.z());
   }
   domain.add_features(lines.begin(), lines.end());
@@ -187,14 +187,14 @@ std::map<std::array<Index, 3>, Vec3> outer_faces(const Cells& mesh) {
 }
 
 // Nodes on base and patch; an edge's middle belongs to them if its whole triangle does.
-void find_base_and_circle(const Cells& mesh, const std::map<Edge, Index>& middle, const Boundary& boundary,
-                          std::set<Index>& base, std::set<Index>& circle) {
+void find_base_and_patch(const Cells& mesh, const std::map<Edge, Index>& middle, const Boundary& boundary,
+                         std::set<Index>& base, std::set<Index>& bonded_patch) {
   const double a2 = boundary.radius * boundary.radius * (1.0 + 1e-3);
   for (const auto& [face, normal] : outer_faces(mesh)) {
-    bool held = true, pressed = normal.dot(boundary.push) < 0.0;
+    bool held = true, pressed = normal.dot(boundary.approach) < 0.0;
     for (const Index v : face) {
       const Vec3 from = mesh.place(v) - boundary.centre;
-      const double along = from.dot(boundary.push);
+      const double along = from.dot(boundary.approach);
       held = held && on_base(boundary, mesh.place(v), normal);
       pressed =
           pressed && from.squaredNorm() - along * along <= a2 && std::abs(along) <= 2.0 * boundary.radius;
@@ -204,20 +204,20 @@ void find_base_and_circle(const Cells& mesh, const std::map<Edge, Index>& middle
     for (std::size_t k = 0; k < 3; ++k)
       for (const Index v : {face[k], middle.at(edge(face[k], face[(k + 1) % 3]))}) {
         if (held) base.insert(v);
-        if (pressed) circle.insert(v);
+        if (pressed) bonded_patch.insert(v);
       }
   }
 }
 
-void require_apart(const std::set<Index>& base, const std::set<Index>& circle, double spacing_mm) {
-  if (base.empty() || circle.empty())
+void require_apart(const std::set<Index>& base, const std::set<Index>& bonded_patch, double spacing_mm) {
+  if (base.empty() || bonded_patch.empty())
     throw ModelError({.fact = fmt::format("no triangle of the mesh is {}",
                                           base.empty() ? "on the base" : "in the contact patch"),
                       .where = "tetrahedral mesh",
                       .why = fmt::format("edges of {:.3g} mm are too long", spacing_mm),
                       .remedy = "give a smaller --spacing or more --nodes"});
   for (const Index v : base)
-    if (circle.count(v) > 0)
+    if (bonded_patch.count(v) > 0)
       throw ModelError({.fact = "the contact patch overlaps the fixed base",
                         .where = "tetrahedral mesh",
                         .why = "a node of the mesh belongs to both",
@@ -230,7 +230,7 @@ TetrahedralMesh make_tetrahedra(const BodySurface& body, const Boundary& boundar
                                 double spacing_mm) {
   if (!(body.volume() / std::pow(spacing_mm, 3) <= most_cubes))
     throw ModelError(
-        {.fact = fmt::format("the mesh would have over {:.0f} nodes", most_cubes * nodes_per_cloud_node),
+        {.fact = fmt::format("the mesh would have over {:.0f} nodes", most_cubes * vertices_per_node),
          .where = "tetrahedral mesh",
          .why = fmt::format("edges of {:.3g} mm are short for this body", spacing_mm),
          .remedy = "give a larger --spacing or fewer --nodes",
@@ -243,17 +243,17 @@ TetrahedralMesh make_tetrahedra(const BodySurface& body, const Boundary& boundar
                       .remedy = "give a smaller --spacing or more --nodes"});
   const std::map<Edge, Index> middle = number_middles(cells);
   TetrahedralMesh mesh = with_middles(cells, middle);
-  std::set<Index> base, circle;
-  find_base_and_circle(cells, middle, boundary, base, circle);
-  require_apart(base, circle, spacing_mm);
+  std::set<Index> base, bonded_patch;
+  find_base_and_patch(cells, middle, boundary, base, bonded_patch);
+  require_apart(base, bonded_patch, spacing_mm);
   mesh.base.assign(base.begin(), base.end());
-  mesh.circle.assign(circle.begin(), circle.end());
+  mesh.bonded_patch.assign(bonded_patch.begin(), bonded_patch.end());
   return mesh;
 }
 
 double tetrahedra_spacing_for_count(const BodySurface& body, Index count, const Sizing& sizing) {
   return spacing_for_count(
-      body, static_cast<Index>(std::max(8.0, static_cast<double>(count) / nodes_per_cloud_node)), sizing);
+      body, static_cast<Index>(std::max(8.0, static_cast<double>(count) / vertices_per_node)), sizing);
 }
 
 }  // namespace dimple

@@ -2,7 +2,7 @@
 
 #include <vector>
 
-#include "preprocess/cloud/sizing.hpp"
+#include "preprocess/nodes/sizing.hpp"
 #include "preprocess/scene/boundary_conditions.hpp"
 
 namespace dimple {
@@ -14,9 +14,9 @@ struct TetrahedralMesh {
   /// [10xE] four corners, of positive volume, then the middles of edges 01, 12, 20, 03, 13, 23: the order of
   /// Abaqus, CalculiX and FEBio.
   Eigen::Matrix<Index, 10, Eigen::Dynamic> tetrahedra;
-  std::vector<Index> base;    ///< nodes held fixed, ascending
-  std::vector<Index> circle;  ///< nodes that the tool moves, ascending
-  double volume_mm3 = 0.0;    ///< of all tetrahedra
+  std::vector<Index> base;          ///< nodes held fixed, ascending
+  std::vector<Index> bonded_patch;  ///< nodes that the tool moves, ascending
+  double volume_mm3 = 0.0;          ///< of all tetrahedra
 };
 
 /// Fills the body with edges of about `spacing_mm` times the sizing. The patch's edge is made of edges of the

@@ -31,9 +31,9 @@ struct BoundaryOptions {
   std::function<double(double)> height_of_tool = {};
   /// Displacement of a contacting tool after each of its steps, LPS mm; nodes are as fine along that path.
   /// None for a straight approach.
-  std::vector<Vec3> way_of_tool = {};
+  std::vector<Vec3> path_of_tool = {};
   /// Displacements of a turning tool, from its approach direction and its first contact, LPS mm.
-  std::function<std::vector<Vec3>(const Vec3& push, const Vec3& place_mm)> way_of_turning_tool = {};
+  std::function<std::vector<Vec3>(const Vec3& approach, const Vec3& place_mm)> path_of_turning_tool = {};
   /// Contacts of further tools, LPS mm: nodes are as fine around the nearest place of the surface.
   std::vector<Vec3> other_tools = {};
   bool is_pressed = true;  ///< false: no tool presses there, and only nodes are refined
@@ -41,19 +41,19 @@ struct BoundaryOptions {
 
 /// The fixed base and the contact patch as places on the surface; mm, in the surface's own frame.
 struct Boundary {
-  Vec3 down = -Vec3::UnitZ();  ///< unit vector towards the support of the organ
-  double lowest = 0.0;         ///< x . down on the plane of the base, or at the upper end of a bed
-  double height = 0.0;         ///< of the body above that
-  double base_depth = 0.0;     ///< surface within this of `lowest` and facing down is held
-  bool flat_base = false;      ///< the organ is on a flat face, otherwise in a bed
-  bool base_by_axes = false;   ///< the patient's axes have decided on which side
-  Vec3 centre = Vec3::Zero();  ///< of the contact patch, on the surface
-  Vec3 push = -Vec3::UnitZ();  ///< unit vector
+  Vec3 down = -Vec3::UnitZ();      ///< unit vector towards the support of the organ
+  double lowest = 0.0;             ///< x . down on the plane of the base, or at the upper end of a bed
+  double height = 0.0;             ///< of the body above that
+  double base_depth = 0.0;         ///< surface within this of `lowest` and facing down is held
+  bool flat_base = false;          ///< the organ is on a flat face, otherwise in a bed
+  bool base_by_axes = false;       ///< the patient's axes have decided on which side
+  Vec3 centre = Vec3::Zero();      ///< of the contact patch, on the surface
+  Vec3 approach = -Vec3::UnitZ();  ///< unit vector
   double radius = 5.0;
   double room = 0.0;  ///< from the centre to the nearest fold or edge, searched up to 2.3 radii
   bool over_cut =
       false;  ///< a contacting tool is on a body with cuts: its places are on the edges of their faces
-  std::string base_reason, circle_reason;
+  std::string base_reason, patch_reason;
   std::vector<std::string> warnings;
 };
 
@@ -70,7 +70,7 @@ void check_words(const BoundaryOptions& options);
 /// 3. Base organ: the largest flat face from 25 % of the outline, also where the image ends. Without one: the
 ///    broadest side, across which the organ is thinnest by its moments of inertia, its broader dome up.
 /// 4. A side whose flat part is less than 25 % of the outline is a bed to a third of the organ's height.
-/// 5. Contact patch: the highest dome with room (circle_place.hpp), or the requested place.
+/// 5. Contact patch: the highest dome with room (patch_place.hpp), or the requested place.
 ///
 /// Warns of a base or a patch where the image ends. Throws UsageError: unknown word; a direction that does
 /// not come from the side. Throws ModelError: the tool misses the organ, hangs over its edge, is smaller than
@@ -81,23 +81,23 @@ Boundary find_boundary(const BodySurface& body, const BoundaryOptions& options,
 
 /// First contact of a tool that moves along the patch's axis, within `reach` [mm] of the axis; `height` as
 /// BoundaryOptions::height_of_tool. The middle of the patch if nothing is met sooner.
-Vec3 place_of_touch(const BodySurface& body, const Boundary& boundary, double reach,
-                    const std::function<double(double)>& height);
+Vec3 place_of_contact(const BodySurface& body, const Boundary& boundary, double reach,
+                      const std::function<double(double)>& height);
 
 /// True if a place on the surface, with outward normal n, belongs to the base.
 bool on_base(const Boundary& boundary, const Vec3& x, const Vec3& normal);
 
 /// Nodes of the contact patch: one in the middle and rings outwards, the last on the edge of the patch;
 /// neighbours are at most `spacing` apart. [3xn] mm.
-Points circle_nodes(const BodySurface& body, const Boundary& boundary, double spacing_mm);
+Points patch_nodes(const BodySurface& body, const Boundary& boundary, double spacing_mm);
 
 /// Nodes of the patch for a spacing [mm] that changes with the distance from the axis [mm]; spacing(radius)
 /// holds on the edge.
-Points graded_circle_nodes(const BodySurface& body, const Boundary& boundary,
-                           const std::function<double(double)>& spacing);
+Points graded_patch_nodes(const BodySurface& body, const Boundary& boundary,
+                          const std::function<double(double)>& spacing);
 
 /// `count` places on the edge of the patch, evenly by angle. [3xcount] mm.
-Points rim_of_circle(const BodySurface& body, const Boundary& boundary, int count);
+Points edge_of_patch(const BodySurface& body, const Boundary& boundary, int count);
 
 /// Places as the columns of one matrix. [3xn]
 Points to_points(const std::vector<Vec3>& places);

@@ -12,7 +12,7 @@ namespace dimple {
 namespace {
 
 // Least fraction of the outline: gentle sides of uncut organs have 0.29 to 0.39.
-constexpr double large_share = 0.45;
+constexpr double large_fraction = 0.45;
 
 // True if the face is across an axis of the voxels. The body's frame has the axes of the image.
 bool runs_along_voxels(const BodySurface& body, const FlatFace& face) {
@@ -21,7 +21,7 @@ bool runs_along_voxels(const BodySurface& body, const FlatFace& face) {
         return end.out.dot(face.out) > 0.98 &&
                std::abs(end.offset - face.offset) < end.tolerance + face.tolerance;
       });
-  return face.outermost && face.share >= large_share && face.out.cwiseAbs().maxCoeff() > 1.0 - 1e-9 &&
+  return face.outermost && face.fraction >= large_fraction && face.out.cwiseAbs().maxCoeff() > 1.0 - 1e-9 &&
          !ends_with_image;
 }
 
@@ -40,7 +40,7 @@ FacesAlongVoxels faces_along_voxels(const BodySurface& body, const Boundary& bou
   if (boundary.flat_base)
     if (const FlatFace face = face_towards(body, moments, boundary.down); runs_along_voxels(body, face))
       found.base = "a " + in_words(body, face);
-  const FlatFace face = face_towards(body, moments, -boundary.push);
+  const FlatFace face = face_towards(body, moments, -boundary.approach);
   if (runs_along_voxels(body, face) &&
       std::abs(boundary.centre.dot(face.out) - face.offset) <= face.tolerance)
     found.tool = "the tool is on a " + in_words(body, face) + "; --indent-at gives another place";

@@ -14,16 +14,16 @@
 namespace dimple {
 namespace {
 
-constexpr double flat_share = 0.25;  // of the outline, for a flat face
+constexpr double flat_fraction = 0.25;  // of the outline, for a flat face
 // Least fraction of the outline of a face where an organ was cut: the gentle sides of livers, lungs and
 // hearts have 0.29 to 0.39, an ellipsoid has 0.16.
-constexpr double cut_share = 0.45;
-constexpr double same_area = 0.05;       // flat faces are equally large within this: few voxels leave 0.035
-constexpr double bed_depth = 1.0 / 3.0;  // of the height, for an organ without a flat face
-constexpr double dome_depth = 0.2;       // of the height: the part of a side that counts as its dome
-constexpr double same_dome = 0.05;       // domes that differ by less are as broad
-constexpr double same_moment = 0.9;      // ratio of variances along two axes that count as equal
-constexpr double border_share = 0.05;    // of the base: less than that at the image's border is ignored
+constexpr double cut_fraction = 0.45;
+constexpr double same_area = 0.05;        // flat faces are equally large within this: few voxels leave 0.035
+constexpr double bed_depth = 1.0 / 3.0;   // of the height, for an organ without a flat face
+constexpr double dome_depth = 0.2;        // of the height: the part of a side that counts as its dome
+constexpr double same_dome = 0.05;        // domes that differ by less are as broad
+constexpr double same_moment = 0.9;       // ratio of variances along two axes that count as equal
+constexpr double border_fraction = 0.05;  // of the base: less than that at the image's border is ignored
 constexpr const char* base_option = "--base (boundary.base)";
 
 // Rank of several equal directions of the base: organs in images rest on their lower side, then their back.
@@ -74,7 +74,7 @@ Vec3 broadest_side(const BodySurface& body, const Moments& moments) {
   return turn ? Vec3(-down) : down;
 }
 
-void rest_on(const FlatFace& face, Boundary& result) {
+void put_base_on(const FlatFace& face, Boundary& result) {
   result.down = face.out;
   result.lowest = face.offset;
   result.height = face.height;
@@ -91,8 +91,8 @@ void bed_on(const BodySurface& body, const Vec3& down, Boundary& result) {
   result.base_depth = bed_depth * result.height;
 }
 
-bool stands(const FlatFace& face) {
-  return face.outermost && face.share >= flat_share;
+bool can_support(const FlatFace& face) {
+  return face.outermost && face.fraction >= flat_fraction;
 }
 
 // True if the face is an end of the image, where the organ continues.
@@ -108,7 +108,7 @@ std::optional<FlatFace> largest_face(const BodySurface& body, const Moments& mom
                                      const Allowed& allowed) {
   std::optional<FlatFace> largest;
   for (const FlatFace& face : flat_faces(body, moments)) {
-    if (!stands(face) || !allowed(face)) continue;
+    if (!can_support(face) || !allowed(face)) continue;
     if (!largest || (face.area > (1.0 - same_area) * largest->area &&
                      preference(body, face.out) > preference(body, largest->out) + 1e-6))
       largest = face;
@@ -117,10 +117,10 @@ std::optional<FlatFace> largest_face(const BodySurface& body, const Moments& mom
 }
 
 // Base on the flat face of that side, if it has one, and otherwise a bed.
-void rest_on_side(const BodySurface& body, const Moments& moments, const Vec3& down, Boundary& result) {
+void put_base_on_side(const BodySurface& body, const Moments& moments, const Vec3& down, Boundary& result) {
   const FlatFace face = face_towards(body, moments, down);
-  if (stands(face))
-    rest_on(face, result);
+  if (can_support(face))
+    put_base_on(face, result);
   else
     bed_on(body, down, result);
 }
@@ -148,8 +148,7 @@ Vec3 side_by_axes(const BodySurface& body, const std::optional<Vec3>& from, std:
 }
 
 // Warns that sides are those of the scan, which has its own axes.
-void tell_of_turned_axes(const BodySurface& body, const Vec3& lps, const std::string& side,
-                         Boundary& result) {
+void report_turned_axes(const BodySurface& body, const Vec3& lps, const std::string& side, Boundary& result) {
   constexpr double much_degrees = 5.0;
   const double off = 180.0 / std::numbers::pi *
                      std::acos(std::min(1.0, nearest_axis(body, lps).dot(local_direction(body, lps))));
@@ -196,28 +195,28 @@ std::optional<Vec3> base_direction(const std::string& text) {
 void find_base(const BodySurface& body, const Moments& moments, const BoundaryOptions& options,
                const std::optional<Vec3>& from, Boundary& result) {
   std::string reason;
-  const auto asked = base_direction(options.base);
+  const auto requested = base_direction(options.base);
   const bool organ = options.base == "organ";
   std::optional<FlatFace> face;
-  if (!asked)
+  if (!requested)
     face = largest_face(body, moments, [&](const FlatFace& one) {
-      return organ || (one.share >= cut_share && !is_image_end(body, one));
+      return organ || (one.fraction >= cut_fraction && !is_image_end(body, one));
     });
-  if (asked) {
-    rest_on_side(
-        body, moments,
-        side_named(options.base, base_option) ? nearest_axis(body, *asked) : local_direction(body, *asked),
-        result);
+  if (requested) {
+    put_base_on_side(body, moments,
+                     side_named(options.base, base_option) ? nearest_axis(body, *requested)
+                                                           : local_direction(body, *requested),
+                     result);
     reason = "as requested";
-    if (side_named(options.base, base_option)) tell_of_turned_axes(body, *asked, options.base, result);
+    if (side_named(options.base, base_option)) report_turned_axes(body, *requested, options.base, result);
   } else if (face) {
-    rest_on(*face, result);
-    reason = fmt::format("the organ's largest flat face, {:.0f} % of its outline", 100.0 * face->share);
+    put_base_on(*face, result);
+    reason = fmt::format("the organ's largest flat face, {:.0f} % of its outline", 100.0 * face->fraction);
   } else if (organ) {
     bed_on(body, broadest_side(body, moments), result);
     reason = "no flat face, so the organ rests on its broadest side";
   } else {
-    rest_on_side(body, moments, side_by_axes(body, from, reason), result);
+    put_base_on_side(body, moments, side_by_axes(body, from, reason), result);
     result.base_by_axes = true;
   }
   if (options.base_depth_mm > 0.0) result.base_depth = options.base_depth_mm;
@@ -250,7 +249,7 @@ void warn_of_base_at_image_end(const BodySurface& body, Boundary& result) {
     base += seen;
     if (cut(x)) at_end += seen;
   }
-  if (!(at_end > border_share * base)) return;
+  if (!(at_end > border_fraction * base)) return;
   result.warnings.push_back(
       fmt::format("THE BASE IS WHERE THE IMAGE ENDS: {:.0f} % of the base ({}) is on the image's border, "
                   "where the scan ends and the organ does not; the force depends on where the scan ends: "

@@ -250,18 +250,18 @@ FlatFace measured(const Facets& of, const Moments& moments, const Vec3& out, con
                                  face.area += faces * body.triangle_area()[t];
                              });
   // An upper bound: the outline's area times the height exceeds the volume.
-  face.share = face.area * plane.height / body.volume();
-  if (face.share < surely_small) return face;
+  face.fraction = face.area * plane.height / body.volume();
+  if (face.fraction < surely_small) return face;
   const View view(body, moments, out);
-  face.share = face.area / height_map(view, (view.high - view.low).maxCoeff() / 150.0).outline();
+  face.fraction = face.area / height_map(view, (view.high - view.low).maxCoeff() / 150.0).outline();
   return face;
 }
 
 // Normal of the face near direction `out`, by iteration; nothing if there is no such face.
-std::optional<Vec3> settled(const Facets& of, Vec3 out) {
+std::optional<Vec3> converged(const Facets& of, Vec3 out) {
   Plane plane = plane_across(of, out);
   for (int pass = 0; pass < 20 && !plane.member.empty(); ++pass) {
-    stop_if_asked();
+    stop_if_requested();
     const Vec3 before = out;
     out = fitted_normal(of, plane.member, out);
     plane = plane_across(of, out);
@@ -288,7 +288,7 @@ std::vector<FlatFace> flat_faces(const BodySurface& body, const Moments& moments
   const std::vector<Vec3> frequent = frequent_normals(body);
   std::vector<std::optional<Vec3>> found(frequent.size());
   tbb::parallel_for(std::size_t{0}, frequent.size(),
-                    [&](std::size_t k) { found[k] = settled(facets, frequent[k]); });
+                    [&](std::size_t k) { found[k] = converged(facets, frequent[k]); });
   std::vector<Vec3> apart;
   for (const std::optional<Vec3>& out : found)
     if (out && std::none_of(apart.begin(), apart.end(),

@@ -13,7 +13,7 @@ struct FlatFace {
   double height = 0.0;     ///< of the body above it [mm]
   double tolerance = 0.0;  ///< surface within this of the plane belongs to it [mm]
   double area = 0.0;       ///< of that surface where it faces out, projected along `out` [mm^2]
-  double share = 0.0;      ///< that / the body's outline projected along `out`; below a fifth an upper bound
+  double fraction = 0.0;   ///< that / the body's outline projected along `out`; below a fifth an upper bound
   bool outermost = false;  ///< no part of the body is clearly beyond the plane
 };
 

@@ -62,7 +62,7 @@ struct FlowLattice {
     const auto d = static_cast<std::size_t>(axis), e = (d + 1) % 3, f = (d + 2) % 3;
     open[d].assign(inside.size(), 0);
     tbb::parallel_for(Index{0}, n[e] * n[f], [&](Index line) {
-      if (line % 64 == 0) stop_if_asked();
+      if (line % 64 == 0) stop_if_requested();
       const Index first = (line % n[e]) * stride[e] + (line / n[e]) * stride[f];
       Vec3 from = origin;
       from[static_cast<Index>(e)] += edge * static_cast<double>(line % n[e]);
@@ -137,12 +137,12 @@ Index cell_near(const FlowLattice& lattice, const Vec3& x) {
 }
 
 // [cells inside] Flux into the body under the contact patch, 1 in all; zero if no cell is near it.
-Eigen::VectorXd inflow(const FlowLattice& lattice, const Boundary& boundary, const Points& rim) {
+Eigen::VectorXd inflow(const FlowLattice& lattice, const Boundary& boundary, const Points& patch_edge) {
   Eigen::VectorXd flux = Eigen::VectorXd::Zero(static_cast<Index>(lattice.cell.size()));
   for (const double part : {0.25, 0.55, 0.75, 0.93})
-    for (Index k = 0; k < rim.cols(); ++k) {
-      const Vec3 x =
-          boundary.centre + part * (rim.col(k) - boundary.centre) + 0.7 * lattice.edge * boundary.push;
+    for (Index k = 0; k < patch_edge.cols(); ++k) {
+      const Vec3 x = boundary.centre + part * (patch_edge.col(k) - boundary.centre) +
+                     0.7 * lattice.edge * boundary.approach;
       if (const Index best = cell_near(lattice, x); best >= 0) flux[best] += part;
     }
   if (flux.sum() > 0.0) flux /= flux.sum();
@@ -193,8 +193,8 @@ void limit_slope(const FlowLattice& lattice, double step, std::vector<double>& v
 
 }  // namespace
 
-LoadPath::LoadPath(const BodySurface& body, const Boundary& boundary, const Points& rim, double exponent,
-                   double slope)
+LoadPath::LoadPath(const BodySurface& body, const Boundary& boundary, const Points& patch_edge,
+                   double exponent, double slope)
     : slope_(slope) {
   const FlowLattice lattice(body);
   n_ = lattice.n;
@@ -202,10 +202,10 @@ LoadPath::LoadPath(const BodySurface& body, const Boundary& boundary, const Poin
   origin_ = lattice.origin;
   finer_.assign(static_cast<std::size_t>(lattice.all()), 1.0);
   if (lattice.cell.empty()) return;
-  const Eigen::VectorXd flux = inflow(lattice, boundary, rim);
+  const Eigen::VectorXd flux = inflow(lattice, boundary, patch_edge);
   if (!(flux.sum() > 0.0)) return;
   const Eigen::VectorXd phi = potential(conduction(lattice, boundary), flux);
-  stop_if_asked();
+  stop_if_requested();
   if (!phi.allFinite()) return;  // then nothing is refined
 
   tbb::parallel_for(Index{0}, phi.size(), [&](Index r) {

@@ -21,9 +21,9 @@ namespace dimple {
 class LoadPath {
  public:
   LoadPath() = default;  ///< 1 everywhere
-  /// `rim`: places on the edge of the patch; `exponent`: 0.4 as derived; `slope`: largest change of the
-  /// result along each axis of the body [1/mm].
-  LoadPath(const BodySurface& body, const Boundary& boundary, const Points& rim, double exponent,
+  /// `patch_edge`: places on the edge of the patch; `exponent`: 0.4 as derived; `slope`: largest change of
+  /// the result along each axis of the body [1/mm].
+  LoadPath(const BodySurface& body, const Boundary& boundary, const Points& patch_edge, double exponent,
            double slope);
   double operator()(const Vec3& x) const;  ///< (0, 1], linear between the lattice's points
   double slope() const { return slope_; }

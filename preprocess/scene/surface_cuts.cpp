@@ -36,7 +36,7 @@ Eigen::ArrayXXd smoothed(const Eigen::ArrayXXd& height, double sigma) {
   const auto along = [&](const Eigen::ArrayXXd& from) {
     Eigen::ArrayXXd to = Eigen::ArrayXXd::Zero(from.rows(), from.cols());
     tbb::parallel_for(Index{0}, from.cols(), [&](Index j) {
-      stop_if_asked();
+      stop_if_requested();
       to.col(j) = weight[0] * from.col(j);
       for (Index k = 1; k <= std::min(reach, from.rows() - 1); ++k) {
         const Index n = from.rows() - k;
@@ -142,7 +142,7 @@ void SurfaceCuts::grade(const HeightMap& map) {
   };
   cut_ = missing_ = Eigen::ArrayXXd::Zero(rows, columns);
   tbb::parallel_for(Index{0}, columns, [&](Index j) {
-    stop_if_asked();
+    stop_if_requested();
     for (Index i = 0; i < rows; ++i) {
       const double here = map.height(i, j);
       bool whole = std::isfinite(here);

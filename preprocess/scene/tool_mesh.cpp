@@ -26,7 +26,7 @@ namespace dimple {
 namespace {
 
 constexpr double smallest_mm = 0.2, largest_mm = 2000.0;
-constexpr double wanted_points = 200e3;  // of the grid
+constexpr double target_points = 200e3;  // of the grid
 constexpr double margin = 0.25;          // of the width, around the tool
 
 [[noreturn]] void refuse(const Drawing& of, const std::string& fact, const std::string& why,
@@ -126,7 +126,7 @@ DistanceGrid sampled(const BodySurface& tool, double width, double height) {
   Vec3 high = tool.upper().array() + around;
   high[2] = std::min(high[2], height + around);
   const Vec3 size = high - low;
-  DistanceGrid grid{.origin = low, .step = std::cbrt(size.prod() / wanted_points), .n = {}, .value = {}};
+  DistanceGrid grid{.origin = low, .step = std::cbrt(size.prod() / target_points), .n = {}, .value = {}};
   for (Index d = 0; d < 3; ++d)
     grid.n[static_cast<std::size_t>(d)] =
         std::max<Index>(4, static_cast<Index>(std::ceil(size[d] / grid.step)) + 1);
@@ -134,7 +134,7 @@ DistanceGrid sampled(const BodySurface& tool, double width, double height) {
   // Exact near the surface. Deep inside, where no tissue comes, distances are bounded.
   const double deep = margin * width;
   tbb::parallel_for(Index{0}, grid.n[1] * grid.n[2], [&](Index row) {
-    stop_if_asked();
+    stop_if_requested();
     const Index j = row % grid.n[1], k = row / grid.n[1];
     for (Index i = 0; i < grid.n[0]; ++i) {
       const Vec3 x =
@@ -169,10 +169,10 @@ TriangleMesh closed_drawing(const Drawing& of, const Points& vertex_mm, const Tr
   refuse_other_units(of, mesh.vertex);
   refuse_border(of, mesh);
   turned = turn_outward(mesh);
-  separate_touching_sheets(mesh);
-  stop_if_asked();
+  separate_coincident_sheets(mesh);
+  stop_if_requested();
   refuse_crossing(of, mesh);
-  stop_if_asked();
+  stop_if_requested();
   return mesh;
 }
 

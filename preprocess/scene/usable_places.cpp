@@ -8,7 +8,7 @@
 
 #include "io/error.hpp"
 #include "io/stop.hpp"
-#include "preprocess/scene/circle_place.hpp"
+#include "preprocess/scene/patch_place.hpp"
 #include "preprocess/scene/sides.hpp"
 
 namespace dimple {
@@ -47,9 +47,9 @@ Judged judged(const BodySurface& body, const Boundary& at, const Beneath& what) 
 }
 
 UsablePlace described(const BodySurface& body, const Boundary& at) {
-  UsablePlace place{.from = side_of(body, -at.push),
+  UsablePlace place{.from = side_of(body, -at.approach),
                     .centre = body.to_world() * at.centre,
-                    .push = body.to_world().linear() * at.push,
+                    .approach = body.to_world().linear() * at.approach,
                     .base = side_of(body, at.down),
                     .room_mm = at.room,
                     .beneath = beneath(body, at),
@@ -64,8 +64,8 @@ UsablePlace described(const BodySurface& body, const Boundary& at) {
 Judged judged(const BodySurface& body, const Boundary& boundary, const SurveyedPlace& place) {
   using enum UsablePlace::Verdict;
   if (place.room.whole < boundary.radius) return {refused, "the contact patch would extend beyond an edge"};
-  if (reaches_base(boundary, place.touch)) return {refused, "on the fixed base"};
-  if (body.at_image_end(place.touch)) return {doubtful, "the image ends there, not the organ"};
+  if (reaches_base(boundary, place.contact)) return {refused, "on the fixed base"};
+  if (body.at_image_end(place.contact)) return {doubtful, "the image ends there, not the organ"};
   if (will_bend(place.bending)) return {doubtful, "free to bend: thin tissue, nothing fixed behind it"};
   if (place.room.even < little_room * boundary.radius)
     return {doubtful, "little room: a fold, an edge or a steep slope is near"};
@@ -74,7 +74,7 @@ Judged judged(const BodySurface& body, const Boundary& boundary, const SurveyedP
 
 Boundary moved(const Boundary& boundary, const SurveyedPlace& to) {
   Boundary result = boundary;
-  result.centre = to.touch;
+  result.centre = to.contact;
   result.room = to.room.even;
   return result;
 }
@@ -86,7 +86,7 @@ struct Surveyed {
 };
 
 Surveyed surveyed(const BodySurface& body, const Boundary& boundary) {
-  const View view(body, moments_of(body), boundary.push);
+  const View view(body, moments_of(body), boundary.approach);
   const double stride =
       std::max(boundary.radius, std::sqrt(Eigen::Vector2d(view.high - view.low).prod() / most_looked_at));
   const auto is_free = [&](const Vec3& leaves) { return !reaches_base(boundary, leaves); };
@@ -111,11 +111,11 @@ void add_far_apart(const BodySurface& body, const Boundary& boundary,
                    std::vector<Vec3>& taken, std::vector<UsablePlace>& result) {
   for (const SurveyedPlace& place : places) {
     if (result.size() >= most) return;
-    const auto near = [&](const Vec3& other) { return (other - place.touch).norm() < apart; };
+    const auto near = [&](const Vec3& other) { return (other - place.contact).norm() < apart; };
     if (std::any_of(taken.begin(), taken.end(), near)) continue;
     UsablePlace found = described(body, moved(boundary, place));
     if (found.verdict == UsablePlace::Verdict::refused) continue;
-    taken.push_back(place.touch);
+    taken.push_back(place.contact);
     result.push_back(std::move(found));
   }
 }
@@ -129,28 +129,28 @@ double apart_on(const BodySurface& body, double radius) {
 Beneath beneath(const BodySurface& body, const Boundary& boundary) {
   Beneath result;
   Index axis = 0;
-  boundary.push.cwiseAbs().minCoeff(&axis);
-  const Vec3 e1 = (Vec3::Unit(axis) - boundary.push[axis] * boundary.push).normalized(),
-             e2 = boundary.push.cross(e1);
+  boundary.approach.cwiseAbs().minCoeff(&axis);
+  const Vec3 e1 = (Vec3::Unit(axis) - boundary.approach[axis] * boundary.approach).normalized(),
+             e2 = boundary.approach.cross(e1);
   Vec3 normal = Vec3::Zero();
   int met = 0, bending = 0;
   const auto look = [&](double r, double angle) {
     const Vec3 x = boundary.centre + r * (std::cos(angle) * e1 + std::sin(angle) * e2);
-    const std::vector<double> t = body.crossings(x, boundary.push);
+    const std::vector<double> t = body.crossings(x, boundary.approach);
     if (t.size() < 2) return;
     ++met;
     result.thickness_mm += t[1] - t[0];
     bending += t[1] - t[0] < 2.0 * boundary.radius * bending_thickness &&
-               !reaches_base(boundary, x + t[1] * boundary.push);
-    normal -= body.normal().col(body.closest(x + t[0] * boundary.push).triangle);
+               !reaches_base(boundary, x + t[1] * boundary.approach);
+    normal -= body.normal().col(body.closest(x + t[0] * boundary.approach).triangle);
   };
   look(0.0, 0.0);
-  for (const auto& [share, count] : {std::pair{0.5, 6}, {0.9, 12}})
-    for (int k = 0; k < count; ++k) look(share * boundary.radius, 2.0 * std::numbers::pi * k / count);
+  for (const auto& [fraction, count] : {std::pair{0.5, 6}, {0.9, 12}})
+    for (int k = 0; k < count; ++k) look(fraction * boundary.radius, 2.0 * std::numbers::pi * k / count);
   if (met == 0) return result;
   result.thickness_mm /= met;
   result.bending = static_cast<double>(bending) / met;
-  const double cosine = std::clamp(normal.normalized().dot(boundary.push), -1.0, 1.0);
+  const double cosine = std::clamp(normal.normalized().dot(boundary.approach), -1.0, 1.0);
   result.tilt_degrees = std::acos(cosine) * 180.0 / std::numbers::pi;
   return result;
 }
@@ -166,7 +166,7 @@ UsablePlaces usable_places(const BodySurface& body, const BoundaryOptions& optio
   std::optional<Boundary> own;
   std::optional<ModelError> why_not;
   const auto add = [&](const std::string& side, const BoundaryOptions& there, const Boundary* known) {
-    stop_if_asked();
+    stop_if_requested();
     UsablePlace place;
     place.from = side;
     try {
@@ -208,7 +208,7 @@ UsablePlaces usable_places(const BodySurface& body, const BoundaryOptions& optio
 
 std::optional<UsablePlace> next_better_place(const BodySurface& body, const Boundary& than) {
   for (const SurveyedPlace& place : surveyed(body, than).good) {
-    if ((place.touch - than.centre).norm() < 4.0 * than.radius) continue;
+    if ((place.contact - than.centre).norm() < 4.0 * than.radius) continue;
     UsablePlace found = described(body, moved(than, place));
     if (found.verdict == UsablePlace::Verdict::good) return found;
   }

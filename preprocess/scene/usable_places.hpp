@@ -25,7 +25,7 @@ inline bool will_bend(double bending) {
 /// A place for the contact patch; lengths in mm, LPS.
 struct UsablePlace {
   std::string from;  ///< the patient's side that the tool comes from
-  Vec3 centre = Vec3::Zero(), push = Vec3::Zero();
+  Vec3 centre = Vec3::Zero(), approach = Vec3::Zero();
   std::string base;  ///< the side of the base for this place
   double room_mm = 0.0;
   Beneath beneath;

@@ -14,7 +14,7 @@
 
 #include "io/stop.hpp"
 #include "preprocess/clones.hpp"
-#include "preprocess/cloud/neighbours.hpp"
+#include "preprocess/nodes/neighbours.hpp"
 #include "preprocess/supports/support.hpp"
 
 namespace dimple {
@@ -34,7 +34,7 @@ struct LinearFields {
     size.resize(count);
     inverse.resize(static_cast<std::size_t>(count));
     tbb::parallel_for(Index{0}, count, [&](Index q) {
-      if (q % 256 == 0) stop_if_asked();
+      if (q % 256 == 0) stop_if_requested();
       size[q] = 0.0;
       for (int k = model.support.offset[q]; k < model.support.offset[q + 1]; ++k)
         size[q] = std::max(size[q], (model.X.col(model.support.member[k]) - model.point.col(q)).norm());
@@ -116,7 +116,7 @@ struct Operator {
     std::vector<int> next(static_cast<std::size_t>(n));  // place after the diagonal
     // The lower triangle, row by row, points ascending.
     tbb::parallel_for(Index{0}, n, [&](Index a) {
-      if (a % 64 == 0) stop_if_asked();
+      if (a % 64 == 0) stop_if_requested();
       thread_local std::vector<double> sum;  // all zero between rows
       if (sum.size() < static_cast<std::size_t>(n)) sum.resize(static_cast<std::size_t>(n), 0.0);
       double volume = 0.0;
@@ -142,7 +142,7 @@ struct Operator {
     });
     // Rows ascending: what is above the diagonal enters each row in its order.
     for (Index a = 0; a < n; ++a) {
-      if (a % 4096 == 0) stop_if_asked();
+      if (a % 4096 == 0) stop_if_requested();
       for (int k = rows.offset[a]; k < rows.offset[a + 1] && rows.member[k] < a; ++k)
         value[next[static_cast<std::size_t>(rows.member[k])]++] = value[k];
     }
@@ -177,7 +177,7 @@ class CoarseFields {
     using Block = Eigen::Matrix4d;
     std::vector<std::vector<std::pair<Index, Block>>> blocks(static_cast<std::size_t>(groups_));
     tbb::parallel_for(Index{0}, groups_, [&](Index g) {
-      stop_if_asked();
+      stop_if_requested();
       std::vector<Block> sum(static_cast<std::size_t>(g + 1), Block::Zero());
       std::vector<char> met(sum.size(), 0);
       for (Index a = first(g); a < first(g + 1); ++a)
@@ -251,7 +251,7 @@ struct Corner {
 
 void divide(const Corner& a, const Corner& b, const Corner& c, const Neighbours& nodes,
             const Eigen::VectorXd& spacing, std::vector<std::array<Vec3, 3>>& piece, int depth = 0) {
-  stop_if_asked();
+  stop_if_requested();
   const auto at = [&](const Vec3& x) { return Corner{x, spacing[nodes.nearest(x, 1).front()]}; };
   const double longest = std::max({(b.x - a.x).norm(), (c.x - b.x).norm(), (a.x - c.x).norm()});
   const Corner middle = at((a.x + b.x + c.x) / 3.0);
@@ -269,23 +269,23 @@ void divide(const Corner& a, const Corner& b, const Corner& c, const Neighbours&
 
 }  // namespace
 
-SurfacePieces pieces_of(const Discretisation& cloud) {
-  return pieces_of(cloud, cloud.surface.triangles);
+SurfacePieces pieces_of(const Discretisation& discretisation) {
+  return pieces_of(discretisation, discretisation.surface.triangles);
 }
 
-SurfacePieces pieces_of(const Discretisation& cloud, const Triangles& triangles) {
-  const Points vertex = cloud.surface.vertex_mm * 1e-3;
-  const Neighbours nodes(cloud.X);
+SurfacePieces pieces_of(const Discretisation& discretisation, const Triangles& triangles) {
+  const Points vertex = discretisation.surface.vertex_mm * 1e-3;
+  const Neighbours nodes(discretisation.X);
   std::vector<Corner> corner(static_cast<std::size_t>(vertex.cols()));
   tbb::parallel_for(Index{0}, vertex.cols(), [&](Index v) {
-    if (v % 256 == 0) stop_if_asked();
+    if (v % 256 == 0) stop_if_requested();
     corner[static_cast<std::size_t>(v)] = {vertex.col(v),
-                                           cloud.spacing[nodes.nearest(vertex.col(v), 1).front()]};
+                                           discretisation.spacing[nodes.nearest(vertex.col(v), 1).front()]};
   });
   std::vector<std::vector<std::array<Vec3, 3>>> pieces(static_cast<std::size_t>(triangles.cols()));
   tbb::parallel_for(Index{0}, triangles.cols(), [&](Index t) {
     const auto of = [&](int k) -> const Corner& { return corner[static_cast<std::size_t>(triangles(k, t))]; };
-    divide(of(0), of(1), of(2), nodes, cloud.spacing, pieces[static_cast<std::size_t>(t)]);
+    divide(of(0), of(1), of(2), nodes, discretisation.spacing, pieces[static_cast<std::size_t>(t)]);
   });
   Index count = 0;
   for (const auto& list : pieces) count += static_cast<Index>(list.size());
@@ -300,12 +300,13 @@ SurfacePieces pieces_of(const Discretisation& cloud, const Triangles& triangles)
   return result;
 }
 
-Points surface_integrals(const Discretisation& cloud, const SupportOptions& options,
+Points surface_integrals(const Discretisation& discretisation, const SupportOptions& options,
                          const SurfacePieces& surface) {
-  Points result = Points::Zero(3, cloud.node_count());
+  Points result = Points::Zero(3, discretisation.node_count());
   for (Index first = 0; first < surface.place.cols(); first += slab) {
     const Index count = std::min(slab, surface.place.cols() - first);
-    const Interpolation phi = make_interpolation(cloud, options, surface.place.middleCols(first, count));
+    const Interpolation phi =
+        make_interpolation(discretisation, options, surface.place.middleCols(first, count));
     for (Index k = 0; k < count; ++k)
       for (int e = phi.rows.offset[k]; e < phi.rows.offset[k + 1]; ++e)
         result.col(phi.rows.member[e]) += phi.weight[e] * surface.area.col(first + k);
@@ -321,11 +322,11 @@ struct Lack {
   double largest;
 };
 
-Lack lack_of(const Model& model, const Influence& influence, const Points& wanted) {
-  Points r = -wanted;
+Lack lack_of(const Model& model, const Influence& influence, const Points& requested) {
+  Points r = -requested;
   Eigen::VectorXd scale(r.cols());
   tbb::parallel_for(Index{0}, r.cols(), [&](Index a) {
-    if (a % 256 == 0) stop_if_asked();
+    if (a % 256 == 0) stop_if_requested();
     scale[a] = 0.0;
     for (int k = influence.rows.offset[a]; k < influence.rows.offset[a + 1]; ++k) {
       const double volume = model.volume[influence.rows.member[k]];
@@ -364,7 +365,7 @@ Points multipliers(const Operator& A, const CoarseFields& coarse, Nodal r, int& 
   const double start = r.norm();
   double rz = r.cwiseProduct(z).sum();
   while (iterations < 500 && start > 0.0 && r.norm() > tolerance * start) {
-    stop_if_asked();
+    stop_if_requested();
     A.apply(p, Ap);
     const double curvature = p.cwiseProduct(Ap).sum();
     if (!(curvature > 0.0)) break;  // only rounding is left
@@ -384,7 +385,7 @@ Points multipliers(const Operator& A, const CoarseFields& coarse, Nodal r, int& 
 double change_gradients(Model& model, const LinearFields& fields, const Points& change_of) {
   Eigen::VectorXd change(model.point_count());
   tbb::parallel_for(Index{0}, model.point_count(), [&](Index q) {
-    if (q % 256 == 0) stop_if_asked();
+    if (q % 256 == 0) stop_if_requested();
     const Coefficients linear = fields.nearest(q, change_of);
     double most = 0.0, gradient = 0.0;
     for (int k = model.support.offset[q]; k < model.support.offset[q + 1]; ++k) {
@@ -401,11 +402,11 @@ double change_gradients(Model& model, const LinearFields& fields, const Points& 
 
 }  // namespace
 
-void make_consistent(Model& model, const Points& wanted) {
+void make_consistent(Model& model, const Points& requested) {
   const LinearFields fields(model);
   const Influence influence(model);
   ConsistencyReport& report = model.consistency_report = {};
-  Lack before = lack_of(model, influence, wanted);
+  Lack before = lack_of(model, influence, requested);
   report.before = before.largest;
   spare_linear_fields(model, before.residual);
   Nodal r = Nodal::Zero(4, model.node_count());
@@ -413,7 +414,7 @@ void make_consistent(Model& model, const Points& wanted) {
   const Operator A(model, fields, influence);
   const Points change_of = multipliers(A, CoarseFields(model, A), std::move(r), report.iterations);
   report.largest_change = change_gradients(model, fields, change_of);
-  report.after = lack_of(model, influence, wanted).largest;
+  report.after = lack_of(model, influence, requested).largest;
 }
 
 }  // namespace dimple

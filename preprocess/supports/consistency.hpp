@@ -13,9 +13,9 @@ struct SurfacePieces {
 };
 
 /// The body's surface, its triangles divided until none is longer than the spacing of the nodes near it.
-SurfacePieces pieces_of(const Discretisation& cloud);
+SurfacePieces pieces_of(const Discretisation& discretisation);
 /// Overload for some triangles between its vertices.
-SurfacePieces pieces_of(const Discretisation& cloud, const Triangles& triangles);
+SurfacePieces pieces_of(const Discretisation& discretisation, const Triangles& triangles);
 
 /// Changes the cells' gradients as little as possible so that the divergence theorem holds for every shape
 /// function:
@@ -39,12 +39,12 @@ SurfacePieces pieces_of(const Discretisation& cloud, const Triangles& triangles)
 /// Departs: they change the test functions only; here the one gradient of energy and force, so that forces
 /// remain the derivative of an energy.
 ///
-/// A step of make_model(), after find_supports(): changes dphi and fills consistency_report. `wanted` [3xN]:
-/// w, of surface_integrals().
-void make_consistent(Model& model, const Points& wanted);
+/// A step of make_model(), after find_supports(): changes dphi and fills consistency_report. `requested`
+/// [3xN]: w, of surface_integrals().
+void make_consistent(Model& model, const Points& requested);
 
 /// w [m^2]: integral over the surface of phi_a n dS for every node a. Needs the nodes only, no supports.
-Points surface_integrals(const Discretisation& cloud, const SupportOptions& options,
+Points surface_integrals(const Discretisation& discretisation, const SupportOptions& options,
                          const SurfacePieces& surface);
 
 }  // namespace dimple

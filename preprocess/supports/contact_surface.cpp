@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "io/error.hpp"
-#include "preprocess/cloud/neighbours.hpp"
+#include "preprocess/nodes/neighbours.hpp"
 #include "preprocess/supports/consistency.hpp"
 #include "preprocess/supports/support.hpp"
 #include "preprocess/surface/surface_cells.hpp"
@@ -23,17 +23,17 @@ constexpr double looked_at = 2.0;   // reaches from the axis: nothing farther ca
 // pressures of up to twenty times that of their neighbours.
 constexpr double least_area = 0.5;
 constexpr double farthest = 2.0;  // node spacings from a piece to a node that may receive it
-constexpr int most_asked = 8;
+constexpr int most_neighbours = 8;
 constexpr double hat_wide = 2.0;  // node spacings to each side
 
 Vec3 across(const ToolPlace& tool, const Vec3& d) {
-  return d - d.dot(tool.push) * tool.push;
+  return d - d.dot(tool.approach) * tool.approach;
 }
 
 // Positions of the tool's axis along its path, from the first contact [m], across the press direction.
-std::vector<Vec3> axes_along(const ToolPlace& tool, const std::vector<Vec3>& way, double apart) {
+std::vector<Vec3> axes_along(const ToolPlace& tool, const std::vector<Vec3>& path, double apart) {
   std::vector<Vec3> axes = {Vec3::Zero()};
-  for (const Vec3& come : way) {
+  for (const Vec3& come : path) {
     const Vec3 from = axes.back(), to = across(tool, come);
     const int pieces = std::min(1000, static_cast<int>(std::ceil((to - from).norm() / apart)));
     for (int k = 1; k <= pieces; ++k) axes.emplace_back(from + static_cast<double>(k) / pieces * (to - from));
@@ -77,9 +77,9 @@ Cells without_small(const Model& model, const Points& place, const Points& area,
   }
   if (large.empty()) return cells;
   const Neighbours nodes(model.X(Eigen::all, large));
-  const int asked = std::min<int>(most_asked, static_cast<int>(large.size()));
+  const int requested = std::min<int>(most_neighbours, static_cast<int>(large.size()));
   const auto neighbour = [&](Index k) {  // -1: none
-    for (const int other : nodes.nearest(place.col(k), asked)) {
+    for (const int other : nodes.nearest(place.col(k), requested)) {
       const int its = large[static_cast<std::size_t>(other)];
       if ((model.X.col(its) - place.col(k)).norm() <= farthest * model.spacing[its] &&
           faces[static_cast<std::size_t>(other)].dot(area.col(k)) > 0.5 * area.col(k).norm())
@@ -130,37 +130,37 @@ void look_around(ContactSurface& surface) {
   surface.hat = Eigen::Map<Eigen::VectorXd>(weight.data(), static_cast<Index>(weight.size()));
 }
 
-ContactSurface contact_surface(const Model& model, double reach, const std::vector<Vec3>& way) {
-  return contact_surface(model, model.tool, reach, way);
+ContactSurface contact_surface(const Model& model, double reach, const std::vector<Vec3>& path) {
+  return contact_surface(model, model.tool, reach, path);
 }
 
 ContactSurface contact_surface(const Model& model, const ToolPlace& tool, double reach,
-                               const std::vector<Vec3>& way) {
+                               const std::vector<Vec3>& path) {
   if (model.surface.empty()) refuse("the model has no surface for contact");
-  const std::vector<Vec3> axes = axes_along(tool, way, 0.25 * reach);
+  const std::vector<Vec3> axes = axes_along(tool, path, 0.25 * reach);
   const SurfacePieces pieces = pieces_around(model, tool, axes, looked_at * reach);
   const Neighbours nodes(model.X);
   Cells cell;
-  std::vector<Index> touched, beyond;
+  std::vector<Index> reached, beyond;
   for (Index k = 0; k < pieces.place.cols(); ++k) {
     const Vec3 x = pieces.place.col(k), area = pieces.area.col(k);
     const Vec3 aside = across(tool, x - tool.centre);
     double away = std::numeric_limits<double>::infinity();
     for (const Vec3& axis : axes) away = std::min(away, (aside - axis).norm());
     const int node = nodes.nearest(x, 1).front();
-    const bool faces = area.dot(tool.push) < faces_tool * area.norm();
+    const bool faces = area.dot(tool.approach) < faces_tool * area.norm();
     const bool held = std::binary_search(model.base.begin(), model.base.end(), node);
     if (away < reach && faces && !held) {
-      cell[node].push_back(static_cast<Index>(touched.size()));
-      touched.push_back(k);
+      cell[node].push_back(static_cast<Index>(reached.size()));
+      reached.push_back(k);
     } else if (away < looked_at * reach) {
       beyond.push_back(k);
     }
   }
-  if (touched.empty()) refuse("no part of the surface faces the tool");
+  if (reached.empty()) refuse("no part of the surface faces the tool");
   ContactSurface result;
-  result.between = pieces.place(Eigen::all, touched);
-  const Points area = pieces.area(Eigen::all, touched);
+  result.between = pieces.place(Eigen::all, reached);
+  const Points area = pieces.area(Eigen::all, reached);
   result.at_between = surface_interpolation(model, result.between, area);
   std::vector<std::vector<Index>> cells;
   cell = without_small(model, result.between, area, cell);

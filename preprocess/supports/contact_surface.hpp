@@ -17,7 +17,7 @@ struct ContactSurface : CellMeans {
   Interpolation at_between;
   /// [K] the sample of each piece, and its fraction of that sample's area; empty: not requested.
   Eigen::VectorXi sample_of;
-  Eigen::VectorXd share;
+  Eigen::VectorXd fraction;
   /// [M] the samples around each that face in the same direction, itself included, and their weights: a hat
   /// of two node spacings to each side, for means of pressures.
   CompressedRows around;
@@ -31,12 +31,12 @@ struct ContactSurface : CellMeans {
 /// Fills in `around` and `hat` from samples and spacing.
 void look_around(ContactSurface& surface);
 
-/// Samples of the surface within `reach` [m] of the tool's axis that faces the tool, except the base. `way`:
+/// Samples of the surface within `reach` [m] of the tool's axis that faces the tool, except the base. `path`:
 /// the tool's displacement after each of its steps [m]; the surface along its path is included. Throws
 /// ModelError: the model has no surface, or none of it is there.
-ContactSurface contact_surface(const Model& model, double reach, const std::vector<Vec3>& way = {});
+ContactSurface contact_surface(const Model& model, double reach, const std::vector<Vec3>& path = {});
 /// Overload for another tool than the model's.
 ContactSurface contact_surface(const Model& model, const ToolPlace& tool, double reach,
-                               const std::vector<Vec3>& way = {});
+                               const std::vector<Vec3>& path = {});
 
 }  // namespace dimple

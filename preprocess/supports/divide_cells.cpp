@@ -10,13 +10,13 @@
 #include <optional>
 
 #include "io/stop.hpp"
-#include "preprocess/cloud/neighbours.hpp"
+#include "preprocess/nodes/neighbours.hpp"
 #include "preprocess/surface/sight.hpp"
 
 namespace dimple {
 namespace {
 
-constexpr int each_way = 4;              // samples of a cell along each of its axes
+constexpr int samples_per_axis = 4;      // samples of a cell along each of its axes
 constexpr double least_of_cell = 0.125;  // least part of a cell
 // Distances of the nodes on the faces, in spacings: from each other, from existing nodes, and from where the
 // sheet ends in the tissue.
@@ -38,7 +38,7 @@ Box box_of(const Model& model, Index q) {
 
 // A part of a cell.
 struct CellPart {
-  double share = 0.0;
+  double fraction = 0.0;
   Vec3 middle = Vec3::Zero();
   Mat3 about = Mat3::Zero();
 };
@@ -47,7 +47,7 @@ struct CellPart {
 CellPart part_of(const std::vector<Vec3>& sample, const Mat3& of_sample, std::size_t all) {
   CellPart part;
   const auto count = static_cast<double>(sample.size());
-  part.share = count / static_cast<double>(all);
+  part.fraction = count / static_cast<double>(all);
   for (const Vec3& x : sample) part.middle += x / count;
   part.about = of_sample;
   for (const Vec3& x : sample) part.about += (x - part.middle) * (x - part.middle).transpose() / count;
@@ -64,19 +64,19 @@ std::optional<std::array<CellPart, 2>> parts_of(const Model& model, Index q, con
   const Box box = box_of(model, q);
   std::array<std::vector<Vec3>, 2> sides;
   std::optional<Vec3> first;
-  for (int k = 0; k < each_way * each_way * each_way; ++k) {
-    const Eigen::Array3d at((k % each_way) + 0.5, (k / each_way % each_way) + 0.5,
-                            (k / (each_way * each_way)) + 0.5);
-    const Vec3 x = middle + box.axes * ((2.0 / each_way * at - 1.0) * box.half.array()).matrix();
+  for (int k = 0; k < samples_per_axis * samples_per_axis * samples_per_axis; ++k) {
+    const Eigen::Array3d at((k % samples_per_axis) + 0.5, (k / samples_per_axis % samples_per_axis) + 0.5,
+                            (k / (samples_per_axis * samples_per_axis)) + 0.5);
+    const Vec3 x = middle + box.axes * ((2.0 / samples_per_axis * at - 1.0) * box.half.array()).matrix();
     if (!first) first = x;
     sides[sheet.between(*first, x) ? 1 : 0].push_back(x);
   }
   if (sides[1].size() > sides[0].size()) sides[0].swap(sides[1]);
   const std::size_t all = sides[0].size() + sides[1].size();
-  const Mat3 of_sample = about / (each_way * each_way);
+  const Mat3 of_sample = about / (samples_per_axis * samples_per_axis);
   const std::array<CellPart, 2> parts = {part_of(sides[0], of_sample, all),
                                          part_of(sides[1], of_sample, all)};
-  return parts[1].share < least_of_cell ? std::nullopt : std::optional(parts);
+  return parts[1].fraction < least_of_cell ? std::nullopt : std::optional(parts);
 }
 
 // Crossing of the sheet by the segment between the middles of a cell's parts; none if it passes by.
@@ -133,16 +133,16 @@ std::vector<std::pair<Vec3, Vec3>> ends_of(const Sheet& sheet, const Tissue& tis
 double distance_to(const std::vector<std::pair<Vec3, Vec3>>& edges, const Vec3& x) {
   double least = std::numeric_limits<double>::infinity();
   for (const auto& [a, b] : edges) {
-    const Vec3 way = b - a;
-    const double share = std::clamp((x - a).dot(way) / way.squaredNorm(), 0.0, 1.0);
-    least = std::min(least, (x - a - share * way).norm());
+    const Vec3 edge = b - a;
+    const double fraction = std::clamp((x - a).dot(edge) / edge.squaredNorm(), 0.0, 1.0);
+    least = std::min(least, (x - a - fraction * edge).norm());
   }
   return least;
 }
 
 void put(Model& model, Index q, const CellPart& part, double volume) {
   model.point.col(q) = part.middle;
-  model.volume[q] = part.share * volume;
+  model.volume[q] = part.fraction * volume;
   set_moments(model.second_moments, q, part.about);
 }
 
@@ -151,7 +151,7 @@ DividedCells divide(const Model& before, const Sheet& sheet, std::vector<std::ar
   const Index points = before.point_count();
   std::map<Index, std::array<CellPart, 2>> parts;
   for (Index q = 0; q < points && before.second_moments.cols() > 0; ++q) {
-    if (q % 4096 == 0) stop_if_asked();
+    if (q % 4096 == 0) stop_if_requested();
     if (const auto its = parts_of(before, q, sheet)) parts.emplace(q, *its);
   }
   DividedCells cut;

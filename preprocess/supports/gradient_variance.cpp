@@ -19,12 +19,12 @@ struct Influence {
   std::vector<std::pair<int, int>> place;  // point, place in its list
 };
 
-Influence influence_of(const std::vector<PointSupport>& points, std::span<const int> tissue, int wanted,
+Influence influence_of(const std::vector<PointSupport>& points, std::span<const int> tissue, int requested,
                        std::vector<int>& slot) {
   Influence result;
   auto& [nodes, offset, influence] = result;
   for (std::size_t q = 0; q < points.size(); ++q)
-    if (tissue[q] == wanted)
+    if (tissue[q] == requested)
       for (const int a : points[q].nodes) {
         int& at = slot[static_cast<std::size_t>(a)];
         if (at < 0) {
@@ -38,7 +38,7 @@ Influence influence_of(const std::vector<PointSupport>& points, std::span<const 
   influence.resize(offset.back());
   std::vector<std::size_t> next(offset.begin(), offset.end() - 1);
   for (std::size_t q = 0; q < points.size(); ++q)
-    if (tissue[q] == wanted)
+    if (tissue[q] == requested)
       for (std::size_t k = 0; k < points[q].nodes.size(); ++k) {
         const int at = slot[static_cast<std::size_t>(points[q].nodes[k])];
         influence[next[static_cast<std::size_t>(at)]++] = {static_cast<int>(q), static_cast<int>(k)};
@@ -49,11 +49,11 @@ Influence influence_of(const std::vector<PointSupport>& points, std::span<const 
 
 }  // namespace
 
-void add_variance(const std::vector<PointSupport>& points, std::span<const int> tissue, int wanted,
+void add_variance(const std::vector<PointSupport>& points, std::span<const int> tissue, int requested,
                   std::vector<int>& slot, std::vector<LowerRow>& rows) {
-  const Influence of = influence_of(points, tissue, wanted, slot);
+  const Influence of = influence_of(points, tissue, requested, slot);
   tbb::parallel_for(std::size_t{0}, of.nodes.size(), [&](std::size_t n) {
-    if (n % 1024 == 0) stop_if_asked();
+    if (n % 1024 == 0) stop_if_requested();
     const auto a = static_cast<std::size_t>(of.nodes[n]);
     thread_local std::vector<double> sum;          // all zero between rows
     thread_local std::vector<std::uint64_t> seen;  // a bit for each column; likewise

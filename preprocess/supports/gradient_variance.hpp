@@ -33,9 +33,9 @@ struct LowerRow {
   std::vector<double> value;
 };
 
-/// Adds the local matrices of those `points` whose `tissue` is `wanted` to the rows [nodes]. Points ascend in
-/// each row, so that the sums have one order. `slot` [nodes]: -1 before and after.
-void add_variance(const std::vector<PointSupport>& points, std::span<const int> tissue, int wanted,
+/// Adds the local matrices of those `points` whose `tissue` is `requested` to the rows [nodes]. Points ascend
+/// in each row, so that the sums have one order. `slot` [nodes]: -1 before and after.
+void add_variance(const std::vector<PointSupport>& points, std::span<const int> tissue, int requested,
                   std::vector<int>& slot, std::vector<LowerRow>& rows);
 /// Unfolds the whole matrix from its lower triangle, which is used up; sets rows and K of `result`.
 void unfold(std::vector<LowerRow>& lower, GradientVariance& result);

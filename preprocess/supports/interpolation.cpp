@@ -49,14 +49,14 @@ std::shared_ptr<const Sight> sight_in(const Discretisation& model, const Support
 
 Interpolation make_interpolation(const Discretisation& body, const SupportOptions& options,
                                  const Points& places, const Connected& connected) {
-  const SupportNodes cloud(body, options);
+  const SupportNodes node_set(body, options);
   const bool masked = static_cast<bool>(connected);
-  const auto near = nodes_near(places, cloud, {}, connected);
+  const auto near = nodes_near(places, node_set, {}, connected);
   std::vector<PlaceWeights> rows(static_cast<std::size_t>(places.cols()));
   const auto by_itself = [&](Index m) {
     std::function<bool(int)> to_place;
     if (masked) to_place = [&](int a) { return connected(a, m); };
-    const PlaceSupport s = support_of(places.col(m), cloud, near.of(m), to_place);
+    const PlaceSupport s = support_of(places.col(m), node_set, near.of(m), to_place);
     PlaceWeights& row = rows[static_cast<std::size_t>(m)];
     if (s.ok && !s.unconnected) {
       row = {s.nodes, {s.phi.begin(), s.phi.end()}};
@@ -64,13 +64,13 @@ Interpolation make_interpolation(const Discretisation& body, const SupportOption
     }
     const auto away = [&](int a) { return (body.X.col(a) - places.col(m)).norm(); };
     const auto there = near.of(m);
-    row = {{there.empty() ? cloud.tree.nearest(places.col(m), 1).front()
+    row = {{there.empty() ? node_set.tree.nearest(places.col(m), 1).front()
                           : *std::min_element(there.begin(), there.end(),
                                               [&](int a, int b) { return away(a) < away(b); })},
            {1.0}};
   };
   tbb::parallel_for(Index{0}, (places.cols() + cell_places - 1) / cell_places, [&](Index group) {
-    stop_if_asked();
+    stop_if_requested();
     const Index first = group * cell_places, last = std::min(first + cell_places, places.cols());
     if (last - first < cell_places) {
       for (Index m = first; m < last; ++m) by_itself(m);
@@ -82,7 +82,7 @@ Interpolation make_interpolation(const Discretisation& body, const SupportOption
     for (Index m = first; m < last; ++m) nodes.insert(nodes.end(), near.of(m).begin(), near.of(m).end());
     std::sort(nodes.begin(), nodes.end());
     nodes.erase(std::unique(nodes.begin(), nodes.end()), nodes.end());
-    mls_of_eight(places.middleCols(first, cell_places), body.X, nodes, cloud.radius, cloud.pinned,
+    mls_of_eight(places.middleCols(first, cell_places), body.X, nodes, node_set.radius, node_set.pinned,
                  options.interpolation, false, eight);
     for (Index m = first; m < last; ++m) {
       const auto k = static_cast<std::size_t>(m - first);
@@ -125,14 +125,14 @@ std::shared_ptr<const Sight> sight_of(const Model& model) {
 // place) holds. Accurate enough for pictures, and cheaper than a test of every node.
 template <class Reaches>
 CompressedRows nodes_by_points(const Model& model, const Points& places, Reaches&& reaches) {
-  constexpr int asked = 12, enough = 2;
+  constexpr int requested = 12, enough = 2;
   const Neighbours points(model.point);
   std::vector<std::vector<int>> nodes(static_cast<std::size_t>(places.cols()));
   tbb::parallel_for(Index{0}, places.cols(), [&](Index m) {
-    if (m % 256 == 0) stop_if_asked();
+    if (m % 256 == 0) stop_if_requested();
     std::vector<int>& list = nodes[static_cast<std::size_t>(m)];
     int taken = 0;
-    for (const int q : points.nearest(places.col(m), asked)) {
+    for (const int q : points.nearest(places.col(m), requested)) {
       if (!reaches(q, m)) continue;
       list.insert(list.end(), model.support.member.data() + model.support.offset[q],
                   model.support.member.data() + model.support.offset[q + 1]);
@@ -214,17 +214,17 @@ Eigen::MatrixXd Interpolation::operator()(const Eigen::MatrixXd& nodal) const {
 }
 
 struct FieldAnywhere::Parts {
-  explicit Parts(const Model& m) : model(m), cloud(m, m.scheme.support), sight(sight_of(m)) {
+  explicit Parts(const Model& m) : model(m), node_set(m, m.scheme.support), sight(sight_of(m)) {
     if (sight) points.emplace(m.point);
   }
   const Model& model;
-  SupportNodes cloud;
+  SupportNodes node_set;
   std::shared_ptr<const Sight> sight;
   std::optional<Neighbours> points;
 
   // Nodes that x is connected with, by the nearest points that see it; `first` of them, or -1.
   void connected_with(const Vec3& x, std::vector<int>& nodes, int& first) const {
-    constexpr int asked = 12, enough = 2;
+    constexpr int requested = 12, enough = 2;
     nodes.clear();
     first = -1;
     int taken = 0;
@@ -234,7 +234,7 @@ struct FieldAnywhere::Parts {
       if (first < 0) first = q;
       return ++taken == enough;
     };
-    const std::vector<int> nearest = points->nearest(x, asked);
+    const std::vector<int> nearest = points->nearest(x, requested);
     for (const int q : nearest)
       if (sight->point_sees(q, x) && take(q)) break;
     if (nodes.empty()) take(nearest.front());
@@ -269,11 +269,11 @@ struct FieldAnywhere::Parts {
     if (allowed) connected = [&](int a) { return std::binary_search(allowed->begin(), allowed->end(), a); };
     std::vector<int> reaching(near_x.begin(), near_x.end());
     if (connected) std::erase_if(reaching, [&](int a) { return !connected(a); });
-    const PlaceSupport s = support_of(x, cloud, reaching, connected);
+    const PlaceSupport s = support_of(x, node_set, reaching, connected);
     value.col(k).setZero();
     if (derivative) derivative->col(k).setZero();
     if (!s.ok) {
-      value.col(k) = nodal.col(cloud.tree.nearest(x, 1).front());
+      value.col(k) = nodal.col(node_set.tree.nearest(x, 1).front());
       return;
     }
     for (std::size_t m = 0; m < s.nodes.size(); ++m) {
@@ -313,7 +313,7 @@ void FieldAnywhere::at(const Points& places, const Points& nodal, Points& value,
   const Vec3 centre = places.rowwise().mean();
   const double extent = (places.colwise() - centre).colwise().norm().maxCoeff();
   thread_local std::vector<int> nodes;
-  p.cloud.reaching(centre, 1.0, nodes, extent);
+  p.node_set.reaching(centre, 1.0, nodes, extent);
 
   thread_local std::array<std::vector<int>, most_places> allowed;
   thread_local std::vector<int> all_allowed, reaching;
@@ -330,7 +330,7 @@ void FieldAnywhere::at(const Points& places, const Points& nodal, Points& value,
                                            : &allowed[static_cast<std::size_t>(k)];
     p.by_itself(places.col(k), nodal, nodes, list, k, value, derivative);
   };
-  const SupportOptions& options = p.cloud.options;
+  const SupportOptions& options = p.node_set.options;
   if (!alike || reaching.empty()) {
     for (Index k = 0; k < count; ++k) single(k);
     return;
@@ -339,7 +339,8 @@ void FieldAnywhere::at(const Points& places, const Points& nodal, Points& value,
   Points x(3, cell_places);  // missing places repeat the last
   for (Index k = 0; k < cell_places; ++k) x.col(k) = places.col(std::min(k, count - 1));
   value.setZero();
-  mls_of_eight(x, p.model.X, reaching, p.cloud.radius, p.cloud.pinned, options.interpolation, false, eight);
+  mls_of_eight(x, p.model.X, reaching, p.node_set.radius, p.node_set.pinned, options.interpolation, false,
+               eight);
   std::array<bool, most_places> good{};
   for (Index k = 0; k < count; ++k) {
     good[static_cast<std::size_t>(k)] = surely_good(eight, static_cast<std::size_t>(k));
@@ -353,7 +354,8 @@ void FieldAnywhere::at(const Points& places, const Points& nodal, Points& value,
     value.col(k) = sum;
   }
   if (!derivative) return;
-  mls_of_eight(x, p.model.X, reaching, p.cloud.radius, p.cloud.pinned, options.interpolation, true, eight);
+  mls_of_eight(x, p.model.X, reaching, p.node_set.radius, p.node_set.pinned, options.interpolation, true,
+               eight);
   for (Index k = 0; k < count; ++k)
     if (good[static_cast<std::size_t>(k)]) derivative->col(k) = gradient_at_place(eight, k, nodal).reshaped();
 }

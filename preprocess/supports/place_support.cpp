@@ -27,7 +27,7 @@ SupportNodes::SupportNodes(const Discretisation& m, const SupportOptions& o)
   }
   pinned.assign(static_cast<std::size_t>(m.node_count()), 0);
   if (o.interpolation <= 0.0) return;
-  for (const auto* set : {&m.base, &m.circle})
+  for (const auto* set : {&m.base, &m.bonded_patch})
     for (const Index a : *set) pinned[static_cast<std::size_t>(a)] = 1;
 }
 void SupportNodes::reaching(const Vec3& x, double growth, std::vector<int>& result, double extent) const {
@@ -41,35 +41,35 @@ void SupportNodes::reaching(const Vec3& x, double growth, std::vector<int>& resu
   }
   std::sort(result.begin(), result.end());
 }
-void NodesAround::reaching(const Vec3& x, const SupportNodes& cloud, double growth,
+void NodesAround::reaching(const Vec3& x, const SupportNodes& node_set, double growth,
                            const std::function<bool(int)>& connected, bool only_connected,
                            std::vector<int>& result) {
   if (node.empty()) {
-    cloud.reaching(middle, 1.001 * largest_support_growth, node, 1.001 * extent);
+    node_set.reaching(middle, 1.001 * largest_support_growth, node, 1.001 * extent);
     known.assign(node.size(), Known::no);
   }
   result.clear();
   for (std::size_t k = 0; k < node.size(); ++k) {
-    if (!cloud.reaches(node[k], x, growth)) continue;
+    if (!node_set.reaches(node[k], x, growth)) continue;
     if (only_connected && known[k] == Known::no)
       known[k] = connected(node[k]) ? Known::connected : Known::hidden;
     if (!only_connected || known[k] == Known::connected) result.push_back(node[k]);
   }
 }
 
-PlaceSupport support_of(const Vec3& x, const SupportNodes& cloud, std::span<const int> near,
+PlaceSupport support_of(const Vec3& x, const SupportNodes& node_set, std::span<const int> near,
                         NodesAround& around, const std::function<bool(int)>& connected) {
   PlaceSupport result;
-  stop_if_asked();
+  stop_if_requested();
   result.nodes.assign(near.begin(), near.end());
-  std::erase_if(result.nodes, [&](int a) { return !cloud.reaches(a, x, 1.0); });
+  std::erase_if(result.nodes, [&](int a) { return !node_set.reaches(a, x, 1.0); });
   const auto find = [&](bool only_connected) {
     for (result.growth = 1.0; result.growth <= largest_support_growth; result.growth *= 1.1) {
       if (result.growth > 1.0 || result.unconnected)
-        around.reaching(x, cloud, result.growth, connected, only_connected, result.nodes);
+        around.reaching(x, node_set, result.growth, connected, only_connected, result.nodes);
       if (result.nodes.size() < enough_nodes) continue;
-      result.mls = mls_shape_functions(x, cloud.model.X, result.nodes, cloud.radius, result.growth,
-                                       cloud.options, cloud.pinned, result.phi, result.dphi);
+      result.mls = mls_shape_functions(x, node_set.model.X, result.nodes, node_set.radius, result.growth,
+                                       node_set.options, node_set.pinned, result.phi, result.dphi);
       if (result.mls.ok() && (!only_connected || result.mls.pivot_ratio > surely_conditioned)) return true;
     }
     return false;
@@ -82,13 +82,13 @@ PlaceSupport support_of(const Vec3& x, const SupportNodes& cloud, std::span<cons
   return result;
 }
 
-PlaceSupport support_of(const Vec3& x, const SupportNodes& cloud, std::span<const int> near,
+PlaceSupport support_of(const Vec3& x, const SupportNodes& node_set, std::span<const int> near,
                         const std::function<bool(int)>& connected) {
   NodesAround around{x, 0.0, {}, {}};
-  return support_of(x, cloud, near, around, connected);
+  return support_of(x, node_set, near, around, connected);
 }
 
-NodesNear nodes_near(const Points& places, const SupportNodes& cloud, const Eigen::VectorXd& margin,
+NodesNear nodes_near(const Points& places, const SupportNodes& node_set, const Eigen::VectorXd& margin,
                      const Connected& connected) {
   NodesNear result;
   result.offset.assign(static_cast<std::size_t>(places.cols()) + 1, 0);
@@ -99,20 +99,20 @@ NodesNear nodes_near(const Points& places, const SupportNodes& cloud, const Eige
   // Only nodes around these places: with all nodes for every slab of points the time would grow as N^2.
   const double slack = 1.0 + 1e-9;
   std::vector<int> around;
-  cloud.reaching(0.5 * (lower + upper), slack, around,
-                 slack * (0.5 * (upper - lower).norm() + largest_margin));
+  node_set.reaching(0.5 * (lower + upper), slack, around,
+                    slack * (0.5 * (upper - lower).norm() + largest_margin));
   std::vector<std::vector<int>> of_node(around.size());
   tbb::parallel_for(std::size_t{0}, around.size(), [&](std::size_t k) {
-    if (k % 256 == 0) stop_if_asked();
+    if (k % 256 == 0) stop_if_requested();
     const int a = around[k];
-    const Vec3 x = cloud.model.X.col(a);
-    const double reach = cloud.radius[a] + largest_margin;
+    const Vec3 x = node_set.model.X.col(a);
+    const double reach = node_set.radius[a] + largest_margin;
     if (((x - lower).array() < -reach).any() || ((x - upper).array() > reach).any()) return;
     std::vector<int>& found = of_node[k];
     thread_local std::vector<int> all;
     tree.within_unordered(x, reach, all);
     for (const int q : all)
-      if (const double within = cloud.radius[a] + (margin.size() > 0 ? margin[q] : 0.0);
+      if (const double within = node_set.radius[a] + (margin.size() > 0 ? margin[q] : 0.0);
           (places.col(q) - x).squaredNorm() < within * within && (!connected || connected(a, q)))
         found.push_back(q);
   });

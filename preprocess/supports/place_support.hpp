@@ -4,7 +4,7 @@
 #include <span>
 #include <vector>
 
-#include "preprocess/cloud/neighbours.hpp"
+#include "preprocess/nodes/neighbours.hpp"
 #include "preprocess/supports/mls_lanes.hpp"
 #include "preprocess/supports/support.hpp"
 
@@ -60,16 +60,16 @@ struct NodesAround {
   std::vector<Known> known;
 
   /// Those that reach x with radii `growth` times as large; ascending.
-  void reaching(const Vec3& x, const SupportNodes& cloud, double growth,
+  void reaching(const Vec3& x, const SupportNodes& node_set, double growth,
                 const std::function<bool(int)>& connected, bool only_connected, std::vector<int>& result);
 };
 
 /// Support of the place x [m]. `near`: all nodes that reach x with their own radii and are `connected` with
 /// it by the tissue; others are ignored. `around`: a region that contains x.
-PlaceSupport support_of(const Vec3& x, const SupportNodes& cloud, std::span<const int> near,
+PlaceSupport support_of(const Vec3& x, const SupportNodes& node_set, std::span<const int> near,
                         NodesAround& around, const std::function<bool(int)>& connected = {});
 /// Overload for a single place.
-PlaceSupport support_of(const Vec3& x, const SupportNodes& cloud, std::span<const int> near,
+PlaceSupport support_of(const Vec3& x, const SupportNodes& node_set, std::span<const int> near,
                         const std::function<bool(int)>& connected = {});
 
 /// Nodes near each place, ascending.
@@ -85,7 +85,7 @@ struct NodesNear {
 /// For each place the nodes whose radius comes within `margin` of it, except those that `connected`(node,
 /// place) excludes, if given. The search is by nodes: in graded nodes, a place would have to search within
 /// the largest radius of all.
-NodesNear nodes_near(const Points& places, const SupportNodes& cloud, const Eigen::VectorXd& margin,
+NodesNear nodes_near(const Points& places, const SupportNodes& node_set, const Eigen::VectorXd& margin,
                      const Connected& connected = {});
 
 /// Least number of nodes of a place: twice the terms of the linear basis.

@@ -11,7 +11,7 @@
 
 #include "io/error.hpp"
 #include "io/stop.hpp"
-#include "preprocess/cloud/neighbours.hpp"
+#include "preprocess/nodes/neighbours.hpp"
 #include "preprocess/side_by_side.hpp"
 
 namespace dimple {
@@ -34,7 +34,7 @@ using Groups = std::vector<std::vector<int>>;
 
 // Halves `group` into `count` groups of equal worth, each time across its longest side.
 Groups split(const PointPlaces& places, std::vector<int> group, Index count) {
-  stop_if_asked();
+  stop_if_requested();
   if (count <= 1 || group.size() < 2) return {std::move(group)};
   Vec3 lower = Vec3::Constant(std::numeric_limits<double>::infinity()), upper = -lower;
   double worth = 0.0;
@@ -59,10 +59,10 @@ Groups split(const PointPlaces& places, std::vector<int> group, Index count) {
     from = to;
   }
   const Index below = count / 2;
-  const double wanted = worth * static_cast<double>(below) / static_cast<double>(count);
+  const double requested = worth * static_cast<double>(below) / static_cast<double>(count);
   std::size_t at = 0;
-  for (double sum = 0.0; at + 1 < group.size() && sum + 0.5 * places.worth[group[at]] < (1.0 - snap) * wanted;
-       ++at)
+  for (double sum = 0.0;
+       at + 1 < group.size() && sum + 0.5 * places.worth[group[at]] < (1.0 - snap) * requested; ++at)
     sum += places.worth[group[at]];
   at = std::max<std::size_t>(at, 1);
   const auto middle = group.begin() + static_cast<std::ptrdiff_t>(at);
@@ -85,7 +85,7 @@ struct Patches {
 };
 
 // True if two points have a node in common. On opposing walls of a gap they have none.
-bool share_a_node(const CompressedRows& support, int p, int q) {
+bool have_common_node(const CompressedRows& support, int p, int q) {
   int i = support.offset[p], j = support.offset[q];
   while (i < support.offset[p + 1] && j < support.offset[q + 1]) {
     if (support.member[i] == support.member[j]) return true;
@@ -98,17 +98,17 @@ bool share_a_node(const CompressedRows& support, int p, int q) {
 Groups connected(const CompressedRows& support, const Groups& groups) {
   std::vector<Groups> parts(groups.size());
   tbb::parallel_for(std::size_t{0}, groups.size(), [&](std::size_t g) {
-    stop_if_asked();
+    stop_if_requested();
     std::vector<int> left = groups[g];
     while (!left.empty()) {
       std::vector<int>& part = parts[g].emplace_back();
       part.push_back(left.front());
       left.erase(left.begin());
       for (std::size_t k = 0; k < part.size() && !left.empty(); ++k) {
-        const auto rest = std::stable_partition(left.begin(), left.end(),
-                                                [&](int q) { return !share_a_node(support, part[k], q); });
-        part.insert(part.end(), rest, left.end());
-        left.erase(rest, left.end());
+        const auto remaining = std::stable_partition(
+            left.begin(), left.end(), [&](int q) { return !have_common_node(support, part[k], q); });
+        part.insert(part.end(), remaining, left.end());
+        left.erase(remaining, left.end());
       }
     }
   });
@@ -144,7 +144,7 @@ Patches patches_of(const PointPlaces& places, const std::vector<int>& points, In
     for (std::size_t b = 0; b < groups.size(); ++b)
       for (const int q : groups[b]) owner[static_cast<std::size_t>(q)] = static_cast<int>(b);
     tbb::parallel_for(std::size_t{0}, points.size(), [&](std::size_t k) {
-      if (k % 256 == 0) stop_if_asked();
+      if (k % 256 == 0) stop_if_requested();
       const Vec3 x = places.x.col(points[k]);
       const auto distance = [&](int b) { return (x - result.centre.col(b)).norm(); };
       int& mine = owner[static_cast<std::size_t>(points[k])];
@@ -177,7 +177,7 @@ Patches patches_of(const PointPlaces& places, const std::vector<int>& points, In
   return result;
 }
 
-using Share = std::vector<std::pair<int, double>>;  // patches that a point belongs to, with weights
+using Fraction = std::vector<std::pair<int, double>>;  // patches that a point belongs to, with weights
 
 PointPlaces places_of(const Model& model) {
   const Index count = model.point_count();
@@ -203,15 +203,15 @@ struct Nearby {
 };
 
 // Weights of the patches at point q, numbered from `first` on. `folded`: only of those with common nodes.
-Share share_of(const Model& model, const PointPlaces& places, const Nearby& nearby, int q, int first,
-               bool folded) {
+Fraction fraction_of(const Model& model, const PointPlaces& places, const Nearby& nearby, int q, int first,
+                     bool folded) {
   const auto& [patches, tree, largest_radius] = nearby;
   const int most = static_cast<int>(std::min<Index>(40, patches.centre.cols())), few = std::min(most, 20);
   // Half of them usually reach far enough.
   std::vector<int> near = tree.nearest(places.x.col(q), few);
   if ((places.x.col(q) - patches.centre.col(near.back())).norm() < largest_radius)
     near = tree.nearest(places.x.col(q), most);
-  Share list;
+  Fraction list;
   // A point in a far corner may be out of reach: radii grow until two patches, or the only one, are met.
   const std::size_t enough = std::min<std::size_t>(2, near.size());
   double sum = 0.0;
@@ -229,7 +229,7 @@ Share share_of(const Model& model, const PointPlaces& places, const Nearby& near
       const double s = (places.x.col(q) - patches.centre.col(b)).norm() / (grown * patches.radius[b]);
       if (s >= 1.0) continue;
       if (folded && grown < far_corner &&
-          !share_a_node(model.support, q, patches.middle[static_cast<std::size_t>(b)]))
+          !have_common_node(model.support, q, patches.middle[static_cast<std::size_t>(b)]))
         continue;
       const double w = 1.0 + s * s * (-6.0 + s * (8.0 - 3.0 * s));
       if (w <= 0.0) continue;
@@ -243,20 +243,20 @@ Share share_of(const Model& model, const PointPlaces& places, const Nearby& near
 }
 
 // `patches`: their number.
-PressurePatches in_rows(const std::vector<Share>& share, const Eigen::VectorXd& volume, Index patches) {
-  const auto count = static_cast<Index>(share.size());
+PressurePatches in_rows(const std::vector<Fraction>& fraction, const Eigen::VectorXd& volume, Index patches) {
+  const auto count = static_cast<Index>(fraction.size());
   PressurePatches result;
   result.of_point.offset.resize(count + 1);
   result.of_point.offset[0] = 0;
   for (Index q = 0; q < count; ++q)
     result.of_point.offset[q + 1] =
-        result.of_point.offset[q] + static_cast<int>(share[static_cast<std::size_t>(q)].size());
+        result.of_point.offset[q] + static_cast<int>(fraction[static_cast<std::size_t>(q)].size());
   result.of_point.member.resize(result.of_point.offset[count]);
   result.psi.resize(result.of_point.offset[count]);
   result.volume = Eigen::VectorXd::Zero(patches);
   for (Index q = 0; q < count; ++q) {
     int at = result.of_point.offset[q];
-    for (const auto& [b, psi] : share[static_cast<std::size_t>(q)]) {
+    for (const auto& [b, psi] : fraction[static_cast<std::size_t>(q)]) {
       result.of_point.member[at] = b;
       result.psi[at++] = psi;
       result.volume[b] += psi * volume[q];
@@ -271,13 +271,13 @@ struct PartOfPatch {
   int patch = -1;           // its number after the cut
 };
 
-double psi_of(const Share& share, int patch) {
-  const auto at = std::lower_bound(share.begin(), share.end(), std::pair{patch, 0.0});
+double psi_of(const Fraction& fraction, int patch) {
+  const auto at = std::lower_bound(fraction.begin(), fraction.end(), std::pair{patch, 0.0});
   return at->second;
 }
 
 // Parts of a patch whose points are connected through common nodes, the largest first.
-std::vector<PartOfPatch> parts_of(const Model& model, const std::vector<Share>& share, int patch,
+std::vector<PartOfPatch> parts_of(const Model& model, const std::vector<Fraction>& fraction, int patch,
                                   const std::vector<int>& points) {
   // Union-find: each point, and each node by its first point, leads to an earlier point of its part.
   std::vector<int> first(points.size());
@@ -303,7 +303,7 @@ std::vector<PartOfPatch> parts_of(const Model& model, const std::vector<Share>& 
     const int q = points[static_cast<std::size_t>(k)];
     PartOfPatch& part = of_root[root(k)];
     part.points.push_back(q);
-    part.volume += psi_of(share[static_cast<std::size_t>(q)], patch) * model.volume[q];
+    part.volume += psi_of(fraction[static_cast<std::size_t>(q)], patch) * model.volume[q];
   }
   std::vector<PartOfPatch> parts;
   for (auto& [k, part] : of_root) parts.push_back(std::move(part));
@@ -313,19 +313,19 @@ std::vector<PartOfPatch> parts_of(const Model& model, const std::vector<Share>& 
 }
 
 // Weights of the patches at each point, where q is a part of point whole[q]; and each patch's points.
-std::vector<Share> shares_of(const PressurePatches& patches, const std::vector<Index>& whole,
-                             std::vector<std::vector<int>>& of_patch) {
-  std::vector<Share> share(whole.size());
+std::vector<Fraction> fractions_of(const PressurePatches& patches, const std::vector<Index>& whole,
+                                   std::vector<std::vector<int>>& of_patch) {
+  std::vector<Fraction> fraction(whole.size());
   of_patch.resize(static_cast<std::size_t>(patches.count()));
   for (std::size_t q = 0; q < whole.size(); ++q) {
     const int first = patches.of_point.offset[whole[q]], last = patches.of_point.offset[whole[q] + 1];
-    share[q].reserve(static_cast<std::size_t>(last - first));
+    fraction[q].reserve(static_cast<std::size_t>(last - first));
     for (int k = first; k < last; ++k) {
-      share[q].push_back({patches.of_point.member[k], patches.psi[k]});
+      fraction[q].push_back({patches.of_point.member[k], patches.psi[k]});
       of_patch[static_cast<std::size_t>(patches.of_point.member[k])].push_back(static_cast<int>(q));
     }
   }
-  return share;
+  return fraction;
 }
 
 constexpr double least_part = 0.25;  // of a patch of seven nodes: less than two
@@ -337,24 +337,25 @@ std::vector<Index> divide_patches(Model& model, const std::vector<Index>& whole,
                                   const std::vector<Index>& changed) {
   const PressurePatches& before = model.patches;
   std::vector<std::vector<int>> of_patch;
-  const std::vector<Share> share = shares_of(before, whole, of_patch);
-  std::vector<char> touched(of_patch.size(), 0);
+  const std::vector<Fraction> fraction = fractions_of(before, whole, of_patch);
+  std::vector<char> visited(of_patch.size(), 0);
   for (const Index q : changed)
-    for (const auto& [b, psi] : share[static_cast<std::size_t>(q)]) touched[static_cast<std::size_t>(b)] = 1;
+    for (const auto& [b, psi] : fraction[static_cast<std::size_t>(q)])
+      visited[static_cast<std::size_t>(b)] = 1;
   std::vector<std::vector<PartOfPatch>> parts(of_patch.size());
   tbb::parallel_for(std::size_t{0}, of_patch.size(), [&](std::size_t b) {
-    if (touched[b]) parts[b] = parts_of(model, share, static_cast<int>(b), of_patch[b]);
+    if (visited[b]) parts[b] = parts_of(model, fraction, static_cast<int>(b), of_patch[b]);
   });
 
   std::vector<Index> from(of_patch.size());
   std::iota(from.begin(), from.end(), Index{0});
-  std::vector<Share> now = share;
+  std::vector<Fraction> now = fraction;
   const auto rename = [&](PartOfPatch& part, int b, int patch) {
     part.patch = patch;
     for (const int q : part.points) {
       const auto k = static_cast<std::size_t>(q);
-      const auto at = std::lower_bound(share[k].begin(), share[k].end(), std::pair{b, 0.0});
-      now[k][static_cast<std::size_t>(at - share[k].begin())].first = patch;
+      const auto at = std::lower_bound(fraction[k].begin(), fraction[k].end(), std::pair{b, 0.0});
+      now[k][static_cast<std::size_t>(at - fraction[k].begin())].first = patch;
     }
   };
   const auto make_own = [&](PartOfPatch& part, int b) {
@@ -375,12 +376,12 @@ std::vector<Index> divide_patches(Model& model, const std::vector<Index>& whole,
   // A small part remains a patch where no other patch is.
   each_small([&](PartOfPatch& part, int b) {
     if (std::any_of(part.points.begin(), part.points.end(), [&](int q) {
-          const Share& its = now[static_cast<std::size_t>(q)];
+          const Fraction& its = now[static_cast<std::size_t>(q)];
           return std::all_of(its.begin(), its.end(), [](const auto& one) { return one.first == none; });
         }))
       make_own(part, b);
   });
-  for (Share& list : now) {
+  for (Fraction& list : now) {
     const bool lost = std::erase_if(list, [](const auto& one) { return one.first == none; }) > 0;
     double sum = 0.0;
     for (const auto& one : list) sum += one.second;
@@ -399,24 +400,24 @@ void make_pressure_patches(Model& model, bool folded, double nodes_per_patch) {
 
   std::map<int, std::vector<int>> of_tissue;
   for (Index q = 0; q < count; ++q) of_tissue[model.tissue[q]].push_back(static_cast<int>(q));
-  std::vector<Share> share(static_cast<std::size_t>(count));
+  std::vector<Fraction> fraction(static_cast<std::size_t>(count));
   Index first = 0;
   for (const auto& tissue : of_tissue) {
     const std::vector<int>& points = tissue.second;
     double worth = 0.0;
     for (const int q : points) worth += places.worth[q];
-    const Index wanted = std::max<Index>(1, std::lround(worth * nodes_per_worth / nodes_per_patch));
-    const Patches patches = patches_of(places, points, wanted, worth, folded ? &model.support : nullptr);
+    const Index requested = std::max<Index>(1, std::lround(worth * nodes_per_worth / nodes_per_patch));
+    const Patches patches = patches_of(places, points, requested, worth, folded ? &model.support : nullptr);
     const Nearby nearby{patches};
     tbb::parallel_for(std::size_t{0}, points.size(), [&](std::size_t k) {
       const int q = points[k];
-      if (k % 256 == 0) stop_if_asked();
-      share[static_cast<std::size_t>(q)] =
-          share_of(model, places, nearby, q, static_cast<int>(first), folded);
+      if (k % 256 == 0) stop_if_requested();
+      fraction[static_cast<std::size_t>(q)] =
+          fraction_of(model, places, nearby, q, static_cast<int>(first), folded);
     });
     first += patches.centre.cols();
   }
-  model.patches = in_rows(share, model.volume, first);
+  model.patches = in_rows(fraction, model.volume, first);
 }
 
 }  // namespace dimple

@@ -12,8 +12,8 @@
 
 #include "io/error.hpp"
 #include "io/stop.hpp"
-#include "preprocess/cloud/lumped_mass.hpp"
-#include "preprocess/cloud/neighbours.hpp"
+#include "preprocess/nodes/lumped_mass.hpp"
+#include "preprocess/nodes/neighbours.hpp"
 #include "preprocess/supports/divide_cells.hpp"
 #include "preprocess/supports/pressure_patches.hpp"
 #include "preprocess/supports/support.hpp"
@@ -56,7 +56,7 @@ std::vector<Index> changed_points(const Model& before, const DividedCells& cut, 
   const Eigen::VectorXd radius = before.scheme.support.radius_factor * cut.model.spacing.tail(added);
   const double farthest_added = added > 0 ? radius.maxCoeff() : 0.0;
   tbb::parallel_for(Index{0}, before.point_count(), [&](Index q) {
-    if (q % 4096 == 0) stop_if_asked();
+    if (q % 4096 == 0) stop_if_requested();
     if (changed[static_cast<std::size_t>(q)]) return;
     const Vec3 x = before.point.col(q);
     const double margin = farthest_place(before, q);
@@ -115,7 +115,7 @@ Neighbourhood neighbourhood_of(const Model& model, std::vector<Index> points, Lo
   if (model.second_moments.cols() > 0) its.second_moments = model.second_moments(Eigen::all, near.point);
   its.tissue = model.tissue(near.point);
   its.base = among(model.base, near.node);
-  its.circle = among(model.circle, near.node);
+  its.bonded_patch = among(model.bonded_patch, near.node);
   return near;
 }
 
@@ -147,7 +147,7 @@ void find_changed(Neighbourhood& near, const Model& before, const Model& model, 
 }
 
 // Contributions of points of the body before the cut to its variance.
-void find_shares(Neighbourhood& near, const Model& before) {
+void find_fractions(Neighbourhood& near, const Model& before) {
   std::vector<char> looks(near.point.size());
   for (std::size_t p = 0; p < looks.size(); ++p)
     looks[p] = before.sight && contains(before.support_report.unconnected, near.point[p]);
@@ -392,7 +392,7 @@ std::shared_ptr<const Sheet> not_cut_yet(const Model& before, const std::shared_
                        [&](const auto& other) { return other->reaches(x, close * h); });
   };
   // A crossing sheet is near along a line only: a spacing away, it is near on neither side.
-  const auto goes_on = [&](const std::array<Vec3, 3>& t) {
+  const auto continues = [&](const std::array<Vec3, 3>& t) {
     const Vec3 middle = (t[0] + t[1] + t[2]) / 3.0, along = (t[1] - t[0]).normalized();
     const Vec3 across = (t[1] - t[0]).cross(t[2] - t[0]).cross(along).normalized();
     const double h = spacing_at(middle);
@@ -415,9 +415,9 @@ std::shared_ptr<const Sheet> not_cut_yet(const Model& before, const std::shared_
   Pieces left;
   bool goes_along = false;
   for (Index t = 0; t < sheet->triangles().cols(); ++t) {
-    stop_if_asked();
+    stop_if_requested();
     quarter(corners(t), rounds, [&](const std::array<Vec3, 3>& part) {
-      const bool along = std::all_of(part.begin(), part.end(), is_cut) && goes_on(part);
+      const bool along = std::all_of(part.begin(), part.end(), is_cut) && continues(part);
       goes_along = goes_along || along;
       if (!along) left.add(part);
     });
@@ -475,7 +475,7 @@ SheetCut cut_by_sheet(const Model& before, const std::shared_ptr<const Sheet>& b
   if (!before.variance.empty()) {
     const auto there = std::lower_bound(changed.begin(), changed.end(), before.point_count());
     Neighbourhood was = neighbourhood_of(before, {changed.begin(), there}, looked);
-    find_shares(was, before);
+    find_fractions(was, before);
     for (GradientVariance& v : was.model.variance) name(v.rows, was.node);
     for (GradientVariance& v : near.model.variance) name(v.rows, near.node);
     take_variance(before, was, near, model);

@@ -44,16 +44,16 @@ void take(PointSupport& result, const PlaceSupport& place) {
   result.failed_nodes = place.nodes.size();
 }
 
-void at_point(Index q, const SupportNodes& cloud, std::span<const int> near,
+void at_point(Index q, const SupportNodes& node_set, std::span<const int> near,
               const std::function<bool(int)>& connected, PointSupport& result) {
-  PlaceSupport place = support_of(cloud.model.point.col(q), cloud, near, connected);
+  PlaceSupport place = support_of(node_set.model.point.col(q), node_set, near, connected);
   take(result, place);
   result.nodes = std::move(place.nodes);
   result.dphi = std::move(place.dphi);
 }
 
 // The gradients at each place, found one by one, with larger supports where necessary.
-bool one_by_one(const Points& x, const SupportNodes& cloud, std::span<const int> near,
+bool one_by_one(const Points& x, const SupportNodes& node_set, std::span<const int> near,
                 const std::function<bool(int)>& connected, PointSupport& result, MlsOfEight& gradients) {
   std::array<PlaceSupport, cell_places> at;
   NodesAround around{x.rowwise().mean(), 0.0, {}, {}};
@@ -62,7 +62,7 @@ bool one_by_one(const Points& x, const SupportNodes& cloud, std::span<const int>
   nodes.clear();
   for (int k = 0; k < cell_places; ++k) {
     PlaceSupport& place = at[static_cast<std::size_t>(k)] =
-        support_of(x.col(k), cloud, near, around, connected);
+        support_of(x.col(k), node_set, near, around, connected);
     take(result, place);
     if (!result.ok) return false;
     nodes.insert(nodes.end(), place.nodes.begin(), place.nodes.end());
@@ -84,17 +84,17 @@ bool one_by_one(const Points& x, const SupportNodes& cloud, std::span<const int>
   return true;
 }
 
-void over_cell(Index q, const SupportNodes& cloud, std::span<const int> near,
+void over_cell(Index q, const SupportNodes& node_set, std::span<const int> near,
                const std::function<bool(int)>& connected, double weight, PointSupport& result) {
-  const Mat3 root = root_of_moments(cloud.model, q);
+  const Mat3 root = root_of_moments(node_set.model, q);
   Points x(3, cell_places);
   for (int k = 0; k < cell_places; ++k) {
     const Vec3 sign(k & 1 ? 1.0 : -1.0, k & 2 ? 1.0 : -1.0, k & 4 ? 1.0 : -1.0);
-    x.col(k) = cloud.model.point.col(q) + root * sign;
+    x.col(k) = node_set.model.point.col(q) + root * sign;
   }
   thread_local MlsOfEight gradients;
-  mls_of_eight(x, cloud.model.X, near, cloud.radius, cloud.pinned, cloud.options.interpolation, true,
-               gradients);
+  mls_of_eight(x, node_set.model.X, near, node_set.radius, node_set.pinned, node_set.options.interpolation,
+               true, gradients);
   bool good = true;
   for (std::size_t k = 0; k < cell_places; ++k) {
     good = good && surely_good(gradients, k);
@@ -102,7 +102,7 @@ void over_cell(Index q, const SupportNodes& cloud, std::span<const int> near,
   }
   if (!good) {
     result.worst_pivot_ratio = 1.0;
-    if (!one_by_one(x, cloud, near, connected, result, gradients)) return;
+    if (!one_by_one(x, node_set, near, connected, result, gradients)) return;
   }
   result.nodes = gradients.nodes;
   const auto n = static_cast<Index>(result.nodes.size());
@@ -203,7 +203,8 @@ void add_to(SupportReport& report, Index q, const PointSupport& s) {
 }
 
 // Copies the supports of points from `first` on into the model's lists.
-void take_slab(Model& model, const InOwnAxes& at_rest, Index first, const std::vector<PointSupport>& found) {
+void take_slab(Model& model, const InOwnAxes& undeformed, Index first,
+               const std::vector<PointSupport>& found) {
   const auto count = static_cast<Index>(found.size());
   Index members = model.support.offset[first];
   for (const PointSupport& s : found) members += static_cast<Index>(s.nodes.size());
@@ -211,7 +212,7 @@ void take_slab(Model& model, const InOwnAxes& at_rest, Index first, const std::v
   for (Index k = 0; k < count; ++k) {
     const Index q = first + k;
     const PointSupport& s = found[static_cast<std::size_t>(k)];
-    if (!s.ok) refuse_support(model.scheme.support, q, s, at_rest.point.col(q) * 1e3);
+    if (!s.ok) refuse_support(model.scheme.support, q, s, undeformed.point.col(q) * 1e3);
     model.support.offset[q + 1] = model.support.offset[q] + static_cast<int>(s.nodes.size());
     add_to(model.support_report, q, s);
   }
@@ -224,22 +225,22 @@ void take_slab(Model& model, const InOwnAxes& at_rest, Index first, const std::v
 }
 
 // Rotates gradients back from the body's own axes; unused room of the lists is released.
-void finish_lists(Model& model, const InOwnAxes& at_rest) {
+void finish_lists(Model& model, const InOwnAxes& undeformed) {
   const Index members = model.support.offset[model.point_count()];
   model.support.member.conservativeResize(members);
   model.dphi.conservativeResize(3, members);
-  if (!at_rest.axes.isIdentity(0.0))
+  if (!undeformed.axes.isIdentity(0.0))
     tbb::parallel_for(tbb::blocked_range<Index>(0, members, 4096), [&](const auto& range) {
       for (Index k = range.begin(); k < range.end(); ++k)
-        model.dphi.col(k) = at_rest.axes * model.dphi.col(k);
+        model.dphi.col(k) = undeformed.axes * model.dphi.col(k);
     });
   model.support_report.mean = static_cast<double>(members) / static_cast<double>(model.point_count());
 }
 
 void supports_of(Model& model, const Connected& sees) {
-  const InOwnAxes at_rest(model);
+  const InOwnAxes undeformed(model);
   const SupportOptions& options = model.scheme.support;
-  const SupportNodes cloud(model, options);
+  const SupportNodes node_set(model, options);
   const bool hidden = static_cast<bool>(sees);
   const bool averaged = model.scheme.averaged_gradients;
   Eigen::VectorXd margin;
@@ -267,28 +268,28 @@ void supports_of(Model& model, const Connected& sees) {
       if (!seen) unseen.fetch_add(1, std::memory_order_relaxed);
       return seen;
     };
-    const NodesNear near = nodes_near(model.point.middleCols(first, count), cloud,
+    const NodesNear near = nodes_near(model.point.middleCols(first, count), node_set,
                                       averaged ? Eigen::VectorXd(margin.segment(first, count)) : margin,
                                       hidden ? connected : Connected());
     tbb::parallel_for(Index{0}, count, [&](Index k) {
-      stop_if_asked();
+      stop_if_requested();
       const Index q = first + k;
       PointSupport& s = found[static_cast<std::size_t>(k)];
       static_cast<PointReport&>(s) = {};
       std::function<bool(int)> to_point;
       if (hidden) to_point = [&](int a) { return connected(a, k); };
       if (averaged)
-        over_cell(q, cloud, near.of(k), to_point, model.volume[q], s);
+        over_cell(q, node_set, near.of(k), to_point, model.volume[q], s);
       else
-        at_point(q, cloud, near.of(k), to_point, s);
+        at_point(q, node_set, near.of(k), to_point, s);
       if (s.ok) s.linear_error = linear_error(model, q, s, mean_radius);
     });
     report.unseen += unseen;
-    take_slab(model, at_rest, first, found);
+    take_slab(model, undeformed, first, found);
     for (auto& [t, rows] : variance)
       add_variance(found, {of_point.data() + first, static_cast<std::size_t>(count)}, t, slot, rows);
   }
-  finish_lists(model, at_rest);
+  finish_lists(model, undeformed);
   model.variance.clear();
   for (auto& [t, rows] : variance) {
     GradientVariance& v = model.variance.emplace_back();

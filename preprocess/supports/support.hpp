@@ -37,7 +37,7 @@ void find_supports_seen(Model& model, const Connected& sees);
 /// hidden from some; else nothing. make_model() keeps it in the model.
 std::shared_ptr<const Sight> sight_in(const Discretisation& model, const SupportOptions& options);
 
-Interpolation make_interpolation(const Discretisation& cloud, const SupportOptions& options,
+Interpolation make_interpolation(const Discretisation& node_set, const SupportOptions& options,
                                  const Points& places, const Connected& connected = {});
 
 /// Shape functions at the vertices of the model's surface, its points, its nodes, and other places inside

@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "io/stop.hpp"
-#include "preprocess/cloud/neighbours.hpp"
+#include "preprocess/nodes/neighbours.hpp"
 #include "preprocess/supports/consistency.hpp"
 #include "preprocess/supports/support.hpp"
 
@@ -20,8 +20,8 @@ constexpr double most_held = 0.5;  // fraction that moves with the base: a sampl
 using PiecesOfSamples = std::vector<std::vector<Index>>;  // the pieces of each sample
 using PiecesByNode = std::map<std::array<Index, 2>, std::vector<Index>>;
 
-double held_share(const Model& model, const std::vector<Index>& pieces, const Points& area,
-                  const Interpolation& at_piece) {
+double held_fraction(const Model& model, const std::vector<Index>& pieces, const Points& area,
+                     const Interpolation& at_piece) {
   double held = 0.0, all = 0.0;
   for (const Index k : pieces) {
     const double A = area.col(k).norm();
@@ -52,7 +52,7 @@ PiecesOfSamples samples_of(const Model& model, const PiecesByNode& of_node, cons
                            std::vector<double>& spacing) {
   const Vec3 corner = model.X.rowwise().minCoeff();  // origin of the grid: one cell holds all in the end
   for (double edge = 0.0;; edge = edge > 0.0 ? 1.2 * edge : model.spacing.minCoeff()) {
-    stop_if_asked();
+    stop_if_requested();
     std::map<std::array<Index, 5>, std::vector<Index>> joined;
     for (const auto& [key, own] : of_node) {
       std::array<Index, 5> at{0, 0, 0, key[0], key[1]};
@@ -69,7 +69,7 @@ PiecesOfSamples samples_of(const Model& model, const PiecesByNode& of_node, cons
     if (static_cast<Index>(joined.size()) > most) continue;
     PiecesOfSamples cells;
     for (auto& [key, own] : joined) {
-      if (held_share(model, own, area, at_piece) > most_held) continue;
+      if (held_fraction(model, own, area, at_piece) > most_held) continue;
       spacing.push_back(std::max(edge, model.spacing[node[static_cast<std::size_t>(own.front())]]));
       cells.push_back(std::move(own));
     }
@@ -79,16 +79,16 @@ PiecesOfSamples samples_of(const Model& model, const PiecesByNode& of_node, cons
 
 }  // namespace
 
-ContactSurface wall_surface(const Model& model, const MayTouch& may_touch, Index most) {
+ContactSurface wall_surface(const Model& model, const MayContact& may_contact, Index most) {
   ContactSurface result;
   const SurfacePieces pieces = pieces_of(model, model.surface.triangles);
   const Neighbours nodes(model.X);
   std::vector<Index> taken;
   std::vector<int> node;
   for (Index k = 0; k < pieces.place.cols(); ++k) {
-    if (k % 4096 == 0) stop_if_asked();
+    if (k % 4096 == 0) stop_if_requested();
     const Vec3 x = pieces.place.col(k), area = pieces.area.col(k);
-    if (!may_touch(x, area.normalized())) continue;
+    if (!may_contact(x, area.normalized())) continue;
     taken.push_back(k);
     node.push_back(nodes.nearest(x, 1).front());
   }
@@ -108,12 +108,12 @@ ContactSurface wall_surface(const Model& model, const MayTouch& may_touch, Index
   result.between = Points(result.between(Eigen::all, kept));
   result.at_between = surface_interpolation(model, result.between, Points(area(Eigen::all, kept)));
   result.sample_of.resize(static_cast<Index>(kept.size()));
-  result.share.resize(result.sample_of.size());
+  result.fraction.resize(result.sample_of.size());
   for (std::size_t c = 0; c < cells.size(); ++c)
     for (const Index k : cells[c]) {
       const Index at = std::lower_bound(kept.begin(), kept.end(), k) - kept.begin();
       result.sample_of[at] = static_cast<int>(c);
-      result.share[at] = area.col(k).norm() / result.area[static_cast<Index>(c)];
+      result.fraction[at] = area.col(k).norm() / result.area[static_cast<Index>(c)];
     }
   result.spacing = Eigen::Map<Eigen::VectorXd>(spacing.data(), static_cast<Index>(spacing.size()));
   result.beyond.resize(3, 0);

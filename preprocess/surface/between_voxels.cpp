@@ -13,15 +13,15 @@ constexpr int first_sweeps = 10;    // for even triangles; the fit to the bounda
 constexpr int further_sweeps = 40;  // where no fit determines the surface: edges, folds, noise
 constexpr double at_edges = 0.2;    // of the reach: farthest outward motion there to keep the volume
 
-// Moves each vertex repeatedly to the mean of its neighbours, scaled by `share`, in [0, 1], and at most
+// Moves each vertex repeatedly to the mean of its neighbours, scaled by `fraction`, in [0, 1], and at most
 // `reach` from its start. Source: Gibson, Constrained elastic surface nets, MICCAI 1998. Averaging also
 // shrinks round shapes; that smooth part of the motion is subtracted.
 void relax_partly(TriangleMesh& surface, const CompressedRows& next, std::vector<int> order,
-                  const std::vector<double>& share, int sweeps, double reach) {
-  constexpr double least_share = 1e-3;
-  std::erase_if(order, [&](int v) { return share[static_cast<std::size_t>(v)] < least_share; });
+                  const std::vector<double>& fraction, int sweeps, double reach) {
+  constexpr double least_fraction = 1e-3;
+  std::erase_if(order, [&](int v) { return fraction[static_cast<std::size_t>(v)] < least_fraction; });
   const auto partly = [&](const Quads& value, Index v) -> Eigen::Vector4d {
-    const double half = 0.5 * share[static_cast<std::size_t>(v)];
+    const double half = 0.5 * fraction[static_cast<std::size_t>(v)];
     return value.col(v) + half * (mean_around(value, next, v) - value.col(v));
   };
   const Quads start = quads_of(surface.vertex);

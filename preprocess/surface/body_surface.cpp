@@ -32,12 +32,12 @@ Vec3 from_cgal(const Kernel::Point_3& x) {
 
 // SurfaceCells answers where rounding leaves no doubt, CGAL elsewhere: its tree is built only when needed.
 struct BodySurface::Tree {
-  std::once_flag asked;
+  std::once_flag requested;
   std::optional<ExactSide> exact;
   std::optional<SurfaceCells> cells;
 
   bool contains(const BodySurface& surface, const Vec3& x) {
-    std::call_once(asked, [&] { exact.emplace(surface.vertex(), surface.triangles()); });
+    std::call_once(requested, [&] { exact.emplace(surface.vertex(), surface.triangles()); });
     return exact->contains(x);
   }
 };
@@ -93,7 +93,7 @@ BodySurface::BodySurface(Points vertex, Triangles triangles, const Eigen::Isomet
   lower_ = vertex_.rowwise().minCoeff();
   upper_ = vertex_.rowwise().maxCoeff();
 
-  stop_if_asked();
+  stop_if_requested();
   tree_->cells.emplace(vertex_, triangles_);
   tree_->cells->mark_clear_cells([&](const Vec3& x) { return tree_->contains(*this, x); });
 }

@@ -121,7 +121,7 @@ BoundaryFaces boundary_faces(const VoxelSet& body, const Mat3& voxel_to_local, s
       }
   };
   for (Index k = 0; k < body.size[2]; ++k) {
-    stop_if_asked();
+    stop_if_requested();
     for (Index j = 0; j < body.size[1]; ++j) {
       const auto row = body.row(j, k);
       const auto y = static_cast<double>(j), z = static_cast<double>(k);
@@ -418,7 +418,7 @@ void move_by(const std::vector<Fit>& fits, const Fitter& fitter, Vertices& verti
     for (const Fit& fit : fits)
       if (fit.window >= least && fit.window < most) centre.push_back(fit.centre), alike.push_back(&fit);
     if (centre.empty()) continue;
-    stop_if_asked();
+    stop_if_requested();
     const double reach = rules.support * most;
     const PointCells cells(centre, 0.5 * reach);
     tbb::parallel_for(std::size_t{0}, vertices.place.size(), [&](std::size_t v) {
@@ -438,7 +438,7 @@ std::vector<double> fit_to_boundary_faces(TriangleMesh& surface, const VoxelSet&
   const Fitter fitter(boundary_faces(body, voxel_to_local, every), voxel_to_local, unit);
   Vertices vertices = vertices_of(surface, outward);
   for (int size = rules.windows - 1; size >= 0; --size) {
-    stop_if_asked();
+    stop_if_requested();
     const std::vector<std::size_t> seeds = seeds_among(vertices, rules.covered * fitter.window(size));
     std::vector<std::optional<Fit>> grown(seeds.size());
     tbb::parallel_for(std::size_t{0}, seeds.size(), [&](std::size_t s) {

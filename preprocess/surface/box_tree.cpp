@@ -51,7 +51,7 @@ BoxTree::BoxTree(const Points& vertex, const Triangles& triangles) {
   };
   std::vector<std::uint32_t> key(count);
   for (std::size_t t = 0; t < count; ++t) {
-    if (t % 65536 == 0) stop_if_asked();
+    if (t % 65536 == 0) stop_if_requested();
     const Vec3 at = cells * (corner(t, 0) + corner(t, 1) + corner(t, 2) - 3.0 * lower);
     for (int d = 0; d < 3; ++d) key[t] |= spread_bits(static_cast<std::uint32_t>(std::max(at[d], 0.0))) << d;
   }

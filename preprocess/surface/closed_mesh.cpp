@@ -138,15 +138,15 @@ bool halve_crowded_edges(TriangleMesh& mesh) {
   const Pairs pairs = pairs_of(mesh);
   std::vector<Vec3> vertex;
   std::vector<Eigen::Matrix<Index, 3, 1>> triangle;
-  std::vector<bool> touched(static_cast<std::size_t>(mesh.triangles.cols()), false);
+  std::vector<bool> visited(static_cast<std::size_t>(mesh.triangles.cols()), false);
   for (const std::size_t p : pairs.crowded) {
     const auto& [one, other] = pairs.pair[p];
-    if (touched[static_cast<std::size_t>(one.triangle)] || touched[static_cast<std::size_t>(other.triangle)])
+    if (visited[static_cast<std::size_t>(one.triangle)] || visited[static_cast<std::size_t>(other.triangle)])
       continue;  // in the next pass
     const Index middle = mesh.vertex.cols() + static_cast<Index>(vertex.size());
     vertex.push_back(0.5 * (mesh.vertex.col(one.low) + mesh.vertex.col(one.high)));
     for (const Side& side : {one, other}) {
-      touched[static_cast<std::size_t>(side.triangle)] = true;
+      visited[static_cast<std::size_t>(side.triangle)] = true;
       Eigen::Matrix<Index, 3, 1> half = mesh.triangles.col(side.triangle);
       half[side.corner] = middle;
       triangle.push_back(half);
@@ -210,10 +210,10 @@ bool is_closed(const Triangles& triangles, Index vertices) {
   return true;
 }
 
-void separate_touching_sheets(TriangleMesh& mesh) {
+void separate_coincident_sheets(TriangleMesh& mesh) {
   if (is_closed(mesh.triangles, mesh.vertex.cols())) return;  // true for most, and the faster test
   for (int pass = 0; pass < most_passes; ++pass) {
-    stop_if_asked();
+    stop_if_requested();
     const Pairs pairs = pairs_of(mesh);
     separate_fans(mesh, pairs);
     if (pairs.crowded.empty() || !halve_crowded_edges(mesh)) return;

@@ -19,6 +19,6 @@ bool is_closed(const Triangles& triangles, Index vertices);
 /// Makes a closed surface a manifold where it meets itself at an edge or a corner: its sheets get vertices of
 /// their own there, at the same places. Every edge then has two triangles and every vertex one fan. The
 /// volume does not change. Throws ModelError if the surface has a border.
-void separate_touching_sheets(TriangleMesh& mesh);
+void separate_coincident_sheets(TriangleMesh& mesh);
 
 }  // namespace dimple

@@ -76,17 +76,17 @@ TriangleMesh in_order(const TriangleMesh& mesh, const TriangleMesh& first, const
   const auto place_of = [](const Points& vertex, Index v) {
     return Place{vertex(0, v), vertex(1, v), vertex(2, v)};
   };
-  std::map<Place, Index> stood;
-  for (Index v = 0; v < first.vertex.cols(); ++v) stood.try_emplace(place_of(first.vertex, v), v);
+  std::map<Place, Index> placed;
+  for (Index v = 0; v < first.vertex.cols(); ++v) placed.try_emplace(place_of(first.vertex, v), v);
   for (Index v = 0; v < second.vertex.cols(); ++v)
-    stood.try_emplace(place_of(second.vertex, v), first.vertex.cols() + v);
+    placed.try_emplace(place_of(second.vertex, v), first.vertex.cols() + v);
   const Index none = first.vertex.cols() + second.vertex.cols();
   const auto nearly = [](double mm) { return std::floor(1e5 * mm + 0.3); };  // independent of the last digits
   std::vector<std::tuple<Index, Place, Place>> key;
   for (Index v = 0; v < mesh.vertex.cols(); ++v) {
     const Place place = place_of(mesh.vertex, v);
-    const auto known = stood.find(place);
-    key.emplace_back(known == stood.end() ? none : known->second,
+    const auto known = placed.find(place);
+    key.emplace_back(known == placed.end() ? none : known->second,
                      Place{nearly(place[0]), nearly(place[1]), nearly(place[2])}, place);
   }
   std::vector<int> at(key.size()), number(key.size());
@@ -284,7 +284,7 @@ CutBody cut(const BodySurface& body, const std::vector<TriangleMesh>& sheets, do
   double volume = body.volume(), area = 0.0;
   std::vector<BodySurface> taken;
   for (const TriangleMesh& sheet : sheets) {
-    stop_if_asked();
+    stop_if_requested();
     bool is_region = false;
     Mesh solid = solid_of(sheet, gap, is_region);
     const TriangleMesh outline = from_mesh(solid);

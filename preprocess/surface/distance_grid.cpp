@@ -28,11 +28,11 @@ Distance distance_in(const DistanceGrid& grid, const Vec3& x) {
   for (Index d = 0; d < 3; ++d) {
     const auto axis = static_cast<std::size_t>(d);
     const double last = static_cast<double>(grid.n[axis] - 2);
-    const double asked = (x[d] - grid.origin[d]) / grid.step, at = std::clamp(asked, 1.0, last);
+    const double requested = (x[d] - grid.origin[d]) / grid.step, at = std::clamp(requested, 1.0, last);
     const double cell = std::min(std::floor(at), last - 1.0);
     first[axis] = static_cast<Index>(cell) - 1;
     w[axis] = weights_at(at - cell);
-    beyond[d] = grid.step * (asked - at);
+    beyond[d] = grid.step * (requested - at);
   }
   Distance result{0.0, Vec3::Zero()};
   for (Index k = 0; k < 4; ++k)

@@ -42,10 +42,10 @@ Moments moments_of(const BodySurface& body) {
 }
 
 View::View(const BodySurface& the_body, const Moments& moments, const Vec3& along)
-    : body(&the_body), push(along) {
+    : body(&the_body), approach(along) {
   Index axis = 0;
-  push.cwiseAbs().minCoeff(&axis);
-  const Vec3 e1 = (Vec3::Unit(axis) - push[axis] * push).normalized(), e2 = push.cross(e1);
+  approach.cwiseAbs().minCoeff(&axis);
+  const Vec3 e1 = (Vec3::Unit(axis) - approach[axis] * approach).normalized(), e2 = approach.cross(e1);
   Eigen::Matrix<double, 3, 2> across;
   across << e1, e2;
   const Eigen::Matrix2d second = across.transpose() * moments.second * across;
@@ -53,11 +53,11 @@ View::View(const BodySurface& the_body, const Moments& moments, const Vec3& alon
   // A body as long as it is wide has no longest direction, and the choice is arbitrary.
   const bool round = axes.eigenvalues()[0] > 0.999 * axes.eigenvalues()[1];
   u = round ? e1 : Vec3((across * axes.eigenvectors().col(1)).normalized());
-  v = push.cross(u);
+  v = approach.cross(u);
   place.resize(3, body->vertex().cols());
   place.row(0) = u.transpose() * body->vertex();
   place.row(1) = v.transpose() * body->vertex();
-  place.row(2) = -push.transpose() * body->vertex();
+  place.row(2) = -approach.transpose() * body->vertex();
   low = place.topRows<2>().rowwise().minCoeff();
   high = place.topRows<2>().rowwise().maxCoeff();
 }
@@ -80,8 +80,8 @@ namespace {
 void highest(const View& view, bool met, const HeightMap& map, Eigen::ArrayXXd& sheet) {
   const Triangles& triangles = view.body->triangles();
   for (Index t = 0; t < triangles.cols(); ++t) {
-    if (t % 8192 == 0) stop_if_asked();
-    if (met != (view.body->normal().col(t).dot(view.push) < 0.0)) continue;
+    if (t % 8192 == 0) stop_if_requested();
+    if (met != (view.body->normal().col(t).dot(view.approach) < 0.0)) continue;
     const Vec3 a = view.place.col(triangles(0, t)), b = view.place.col(triangles(1, t)),
                c = view.place.col(triangles(2, t));
     const double double_area = (b.x() - a.x()) * (c.y() - a.y()) - (b.y() - a.y()) * (c.x() - a.x());

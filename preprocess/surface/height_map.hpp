@@ -14,17 +14,18 @@ struct Moments {
 };
 Moments moments_of(const BodySurface& body);
 
-/// A surface in projection along `push`, the approach direction: u and v across it, w the height against it.
+/// A surface in projection along `approach`, the approach direction: u and v across it, w the height against
+/// it.
 ///
-/// `u` is the body's longest direction across `push`, so that samples turn with the body.
+/// `u` is the body's longest direction across `approach`, so that samples turn with the body.
 struct View {
-  View(const BodySurface& body, const Moments& moments, const Vec3& push);
+  View(const BodySurface& body, const Moments& moments, const Vec3& approach);
   const BodySurface* body;
-  Vec3 push, u, v;
+  Vec3 approach, u, v;
   Points place;               ///< [3xV] the vertices as (u, v, w) [mm]
   Eigen::Vector2d low, high;  ///< of its outline
   Eigen::Vector2d flat(const Vec3& x) const { return {x.dot(u), x.dot(v)}; }
-  Vec3 at(const Eigen::Vector2d& p, double w) const { return p.x() * u + p.y() * v - w * push; }
+  Vec3 at(const Eigen::Vector2d& p, double w) const { return p.x() * u + p.y() * v - w * approach; }
 };
 
 /// First surface met along the approach direction, on a square lattice of places.

@@ -22,39 +22,40 @@ namespace dimple {
 namespace {
 
 constexpr double smoothing_voxels = 0.7;
-constexpr double leash = 0.5;                      // lattice steps or voxels: the accuracy of the voxels
-constexpr double cavity_share = 1.0 / 500.0;       // of the organ's volume: smaller cavities are filled
-constexpr double half_way = 0.5, at_level = 1e-3;  // lattice values nearer to the level count as inside
+constexpr double leash = 0.5;                     // lattice steps or voxels: the accuracy of the voxels
+constexpr double cavity_fraction = 1.0 / 500.0;   // of the organ's volume: smaller cavities are filled
+constexpr double halfway = 0.5, at_level = 1e-3;  // lattice values nearer to the level count as inside
 constexpr double most_lattice_points = 64e6;
-constexpr double most_triangles = 1e6;                        // beyond it a coarser lattice is used
-constexpr double most_lost = 1.0 / 3.0, lost_to_tell = 0.03;  // of the volume, to smoothing
+constexpr double most_triangles = 1e6;                          // beyond it a coarser lattice is used
+constexpr double most_lost = 1.0 / 3.0, lost_to_report = 0.03;  // of the volume, to smoothing
 
 // Lattice: as fine as the voxels, but no finer than affects the force. The phantom brain in voxels of 0.5 mm
 // gives 0.03 % more with 64 steps across than with 89, 0.4 % less with 45.
-constexpr double steps_across_organ = 100.0, steps_across_circle = 7.0, most_steps_across_organ = 250.0;
+constexpr double steps_across_organ = 100.0, steps_across_patch = 7.0, most_steps_across_organ = 250.0;
 
 VoxelSet chosen_voxels(const LabelImage& image, const std::vector<int>& labels) {
   VoxelSet set = voxels_with(image, labels);
   if (!set.stretch.empty()) return set;
-  std::string wanted;
-  for (const int l : labels) wanted += (wanted.empty() ? "" : ", ") + std::to_string(l);
-  throw InputError({.fact = fmt::format("no voxel has label {}", wanted.empty() ? "other than 0" : wanted),
-                    .where = "choice of labels",
-                    .why = "the image does not hold it",
-                    .remedy = "see the labels with `dimple info IMAGE` and choose with --label"});
+  std::string requested;
+  for (const int l : labels) requested += (requested.empty() ? "" : ", ") + std::to_string(l);
+  throw InputError(
+      {.fact = fmt::format("no voxel has label {}", requested.empty() ? "other than 0" : requested),
+       .where = "choice of labels",
+       .why = "the image does not hold it",
+       .remedy = "see the labels with `dimple info IMAGE` and choose with --label"});
 }
 
-bool touches_border(const VoxelSet& set, const LabelImage& image) {
+bool meets_border(const VoxelSet& set, const LabelImage& image) {
   for (std::size_t d = 0; d < 3; ++d)
     if (set.first[d] + 1 == 0 || set.first[d] + set.size[d] - 1 == image.size[d]) return true;
   return false;
 }
 
 // Reports requested labels of which nothing is in the piece that is kept.
-void tell_of_dropped_labels(const LabelImage& image, const VoxelSet& kept, SegmentReport& report) {
+void report_dropped_labels(const LabelImage& image, const VoxelSet& kept, SegmentReport& report) {
   std::set<int> left;
   for (Index k = 0; k < kept.size[2]; ++k) {
-    stop_if_asked();
+    stop_if_requested();
     for (Index j = 0; j < kept.size[1]; ++j) {
       const auto runs = image.row(j + kept.first[1], k + kept.first[2]);
       auto run = runs.begin();
@@ -89,11 +90,11 @@ VoxelSet one_body(const LabelImage& image, const VoxelSet& set, double voxel_vol
   chosen[body] = true;
 
   const VoxelSet largest_piece = selection(set, pieces, chosen);
-  if (report.pieces > 1) tell_of_dropped_labels(image, largest_piece, report);
+  if (report.pieces > 1) report_dropped_labels(image, largest_piece, report);
   const VoxelSet around = complement(largest_piece);
   const Pieces gaps = face_connected(around);  // the first is what surrounds the organ
   std::vector<bool> empty(gaps.piece.size(), true);
-  const auto limit = cavity_share * static_cast<double>(kept);
+  const auto limit = cavity_fraction * static_cast<double>(kept);
   for (std::size_t g = 1; g < gaps.piece.size(); ++g) {
     const auto voxels = gaps.piece[g].voxels;
     empty[g] = static_cast<double>(voxels) >= limit;
@@ -115,7 +116,7 @@ VoxelSet one_body(const LabelImage& image, const VoxelSet& set, double voxel_vol
   return cropped(complement(selection(around, gaps, empty)));
 }
 
-void tell_of_cavities(SegmentReport& report) {
+void report_cavities(SegmentReport& report) {
   for (const bool filled : {false, true}) {
     std::string list;
     int count = 0;
@@ -216,9 +217,9 @@ std::vector<BodySurface::ImageEnd> image_ends(const LabelImage& image, const Vox
   for (std::size_t d = 0; d < 3; ++d) {
     const auto axis = static_cast<Index>(d);
     const Vec3 along = to_world.linear().transpose() * image.to_world.linear().col(axis);
-    const auto add = [&](double index, double way) {
+    const auto add = [&](double index, double direction) {
       const Vec3 place = to_world.inverse() * (image.to_world * Vec3(index * Vec3::Unit(axis)));
-      const Vec3 out = way * along.normalized();
+      const Vec3 out = direction * along.normalized();
       ends.push_back({out, place.dot(out), tolerance * along.norm()});
     };
     const auto is_cut = [&](Index last, Index before) {
@@ -241,10 +242,10 @@ double finest_step(const VoxelSet& body, const Vec3& spacing) {
   return std::max(spacing.minCoeff(), std::cbrt(box / most_lattice_points));
 }
 
-double lattice_step(const VoxelSet& body, const Vec3& spacing, double volume_mm3, double circle_mm) {
+double lattice_step(const VoxelSet& body, const Vec3& spacing, double volume_mm3, double patch_mm) {
   const double organ = std::cbrt(volume_mm3);
   return std::max({finest_step(body, spacing),
-                   std::min(organ / steps_across_organ, circle_mm / steps_across_circle),
+                   std::min(organ / steps_across_organ, patch_mm / steps_across_patch),
                    organ / most_steps_across_organ});
 }
 
@@ -317,13 +318,13 @@ SurfaceDrawing draw(const VoxelSet& body, const Frame& frame, double step, const
   report.smoothing_mm = sigma.cwiseProduct(spacing).maxCoeff();
   Lattice lattice = smoothed(body, sigma, step * spacing.cwiseInverse());
   SurfaceDrawing drawing;
-  const double smallest_cavity_points = cavity_share * report.voxel_volume_mm3 / (step * step * step);
+  const double smallest_cavity_points = cavity_fraction * report.voxel_volume_mm3 / (step * step * step);
   const auto in_frame = [&](TriangleMesh mesh) {
     const Points voxel = (lattice.step.asDiagonal() * mesh.vertex).colwise() + lattice.origin;
     mesh.vertex = frame.voxel_to_local * voxel;
     return mesh;
   };
-  double level = half_way;
+  double level = halfway;
   if (options.outward_mm != 0.0) {
     // The level of the smoothed indicator at that distance from a flat border. Unlike offsets along normals,
     // a level set merges parts that grow together.
@@ -336,7 +337,7 @@ SurfaceDrawing draw(const VoxelSet& body, const Frame& frame, double step, const
   drawing.cavities = keep_one_body(lattice, level, smallest_cavity_points);
   drawing.surface = in_frame(contour(lattice, level));
   if (options.outward_mm != 0.0) drawing.added_mm3 += enclosed_volume(drawing.surface);
-  stop_if_asked();
+  stop_if_requested();
   return drawing;
 }
 
@@ -356,7 +357,7 @@ void check_lost_volume(double enclosed_mm3, double step, SegmentReport& report) 
              "give an image in which the organ is at least three voxels thick, choose another --label, or, "
              "where the lattice is coarser than the voxels, a smaller --indenter-diameter",
          .code = "too-thin"});
-  if (std::abs(lost) > lost_to_tell)
+  if (std::abs(lost) > lost_to_report)
     report.warnings.push_back(
         fmt::format("smoothing by {:.2f} mm {} {:.0f} % of the organ's volume where {} {:.2f} mm; the whole "
                     "surface is moved "
@@ -372,10 +373,10 @@ SegmentedBody make_body_surface(const LabelImage& image, const std::vector<int>&
   SegmentReport report;
   report.labels = labels;
   const VoxelSet chosen = chosen_voxels(image, labels);
-  report.cut_by_border = touches_border(chosen, image);
+  report.cut_by_border = meets_border(chosen, image);
   const VoxelSet in_image = one_body(
       image, chosen, frame_of(image.to_world.linear(), image.spacing()).voxel_to_local.determinant(), report);
-  tell_of_cavities(report);
+  report_cavities(report);
   // The organ's own frame: the result does not depend on how the organ was turned in the scanner, or on its
   // place in the image.
   const AxisOrder order = own_order(in_image, image.spacing());
@@ -401,12 +402,12 @@ SegmentedBody make_body_surface(const LabelImage& image, const std::vector<int>&
         report.smoothing_mm,
         drawing.cavities == 1 ? "one cavity" : fmt::format("{} cavities", drawing.cavities), kept));
   check_lost_volume(enclosed_volume(surface) - drawing.added_mm3, step, report);
-  separate_touching_sheets(surface);
-  const double wanted_mm3 = report.voxel_volume_mm3 + drawing.added_mm3,
+  separate_coincident_sheets(surface);
+  const double target_mm3 = report.voxel_volume_mm3 + drawing.added_mm3,
                reach_mm = leash * std::min(step, spacing.maxCoeff());
-  place_between_voxels(surface, body, frame.voxel_to_local, {step, reach_mm, options.outward_mm, wanted_mm3});
+  place_between_voxels(surface, body, frame.voxel_to_local, {step, reach_mm, options.outward_mm, target_mm3});
 
-  const double error = enclosed_volume(surface) / wanted_mm3 - 1.0;
+  const double error = enclosed_volume(surface) / target_mm3 - 1.0;
   if (std::abs(error) > 1e-3)
     report.warnings.push_back(
         fmt::format("the smooth surface encloses {:.2f} % {} than the voxels: parts of the organ are "
@@ -422,13 +423,13 @@ SegmentedBody make_body_surface(const LabelImage& image, const std::vector<int>&
   return result;
 }
 
-double facing_share(const BodySurface& surface, double width_mm) {
-  constexpr Index most_triangles_asked = 2000;
+double facing_fraction(const BodySurface& surface, double width_mm) {
+  constexpr Index most_triangles_requested = 2000;
   constexpr double lift = 0.05;  // of the width: off the triangle itself, whose neighbours may bend up to it
-  const Index every = (surface.triangles().cols() + most_triangles_asked - 1) / most_triangles_asked;
+  const Index every = (surface.triangles().cols() + most_triangles_requested - 1) / most_triangles_requested;
   double area = 0.0, facing = 0.0;
   for (Index t = 0; t < surface.triangles().cols(); t += every) {
-    stop_if_asked();
+    stop_if_requested();
     const Vec3 middle = surface.middle_of(t), normal = surface.normal().col(t);
     const double here = surface.triangle_area()[t];
     area += here;

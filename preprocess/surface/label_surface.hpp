@@ -61,6 +61,6 @@ SegmentedBody make_body_surface(const LabelImage& image, const std::vector<int>&
 /// Fraction of the surface's area, in [0, 1], that faces another part of it across less than `width_mm`: its
 /// outward normal meets the surface again within that. 0 for a smooth organ, a third for one with folds.
 /// Sampled at up to 2000 triangles: accurate to about one per cent.
-double facing_share(const BodySurface& surface, double width_mm);
+double facing_fraction(const BodySurface& surface, double width_mm);
 
 }  // namespace dimple

@@ -60,7 +60,7 @@ inline std::vector<int> by_neighbours(const CompressedRows& next) {
 template <class Change>
 void for_each_vertex(const std::vector<int>& order, const Change& change) {
   const auto count = static_cast<Index>(order.size());
-  stop_if_asked();
+  stop_if_requested();
   tbb::parallel_for(Index{0}, (count + block_of_vertices - 1) / block_of_vertices, [&](Index k) {
     for (Index i = block_of_vertices * k; i < std::min(block_of_vertices * (k + 1), count); ++i)
       change(order[static_cast<std::size_t>(i)]);

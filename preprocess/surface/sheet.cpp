@@ -11,14 +11,14 @@ namespace dimple {
 namespace {
 
 // Tolerances in sizes of the sheet: distance that counts as on it, and of the search around it.
-constexpr double on_sheet = 1e-9, beside_sheet = 1e-6;
+constexpr double on_sheet = 1e-9, next_to_sheet = 1e-6;
 
 // On which side of an edge a line passes: by the edge's ends in the order of their numbers, so that the two
 // triangles at an edge agree.
-bool left_of(const Points& vertex, int a, int b, const Vec3& x, const Vec3& way) {
+bool left_of(const Points& vertex, int a, int b, const Vec3& x, const Vec3& segment) {
   const bool turned = a > b;
   const Vec3 u = vertex.col(turned ? b : a) - x, v = vertex.col(turned ? a : b) - x;
-  return (way.dot(u.cross(v)) >= 0.0) != turned;
+  return (segment.dot(u.cross(v)) >= 0.0) != turned;
 }
 
 }  // namespace
@@ -40,8 +40,8 @@ Sheet::Sheet(Points vertex, Triangles triangles)
   }
   across_ = sum.normalized();  // any direction, or none, for a closed sheet
   const Eigen::VectorXd along = vertex_.transpose() * across_;
-  lowest_ = along.minCoeff() - beside_sheet * size_;
-  highest_ = along.maxCoeff() + beside_sheet * size_;
+  lowest_ = along.minCoeff() - next_to_sheet * size_;
+  highest_ = along.maxCoeff() + next_to_sheet * size_;
 }
 
 bool Sheet::passes(Index t, const Vec3& x, const Vec3& y) const {
@@ -50,10 +50,10 @@ bool Sheet::passes(Index t, const Vec3& x, const Vec3& y) const {
   const Vec3 a = vertex_.col(corner[0]), normal = normal_.col(t);
   const auto above = [&](const Vec3& p) { return normal.dot(p - a) >= -on_sheet * size_; };
   if (above(x) == above(y)) return false;
-  const Vec3 way = y - x;
-  const bool first = left_of(vertex_, corner[0], corner[1], x, way);
-  return first == left_of(vertex_, corner[1], corner[2], x, way) &&
-         first == left_of(vertex_, corner[2], corner[0], x, way);
+  const Vec3 segment = y - x;
+  const bool first = left_of(vertex_, corner[0], corner[1], x, segment);
+  return first == left_of(vertex_, corner[1], corner[2], x, segment) &&
+         first == left_of(vertex_, corner[2], corner[0], x, segment);
 }
 
 bool Sheet::between(const Vec3& x, const Vec3& y) const {
@@ -77,7 +77,7 @@ bool Sheet::between(const Vec3& x, const Vec3& y) const {
     bool found = false;
     double reach() const { return found ? -1.0 : half; }
     void triangle(int t) { found = found || sheet.passes(t, x, y); }
-  } visit{*this, x, y, 0.5 * (last - first) * (y - x).norm() + beside_sheet * size_};
+  } visit{*this, x, y, 0.5 * (last - first) * (y - x).norm() + next_to_sheet * size_};
   boxes_.around(x + 0.5 * (first + last) * (y - x), visit);
   return visit.found;
 }

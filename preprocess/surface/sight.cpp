@@ -6,7 +6,7 @@
 #include <optional>
 
 #include "io/stop.hpp"
-#include "preprocess/cloud/neighbours.hpp"
+#include "preprocess/nodes/neighbours.hpp"
 
 namespace dimple {
 namespace {
@@ -25,12 +25,12 @@ double distance_to_surface(const SurfaceCells& surface, const Vec3& x) {
 
 // Outward normal of the wall that a segment crosses; at an end without a crossing, of the nearest wall.
 Vec3 outer_normal(const SurfaceCells& surface, const Vec3& x, std::optional<Index> triangle,
-                  const Vec3& way) {
+                  const Vec3& segment) {
   if (triangle) return surface.normal().col(*triangle);
   thread_local std::vector<Index> nearest;
   surface.nearest(x, nearest);
   return surface.normal().col(*std::max_element(nearest.begin(), nearest.end(), [&](Index s, Index t) {
-    return surface.normal().col(s).dot(way) < surface.normal().col(t).dot(way);
+    return surface.normal().col(s).dot(segment) < surface.normal().col(t).dot(segment);
   }));
 }
 
@@ -38,7 +38,7 @@ Vec3 outer_normal(const SurfaceCells& surface, const Vec3& x, std::optional<Inde
 
 bool sees(const SurfaceCells& surface, const Vec3& x, const Vec3& y, double spacing) {
   thread_local std::vector<SurfaceCells::Crossing> crossings;
-  const Vec3 way = y - x, from = x - beyond * way, whole = (1.0 + 2.0 * beyond) * way;
+  const Vec3 segment = y - x, from = x - beyond * segment, whole = (1.0 + 2.0 * beyond) * segment;
   surface.pass(from, from + whole, crossings);
   const double length = whole.norm();
   const auto at = [&](double t) { return Vec3(from + t * whole); };
@@ -46,7 +46,7 @@ bool sees(const SurfaceCells& surface, const Vec3& x, const Vec3& y, double spac
     if ((in - out) * length < 2.0 * narrowest * spacing) return false;
     const double depth = distance_to_surface(surface, at(0.5 * (out + in)));
     const double cosine =
-        outer_normal(surface, at(out), left, way).dot(outer_normal(surface, at(in), entered, -way));
+        outer_normal(surface, at(out), left, segment).dot(outer_normal(surface, at(in), entered, -segment));
     if (cosine < facing) return depth > narrowest * spacing;
     return depth > std::max(shallow * spacing, slope * (in - out) * length);
   };
@@ -84,7 +84,7 @@ Sight::Sight(const Discretisation& model, const Eigen::VectorXd& radius)
       clear_radius_(looked_within * radius),
       depth_(Eigen::VectorXd::Zero(model.node_count())) {
   tbb::parallel_for(Index{0}, model.node_count(), [&](Index a) {
-    if (a % 16 == 0) stop_if_asked();
+    if (a % 16 == 0) stop_if_requested();
     if (sees_all_within(*surface_, X_.col(a), 1e3 * clear_radius_[a], 1e3 * spacing_[a])) return;
     clear_radius_[a] = 0.0;
     depth_[a] = 1e-3 * distance_to_surface(*surface_, X_.col(a));
@@ -95,7 +95,7 @@ Sight::Sight(const Discretisation& model, const Eigen::VectorXd& radius)
   point_spacing_.resize(model.point_count());
   const Neighbours nodes(model.X);
   tbb::parallel_for(Index{0}, model.point_count(), [&](Index q) {
-    if (q % 64 == 0) stop_if_asked();
+    if (q % 64 == 0) stop_if_requested();
     point_depth_[q] = 1e-3 * distance_to_surface(*surface_, point_.col(q));
     point_spacing_[q] = spacing_[nodes.nearest(model.point.col(q), 1).front()];
   });

@@ -64,14 +64,15 @@ AxisWeights weights_along(Index voxels, double sigma, double step) {
   for (int l = 0; l < count; ++l) {
     const double x = axis.origin + step * l;
     const int left = static_cast<int>(std::floor(x));
-    const double share = x - left;
+    const double fraction = x - left;
     const int begin = std::clamp(left - reach, 0, static_cast<int>(voxels));
     const int end = std::clamp(left + 2 + reach, begin, static_cast<int>(voxels));
     const auto at = [&](int n) {
       return std::abs(n) <= reach ? g[static_cast<std::size_t>(std::abs(n))] : 0.0;
     };
     for (int i = begin; i < end; ++i)
-      axis.weight.push_back(static_cast<float>((1.0 - share) * at(i - left) + share * at(i - left - 1)));
+      axis.weight.push_back(
+          static_cast<float>((1.0 - fraction) * at(i - left) + fraction * at(i - left - 1)));
     axis.first.push_back(begin);
     axis.offset.push_back(static_cast<int>(axis.weight.size()));
   }
@@ -139,7 +140,7 @@ Lattice smoothed(const VoxelSet& set, const Vec3& sigma, const Vec3& step) {
   constexpr Index planes_at_once = 16;
   std::vector<std::vector<float>> plane(planes_at_once);
   for (Index begin = 0; begin < set.size[2]; begin += planes_at_once) {
-    stop_if_asked();
+    stop_if_requested();
     const Index end = std::min(begin + planes_at_once, set.size[2]);
     tbb::parallel_for(begin, end, [&](Index k) {
       std::vector<float>& sum = plane[static_cast<std::size_t>(k - begin)];

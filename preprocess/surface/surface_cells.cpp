@@ -27,7 +27,7 @@ void count_rings(std::vector<unsigned char>& ring, const Eigen::Array3i& n) {
   std::vector<unsigned char> least(length + 2, farthest_ring);  // of the rows passed, one more at either end
   const auto pass = [&](int step) {
     for (int kk = 0; kk < n[2]; ++kk) {
-      stop_if_asked();
+      stop_if_requested();
       const int k = step > 0 ? kk : n[2] - 1 - kk;
       for (int jj = 0; jj < n[1]; ++jj) {
         const int j = step > 0 ? jj : n[1] - 1 - jj;
@@ -112,7 +112,7 @@ void SurfaceCells::sort_into_cells(const Points& vertex, const Triangles& triang
       static_cast<std::size_t>(n_[0]) * static_cast<std::size_t>(n_[1]) * static_cast<std::size_t>(n_[2]);
   const auto each = [&](auto&& with) {
     for (Index t = 0; t < count; ++t) {
-      if (t % 65536 == 0) stop_if_asked();
+      if (t % 65536 == 0) stop_if_requested();
       const Corners& at = corner_[static_cast<std::size_t>(t)];
       const Cell first = cell_of(at.a.cwiseMin(at.b).cwiseMin(at.c).array() - margin).max(0),
                  last = cell_of(at.a.cwiseMax(at.b).cwiseMax(at.c).array() + margin).min(n_ - 1);
@@ -166,7 +166,7 @@ void SurfaceCells::mark_clear_cells(const std::function<bool(const Vec3&)>& is_i
   for (std::size_t s = 0; s < seed.size(); ++s) {
     Side& here = side[static_cast<std::size_t>(groups.of_stretch[s])];
     if (here == Side::mixed) {
-      stop_if_asked();
+      stop_if_requested();
       const Vec3 centre = origin_ + edge_ * (seed[s].cast<double>() + 0.5).matrix();
       const std::optional<bool> answer = inside_by_lines(centre);
       here = (answer ? *answer : is_inside(centre)) ? Side::inside : Side::outside;
@@ -306,13 +306,13 @@ std::optional<bool> SurfaceCells::farther(const Vec3& x, double d) const {
 void SurfaceCells::pass(const Vec3& from, const Vec3& to, std::vector<Crossing>& crossings,
                         bool to_first_entry) const {
   crossings.clear();
-  const Vec3 way = to - from;
-  const double length = way.norm();
+  const Vec3 segment = to - from;
+  const double length = segment.norm();
   if (!(length > 0.0)) return;
   const double least = 1e-6 * edge_ / length;  // of progress: more than rounding
   double t = 0.0;
   while (t <= 1.0) {
-    const Vec3 x = from + t * way;
+    const Vec3 x = from + t * segment;
     const Cell at = cell_of(x);
     int free = 0;  // rings of cells without a triangle around this one
     if (in_grid(at)) {
@@ -323,11 +323,11 @@ void SurfaceCells::pass(const Vec3& from, const Vec3& to, std::vector<Crossing>&
         const Corners& corner = corner_[static_cast<std::size_t>(triangle)];
         // For most triangles both ends are surely on one side of the plane.
         const Vec3 normal = normal_.col(triangle);
-        const double above = normal.dot(from - corner.a), later = above + normal.dot(way);
+        const double above = normal.dot(from - corner.a), later = above + normal.dot(segment);
         if (above * later > 0.0 && std::min(std::abs(above), std::abs(later)) > one_side * size_) continue;
         // Moeller & Trumbore, J. Graphics Tools 2 (1997) 21; a little beyond the edges, so that none is
         // missed.
-        const Vec3 ab = corner.b - corner.a, ac = corner.c - corner.a, p = way.cross(ac);
+        const Vec3 ab = corner.b - corner.a, ac = corner.c - corner.a, p = segment.cross(ac);
         const double determinant = ab.dot(p);
         const double parallel = 1e-24 * length * length * ab.squaredNorm() * ac.squaredNorm();
         if (determinant * determinant < parallel) continue;
@@ -335,7 +335,7 @@ void SurfaceCells::pass(const Vec3& from, const Vec3& to, std::vector<Crossing>&
         const double u = s.dot(p);
         if (u < -doubt || u > 1.0 + doubt) continue;
         const Vec3 q = s.cross(ab);
-        const double v = way.dot(q);
+        const double v = segment.dot(q);
         if (v < -doubt || u + v > 1.0 + doubt) continue;
         const double place = ac.dot(q);
         if (place < 0.0 || place > 1.0) continue;
@@ -349,7 +349,8 @@ void SurfaceCells::pass(const Vec3& from, const Vec3& to, std::vector<Crossing>&
                high = origin_ + edge_ * (at + free + 1).cast<double>().matrix();
     double next = 2.0;
     for (int d = 0; d < 3; ++d)
-      if (way[d] != 0.0) next = std::min(next, ((way[d] > 0.0 ? high[d] : low[d]) - from[d]) / way[d]);
+      if (segment[d] != 0.0)
+        next = std::min(next, ((segment[d] > 0.0 ? high[d] : low[d]) - from[d]) / segment[d]);
     if (next <= t && !in_grid(at)) break;  // away from the body
     if (to_first_entry && std::any_of(crossings.begin(), crossings.end(),
                                       [&](const Crossing& one) { return !one.leave && one.t <= next; }))

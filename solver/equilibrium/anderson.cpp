@@ -12,14 +12,14 @@
 
 namespace dimple {
 
-void Anderson::begin(Eigen::Index length, bool anew) {
+void Anderson::begin(Eigen::Index length, bool reset) {
   if (gram_.size() == 0 || moved_.rows() != length) {
     moved_.resize(length, most);
     changed_.resize(length, most);
     gram_.resize(most, most);
     kept_ = next_ = 0;
   }
-  if (anew) kept_ = next_ = 0;
+  if (reset) kept_ = next_ = 0;
   fresh_ = true;
 }
 
@@ -49,10 +49,10 @@ Eigen::VectorXd Anderson::next(const Eigen::VectorXd& place, const Eigen::Vector
   normal.diagonal().array() += 1e-10;
   const Eigen::VectorXd right =
       unit.cwiseProduct((changed_.leftCols(kept_).transpose() * step.cast<float>()).cast<double>());
-  const Eigen::VectorXf share = unit.cwiseProduct(normal.ldlt().solve(right)).cast<float>();
-  result -=
-      (moved_.leftCols(kept_) * share + changed_.leftCols(kept_) * (share / static_cast<float>(caution)))
-          .cast<double>();
+  const Eigen::VectorXf fraction = unit.cwiseProduct(normal.ldlt().solve(right)).cast<float>();
+  result -= (moved_.leftCols(kept_) * fraction +
+             changed_.leftCols(kept_) * (fraction / static_cast<float>(caution)))
+                .cast<double>();
   return result;
 }
 

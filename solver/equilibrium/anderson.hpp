@@ -15,8 +15,8 @@ class Anderson {
  public:
   static constexpr int most = 30;  ///< stored differences
 
-  /// Begins an iteration of `length` variables; `anew`: discards the stored differences.
-  void begin(Eigen::Index length, bool anew);
+  /// Begins an iteration of `length` variables; `reset`: discards the stored differences.
+  void begin(Eigen::Index length, bool reset);
   /// Discards all differences: the next one is not of neighbouring places.
   void forget();
   /// Place after `place`, where g is `step`. `caution` divides g.

@@ -26,8 +26,8 @@ class BestState {
   bool step_back(Nodal& u, Eigen::VectorXd& lambda);
 
   /// Counts a state that is neither. False: there were too many without a gain.
-  bool may_go_on() { return ++since_gain_ <= without_gain; }
-  bool was_the_last_chance() const { return since_gain_ >= without_gain; }
+  bool may_continue() { return ++since_gain_ <= without_gain; }
+  bool is_last_attempt() const { return since_gain_ >= without_gain; }
   /// True if clearly better than the best state, or the first with a step.
   bool is_gain(double residual) const;
   void take(const Nodal& u, const Eigen::VectorXd& lambda, double residual);

@@ -75,7 +75,7 @@ void ContactCoupling::find_columns(Index known) {
   Nodal force(4, body_.model().node_count()), moved = force;
   const Eigen::VectorXd softest = laplace_.softest_part();
   for (Index first = known; first < count; first += 4) {
-    stop_if_asked();
+    stop_if_requested();
     force.setZero();
     const Index last = std::min(first + 4, count);
     for (Index t = first; t < last; ++t) visit_nodes(t, [&](int a, double w) { force(t - first, a) = w; });
@@ -91,7 +91,7 @@ void ContactCoupling::find_columns(Index known) {
 // Rows from `known` on, to make the matrix symmetric. The measured tool's samples, all active from the start,
 // use the mean of both directions; later samples repeat their columns.
 void ContactCoupling::mirror_columns(Index known) {
-  const Index count = compliance_.rows(), of_tool = body_.touching() ? body_.touching()->count() : 0;
+  const Index count = compliance_.rows(), of_tool = body_.tool_contact() ? body_.tool_contact()->count() : 0;
   if (known == 0 && of_tool > 0) {
     const auto block = compliance_.topLeftCorner(of_tool, of_tool);
     compliance_.topLeftCorner(of_tool, of_tool) = (0.5 * (block + block.transpose())).eval();
@@ -106,14 +106,14 @@ Eigen::VectorXd ContactCoupling::scale() const {
   Eigen::VectorXd result = Eigen::VectorXd::Ones(body_.contact_unknowns());
   for (Index k = 0; k < compliance_.rows(); ++k) result[unknown_of(k)] = std::sqrt(compliance_(k, k));
   for (const System::OneContact& one : body_.contacts())
-    if (one.rigid && one.rigid->rubs())
+    if (one.rigid && one.rigid->has_friction())
       for (const auto& [k, s] : samples_of(one.term))
         result.segment<3>(one.first + one.rigid->count() + 3 * s).setConstant(std::sqrt(compliance_(k, k)));
   return result;
 }
 
 // Error of a sample's friction at the last force, as a length [m].
-double ContactCoupling::lack_of_friction(const TouchingTool& rigid, const Sample& one) const {
+double ContactCoupling::lack_of_friction(const RigidContact& rigid, const Sample& one) const {
   const auto& [row, s] = one;
   const Vec3 force = rigid.friction_forces().col(s), slip = rigid.slips().col(s);
   const double most = rigid.bound(s, rigid.forces()[s]), C = compliance_(row, row);
@@ -122,20 +122,20 @@ double ContactCoupling::lack_of_friction(const TouchingTool& rigid, const Sample
 
 ContactCoupling::Lack ContactCoupling::lack_of(const System::OneContact& one) const {
   Lack lack;
-  const bool rubs = one.rigid && one.rigid->rubs();
+  const bool frictional = one.rigid && one.rigid->has_friction();
   for (const Sample& sample : samples_of(one.term)) {
     const auto& [k, s] = sample;
     const double C = compliance_(k, k);
     double off = std::abs(std::min(one.term->gaps()[s], C * one.term->forces()[s]));
-    if (rubs) off = std::max(off, lack_of_friction(*one.rigid, sample));
+    if (frictional) off = std::max(off, lack_of_friction(*one.rigid, sample));
     lack.largest = std::max(lack.largest, off / one.term->error_at(s, body_.now()));
     lack.force = std::hypot(lack.force, off / C);
   }
   return lack;
 }
 
-double ContactCoupling::lack_of_tool() const {
-  return body_.touching() ? lack_of(body_.contacts().front()).largest : 0.0;
+double ContactCoupling::contact_violation() const {
+  return body_.tool_contact() ? lack_of(body_.contacts().front()).largest : 0.0;
 }
 
 // Residual with the contact error of the measured tool.
@@ -196,7 +196,7 @@ Vec3 ContactCoupling::displacement(Index row, const Eigen::VectorXd& of_normals,
 }
 
 // The change [3xM] N of one contact's friction, in addition to the changes of all normal forces.
-Points ContactCoupling::friction(const TouchingTool& rigid, const Eigen::VectorXd& of_normals,
+Points ContactCoupling::friction(const RigidContact& rigid, const Eigen::VectorXd& of_normals,
                                  const Points& normal, double gap_factor, const Nodal& du) const {
   const std::vector<Sample> own = samples_of(&rigid);
   const auto count = static_cast<Index>(own.size());
@@ -228,7 +228,7 @@ void ContactCoupling::apply(double gap_factor, const Nodal& du, Nodal& r,
   for (Index k = 0; k < of_normals.size(); ++k) change[unknown_of(k)] = of_normals[k];
   for (const System::OneContact& one : body_.contacts()) {
     one.term->spread(Eigen::VectorXd(change.segment(one.first, one.term->count())), r);
-    if (!(one.rigid && one.rigid->rubs())) continue;
+    if (!(one.rigid && one.rigid->has_friction())) continue;
     const Points of_friction = friction(*one.rigid, of_normals, normal, gap_factor, du);
     one.rigid->spread(of_friction, r);
     change.segment(one.first + one.rigid->count(), of_friction.size()) =

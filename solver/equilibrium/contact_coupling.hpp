@@ -38,7 +38,7 @@ class ContactCoupling {
   /// `tolerance`: that of the residual.
   double residual_with_contact(double residual, double reactions, double tolerance) const;
   /// Contact error of the measured tool at the last force, relative to the admissible one.
-  double lack_of_tool() const;
+  double contact_violation() const;
 
   /// [System::contact_unknowns()] that make contact forces square roots of energies: sqrt(C_ss) of active
   /// samples, 1 elsewhere.
@@ -68,13 +68,13 @@ class ContactCoupling {
 
   void find_columns(Index known);
   void mirror_columns(Index known);
-  double lack_of_friction(const TouchingTool& rigid, const Sample& one) const;
+  double lack_of_friction(const RigidContact& rigid, const Sample& one) const;
   Lack lack_of(const System::OneContact& one) const;
   double with_tool(double residual, const Lack& lack, double reactions, double tolerance) const;
   Eigen::VectorXd normal_forces(double gap_factor, const Nodal& du, Points& normal) const;
   Vec3 displacement(Index row, const Eigen::VectorXd& of_normals, const Points& normal,
                     const Nodal& du) const;
-  Points friction(const TouchingTool& rigid, const Eigen::VectorXd& of_normals, const Points& normal,
+  Points friction(const RigidContact& rigid, const Eigen::VectorXd& of_normals, const Points& normal,
                   double gap_factor, const Nodal& du) const;
 
   System& body_;

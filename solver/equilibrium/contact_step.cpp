@@ -31,7 +31,7 @@ void sweep_until_still(const Stiffness& K, const Eigen::VectorXd& q, Eigen::Vect
   lambda = lambda.cwiseMax(0.0).eval();
   const double a_sweep = static_cast<double>(lambda.size()) * static_cast<double>(lambda.size());
   for (int sweep = 0; sweep < most_sweeps && sweep * a_sweep < most_products; ++sweep) {
-    stop_if_asked();
+    stop_if_requested();
     double change = 0.0;
     for (Index s = 0; s < lambda.size(); ++s) {
       double open = q[s];
@@ -54,37 +54,37 @@ Eigen::VectorXd contact_step(const Eigen::MatrixXd& compliance, const Points& no
   for (Index t = 0; t < count; ++t)
     if (before[t] != 0.0)
       for (Index s = 0; s < count; ++s) q[s] -= K(s, t) * before[t];
-  std::vector<Index> touching;
+  std::vector<Index> in_contact;
   for (Index s = 0; s < count; ++s)
-    if (before[s] > 0.0 || gap[s] < 0.0) touching.push_back(s);
+    if (before[s] > 0.0 || gap[s] < 0.0) in_contact.push_back(s);
   Eigen::VectorXd lambda = Eigen::VectorXd::Zero(count);
   bool found = false;
   for (int set = 0; set < most_sets && !found; ++set) {
-    stop_if_asked();
-    const auto n = static_cast<Index>(touching.size());
-    Eigen::MatrixXd of_touching(n, n);
+    stop_if_requested();
+    const auto n = static_cast<Index>(in_contact.size());
+    Eigen::MatrixXd of_contacts(n, n);
     Eigen::VectorXd b(n);
     for (Index j = 0; j < n; ++j) {
-      const Index t = touching[static_cast<std::size_t>(j)];
+      const Index t = in_contact[static_cast<std::size_t>(j)];
       b[j] = -q[t];
-      for (Index i = j; i < n; ++i) of_touching(i, j) = K(touching[static_cast<std::size_t>(i)], t);
+      for (Index i = j; i < n; ++i) of_contacts(i, j) = K(in_contact[static_cast<std::size_t>(i)], t);
     }
     // Column by column: the bits of a factor in blocks depend on the processor's caches (Multigrid).
-    if (n > 0) b = Eigen::LDLT<Eigen::MatrixXd, Eigen::Lower>(of_touching).solve(b).eval();
+    if (n > 0) b = Eigen::LDLT<Eigen::MatrixXd, Eigen::Lower>(of_contacts).solve(b).eval();
     lambda.setZero();
     Eigen::VectorXd open = q;
     for (Index j = 0; j < n; ++j) {
-      const Index t = touching[static_cast<std::size_t>(j)];
+      const Index t = in_contact[static_cast<std::size_t>(j)];
       lambda[t] = b[j];
       for (Index s = 0; s < count; ++s) open[s] += K(s, t) * b[j];
     }
-    std::vector<char> touched(static_cast<std::size_t>(count), 0);
-    for (const Index t : touching) touched[static_cast<std::size_t>(t)] = 1;
+    std::vector<char> visited(static_cast<std::size_t>(count), 0);
+    for (const Index t : in_contact) visited[static_cast<std::size_t>(t)] = 1;
     std::vector<Index> next;
     for (Index s = 0; s < count; ++s)
-      if (touched[static_cast<std::size_t>(s)] ? lambda[s] > 0.0 : open[s] < 0.0) next.push_back(s);
-    found = next == touching;
-    touching = std::move(next);
+      if (visited[static_cast<std::size_t>(s)] ? lambda[s] > 0.0 : open[s] < 0.0) next.push_back(s);
+    found = next == in_contact;
+    in_contact = std::move(next);
   }
   if (!found) sweep_until_still(K, q, lambda);
   return lambda.cwiseMax(0.0) - before;

@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "io/stop.hpp"
-#include "solver/terms/touching_tool.hpp"
+#include "solver/terms/rigid_contact.hpp"
 
 // Projected Gauss-Seidel iteration for friction with known normal forces:
 // 1. Samples with a positive bound take part; all others lose their friction.
@@ -27,22 +27,22 @@ constexpr double still = 1e-4;  // largest motion in a round, of the largest sli
 
 Points friction_step(const Eigen::MatrixXd& compliance, const Points& normal, const Points& slip,
                      const Points& before, const Eigen::VectorXd& bound) {
-  std::vector<Index> rubs, had;
+  std::vector<Index> frictional, had;
   for (Index s = 0; s < bound.size(); ++s) {
-    if (bound[s] > 0.0) rubs.push_back(s);
+    if (bound[s] > 0.0) frictional.push_back(s);
     if (bound[s] > 0.0 || !before.col(s).isZero(0.0)) had.push_back(s);
   }
   // Initial forces, projected into their cones. `moved`: slips of the samples with friction under these
   // forces.
   Points force = Points::Zero(3, bound.size());
-  for (const Index s : rubs)
+  for (const Index s : frictional)
     force.col(s) = brought_within(bound[s], before.col(s) - normal.col(s) * normal.col(s).dot(before.col(s)));
-  const auto n = static_cast<Index>(rubs.size());
-  const Eigen::MatrixXd among = compliance(rubs, rubs);
+  const auto n = static_cast<Index>(frictional.size());
+  const Eigen::MatrixXd among = compliance(frictional, frictional);
   Eigen::MatrixX3d moved(n, 3);
   double largest = 0.0;
   for (Index i = 0; i < n; ++i) {
-    const Index s = rubs[static_cast<std::size_t>(i)];
+    const Index s = frictional[static_cast<std::size_t>(i)];
     Vec3 sum = slip.col(s);
     for (const Index t : had) sum += compliance(s, t) * (force.col(t) - before.col(t));
     moved.row(i) = sum;
@@ -50,15 +50,15 @@ Points friction_step(const Eigen::MatrixXd& compliance, const Points& normal, co
   }
   double last = largest;
   for (int round = 0; round < most_rounds && last > still * largest; ++round) {
-    stop_if_asked();
+    stop_if_requested();
     last = 0.0;
     for (Index i = 0; i < n; ++i) {
-      const Index s = rubs[static_cast<std::size_t>(i)];
+      const Index s = frictional[static_cast<std::size_t>(i)];
       const Vec3 here = moved.row(i).transpose(), across = here - normal.col(s) * normal.col(s).dot(here);
-      const Vec3 wanted = brought_within(bound[s], force.col(s) - across / among(i, i));
-      const Vec3 change = wanted - force.col(s);
+      const Vec3 requested = brought_within(bound[s], force.col(s) - across / among(i, i));
+      const Vec3 change = requested - force.col(s);
       if (change.isZero(0.0)) continue;
-      force.col(s) = wanted;
+      force.col(s) = requested;
       for (int c = 0; c < 3; ++c) moved.col(c) += change[c] * among.col(i);
       last = std::max(last, among(i, i) * change.norm());
     }

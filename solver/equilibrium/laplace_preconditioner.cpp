@@ -20,7 +20,7 @@ NodePairs neighbour_pairs(const Model& model) {
   constexpr Index each = 256;  // nodes
   std::vector<NodePairs> of_block(static_cast<std::size_t>((model.node_count() + each - 1) / each));
   tbb::parallel_for(std::size_t{0}, of_block.size(), [&](std::size_t block) {
-    stop_if_asked();
+    stop_if_requested();
     std::vector<std::pair<double, int>> near;
     const Index first = static_cast<Index>(block) * each, last = std::min(first + each, model.node_count());
     for (Index a = first; a < last; ++a) {
@@ -49,15 +49,15 @@ NodePairs neighbour_pairs(const Model& model) {
 // [N] Pa m^3: shear modulus x volume, distributed among the nodes.
 Eigen::VectorXd shear_of_nodes(const Model& model, const ForceSystem& tissue) {
   constexpr Index slab = 65536;  // points whose fractions are held at a time
-  Eigen::VectorXd sum = Eigen::VectorXd::Zero(model.node_count()), share;
+  Eigen::VectorXd sum = Eigen::VectorXd::Zero(model.node_count()), fraction;
   for (Index from = 0; from < model.point_count(); from += slab) {
-    stop_if_asked();
+    stop_if_requested();
     const Index to = std::min(from + slab, model.point_count());
     const int first = model.support.offset[from];
-    share.resize(model.support.offset[to] - first);
+    fraction.resize(model.support.offset[to] - first);
     tbb::parallel_for(tbb::blocked_range<Index>(from, to, 256), [&](const auto& range) {
       for (Index q = range.begin(); q < range.end(); ++q) {
-        double* its = share.data() + model.support.offset[q] - first;
+        double* its = fraction.data() + model.support.offset[q] - first;
         double all = 0.0;  // one by one: the order of Eigen's sum depends on the numbers' alignment
         for (Index k = 0; k < model.support.count(q); ++k) {
           const int a = model.support.member[model.support.offset[q] + k];
@@ -69,7 +69,7 @@ Eigen::VectorXd shear_of_nodes(const Model& model, const ForceSystem& tissue) {
           its[k] *= model.volume[q] * tissue.shear_modulus(q) / all;
       }
     });
-    for (Index k = 0; k < share.size(); ++k) sum[model.support.member[first + k]] += share[k];
+    for (Index k = 0; k < fraction.size(); ++k) sum[model.support.member[first + k]] += fraction[k];
   }
   return sum;
 }
@@ -112,18 +112,18 @@ LaplacePreconditioner::LaplacePreconditioner(System& body)
     lengths[a] += length;
     lengths[b] += length;
   }
-  weight_at_rest_ = weight_ =
+  undeformed_weight_ = weight_ =
       3.0 * mixed_constants.laplacian_stiffness * shear.array() / lengths.array().max(1e-30);
   if (!body.contacts().empty()) stiffen_single_nodes();
 }
 
 // [N] N/m: the tangent's diagonal at rest, the mean of a node's directions, without what volume adds.
-Eigen::VectorXd LaplacePreconditioner::diagonal_at_rest() const {
+Eigen::VectorXd LaplacePreconditioner::undeformed_diagonal() const {
   Eigen::VectorXd diagonal = Eigen::VectorXd::Zero(model_.node_count());
   std::vector<int> node;
   Points dphi;
   for (Index q = 0; q < model_.point_count(); ++q) {
-    if (q % 4096 == 0) stop_if_asked();
+    if (q % 4096 == 0) stop_if_requested();
     tissue().gradients_at(q, node, dphi);
     for (std::size_t k = 0; k < node.size(); ++k)
       diagonal[node[k]] +=
@@ -142,33 +142,33 @@ Eigen::VectorXd LaplacePreconditioner::diagonal_at_rest() const {
 // it bears the whole load and each step overshoots ten times, however short. Its weight is raised until A's
 // diagonal is no less than the tangent's.
 void LaplacePreconditioner::stiffen_single_nodes() {
-  const Eigen::VectorXd tangent = diagonal_at_rest();
+  const Eigen::VectorXd tangent = undeformed_diagonal();
   Eigen::VectorXd of_others = Eigen::VectorXd::Zero(tangent.size()), count = of_others;
   for (const auto& [a, b] : edge_) {
-    of_others[a] += weight_at_rest_[b];
-    of_others[b] += weight_at_rest_[a];
+    of_others[a] += undeformed_weight_[b];
+    of_others[b] += undeformed_weight_[a];
     ++count[a];
     ++count[b];
   }
   for (Index a = 0; a < tangent.size(); ++a)
     if (count[a] > 0.0)
-      weight_[a] = std::max(weight_at_rest_[a], (2.0 * tangent[a] - of_others[a]) / count[a]);
-  weight_at_rest_ = weight_;
+      weight_[a] = std::max(undeformed_weight_[a], (2.0 * tangent[a] - of_others[a]) / count[a]);
+  undeformed_weight_ = weight_;
 }
 
 // [points] ratio of the law's stiffness at u to that at rest.
 Eigen::VectorXd LaplacePreconditioner::stiffening(const Nodal& u) {
   body_.tissue().stress_sweep(u);
   const auto F = body_.tissue().deformation_gradients();
-  std::vector<double> at_rest;
-  for (const Material& m : tissue().materials()) at_rest.push_back(stiffness(m, Mat3::Identity()));
+  std::vector<double> undeformed;
+  for (const Material& m : tissue().materials()) undeformed.push_back(stiffness(m, Mat3::Identity()));
   Eigen::VectorXd ratio(model_.point_count());
   tbb::parallel_for(tbb::blocked_range<Index>(0, ratio.size(), 256), [&](const auto& range) {
-    stop_if_asked();
+    stop_if_requested();
     for (Index q = range.begin(); q < range.end(); ++q) {
       const auto number = static_cast<std::size_t>(tissue().tissues().of_point[q]);
       const Material& m = tissue().materials()[number];
-      ratio[q] = std::clamp(stiffness(m, Eigen::Map<const Mat3>(F.col(q).data())) / at_rest[number], 1.0,
+      ratio[q] = std::clamp(stiffness(m, Eigen::Map<const Mat3>(F.col(q).data())) / undeformed[number], 1.0,
                             mixed_constants.largest_stiffening);
     }
   });
@@ -182,26 +182,27 @@ void LaplacePreconditioner::stiffen(const Nodal& u) {
   std::vector<int> node;
   Points dphi;
   for (Index q = 0; q < ratio.size(); ++q) {
-    if (q % 4096 == 0) stop_if_asked();
+    if (q % 4096 == 0) stop_if_requested();
     tissue().gradients_at(q, node, dphi);
     for (std::size_t k = 0; k < node.size(); ++k) {
-      const double share = model_.volume[q] * dphi.col(static_cast<Index>(k)).squaredNorm();
-      sum[node[k]] += share * ratio[q];
-      all[node[k]] += share;
+      const double fraction = model_.volume[q] * dphi.col(static_cast<Index>(k)).squaredNorm();
+      sum[node[k]] += fraction * ratio[q];
+      all[node[k]] += fraction;
     }
   }
-  weight_ = weight_at_rest_.cwiseProduct(sum.cwiseQuotient(all.cwiseMax(1e-300)).cwiseMax(1.0));
+  weight_ = undeformed_weight_.cwiseProduct(sum.cwiseQuotient(all.cwiseMax(1e-300)).cwiseMax(1.0));
 }
 
 void LaplacePreconditioner::relax() {
-  weight_ = weight_at_rest_;
+  weight_ = undeformed_weight_;
   across_.node.clear();
 }
 
-void LaplacePreconditioner::multiply_at_rest(const Nodal& v, Nodal& result) const {
+void LaplacePreconditioner::multiply_undeformed(const Nodal& v, Nodal& result) const {
   result.setZero(4, v.cols());
   for (const auto& [a, b] : edge_) {
-    const Eigen::Vector4d pull = 0.5 * (weight_at_rest_[a] + weight_at_rest_[b]) * (v.col(a) - v.col(b));
+    const Eigen::Vector4d pull =
+        0.5 * (undeformed_weight_[a] + undeformed_weight_[b]) * (v.col(a) - v.col(b));
     result.col(a) += pull;
     result.col(b) -= pull;
   }
@@ -221,8 +222,8 @@ Multigrid::Sparse LaplacePreconditioner::matrix_over(const std::vector<Index>& n
   std::vector<int> place(static_cast<std::size_t>(weight_.size()), -1);
   for (std::size_t i = 0; i < node.size(); ++i)
     place[static_cast<std::size_t>(node[i])] = static_cast<int>(i);
-  const double own =
-      body_.held().let_drift() ? mixed_constants.diagonal_of_loose : mixed_constants.diagonal_of_held;
+  const double own = body_.held().has_rigid_body_modes() ? mixed_constants.diagonal_of_loose
+                                                         : mixed_constants.diagonal_of_held;
   std::vector<Eigen::Triplet<double>> entry;
   Eigen::VectorXd diagonal = own * weight_ + bound.node;
   const auto join = [&](int a, int b, double w) {

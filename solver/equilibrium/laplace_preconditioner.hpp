@@ -61,7 +61,7 @@ class LaplacePreconditioner {
   void relax();
 
   /// result = L v [4xN] N, L the Laplacian at rest without further terms.
-  void multiply_at_rest(const Nodal& v, Nodal& result) const;
+  void multiply_undeformed(const Nodal& v, Nodal& result) const;
   /// Largest change of the strain between neighbours from `before` to `after` [4xN] m.
   double strain_between(const Nodal& before, const Nodal& after) const;
   /// [N] square roots of stiffnesses; a displacement times this is the square root of an energy.
@@ -71,7 +71,7 @@ class LaplacePreconditioner {
 
  private:
   const ForceSystem& tissue() const { return body_.tissue().system(); }
-  Eigen::VectorXd diagonal_at_rest() const;
+  Eigen::VectorXd undeformed_diagonal() const;
   void stiffen_single_nodes();
   Eigen::VectorXd stiffening(const Nodal& u);
   Multigrid::Sparse matrix_over(const std::vector<Index>& node, const StiffnessBound& bound, bool directed);
@@ -86,7 +86,7 @@ class LaplacePreconditioner {
   const Model& model_;
   std::vector<std::pair<int, int>> edge_;         // neighbours a > b, ascending
   std::vector<Eigen::Vector4d> sliding_;          // directions along which sets that slide across are held
-  Eigen::VectorXd weight_at_rest_, weight_;       // [N] N/m
+  Eigen::VectorXd undeformed_weight_, weight_;    // [N] N/m
   Eigen::VectorXd scale_;                         // [N]
   NodalInverse across_, soft_across_;             // over the nodes that move in some direction
   std::vector<NodalInverse> along_, soft_along_;  // over those that move along each of `sliding_`

@@ -21,7 +21,7 @@ struct MixedIteration::Parts {
   ContactCoupling contact;
   Anderson anderson;                          // of displacements and lambda, scaled to be of one kind
   Nodal u_of_gradient;                        // displacements at which G was found
-  double viscous_share = 0.0;                 // `share` of the differences stored in `anderson`
+  double viscous_scale = 0.0;                 // `fraction` of the differences stored in `anderson`
   Nodal viscous;                              // [4xN] N, viscous force of the current state
   std::chrono::steady_clock::duration lap{};  // of an iteration in bounded time, mean of the last few
 
@@ -42,10 +42,10 @@ bool MixedIteration::Parts::factorise_laplacian() {
   return laplace.factorise();
 }
 
-// `share` x L (u - about).
+// `fraction` x L (u - about).
 const Nodal* MixedIteration::Parts::viscous_force(const Nodal& u, const Viscosity& viscosity) {
-  laplace.multiply_at_rest(u - viscosity.about, viscous);
-  viscous *= viscosity.share;
+  laplace.multiply_undeformed(u - viscosity.about, viscous);
+  viscous *= viscosity.fraction;
   return &viscous;
 }
 
@@ -97,7 +97,7 @@ void MixedIteration::Parts::advance(Nodal& u, Eigen::VectorXd& lambda, const Nod
     u = Eigen::Map<Nodal>(place.data(), 4, n) * scale.cwiseInverse().asDiagonal();
   }
   lambda = place.tail(nb).cwiseQuotient(of_lambda);
-  body.bring_back(lambda);
+  body.project_to_admissible(lambda);
 }
 
 // Restores held nodes exactly: only rounding can have moved them.
@@ -136,8 +136,10 @@ struct Unbalanced {
 
 // Copy of the unbalanced forces at the best state, if the caller requests them.
 struct AtBest {
-  AtBest(MixedIteration::Left* left_, const Nodal& f_, const Unbalanced& now) : left(left_) { keep(f_, now); }
-  MixedIteration::Left* left;
+  AtBest(MixedIteration::Residual* left_, const Nodal& f_, const Unbalanced& now) : left(left_) {
+    keep(f_, now);
+  }
+  MixedIteration::Residual* left;
   Nodal f;
   ForceSystem::Sweep sweep;
 
@@ -188,7 +190,7 @@ MixedIteration::~MixedIteration() = default;
 
 double MixedIteration::laplacian_of(const Nodal& v) const {
   Nodal pull;
-  parts_->laplace.multiply_at_rest(v, pull);
+  parts_->laplace.multiply_undeformed(v, pull);
   return v.cwiseProduct(pull).sum();
 }
 
@@ -208,18 +210,18 @@ bool MixedIteration::serves(const std::vector<Material>& tissues) {
 }
 
 Relaxed MixedIteration::operator()(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const RelaxOptions& options,
-                                   bool anew, const Viscosity* viscosity) {
+                                   bool reassemble, const Viscosity* viscosity) {
   Parts& p = *parts_;
-  const Relaxed first = iterate(u, lambda, f, options, anew, viscosity);
+  const Relaxed first = iterate(u, lambda, f, options, reassemble, viscosity);
   if (first.converged || viscosity || !std::isfinite(first.residual) ||
       first.evaluations >= options.evaluations)
     return first;
-  RelaxOptions rest = options;
-  rest.evaluations -= first.evaluations;
+  RelaxOptions remaining = options;
+  remaining.evaluations -= first.evaluations;
   Relaxed second = first;
   p.laplace.stiffen(u);
   if (p.factorise_laplacian()) {
-    second = iterate(u, lambda, f, rest, true, nullptr);
+    second = iterate(u, lambda, f, remaining, true, nullptr);
     second.evaluations += first.evaluations;
   }
   p.laplace.relax();
@@ -227,13 +229,13 @@ Relaxed MixedIteration::operator()(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, 
 }
 
 Relaxed MixedIteration::within(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const RelaxOptions& options,
-                               bool anew, Left& left) {
+                               bool reassemble, Residual& left) {
   Parts& p = *parts_;
   left.force.setZero(4, u.cols());
   left.volume.setZero(p.patch_count());
   left.contact = 0.0;
   left.late = false;
-  const Relaxed found = iterate(u, lambda, f, options, anew, nullptr, &left);
+  const Relaxed found = iterate(u, lambda, f, options, reassemble, nullptr, &left);
   if (!p.laplace.is_factorised() || !p.schur.is_factorised()) return found;
   Nodal z(4, u.cols());
   p.laplace.apply(left.force, z);
@@ -242,20 +244,20 @@ Relaxed MixedIteration::within(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, cons
 }
 
 // Makes the matrices of the step, unless those of the last call serve. False: one is not positive definite.
-bool MixedIteration::prepare(const Nodal& u, const Eigen::VectorXd& bulk, bool anew,
+bool MixedIteration::prepare(const Nodal& u, const Eigen::VectorXd& bulk, bool reassemble,
                              const Viscosity* viscosity) {
   Parts& p = *parts_;
-  if (anew || !p.schur.has_gradient()) {
+  if (reassemble || !p.schur.has_gradient()) {
     p.schur.find_gradient();
     p.u_of_gradient = u;
   }
-  const bool other_viscosity = p.viscous_share != (viscosity ? viscosity->share : 0.0);
-  p.viscous_share = viscosity ? viscosity->share : 0.0;
-  const bool matrix_anew = !p.laplace.is_factorised();
-  if (matrix_anew && !p.factorise_laplacian()) return false;
-  if (matrix_anew || anew || !p.laplace.has_soft_part()) p.laplace.find_soft_part(p.u_of_gradient);
+  const bool other_viscosity = p.viscous_scale != (viscosity ? viscosity->fraction : 0.0);
+  p.viscous_scale = viscosity ? viscosity->fraction : 0.0;
+  const bool new_matrix = !p.laplace.is_factorised();
+  if (new_matrix && !p.factorise_laplacian()) return false;
+  if (new_matrix || reassemble || !p.laplace.has_soft_part()) p.laplace.find_soft_part(p.u_of_gradient);
   if (!p.schur.factorise(bulk)) return false;
-  p.anderson.begin(4 * u.cols() + bulk.size() + p.body.contact_unknowns(), anew || other_viscosity);
+  p.anderson.begin(4 * u.cols() + bulk.size() + p.body.contact_unknowns(), reassemble || other_viscosity);
   return true;
 }
 
@@ -267,12 +269,12 @@ struct MixedIteration::Search {
   Nodal& f;
   const RelaxOptions& options;
   const Viscosity* viscosity;
-  Left* left;  // null: time is not bounded
+  Residual* left;  // null: time is not bounded
   Unbalanced now;
   Relaxed result = {};
 
   void evaluate() {
-    stop_if_asked();
+    stop_if_requested();
     now.at(p.body, u, lambda, f, viscosity ? p.viscous_force(u, *viscosity) : nullptr);
     result.sweep = now.sweep;
     result.residual = now.residual;
@@ -284,23 +286,23 @@ struct MixedIteration::Search {
     // In bounded time, states searched to different tolerances are compared.
     result.residual = p.contact.residual_with_contact(
         result.residual, now.reactions, left ? mixed_constants.usual_tolerance : options.tolerance);
-    if (left && p.body.touching()) now.contact = p.contact.lack_of_tool();
+    if (left && p.body.tool_contact()) now.contact = p.contact.contact_violation();
   }
   bool is_balanced() const {
     return result.residual < options.tolerance && now.volume_error < options.tolerance;
   }
-  // Step (du, dlambda) of (1 + `share`) A, under viscous forces.
+  // Step (du, dlambda) of (1 + `fraction`) A, under viscous forces.
   void step(Nodal& du, Eigen::VectorXd& dlambda) {
-    const double factor = viscosity ? 1.0 + viscosity->share : 1.0;
+    const double factor = viscosity ? 1.0 + viscosity->fraction : 1.0;
     if (viscosity) now.volume *= factor;
     p.step(now.force, now.volume, factor, du, dlambda);
     if (viscosity) du /= factor;
   }
   // True if a limit ends the search: iterations without gain, evaluations or time.
   bool is_over(BestState& best, Laps& laps) {
-    const bool late = !best.was_the_last_chance() && result.evaluations < options.evaluations &&
+    const bool late = !best.is_last_attempt() && result.evaluations < options.evaluations &&
                       laps.none_left(best.has_step(), left ? &left->late : nullptr);
-    return !best.may_go_on() || result.evaluations >= options.evaluations || late;
+    return !best.may_continue() || result.evaluations >= options.evaluations || late;
   }
 };
 
@@ -320,15 +322,15 @@ struct MixedIteration::Search {
 // 10. Combine the step with earlier ones (Anderson), shorten it to the longest strain, project the contact
 //     forces onto the admissible set, restore held nodes, and continue with 1.
 Relaxed MixedIteration::iterate(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const RelaxOptions& options,
-                                bool anew, const Viscosity* viscosity, Left* left) {
+                                bool reassemble, const Viscosity* viscosity, Residual* left) {
   Parts& p = *parts_;
   Search search{p, u, lambda, f, options, viscosity, left, Unbalanced(u.cols(), p.patch_count())};
   const Unbalanced& now = search.now;
   Relaxed& result = search.result;
   result.converged = false;
-  search.evaluate();                                                  // 1
-  if (!prepare(u, now.patches.bulk, anew, viscosity)) return result;  // 2
-  search.add_contact();                                               // 3
+  search.evaluate();                                                        // 1
+  if (!prepare(u, now.patches.bulk, reassemble, viscosity)) return result;  // 2
+  search.add_contact();                                                     // 3
 
   BestState best(u, lambda, result.residual);
   AtBest at_best(left, f, now);

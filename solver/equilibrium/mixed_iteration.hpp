@@ -13,7 +13,7 @@ struct RelaxOptions {
   /// Stop before an evaluation that is predicted to end later than this (1.5 x the recent mean).
   std::chrono::steady_clock::time_point until = std::chrono::steady_clock::time_point::max();
   /// Relaxation only: a contacting tool may lose contact, and the body is then at rest.
-  bool may_lose_contact = false;
+  bool allow_separation = false;
 };
 
 struct Relaxed {
@@ -27,9 +27,9 @@ struct Relaxed {
   double curvature = 1.0;
   double dissipated = 0.0;
   Index furthest = -1;
-  bool lost_contact = false;  ///< the tool has left the body, see RelaxOptions::may_lose_contact
+  bool lost_contact = false;  ///< the tool has left the body, see RelaxOptions::allow_separation
   /// K is positive under a load that the tissue can bear.
-  bool gave_way() const { return curvature < -1e-4; }
+  bool passed_limit_point() const { return curvature < -1e-4; }
 };
 
 /// Finds static equilibrium of the converging scheme with displacements u and patch pressures p as unknowns:
@@ -45,7 +45,7 @@ struct Relaxed {
 /// leave out. The number of evaluations, some ten for a depth, depends neither on the number of nodes nor on
 /// the bulk modulus.
 ///
-/// The forces of a contacting tool (TouchingTool) are further unknowns, after the pressures in `lambda`. Each
+/// The forces of a contacting tool (RigidContact) are further unknowns, after the pressures in `lambda`. Each
 /// iteration then solves the same problem with the condition that forces and gaps at the samples are not
 /// negative (ContactCoupling).
 ///
@@ -60,20 +60,20 @@ class MixedIteration {
   explicit MixedIteration(System& system);
   ~MixedIteration();
 
-  /// Viscous force of a step: `share` x A (u - about) [N], A at rest; [N] m.
+  /// Viscous force of a step: `fraction` x A (u - about) [N], A at rest; [N] m.
   struct Viscosity {
-    double share;
+    double fraction;
     ForceSystem::Nodal about;
   };
   /// Searches for an equilibrium from the guess `u` and `lambda` [patches, samples] N m, N: pressures x
   /// volumes, then contact forces. Both receive the result, or the best state if not converged. The pressures
-  /// stay held in `forces`. `anew`: dJ/du is found at the guess, as larger moves need; otherwise that of the
-  /// last such call serves.
+  /// stay held in `forces`. `reassemble`: dJ/du is found at the guess, as larger moves need; otherwise that
+  /// of the last such call serves.
   Relaxed operator()(ForceSystem::Nodal& u, Eigen::VectorXd& lambda, ForceSystem::Nodal& f,
-                     const RelaxOptions& options, bool anew, const Viscosity* viscosity = nullptr);
+                     const RelaxOptions& options, bool reassemble, const Viscosity* viscosity = nullptr);
 
   /// Remainders at the best state.
-  struct Left {
+  struct Residual {
     ForceSystem::Nodal force;  ///< [N] N, of what is free to move
     Eigen::VectorXd volume;    ///< [patches] J - 1 - p / bulk
     double contact = 0.0;      ///< largest contact error, of the depth
@@ -83,7 +83,7 @@ class MixedIteration {
   /// Searches as above, in one try. If a limit ends it, `u`, `lambda`, `f` and `left` are those of the best
   /// state.
   Relaxed within(ForceSystem::Nodal& u, Eigen::VectorXd& lambda, ForceSystem::Nodal& f,
-                 const RelaxOptions& options, bool anew, Left& left);
+                 const RelaxOptions& options, bool reassemble, Residual& left);
 
   /// v.A v, A as it is at rest [J].
   double laplacian_of(const ForceSystem::Nodal& v) const;
@@ -93,10 +93,11 @@ class MixedIteration {
   static bool serves(const std::vector<Material>& tissues);  ///< true if these bulk moduli suffice
 
  private:
-  bool prepare(const ForceSystem::Nodal& u, const Eigen::VectorXd& bulk, bool anew,
+  bool prepare(const ForceSystem::Nodal& u, const Eigen::VectorXd& bulk, bool reassemble,
                const Viscosity* viscosity);
   Relaxed iterate(ForceSystem::Nodal& u, Eigen::VectorXd& lambda, ForceSystem::Nodal& f,
-                  const RelaxOptions& options, bool anew, const Viscosity* viscosity, Left* left = nullptr);
+                  const RelaxOptions& options, bool reassemble, const Viscosity* viscosity,
+                  Residual* left = nullptr);
   struct Parts;
   struct Search;
   std::unique_ptr<Parts> parts_;

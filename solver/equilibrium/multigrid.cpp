@@ -39,12 +39,12 @@ std::vector<int> aggregate(const Multigrid::Sparse& matrix, int& count) {
   std::vector<int> of_row(n, -1);
   count = 0;
   for (int i = 0; i < matrix.rows(); ++i) {
-    bool untouched = true, alone = true;
+    bool unloaded_past = true, alone = true;
     for (Multigrid::Sparse::InnerIterator e(matrix, i); e; ++e) {
-      untouched = untouched && of_row[static_cast<std::size_t>(e.col())] < 0;
+      unloaded_past = unloaded_past && of_row[static_cast<std::size_t>(e.col())] < 0;
       alone = alone && (e.col() == i || e.value() == 0.0);
     }
-    if (!untouched || alone) continue;
+    if (!unloaded_past || alone) continue;
     for (Multigrid::Sparse::InnerIterator e(matrix, i); e; ++e)
       of_row[static_cast<std::size_t>(e.col())] = count;
     ++count;
@@ -69,7 +69,7 @@ double largest_eigenvalue(const Multigrid::Sparse& matrix, const Eigen::VectorXd
   for (Eigen::Index i = 0; i < v.size(); ++i) v[i] = std::sin(12.9898 * static_cast<double>(i));
   double largest = 0.0;
   for (int pass = 0; pass < 15; ++pass) {
-    stop_if_asked();
+    stop_if_requested();
     v = (matrix * (v / v.norm())).cwiseQuotient(diagonal);
     largest = v.norm();
   }
@@ -101,7 +101,7 @@ Multigrid::Rows Multigrid::pack(const Sparse& matrix) {
 bool Multigrid::compute(Sparse matrix) {
   levels_.clear();
   while (matrix.rows() > coarsest_rows) {
-    stop_if_asked();
+    stop_if_requested();
     Level& level = levels_.emplace_back();
     const Eigen::VectorXd diagonal = matrix.diagonal();
     if (!(diagonal.minCoeff() > 0.0)) return false;
@@ -115,7 +115,7 @@ bool Multigrid::compute(Sparse matrix) {
     tentative.setFromTriplets(one.begin(), one.end());
     const Eigen::VectorXd damped = (4.0 / 3.0 / largest) * diagonal.cwiseInverse();
     const Sparse prolongation = tentative - Sparse(damped.asDiagonal() * Sparse(matrix * tentative));
-    stop_if_asked();
+    stop_if_requested();
     const Sparse restriction = prolongation.transpose();
     Sparse coarser = restriction * Sparse(matrix * prolongation);
 
@@ -161,8 +161,8 @@ void Multigrid::solve_coarsest() {
   for (; i < n; ++i) rows_from(i, std::integral_constant<int, 1>());
 }
 
-// levels_[depth].x becomes about A^-1 b there; `anew`: it is zero before.
-void Multigrid::cycle(std::size_t depth, bool anew) {
+// levels_[depth].x becomes about A^-1 b there; `from_zero`: it is zero before.
+void Multigrid::cycle(std::size_t depth, bool from_zero) {
   if (depth == levels_.size()) {
     solve_coarsest();
     return;
@@ -189,7 +189,7 @@ void Multigrid::cycle(std::size_t depth, bool anew) {
     });
     level.x.swap(level.y);
   };
-  if (anew)
+  if (from_zero)
     over_rows(n, [&](std::int32_t i) {
       const auto at = static_cast<std::size_t>(i);
       level.x[at] = level.b[at] * (level.relax[0] * level.inverse_diagonal[at]);

@@ -44,7 +44,7 @@ class Multigrid {
   };
 
   static Rows pack(const Sparse& matrix);
-  void cycle(std::size_t depth, bool anew);
+  void cycle(std::size_t depth, bool from_zero);
   void solve_coarsest();
 
   std::vector<Level> levels_;

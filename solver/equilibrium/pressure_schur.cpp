@@ -22,7 +22,7 @@ std::vector<std::vector<int>> nodes_of_each(const Model& model, const Compressed
   tbb::enumerable_thread_specific<std::vector<Index>> stamps(
       std::vector<Index>(static_cast<std::size_t>(model.node_count()), -1));
   tbb::parallel_for(tbb::blocked_range<Index>(0, points.rows(), 64), [&](const auto& range) {
-    stop_if_asked();
+    stop_if_requested();
     std::vector<Index>& seen = stamps.local();
     for (Index b = range.begin(); b < range.end(); ++b) {
       std::vector<int>& its = nodes[static_cast<std::size_t>(b)];
@@ -115,7 +115,7 @@ PressureSchur::Sparse PressureSchur::lower_half() const {
   std::vector<char> seen(static_cast<std::size_t>(count), 0);
   std::vector<int> rows;
   for (int c = 0; c < count; ++c) {
-    if (c % 256 == 0) stop_if_asked();
+    if (c % 256 == 0) stop_if_requested();
     rows.clear();
     visit_column(c, [&](int row, double value) {
       if (!seen[static_cast<std::size_t>(row)]) {
@@ -148,7 +148,7 @@ std::shared_ptr<const PressureSchur::Factor> PressureSchur::factorised(Sparse ma
       [matrix = std::move(matrix)] { return std::make_shared<const Factor>(matrix); });
   auto result = task.get_future();
   std::thread(std::move(task)).detach();
-  while (result.wait_for(std::chrono::milliseconds(20)) != std::future_status::ready) stop_if_asked();
+  while (result.wait_for(std::chrono::milliseconds(20)) != std::future_status::ready) stop_if_requested();
   return positive(result.get());
 }
 
@@ -175,7 +175,7 @@ Eigen::VectorXd PressureSchur::apply(const Eigen::VectorXd& r) const {
   Eigen::ConjugateGradient<Sparse, Eigen::Lower> iteration(matrix_);
   iteration.setTolerance(mixed_constants.schur_tolerance)
       .setMaxIterations(mixed_constants.most_schur_iterations);
-  stop_if_asked();
+  stop_if_requested();
   return iteration.solve(r);
 }
 

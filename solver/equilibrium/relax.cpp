@@ -10,7 +10,7 @@
 #include "solver/guards.hpp"
 #include "solver/text.hpp"
 
-// Viscous steps past a limit point, give_way():
+// Viscous steps past a limit point, continue_past_limit_point():
 // 1. Start near equilibrium, residual below 1e-2, with the viscosity v = 0.3.
 // 2. Solve f(u+) + v A (u+ - u) = 0 by mixed iteration; first guess: the last motion repeated.
 // 3. If that fails, triple v and repeat 2 from u; give up above 30.
@@ -36,7 +36,7 @@ using Nodal = ForceSystem::Nodal;
 constexpr double near = 1e-2;  // residual below which viscous steps follow a failed iteration
 // Viscous steps: first viscosity and largest one; most evaluations of a step, and few enough to enlarge the
 // next.
-constexpr double first_share = 0.3, largest_share = 30.0;
+constexpr double first_scale = 0.3, largest_scale = 30.0;
 constexpr std::int64_t evaluations_of_viscous_step = 30, few_evaluations = 12;
 constexpr int between_checks = 10;
 constexpr int memory = 60;  // iterations over which a change is compared for the frequency
@@ -44,34 +44,38 @@ constexpr int memory = 60;  // iterations over which a change is compared for th
 }  // namespace
 
 SolveError no_equilibrium(const Relaxed& found, const Model& model) {
-  const bool gave_way = found.gave_way(), drifts = model.base.empty() && !gave_way;
+  const bool passed_limit_point = found.passed_limit_point(),
+             has_rigid_modes = model.base.empty() && !passed_limit_point;
   return SolveError(
-      {.fact = text(gave_way ? "the tissue passed a limit point, and no equilibrium was found beyond: "
-                             : "no equilibrium was found: ",
-                    std::isfinite(found.residual)
-                        ? text("unbalanced forces are ", found.residual, " of the reactions")
-                        : std::string("the displacements are not finite"),
-                    " after ", found.evaluations, " evaluations"),
+      {.fact = text(
+           passed_limit_point ? "the tissue passed a limit point, and no equilibrium was found beyond: "
+                              : "no equilibrium was found: ",
+           std::isfinite(found.residual) ? text("unbalanced forces are ", found.residual, " of the reactions")
+                                         : std::string("the displacements are not finite"),
+           " after ", found.evaluations, " evaluations"),
        .where = text("static solver",
                      found.sweep.point < 0
                          ? std::string()
                          : text("; smallest det F ", found.sweep.J_min, " at integration point ",
                                 found.sweep.point, ", ", found.sweep.inverted, " inverted points"),
                      found.furthest < 0 ? std::string() : "; moving: " + place_of(model, found.furthest)),
-       .why = gave_way ? "the path of equilibria has a limit point here: a wall has buckled, a fold has "
-                         "rolled over, or tissue has slipped from under a tool"
-              : drifts
+       .why = passed_limit_point
+                  ? "the path of equilibria has a limit point here: a wall has buckled, a fold has "
+                    "rolled over, or tissue has slipped from under a tool"
+              : has_rigid_modes
                   ? "only walls hold the body, which moves freely unless the load presses it against them; "
                     "or the load is too large for one step with these nodes"
                   : "the load is too large for one step with these nodes, or the body has lost its stiffness",
-       .remedy = gave_way ? "use a smaller --depth, a coarser spacing at the edge of the contact patch "
-                            "(--rim 0.15 or more), a place further from folds and edges (--indent-at), or "
-                            "for the bonded indenter --time explicit"
-                 : drifts ? "place a wall in contact with it beneath the tool, hold its base (--base-hold "
-                            "fixed), or use a smaller --depth"
-                          : "use shorter steps of the load (--set solver.step_radii=0.05), a coarser spacing "
-                            "at the edge of the contact patch (--rim 0.15 or more), or a smaller --depth",
-       .code = gave_way ? "limit-point" : "no-equilibrium"});
+       .remedy = passed_limit_point
+                     ? "use a smaller --depth, a coarser spacing at the edge of the contact patch "
+                       "(--rim 0.15 or more), a place further from folds and edges (--indent-at), or "
+                       "for the bonded indenter --time explicit"
+                 : has_rigid_modes
+                     ? "place a wall in contact with it beneath the tool, hold its base (--base-hold "
+                       "fixed), or use a smaller --depth"
+                     : "use shorter steps of the load (--set solver.step_radii=0.05), a coarser spacing "
+                       "at the edge of the contact patch (--rim 0.15 or more), or a smaller --depth",
+       .code = passed_limit_point ? "limit-point" : "no-equilibrium"});
 }
 
 Eigen::VectorXd stiffness_row_sums(const ForceSystem& system, const Model& model) {
@@ -97,26 +101,26 @@ Eigen::VectorXd stiffness_row_sums(const ForceSystem& system, const Model& model
   Eigen::VectorXi slot;
   const CompressedRows members = transpose(patches.of_point, patches.count(), &slot);
   Points g = Points::Zero(3, model.node_count());
-  std::vector<int> touched;
+  std::vector<int> visited;
   for (Index b = 0; b < patches.count(); ++b) {
-    touched.clear();
+    visited.clear();
     double bulk = 0.0;
     for (int k = members.offset[b]; k < members.offset[b + 1]; ++k) {
       const int q = members.member[k];
       bulk = material(q).kappa - pointwise_bulk_modulus(material(q));
-      const double share = patches.psi[slot[k]] * model.volume[q] / patches.volume[b];
+      const double fraction = patches.psi[slot[k]] * model.volume[q] / patches.volume[b];
       system.gradients_at(q, node, dphi);
       for (std::size_t e = 0; e < node.size(); ++e) {
         const int a = node[e];
-        if (g.col(a).isZero(0.0)) touched.push_back(a);
-        g.col(a) += share * dphi.col(static_cast<Index>(e));
+        if (g.col(a).isZero(0.0)) visited.push_back(a);
+        g.col(a) += fraction * dphi.col(static_cast<Index>(e));
       }
     }
-    std::sort(touched.begin(), touched.end());
-    touched.erase(std::unique(touched.begin(), touched.end()), touched.end());
+    std::sort(visited.begin(), visited.end());
+    visited.erase(std::unique(visited.begin(), visited.end()), visited.end());
     double all = 0.0;
-    for (const int a : touched) all += g.col(a).lpNorm<1>();
-    for (const int a : touched) {
+    for (const int a : visited) all += g.col(a).lpNorm<1>();
+    for (const int a : visited) {
       sum[a] += bulk * patches.volume[b] * g.col(a).norm() * all;
       g.col(a).setZero();
     }
@@ -160,20 +164,20 @@ Relaxed Relaxation::from_near(Nodal& u, Eigen::VectorXd& lambda, Nodal& f,
   Nodal v = u;
   Eigen::VectorXd l = lambda;
   Relaxed found = (*mixed_)(v, l, f, options, true);
-  RelaxOptions rest = options;
-  rest.evaluations -= found.evaluations;
-  const TouchingTool* tool = system_.touching();
-  if (!found.converged && options.may_lose_contact && rest.evaluations > 1 && tool &&
-      tool->clears_body(system_.run_start().u, system_.now())) {
+  RelaxOptions remaining = options;
+  remaining.evaluations -= found.evaluations;
+  const RigidContact* tool = system_.tool_contact();
+  if (!found.converged && options.allow_separation && remaining.evaluations > 1 && tool &&
+      tool->is_separated(system_.run_start().u, system_.now())) {
     v = system_.run_start().u;
     l = system_.run_start().lambda;
     const std::int64_t spent = found.evaluations;
-    found = (*mixed_)(v, l, f, rest, true);
+    found = (*mixed_)(v, l, f, remaining, true);
     found.evaluations += spent;
     found.lost_contact = found.converged && (tool->forces().array() == 0.0).all();
-  } else if (!found.converged && found.residual < near && rest.evaluations > 1) {
+  } else if (!found.converged && found.residual < near && remaining.evaluations > 1) {
     const std::int64_t spent = found.evaluations;
-    found = give_way(v, l, f, rest);
+    found = continue_past_limit_point(v, l, f, remaining);
     found.evaluations += spent;
   }
   if (found.converged) {
@@ -183,26 +187,27 @@ Relaxed Relaxation::from_near(Nodal& u, Eigen::VectorXd& lambda, Nodal& f,
   return found;
 }
 
-void Relaxation::come_to_rest(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const RelaxOptions& options,
-                              Relaxed& result) const {
+void Relaxation::find_equilibrium(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const RelaxOptions& options,
+                                  Relaxed& result) const {
   Nodal end = u;
   Eigen::VectorXd end_lambda = lambda;
-  const Relaxed at_rest =
+  const Relaxed undeformed =
       (*mixed_)(end, end_lambda, f,
                 {.tolerance = options.tolerance,
                  .evaluations = std::min<std::int64_t>(2 * evaluations_of_viscous_step,
                                                        options.evaluations - result.evaluations)},
                 true);
-  result.evaluations += at_rest.evaluations;
-  if (!at_rest.converged) return;
+  result.evaluations += undeformed.evaluations;
+  if (!undeformed.converged) return;
   u = end;
   lambda = end_lambda;
-  result.residual = at_rest.residual;
-  result.sweep = at_rest.sweep;
+  result.residual = undeformed.residual;
+  result.sweep = undeformed.sweep;
   result.converged = true;
 }
 
-Relaxed Relaxation::give_way(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const RelaxOptions& options) const {
+Relaxed Relaxation::continue_past_limit_point(Nodal& u, Eigen::VectorXd& lambda, Nodal& f,
+                                              const RelaxOptions& options) const {
   const Index n = u.cols();
   Relaxed result;
   result.converged = false;
@@ -214,8 +219,9 @@ Relaxed Relaxation::give_way(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const 
   result.residual = system_.balance(f, force_before).residual();
   double tried = result.residual;  // residual from which no equilibrium was reached
   double too_little = 0.0;         // viscosity that failed
-  MixedIteration::Viscosity viscosity{.share = first_share, .about = {}};
-  for (bool anew = true; result.evaluations < options.evaluations && viscosity.share < largest_share;) {
+  MixedIteration::Viscosity viscosity{.fraction = first_scale, .about = {}};
+  for (bool reassemble = true;
+       result.evaluations < options.evaluations && viscosity.fraction < largest_scale;) {
     viscosity.about = u;
     Nodal next = u + moved;
     Eigen::VectorXd next_lambda = lambda + lambda_moved;
@@ -223,14 +229,14 @@ Relaxed Relaxation::give_way(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const 
         next, next_lambda, f,
         {.tolerance = std::clamp(0.2 * result.residual, 0.5 * options.tolerance, 10.0 * options.tolerance),
          .evaluations = std::min(evaluations_of_viscous_step, options.evaluations - result.evaluations)},
-        anew, &viscosity);
+        reassemble, &viscosity);
     result.evaluations += step.evaluations;
     if (!step.converged) {
-      too_little = viscosity.share;
-      viscosity.share *= 3.0;
+      too_little = viscosity.fraction;
+      viscosity.fraction *= 3.0;
       moved.setZero();
       lambda_moved.setZero();
-      anew = true;
+      reassemble = true;
       continue;
     }
     moved = next - u;
@@ -248,15 +254,15 @@ Relaxed Relaxation::give_way(Nodal& u, Eigen::VectorXd& lambda, Nodal& f, const 
     force_before = force;
     (u - start).colwise().squaredNorm().maxCoeff(&result.furthest);
     if (curvature > 0.0) too_little = 0.0;
-    anew = step.evaluations < few_evaluations && 0.6 * viscosity.share > too_little;
-    if (anew) viscosity.share *= 0.6;
+    reassemble = step.evaluations < few_evaluations && 0.6 * viscosity.fraction > too_little;
+    if (reassemble) viscosity.fraction *= 0.6;
     if (result.evaluations < options.evaluations &&
         result.residual <
             std::min({before, std::max(0.5 * tried, options.tolerance), 5.0 * options.tolerance})) {
-      come_to_rest(u, lambda, f, options, result);
+      find_equilibrium(u, lambda, f, options, result);
       if (result.converged) return result;
       tried = result.residual;
-      anew = true;
+      reassemble = true;
     }
   }
   return result;
@@ -289,7 +295,7 @@ struct DampedVibration {
   Nodal before = {}, u_ref = {}, f_ref = {}, unbalanced = u;  // a step ago; reference of the frequency
 
   void evaluate() {
-    stop_if_asked();
+    stop_if_requested();
     result.sweep = system.force(u, f);
     ++result.evaluations;
   }
@@ -329,7 +335,7 @@ struct DampedVibration {
   }
 
   // True: at rest. False: it diverges, or takes too long.
-  bool settles(double caution) {
+  bool comes_to_equilibrium(double caution) {
     const StableStep stable = stable_time_step(system, mass, u);
     result.evaluations += stable.iterations + 1;
     dt = 0.85 * stable.dt / std::sqrt(caution);
@@ -376,7 +382,7 @@ Relaxed Relaxation::relax_dynamically(Nodal& u, Nodal& f, const RelaxOptions& op
   DampedVibration vibration{
       .system = system_, .mass = mass_, .options = options, .u = u, .f = f, .result = result};
   double caution = 1.0;
-  for (int attempt = 1; !vibration.settles(caution); ++attempt, caution *= 1.5) {
+  for (int attempt = 1; !vibration.comes_to_equilibrium(caution); ++attempt, caution *= 1.5) {
     if (attempt == most_attempts || result.evaluations >= options.evaluations)
       throw no_equilibrium(result, system_.model());
     u = start;

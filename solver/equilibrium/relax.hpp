@@ -45,10 +45,10 @@ class Relaxation {
 
  private:
   // Searches without viscosity near the end of viscous steps; success updates u, lambda and `result`.
-  void come_to_rest(ForceSystem::Nodal& u, Eigen::VectorXd& lambda, ForceSystem::Nodal& f,
-                    const RelaxOptions& options, Relaxed& result) const;
-  Relaxed give_way(ForceSystem::Nodal& u, Eigen::VectorXd& lambda, ForceSystem::Nodal& f,
-                   const RelaxOptions& options) const;
+  void find_equilibrium(ForceSystem::Nodal& u, Eigen::VectorXd& lambda, ForceSystem::Nodal& f,
+                        const RelaxOptions& options, Relaxed& result) const;
+  Relaxed continue_past_limit_point(ForceSystem::Nodal& u, Eigen::VectorXd& lambda, ForceSystem::Nodal& f,
+                                    const RelaxOptions& options) const;
   Relaxed relax_dynamically(ForceSystem::Nodal& u, ForceSystem::Nodal& f, const RelaxOptions& options,
                             std::int64_t evaluations) const;
 

@@ -35,8 +35,8 @@ StableStep stable_time_step(System& system, const Eigen::VectorXd& mass, const F
     const double s = std::sin(1.0 + 12.9898 * static_cast<double>(a)),
                  c = std::cos(2.0 + 78.233 * static_cast<double>(a));
     const Vec3 from_tool = model.X.col(a) - model.tool.centre;
-    Eigen::Vector4d start = s * padded(model.tool.push);
-    start.head<3>() += c * from_tool.normalized() + s * c * from_tool.cross(model.tool.push).normalized();
+    Eigen::Vector4d start = s * padded(model.tool.approach);
+    start.head<3>() += c * from_tool.normalized() + s * c * from_tool.cross(model.tool.approach).normalized();
     q.col(a) = constraints.project(a, start);
   }
   StableStep result;
@@ -47,7 +47,7 @@ StableStep stable_time_step(System& system, const Eigen::VectorXd& mass, const F
   std::vector<double> alpha, beta;
   double omega2 = 0.0;
   while (result.iterations < most && !result.converged) {
-    stop_if_asked();
+    stop_if_requested();
     ++result.iterations;
     w = q.array().rowwise() * scale.array();
     const double step = nudge / w.cwiseAbs().maxCoeff();
@@ -81,7 +81,7 @@ StableStep stable_time_step(System& system, const Eigen::VectorXd& mass, const F
 double shear_crossing_time(const Tissues& tissues, const Model& model) {
   double speed = std::numeric_limits<double>::infinity();
   for (const Material& m : tissues.material) speed = std::min(speed, shear_wave_speed(m));
-  const Eigen::VectorXd along = model.X.transpose() * model.tool.push;
+  const Eigen::VectorXd along = model.X.transpose() * model.tool.approach;
   return (along.maxCoeff() - along.minCoeff()) / speed;
 }
 

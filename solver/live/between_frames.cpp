@@ -10,37 +10,39 @@ namespace {
 using Known = BetweenFrames::Known;
 using Tool = LiveFrame::Tool;
 
-constexpr double trusted = 0.2;     // radii beyond a frame
-constexpr double secant = 0.1;      // radii between the two states of a stiffness, at most
-constexpr double forgotten = 1e-4;  // weight of a frame that is left out
+constexpr double extrapolation_range = 0.2;  // radii beyond a frame
+constexpr double secant = 0.1;               // radii between the two states of a stiffness, at most
+constexpr double forgotten = 1e-4;           // weight of a frame that is left out
 
 double trusted_of(const BetweenFrames& b, const Known& frame) {
-  const bool goes_on = frame.tool != Tool::stopped && frame.tool != Tool::beyond && frame.stiffness > 0.0;
-  if (!goes_on) return 0.0;
-  return b.touches ? std::min(trusted * b.radius, std::max(0.0, frame.depth)) : trusted * b.radius;
+  const bool continues = frame.tool != Tool::stopped && frame.tool != Tool::beyond && frame.stiffness > 0.0;
+  if (!continues) return 0.0;
+  return b.has_contact ? std::min(extrapolation_range * b.radius, std::max(0.0, frame.depth))
+                       : extrapolation_range * b.radius;
 }
 
-double told(const BetweenFrames& b, const Known& frame, double depth) {
+double extrapolated(const BetweenFrames& b, const Known& frame, double depth) {
   if (depth >= frame.depth)
     return frame.force + frame.stiffness * std::min(depth - frame.depth, trusted_of(b, frame));
   // The slope is limited so that the parabola has no tension.
   const double rise = std::min(frame.stiffness * frame.depth, std::max(0.0, 2.0 * frame.force));
-  const double share = depth / frame.depth;
-  return share * (2.0 * frame.force - rise + share * (rise - frame.force));
+  const double fraction = depth / frame.depth;
+  return fraction * (2.0 * frame.force - rise + fraction * (rise - frame.force));
 }
 
 double error_of(const BetweenFrames& b, const Known& frame, double depth) {
   const double of_slope = secant / 2.0 * frame.stiffness;  // a secant's slope is that of its middle
   if (depth >= frame.depth) {
     const double x = std::min(depth - frame.depth, trusted_of(b, frame)), rises = frame.stiffness * x;
-    const double share = frame.depth > 0.0 ? x / frame.depth : 0.0;
-    const double bends = 4.0 * std::abs(frame.stiffness * frame.depth - frame.force) * share * share;
+    const double fraction = frame.depth > 0.0 ? x / frame.depth : 0.0;
+    const double bends = 4.0 * std::abs(frame.stiffness * frame.depth - frame.force) * fraction * fraction;
     return frame.error + of_slope * x + std::max(rises * x / b.radius, std::min(rises, bends));
   }
-  const double share = depth / frame.depth, force = told(b, frame, depth), chord = frame.force * share;
+  const double fraction = depth / frame.depth, force = extrapolated(b, frame, depth),
+               chord = frame.force * fraction;
   const double tangent =
       std::clamp(frame.force + frame.stiffness * (depth - frame.depth), 0.0, std::max(0.0, 4.0 * chord));
-  return share * (2.0 - share) * frame.error + share * (1.0 - share) * frame.depth * of_slope +
+  return fraction * (2.0 - fraction) * frame.error + fraction * (1.0 - fraction) * frame.depth * of_slope +
          std::max(std::abs(chord - force), std::abs(tangent - force));
 }
 
@@ -48,14 +50,14 @@ void fade_to(BetweenFrames& b, double now) {
   const double keeps = std::exp(-std::max(0.0, now - b.now) / b.fade);
   b.now = std::max(b.now, now);
   if (b.frame.empty()) return;
-  for (Known& frame : b.frame) frame.share *= keeps;
+  for (Known& frame : b.frame) frame.fraction *= keeps;
   const Known newest = b.frame.back();
   b.frame.pop_back();
-  std::erase_if(b.frame, [](const Known& frame) { return frame.share < forgotten; });
+  std::erase_if(b.frame, [](const Known& frame) { return frame.fraction < forgotten; });
   b.frame.push_back(newest);
   double older = 0.0;
-  for (std::size_t k = 0; k + 1 < b.frame.size(); ++k) older += b.frame[k].share;
-  b.frame.back().share = 1.0 - older;
+  for (std::size_t k = 0; k + 1 < b.frame.size(); ++k) older += b.frame[k].fraction;
+  b.frame.back().fraction = 1.0 - older;
 }
 
 }  // namespace
@@ -86,12 +88,12 @@ LiveAnswer answer(BetweenFrames& b, double depth, double now) {
     said.tool = Tool::there;
   else if (newest.tool == Tool::stopped || newest.tool == Tool::beyond)
     said.tool = newest.tool;
-  const double by_newest = told(b, newest, depth);
+  const double by_newest = extrapolated(b, newest, depth);
   for (const Known& frame : b.frame) {
-    const double force = told(b, frame, depth);
-    said.force += frame.share * force;
-    said.on_tool += frame.share * force * frame.per_force;
-    said.error_at_depth += frame.share * std::abs(force - by_newest);
+    const double force = extrapolated(b, frame, depth);
+    said.force += frame.fraction * force;
+    said.on_tool += frame.fraction * force * frame.per_force;
+    said.error_at_depth += frame.fraction * std::abs(force - by_newest);
   }
   said.error_at_depth += error_of(b, newest, depth);
   said.error = said.depth < depth ? unknown : said.error_at_depth;

@@ -27,14 +27,14 @@ struct LiveAnswer {
 /// ones lose theirs by 1/e in `fade`, with or without requests. So no answer is outside the range of the
 /// frames.
 struct BetweenFrames {
-  double radius = 5e-3;  ///< of the tool [m]
-  double fade = 0.06;    ///< [s]
-  bool touches = false;  ///< contacting tool: its contact grows with the depth, from none
+  double radius = 5e-3;      ///< of the tool [m]
+  double fade = 0.06;        ///< [s]
+  bool has_contact = false;  ///< contacting tool: its contact grows with the depth, from none
   struct Known {
     double depth, force, stiffness, error;  ///< [m], [N], [N/m], [N] at this depth
     Wrench per_force;
     LiveFrame::Tool tool;
-    double share;
+    double fraction;
   };
   std::vector<Known> frame = {};  ///< of one place, the newest last
   double now = 0.0;               ///< time of the weights [s]

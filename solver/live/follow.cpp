@@ -26,32 +26,32 @@ void Session::Parts::guess(double to, Nodal& next, Eigen::VectorXd& l) const {
   if (known.state.size() < 2) {
     next = system->step_start().u;
     l = system->step_start().lambda;
-    if (!options.touch) first_guess(model, model.tool.push, to, next);
+    if (!options.indenter) first_guess(model, model.tool.approach, to, next);
   } else if (system->viscoelastic() || (depth > known.deepest() && to > depth)) {
     // Viscoelastic tissue has no curve of states; beyond the deepest state, extrapolation from the present
     // one is safer.
     const KnownStates::Slope slope = known.slope(depth);
     next = u + (to - depth) * slope.u;
     l = lambda + (to - depth) * slope.lambda;
-    system->bring_back(l);
+    system->project_to_admissible(l);
   } else {
     known.guess(to, next, l);
-    system->bring_back(l);
+    system->project_to_admissible(l);
   }
   system->set({.depth = to}, next);
 }
 
 // Next depth to search at: as close to known states as can be trusted.
-double Session::Parts::towards(double asked) const {
+double Session::Parts::towards(double requested) const {
   if (known.state.size() < 2) return known.apart;
-  const double way = caution * longest;
-  if (system->viscoelastic()) return std::clamp(asked, depth - way, depth + way);
-  return std::min(asked, std::max(known.deepest(), depth) + way);
+  const double distance = caution * longest;
+  if (system->viscoelastic()) return std::clamp(requested, depth - distance, depth + distance);
+  return std::min(requested, std::max(known.deepest(), depth) + distance);
 }
 
 // Elastic tissue under a bonded tool resists: a state that does not is on another branch.
-bool Session::Parts::pushes_back(const Attempt& now, const Nodal& force,
-                                 const MixedIteration::Left& its) const {
+bool Session::Parts::resists(const Attempt& now, const Nodal& force,
+                             const MixedIteration::Residual& its) const {
   const double at = now.at;
   if (system->viscoelastic() || at <= 0.0 || moves_supports) return true;
   const double raw = resistance(now.u, now.lambda, force, at);
@@ -64,22 +64,22 @@ bool Session::Parts::good(const Relaxed& found, const Nodal& its, double at) con
          static_cast<double>(found.sweep.inverted) <=
              live_constants.folded * static_cast<double>(model.point_count()) &&
          (its - system->step_start().u).colwise().norm().maxCoeff() <
-             live_constants.widest * longest_share(options.further) * reach;
+             live_constants.widest * max_displacement_ratio(options.further) * reach;
 }
 
 // True if the contact of a contacting tool is good enough to show, by the criteria of the guards; call
 // resistance() before.
-bool Session::Parts::touches_well(const Attempt& now, const MixedIteration::Left& its) const {
-  if (!options.touch) return true;
+bool Session::Parts::contact_is_good(const Attempt& now, const MixedIteration::Residual& its) const {
+  if (!options.indenter) return true;
   if (its.contact > live_constants.open_contact) return false;
-  const TouchingTool::Audit audit = system->touching()->audit(now.u, system->now());
+  const RigidContact::Audit audit = system->tool_contact()->audit(now.u, system->now());
   return audit.penetration <= live_constants.deepest_in_tool * tool.radius &&
          audit.beyond <= live_constants.beyond_samples * tool.radius;
 }
 
 bool Session::Parts::is_good(const Attempt& now, const Relaxed& found, const Nodal& force,
-                             const MixedIteration::Left& its) const {
-  return good(found, now.u, now.at) && pushes_back(now, force, its) && touches_well(now, its);
+                             const MixedIteration::Residual& its) const {
+  return good(found, now.u, now.at) && resists(now, force, its) && contact_is_good(now, its);
 }
 
 // One call of follow(): searches for equilibria along the path to the requested depth.
@@ -87,7 +87,7 @@ struct Session::Parts::Call {
   // Purpose of the next search. One function per transition:
   //
   //     ahead -> ahead     take(), before the end of the path; shorten()
-  //     ahead -> back      go_back()
+  //     ahead -> back      restore()
   //     ahead -> done      take(); refine_later(); shorten(), when the time is up
   //     ahead -> stopped   shorten()
   //     back -> done       take(), or nothing is found
@@ -98,9 +98,9 @@ struct Session::Parts::Call {
     stopped  // none: no equilibrium is found any deeper
   };
 
-  Call(double asked_, double most, const FrameLimit& limit, double tolerance, Clock::duration beside)
-      : asked(asked_),
-        to(std::clamp(asked_, 0.0, most)),
+  Call(double requested_, double most, const FrameLimit& limit, double tolerance, Clock::duration overhead)
+      : requested(requested_),
+        to(std::clamp(requested_, 0.0, most)),
         timed(limit.evaluations == 0),
         begin(timed ? Clock::now() : Clock::time_point()),
         how{.tolerance = tolerance, .evaluations = timed ? 100000 : limit.evaluations},
@@ -108,10 +108,10 @@ struct Session::Parts::Call {
     if (timed)
       how.until = begin +
                   std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(limit.seconds)) -
-                  beside - beside / 2;
+                  overhead - overhead / 2;
   }
   Search next = Search::ahead;
-  double asked, to;  // requested depth, and that depth in the body
+  double requested, to;  // requested depth, and that depth in the body
   bool timed;
   Clock::time_point begin;
   RelaxOptions how;  // for the rest of the call
@@ -120,21 +120,21 @@ struct Session::Parts::Call {
   bool time_is_up = false, moved = false;
   Attempt now;  // current attempt
   Nodal force;
-  MixedIteration::Left left;
+  MixedIteration::Residual left;
   bool searches() const { return next == Search::ahead || next == Search::back; }
   bool arrives() const { return now.at == to; }
 };
 
-LiveFrame Session::Parts::follow(double asked, const FrameLimit& limit, double dt) {
-  Call call(asked, longest_tool, limit, options.tolerance, beside);
+LiveFrame Session::Parts::follow(double requested, const FrameLimit& limit, double dt) {
+  Call call(requested, longest_tool, limit, options.tolerance, overhead);
   const double from = depth;
   const bool was_cut = state == State::cut;
   call.force.resize(4, u.cols());
   system->begin_step(waited += dt);
   v.setZero();
   const std::int64_t at_first = lacks_first_contact(call) ? find_first_contact() : 0;
-  if (call.to > 0.0 || (system->viscoelastic() && asked == 0.0 && state != State::air))
-    while (call.searches()) come_nearer(call);
+  if (call.to > 0.0 || (system->viscoelastic() && requested == 0.0 && state != State::air))
+    while (call.searches()) advance(call);
   else
     lift();
   if (call.moved) {
@@ -143,32 +143,32 @@ LiveFrame Session::Parts::follow(double asked, const FrameLimit& limit, double d
   }
   path.point.clear();
   path.push(depth, u, lambda);
-  LiveFrame frame = frame_at_depth(asked, at_first + call.all - call.how.evaluations);
+  LiveFrame frame = frame_at_depth(requested, at_first + call.all - call.how.evaluations);
   const bool is_cut = state == State::cut, arrived = depth == call.to && !is_cut;
   if (arrived || depth != from || is_cut != was_cut)
-    progress.come_nearer();
+    progress.advance();
   else
-    progress.come_no_nearer(frame.evaluations);
+    progress.stall(frame.evaluations);
   if (!arrived && call.next == Call::Search::stopped) progress.stop();
-  tell_whether_there(frame, call, arrived);
-  if (call.timed) beside += (Clock::now() - call.begin - call.iterating - beside) / 5;
+  report_arrival(frame, call, arrived);
+  if (call.timed) overhead += (Clock::now() - call.begin - call.iterating - overhead) / 5;
   return frame;
 }
 
 // Sets its status, and its error for the requested pose.
-void Session::Parts::tell_whether_there(LiveFrame& frame, const Call& call, bool arrived) const {
+void Session::Parts::report_arrival(LiveFrame& frame, const Call& call, bool arrived) const {
   using Tool = LiveFrame::Tool;
-  const bool stuck = progress.state == Progress::State::stopped;
-  frame.tool = arrived ? Tool::there : stuck ? Tool::stopped : Tool::lags;
-  if (call.to > thick || call.asked > longest_tool) frame.tool = Tool::beyond;
+  const bool has_stopped = progress.state == Progress::State::stopped;
+  frame.tool = arrived ? Tool::there : has_stopped ? Tool::stopped : Tool::lags;
+  if (call.to > thick || call.requested > longest_tool) frame.tool = Tool::beyond;
   const bool unknown = frame.tool == Tool::stopped || frame.tool == Tool::beyond;
   frame.error = unknown ? std::numeric_limits<double>::infinity()
                         : frame.error_at_depth + force_apart(frame, call.to - depth);
 }
 
 bool Session::Parts::lacks_first_contact(const Call& call) const {
-  const bool has_begun = state == State::cut && begun;
-  return options.touch && call.to > 0.0 && known.state.size() < 2 && !has_begun;
+  const bool has_begun = state == State::cut && pending;
+  return options.indenter && call.to > 0.0 && known.state.size() < 2 && !has_begun;
 }
 
 // First contact has no first guess, and few evaluations do not find it: once, more are used. A contact too
@@ -180,7 +180,7 @@ std::int64_t Session::Parts::find_first_contact() {
   for (double at = known.apart; at <= deepest && known.state.size() < 2; at *= 2.0) {
     Attempt now{.at = at, .residual = 0.0, .u = u, .lambda = lambda};
     Nodal force(4, u.cols());
-    MixedIteration::Left its;
+    MixedIteration::Residual its;
     guess(at, now.u, now.lambda);
     const Relaxed found = relax.mixed().within(now.u, now.lambda, force, how, true, its);
     evaluations += found.evaluations;
@@ -192,26 +192,26 @@ std::int64_t Session::Parts::find_first_contact() {
 }
 
 // Searches from the current attempt. True: the result is good enough to be shown.
-bool Session::Parts::search(Call& call, bool anew, Relaxed& found) {
+bool Session::Parts::search(Call& call, bool reassemble, Relaxed& found) {
   system->set({.depth = call.now.at});
-  found = relax.mixed().within(call.now.u, call.now.lambda, call.force, call.how, anew, call.left);
+  found = relax.mixed().within(call.now.u, call.now.lambda, call.force, call.how, reassemble, call.left);
   call.how.evaluations -= found.evaluations;
   call.time_is_up = call.how.evaluations < 1 || call.left.late;
   return is_good(call.now, found, call.force, call.left);
 }
 
 // One search for an equilibrium.
-void Session::Parts::come_nearer(Call& call) {
+void Session::Parts::advance(Call& call) {
   const Clock::time_point lap = call.timed ? Clock::now() : Clock::time_point();
   look_for_place(call);
   const Attempt& now = call.now;
   call.how.tolerance =
       call.arrives() ? options.tolerance : std::max(options.tolerance, live_constants.passed);
-  const bool anew =
+  const bool reassemble =
       gradient_at < 0.0 || std::abs(now.at - gradient_at) > live_constants.gradient_good * tool.radius;
-  if (anew) gradient_at = now.at;
+  if (reassemble) gradient_at = now.at;
   Relaxed found;
-  bool is_well = search(call, anew, found);
+  bool is_well = search(call, reassemble, found);
   // On the path the tolerance is large: a state that is not good there may be at the final one.
   if (!is_well && !call.time_is_up && call.how.tolerance > options.tolerance &&
       found.residual < call.how.tolerance) {
@@ -231,15 +231,15 @@ void Session::Parts::look_for_place(Call& call) {
   if (call.next == Call::Search::back) {
     const KnownStates::State& near = known.nearest(call.to);
     now = {.at = near.at, .residual = 0.0, .u = near.u, .lambda = near.lambda};
-  } else if (begun && (begun->at <= call.to || known.state.size() < 2)) {
-    now = std::move(*begun);
+  } else if (pending && (pending->at <= call.to || known.state.size() < 2)) {
+    now = std::move(*pending);
   } else if (now.at = towards(call.to), now.residual = 0.0; now.at == depth && depth > 0.0) {
     now.u = u;
     now.lambda = lambda;
   } else {
     guess(now.at, now.u, now.lambda);
   }
-  begun.reset();
+  pending.reset();
 }
 
 // Shows the state that was found.
@@ -247,10 +247,10 @@ void Session::Parts::take(Call& call, double its_residual) {
   u.swap(call.now.u), lambda.swap(call.now.lambda), f.swap(call.force);
   std::swap(left, call.left);
   depth = call.now.at;
-  touch(its_residual);
+  begin_contact(its_residual);
   call.moved = true;
   caution = std::min(1.0, 1.3 * caution);
-  const LiveFrame here = frame_at_depth(call.asked, 0);
+  const LiveFrame here = frame_at_depth(call.requested, 0);
   known.add({depth, u, lambda, system->viscoelastic() ? 0.0 : residual, here.force, here.per_force});
   const bool continues = call.next == Call::Search::ahead && !call.arrives() && !call.time_is_up;
   call.next = continues ? Call::Search::ahead : Call::Search::done;
@@ -264,7 +264,7 @@ void Session::Parts::miss(Call& call, double its_residual) {
   if (call.next == Call::Search::back)
     call.next = Call::Search::done;
   else if (now.at < depth && !system->viscoelastic())
-    go_back(call);
+    restore(call);
   else if (call.time_is_up && nears)
     refine_later(call, its_residual);
   else
@@ -272,7 +272,7 @@ void Session::Parts::miss(Call& call, double its_residual) {
 }
 
 // Retraction must succeed: by the nearest known state, if nothing between is found.
-void Session::Parts::go_back(Call& call) {
+void Session::Parts::restore(Call& call) {
   gradient_at = -1.0;
   call.how.evaluations = std::max<std::int64_t>(call.how.evaluations, 1);
   call.next = Call::Search::back;
@@ -281,7 +281,7 @@ void Session::Parts::go_back(Call& call) {
 // Leaves the attempt to the next frame.
 void Session::Parts::refine_later(Call& call, double its_residual) {
   call.now.residual = its_residual;
-  begun = std::move(call.now);
+  pending = std::move(call.now);
   call.next = Call::Search::done;
 }
 

@@ -52,8 +52,9 @@ KnownStates::Slope KnownStates::slope(double at) const {
       std::find_if(state.begin(), state.end(), [&](const State& s) { return s.at > at; }) - state.begin());
   const std::ptrdiff_t b = std::clamp<std::ptrdiff_t>(above, 1, count - 1);
   const State &lower = state[static_cast<std::size_t>(b - 1)], &upper = state[static_cast<std::size_t>(b)];
-  const double way = upper.at - lower.at;
-  return {(upper.u - lower.u) / way, (upper.lambda - lower.lambda) / way, (upper.force - lower.force) / way};
+  const double distance = upper.at - lower.at;
+  return {(upper.u - lower.u) / distance, (upper.lambda - lower.lambda) / distance,
+          (upper.force - lower.force) / distance};
 }
 
 }  // namespace dimple

@@ -8,7 +8,7 @@ namespace dimple {
 /// is any. Lengths are in radii of the bonded patch or of the contacting tool.
 struct LiveConstants {
   /// Longest move of the tool, or of a support that moves further, between two equilibria. Not studied.
-  double longest_way = 0.1;
+  double longest_move = 0.1;
   /// Ratio of the time step of a move to the stable one at its beginning. Not studied.
   double safety = 0.8;
 
@@ -19,7 +19,7 @@ struct LiveConstants {
   double shown = 0.05;
   /// Largest relative residual of a state on the path to the requested depth. Not studied.
   double passed = 0.01;
-  /// Fraction of `longest_way` below which no shorter move is tried: the tool has stopped. Not studied.
+  /// Fraction of `longest_move` below which no shorter move is tried: the tool has stopped. Not studied.
   double slowest = 1.0 / 32.0;
   /// Largest fraction of inverted points in a state that is shown. Not studied.
   double folded = 0.01;

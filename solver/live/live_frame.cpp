@@ -17,19 +17,19 @@ double force_apart(const LiveFrame& frame, double apart) {
 
 // Contribution of the unbalanced forces and volumes at a depth to the force on the tool; see
 // Session::follow().
-double Session::Parts::correction_at(double at, const MixedIteration::Left& its) const {
+double Session::Parts::correction_at(double at, const MixedIteration::Residual& its) const {
   const KnownStates::Slope slope = known.slope(at);
   return slope.u.cwiseProduct(its.force).sum() + slope.lambda.head(its.volume.size()).dot(its.volume);
 }
 
-LiveFrame Session::Parts::frame_at_depth(double asked, std::int64_t evaluations) const {
-  LiveFrame frame{.asked = asked, .depth = depth, .residual = residual, .evaluations = evaluations};
+LiveFrame Session::Parts::frame_at_depth(double requested, std::int64_t evaluations) const {
+  LiveFrame frame{.requested = requested, .depth = depth, .residual = residual, .evaluations = evaluations};
   frame.force = resistance(u, lambda, f, depth);
   system->set({.depth = depth});
   frame.on_tool = system->on_tool(u, f);
   frame.per_force = per_force(frame);
-  if (options.touch && depth > 0.0)
-    frame.penetration = system->touching()->audit(u, system->now()).penetration;
+  if (options.indenter && depth > 0.0)
+    frame.penetration = system->tool_contact()->audit(u, system->now()).penetration;
   if (state == State::cut) {
     frame.error_at_depth = std::abs(frame.force);
     return frame;
@@ -38,10 +38,10 @@ LiveFrame Session::Parts::frame_at_depth(double asked, std::int64_t evaluations)
   const double correction = correction_at(depth, left), stiffness = known.slope(depth).force;
   frame.stiffness = stiffness;
   frame.force += correction;
-  frame.on_tool.head<3>() -= correction * model.tool.push;
+  frame.on_tool.head<3>() -= correction * model.tool.approach;
   frame.per_force = per_force(frame);
   frame.error_at_depth = live_constants.of_correction * std::abs(correction) +
-                         (options.touch ? live_constants.of_energy_in_contact : live_constants.of_energy) *
+                         (options.indenter ? live_constants.of_energy_in_contact : live_constants.of_energy) *
                              std::sqrt(left.energy * std::max(0.0, stiffness)) +
                          live_constants.of_force * std::abs(frame.force);
   return frame;

@@ -6,8 +6,8 @@ namespace dimple {
 
 /// Progress of an advanced tool towards its requested depth. One function per transition:
 ///
-///     advances -> stopped   stop(); come_no_nearer() too often
-///     stopped -> advances   come_nearer(), which an arrival is too
+///     advances -> stopped   stop(); stall() too often
+///     stopped -> advances   advance(), which an arrival is too
 struct Progress {
   enum class State { advances, stopped };
   State state = State::advances;
@@ -15,9 +15,9 @@ struct Progress {
   std::int64_t frames = 0;       ///< likewise
 
   /// Records a frame that brought the tool nearer, or to its depth.
-  void come_nearer() { *this = {}; }
+  void advance() { *this = {}; }
   /// Records a frame without progress, and its force evaluations.
-  void come_no_nearer(std::int64_t its_evaluations) {
+  void stall(std::int64_t its_evaluations) {
     evaluations += its_evaluations;
     frames += 1;
     if (evaluations >= live_constants.fruitless_evaluations || frames >= live_constants.fruitless_frames)

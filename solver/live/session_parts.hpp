@@ -22,13 +22,13 @@ struct Session::Parts {
   /// State of the tool, and of the body that is shown. One function per transition:
   ///
   ///     touching, cut -> air   lift(); of touching also to_equilibrium() at rest
-  ///     air, cut -> touching   touch(): an equilibrium is shown
+  ///     air, cut -> touching   begin_contact(): an equilibrium is shown
   ///     air -> touching        move_freely(): with inertia
-  ///     air -> cut             go_on_from(): in the session of the cut body
+  ///     air -> cut             continue_from(): in the session of the cut body
   enum class State {
-    air,       ///< the tool is lifted, the body is at rest
-    touching,  ///< the tool is in the body, which is near an equilibrium or moves with its inertia
-    cut        ///< state of the body before a cut: no equilibrium of the cut body yet
+    air,         ///< the tool is lifted, the body is at rest
+    in_contact,  ///< the tool is in the body, which is near an equilibrium or moves with its inertia
+    cut          ///< state of the body before a cut: no equilibrium of the cut body yet
   };
   State state = State::air;
 
@@ -58,66 +58,66 @@ struct Session::Parts {
   // State of follow().
   using Clock = std::chrono::steady_clock;
   KnownStates known;
-  MixedIteration::Left left;      ///< at u
-  double residual = 0.0;          ///< there
-  double caution = 1.0;           ///< fraction of `longest` that is tried
-  double gradient_at = -1.0;      ///< depth of dJ/du [m]; negative: none serves
-  Clock::duration beside{};       ///< time of a frame besides the iteration, mean of the last few
-  std::optional<Attempt> begun;   ///< an equilibrium that is not good enough yet: the next frame refines it
-  Progress progress;              ///< of the tool to where it is to be
-  std::vector<double> untouched;  ///< history of viscoelastic tissue before any contact
-  double waited = 0.0;            ///< time not yet applied to such tissue [s]
+  MixedIteration::Residual left;   ///< at u
+  double residual = 0.0;           ///< there
+  double caution = 1.0;            ///< fraction of `longest` that is tried
+  double gradient_at = -1.0;       ///< depth of dJ/du [m]; negative: none serves
+  Clock::duration overhead{};      ///< time of a frame besides the iteration, mean of the last few
+  std::optional<Attempt> pending;  ///< an equilibrium that is not good enough yet: the next frame refines it
+  Progress progress;               ///< of the tool to where it is to be
+  std::vector<double> unloaded_past;  ///< history of viscoelastic tissue before any contact
+  double waited = 0.0;                ///< time not yet applied to such tissue [s]
 
   // Transitions of `state`.
   void lift();
-  void touch(double its_residual);
+  void begin_contact(double its_residual);
   void move_freely();
-  void go_on_from(const Parts& before, const Points& its, const std::vector<Index>& of_patch);
+  void continue_from(const Parts& before, const Points& its, const std::vector<Index>& of_patch);
 
   // Moves, as those of Session.
   std::int64_t equilibrate(double to, double dt);
   std::int64_t step(double to, double dt);
-  LiveFrame follow(double asked, const FrameLimit& limit, double dt);
+  LiveFrame follow(double requested, const FrameLimit& limit, double dt);
 
   /// Force on the tool along its press direction at a state [N]; sets the contact to that state.
   double resistance(const Nodal& its, const Eigen::VectorXd& l, const Nodal& force, double at) const;
   /// Frame of the state that is shown, without its status and its error for the requested pose.
-  LiveFrame frame_at_depth(double asked, std::int64_t evaluations) const;
+  LiveFrame frame_at_depth(double requested, std::int64_t evaluations) const;
 
  private:
   struct Call;
   void require_curve_of_equilibria() const;
   void nothing_left();
-  void lie_at_rest();
+  void reset_to_undeformed();
 
-  void look_ahead(double to);
+  void predict(double to);
   std::int64_t to_equilibrium(double to);
   std::int64_t count_steps(double dt);
   void find_force();
   template <class Move>
-  std::int64_t whole(const Move& move);
+  std::int64_t with_rollback(const Move& move);
 
   void guess(double to, Nodal& next, Eigen::VectorXd& l) const;
-  double towards(double asked) const;
-  bool pushes_back(const Attempt& now, const Nodal& force, const MixedIteration::Left& its) const;
+  double towards(double requested) const;
+  bool resists(const Attempt& now, const Nodal& force, const MixedIteration::Residual& its) const;
   bool good(const Relaxed& found, const Nodal& its, double at) const;
-  bool touches_well(const Attempt& now, const MixedIteration::Left& its) const;
+  bool contact_is_good(const Attempt& now, const MixedIteration::Residual& its) const;
   bool is_good(const Attempt& now, const Relaxed& found, const Nodal& force,
-               const MixedIteration::Left& its) const;
+               const MixedIteration::Residual& its) const;
 
   bool lacks_first_contact(const Call& call) const;
   std::int64_t find_first_contact();
-  bool search(Call& call, bool anew, Relaxed& found);
-  void come_nearer(Call& call);
+  bool search(Call& call, bool reassemble, Relaxed& found);
+  void advance(Call& call);
   void look_for_place(Call& call);
   void take(Call& call, double its_residual);
   void miss(Call& call, double its_residual);
-  void go_back(Call& call);
+  void restore(Call& call);
   void refine_later(Call& call, double its_residual);
   void shorten(Call& call);
-  void tell_whether_there(LiveFrame& frame, const Call& call, bool arrived) const;
+  void report_arrival(LiveFrame& frame, const Call& call, bool arrived) const;
 
-  double correction_at(double at, const MixedIteration::Left& its) const;
+  double correction_at(double at, const MixedIteration::Residual& its) const;
   Wrench per_force(const LiveFrame& frame) const;
 };
 

@@ -53,7 +53,7 @@ class ExplicitMarch {
   int shown_;  // last output frame
   bool stopped_ = false;
 
-  void begin_at_rest();
+  void begin_undeformed();
   void begin_stretch();
   void march_stretch();
   void step(const Moment& now, bool first);
@@ -63,7 +63,7 @@ class ExplicitMarch {
   void write_energy(const Moment& now);
   void show_frame(int number, const Moment& now);
   double stable_step();
-  void go_back(const MarchState& kept, const SolveError& error);
+  void restore(const MarchState& kept, const SolveError& error);
 };
 
 ExplicitMarch::ExplicitMarch(System& system, const Loading& loading, const SolverOptions& options,
@@ -90,17 +90,17 @@ ExplicitMarch::ExplicitMarch(System& system, const Loading& loading, const Solve
     history = from->history;
     system.restore_past(from->past);
   } else {
-    begin_at_rest();
+    begin_undeformed();
   }
 }
 
-void ExplicitMarch::begin_at_rest() {
+void ExplicitMarch::begin_undeformed() {
   state_.safety = options_.safety;
   u_ = system_.step_start().u;
   v_ = Nodal::Zero(4, model_.node_count());
   if (system_.loaded()) ledger_.add_work(system_.stored_energy(u_).sum());
   // The initial velocity of held nodes is the only work that is not a force times a distance.
-  ledger_.add_work(held_.set_off(v_, loading_.rate, model_.mass));
+  ledger_.add_work(held_.apply_initial_velocity(v_, loading_.rate, model_.mass));
   state_.dt_stable = stable_step();
 }
 
@@ -116,7 +116,7 @@ void ExplicitMarch::run() {
       if (options_.guards) kept = keep();
     } catch (const SolveError& error) {
       if (!options_.guards) throw;
-      go_back(kept, error);
+      restore(kept, error);
     }
   }
   history_.interrupted = stopped_;
@@ -139,7 +139,7 @@ void ExplicitMarch::begin_stretch() {
 
 void ExplicitMarch::march_stretch() {
   for (; state_.step < state_.steps && !stopped_; ++state_.step) {
-    stop_if_asked();
+    stop_if_requested();
     const double t = stretch_ * state_.frame + state_.dt * static_cast<double>(state_.step);
     step({t, loading_.rate * t, state_.dt, state_.dt_stable}, state_.step == 0);
     if (state_.step % between_kinetic == between_kinetic - 1)
@@ -267,7 +267,7 @@ double ExplicitMarch::stable_step() {
 }
 
 // Returns to the last output frame, with smaller steps. Evaluations and retries stay counted.
-void ExplicitMarch::go_back(const MarchState& kept, const SolveError& error) {
+void ExplicitMarch::restore(const MarchState& kept, const SolveError& error) {
   const bool smaller_steps_help = error.report.code != "hourglass";
   const double depth = state_.account.depth_before, safety = state_.safety;
   History before = kept.history;

@@ -12,14 +12,14 @@ Frame frame_of(const System& system, int number, const Moment& at, const Nodal& 
   Frame frame{number, at.t, at.depth, u, f, system.tissue()};
   frame.aside = system.aside();
   frame.turned = system.turned();
-  frame.tool = system.touching();
+  frame.tool = system.tool_contact();
   frame.walls = system.walls();
-  if (frame.tool) frame.contact_force = system.along_push(f);
+  if (frame.tool) frame.contact_force = system.along_approach(f);
   return frame;
 }
 
 bool FramesBetween::show(int& last, double before, double from, const Predictor& path) {
-  Rest now{path.point.back().u, path.point.back().lambda};
+  EquilibriumState now{path.point.back().u, path.point.back().lambda};
   Nodal f = now.u;
   for (; last < options.frames && travel_of(last + 1) < before; ++last) {
     const double travel = travel_of(last + 1);
@@ -27,15 +27,15 @@ bool FramesBetween::show(int& last, double before, double from, const Predictor&
     system.begin_step((travel - from) / loading.rate);
     const std::int64_t swept = system.tissue().sweeps();
     path.extrapolate(travel, now.u, now.lambda);
-    system.bring_back(now.lambda);
+    system.project_to_admissible(now.lambda);
     system.set({.t = at.t, .depth = travel}, now.u);
     const bool found = find(now, f);
     history.extra_evaluations += system.tissue().sweeps() - swept;
     if (found)
       ledger.add(ledger.force(at, now.u, f));
     else
-      tell_of_line(at.depth);
-    if (observer.frame) observer.frame(frame_of(system, loading.begun.frame + last + 1, at, now.u, f));
+      report_interpolated_frames(at.depth);
+    if (observer.frame) observer.frame(frame_of(system, loading.start.frame + last + 1, at, now.u, f));
     if (found && !ledger.show_force()) return false;
   }
   return true;
@@ -43,8 +43,8 @@ bool FramesBetween::show(int& last, double before, double from, const Predictor&
 
 // False: none was found, and `now` is unchanged. A mixed search starts nearby, so that it gets twice the
 // average evaluations of a load step.
-bool FramesBetween::find(Rest& now, Nodal& f) {
-  const Rest guess = now;
+bool FramesBetween::find(EquilibriumState& now, Nodal& f) {
+  const EquilibriumState guess = now;
   try {
     const bool mixed = relax.has_mixed();
     const RelaxOptions how{
@@ -59,7 +59,7 @@ bool FramesBetween::find(Rest& now, Nodal& f) {
   return false;
 }
 
-void FramesBetween::tell_of_line(double depth) {
+void FramesBetween::report_interpolated_frames(double depth) {
   if (std::any_of(history.guards.begin(), history.guards.end(),
                   [](const Finding& f) { return f.report.code == "frame"; }))
     return;

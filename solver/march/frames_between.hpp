@@ -26,8 +26,8 @@ struct FramesBetween {
   bool show(int& last, double before, double from, const Predictor& path);
 
  private:
-  bool find(Rest& now, Nodal& f);
-  void tell_of_line(double depth);
+  bool find(EquilibriumState& now, Nodal& f);
+  void report_interpolated_frames(double depth);
 };
 
 }  // namespace dimple

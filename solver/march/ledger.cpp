@@ -6,7 +6,7 @@
 namespace dimple {
 
 double Ledger::mean_force(const Nodal& f) {
-  const double now = system_.working_force(f), mean = 0.5 * (now + account_.force_before);
+  const double now = system_.force_along_motion(f), mean = 0.5 * (now + account_.force_before);
   account_.force_before = now;
   return mean;
 }
@@ -18,7 +18,7 @@ void Ledger::add_work(double joules) {
 
 ForceSample Ledger::force(const Moment& now, const Nodal& u, const Nodal& f) const {
   const Model& model = system_.model();
-  ForceSample sample{now.t, now.depth, system_.along_push(f), -along_push(model, model.base, f)};
+  ForceSample sample{now.t, now.depth, system_.along_approach(f), -along_approach(model, model.base, f)};
   Eigen::Map<Wrench>(sample.on_tool.data()) = system_.on_tool(u, f);
   Eigen::Map<Vec3>(sample.aside.data()) = system_.aside();
   Eigen::Map<Vec3>(sample.turned.data()) = system_.turned();
@@ -27,7 +27,7 @@ ForceSample Ledger::force(const Moment& now, const Nodal& u, const Nodal& f) con
 
 void Ledger::add(const ForceSample& sample) const {
   history_.force.push_back(sample);
-  for (const TouchingTool* wall : system_.walls())
+  for (const RigidContact* wall : system_.walls())
     Eigen::Map<Wrench>(history_.on_walls.emplace_back().data()) = wall->on_tool(system_.now());
 }
 
@@ -40,8 +40,9 @@ void Ledger::write(const ForceSample& sample, const Nodal& f) {
 }
 
 EnergySample Ledger::energy(const Moment& now, double kinetic, const StoredEnergy& stored, double work,
-                            double heat) const {
-  return {now.t, now.depth, kinetic, stored.sum(), account_.external + work, account_.dissipated + heat};
+                            double dissipation) const {
+  return {
+      now.t, now.depth, kinetic, stored.sum(), account_.external + work, account_.dissipated + dissipation};
 }
 
 void Ledger::write(const EnergySample& energy) {

@@ -31,9 +31,10 @@ class Ledger {
   /// Passes the last sample to the observer. False: it stops the run.
   bool show_force() const { return !observer_.sample || observer_.sample(history_.force.back(), history_); }
 
-  /// Energies at one time, with further `work` and frictional dissipation `heat` [J] that are not booked yet.
+  /// Energies at one time, with further `work` and frictional dissipation `dissipation` [J] that are not
+  /// booked yet.
   EnergySample energy(const Moment& now, double kinetic, const StoredEnergy& stored, double work = 0.0,
-                      double heat = 0.0) const;
+                      double dissipation = 0.0) const;
   /// Books an energy sample with its work and dissipation.
   void write(const EnergySample& energy);
 

@@ -30,14 +30,14 @@ constexpr double same_depth = 1e-6;      // of a load step
 constexpr std::size_t few = 3;           // equilibria, before which the curve between two is a guess
 
 // First increment under friction, in load steps. New contact slides freely for one increment, since its
-// anchors are unknown (TouchingTool::foresee). Three increments, each twice the last, lose a fifth of the
-// loss of one.
+// anchors are unknown (RigidContact::predict_contact). Three increments, each twice the last, lose a fifth of
+// the loss of one.
 constexpr double first_with_friction = 1.0 / 7.0;
 
 bool has_friction(const Loading& loading) {
-  return (loading.touch && loading.touch->friction > 0.0) ||
+  return (loading.indenter && loading.indenter->friction > 0.0) ||
          std::any_of(loading.walls.begin(), loading.walls.end(),
-                     [](const Touch& t) { return t.friction > 0.0; });
+                     [](const RigidBody& t) { return t.friction > 0.0; });
 }
 
 // Work of a growing contact force over the last increment: a power of the depth through both ends. Nothing if
@@ -52,13 +52,13 @@ std::optional<double> work_of_growing(const std::vector<double>& depth, const st
 }
 
 // Work of the force over the last increment: of the parabola through the last three points, or of a line.
-// From first contact it is `first_share` of depth times force.
+// From first contact it is `first_scale` of depth times force.
 double work_of_last(const std::vector<double>& depth, const std::vector<double>& force, bool straight,
-                    double first_share) {
+                    double first_scale) {
   const std::size_t k = depth.size() - 1;
   const double h = depth[k] - depth[k - 1], slope = (force[k] - force[k - 1]) / h;
   const double line = 0.5 * h * (force[k] + force[k - 1]);
-  if (k == 1 && depth.front() == 0.0 && force.front() == 0.0) return first_share * h * force[k];
+  if (k == 1 && depth.front() == 0.0 && force.front() == 0.0) return first_scale * h * force[k];
   if (k == 1 || straight) return line;
   const double slope_before = (force[k - 1] - force[k - 2]) / (depth[k - 1] - depth[k - 2]);
   const double curved = line - h * h * h / 6.0 * (slope - slope_before) / (depth[k] - depth[k - 2]);
@@ -81,7 +81,7 @@ struct Increment {
 
 // Result of the search at the end of an increment, and its entries in the ledger.
 struct Found {
-  Found() { relaxed.converged = false; }  // until a search has ended: go_back() reads it
+  Found() { relaxed.converged = false; }  // until a search has ended: restore() reads it
   Relaxed relaxed;
   bool snapped = false;  // passed a limit point, or lost contact
   ForceSample force = {};
@@ -93,8 +93,8 @@ class QuasiStaticMarch {
   QuasiStaticMarch(System& system, const Loading& loading, const SolverOptions& options,
                    const Observer& observer, History& history, const MarchState* from);
   void run();
-  AfterCut settle(double t);
-  Rest ended() && { return std::move(now_); }
+  AfterCut equilibrate_cut(double t);
+  EquilibriumState ended() && { return std::move(now_); }
 
  private:
   System& system_;
@@ -106,7 +106,7 @@ class QuasiStaticMarch {
   MarchState state_;
   const Relaxation relax_;
   Predictor path_{4};  // last equilibria, for the first guess
-  Rest now_;
+  EquilibriumState now_;
   Nodal f_;
   Ledger ledger_;  // force() and energy() only compute; write() books them
   // check...() records doubtful results and throws SolveError for wrong ones; found_...() only records.
@@ -119,15 +119,15 @@ class QuasiStaticMarch {
   double least_curvature_ = 1.0;  // least Relaxed::curvature since the last one; < 0: limit point
   bool stopped_ = false;
 
-  void begin_at_rest();
+  void begin_undeformed();
   void begin_after_steps();
   Increment next_increment() const;
   void go(const Increment& increment, Found& found);
-  void look_ahead(const Increment& increment, Found& found);
+  void predict(const Increment& increment, Found& found);
   void set_tool(double travel);
   void search(double tolerance, Found& found);
   void check(const Increment& increment, Found& found);
-  bool begins_to_rub() const { return loading_.begun.frame == 0 && has_friction(loading_); }
+  bool friction_begins() const { return loading_.start.frame == 0 && has_friction(loading_); }
   bool tool_alone_moves(double along) const;
   double work_of(const Increment& increment, bool snapped) const;
   void check_equilibrium(const Moment& now, const Found& found);
@@ -139,7 +139,7 @@ class QuasiStaticMarch {
   void take(const Increment& increment, const Found& found);
   bool show_frames_before(const Increment& increment);
   void show_frame_at(const Increment& increment);
-  void go_back(const Increment& increment, const Found& found, const SolveError& error);
+  void restore(const Increment& increment, const Found& found, const SolveError& error);
 };
 
 QuasiStaticMarch::QuasiStaticMarch(System& system, const Loading& loading, const SolverOptions& options,
@@ -159,21 +159,21 @@ QuasiStaticMarch::QuasiStaticMarch(System& system, const Loading& loading, const
       between_{system, relax_, loading, options, observer, ledger_, history},
       steps_(steps_of_load(model_, loading, options)),
       step_(loading.depth / steps_),
-      most_(loading.begun.evaluations +
+      most_(loading.start.evaluations +
             (relax_.has_mixed() ? most_evaluations(steps_, options) : options.evaluations * steps_)) {
   if (from) {
     history = from->history;
     path_.point = from->path;
     system.restore_past(from->past);
     system.set_least_reactions(from->least_reactions);
-  } else if (loading.begun.frame > 0) {
+  } else if (loading.start.frame > 0) {
     begin_after_steps();
   } else {
-    begin_at_rest();
+    begin_undeformed();
   }
 }
 
-void QuasiStaticMarch::begin_at_rest() {
+void QuasiStaticMarch::begin_undeformed() {
   state_.depths = state_.forces = {0.0};
   state_.longest = step_;
   path_.push(0.0, now_.u, now_.lambda);
@@ -194,11 +194,11 @@ void QuasiStaticMarch::begin_at_rest() {
 // Begins a later step of a scene; curve and ledger continue.
 void QuasiStaticMarch::begin_after_steps() {
   path_.push(0.0, now_.u, now_.lambda);
-  system_.set({.t = loading_.begun.t});
+  system_.set({.t = loading_.start.t});
   system_.force_at(now_.u, now_.lambda, f_);
-  system_.measure_by(f_);
+  system_.set_residual_scale(f_);
   state_.depths = {0.0};
-  state_.forces = {system_.working_force(f_)};
+  state_.forces = {system_.force_along_motion(f_)};
   state_.longest = step_;
   state_.account.external = history_.energy.back().external;
   state_.account.dissipated = history_.energy.back().dissipated;
@@ -219,7 +219,7 @@ void QuasiStaticMarch::run() {
       if (!options_.guards || error.report.code == "hourglass" || error.report.code == tools_overlap) throw;
       state_.depths.resize(equilibria);
       state_.forces.resize(equilibria);
-      go_back(increment, found, error);
+      restore(increment, found, error);
       continue;
     }
     take(increment, found);
@@ -231,7 +231,7 @@ Increment QuasiStaticMarch::next_increment() const {
   const std::vector<double>& depths = state_.depths;
   const double end = step_ * static_cast<double>(state_.step + 1), at = depths.back();
   const double last = depths.size() > 1 ? at - depths[depths.size() - 2] : step_;
-  const double first = depths.size() == 1 && begins_to_rub() ? first_with_friction * step_ : step_;
+  const double first = depths.size() == 1 && friction_begins() ? first_with_friction * step_ : step_;
   const double length = std::min({after_failure_, state_.longest, 2.0 * last, end - at, first});
   const bool arrives = end - at - length < same_depth * step_;
   const double to = arrives ? end : at + length;
@@ -241,19 +241,19 @@ Increment QuasiStaticMarch::next_increment() const {
 void QuasiStaticMarch::go(const Increment& increment, Found& found) {
   const Moment& now = increment.end;
   system_.begin_step((increment.to - increment.from) / loading_.rate);
-  look_ahead(increment, found);
+  predict(increment, found);
   const Nodal expected = now_.u;
   search(options_.tolerance, found);
-  found.snapped = found.relaxed.gave_way() || found.relaxed.lost_contact;
+  found.snapped = found.relaxed.passed_limit_point() || found.relaxed.lost_contact;
   check(increment, found);
-  if (found.snapped && system_.touching() && system_.touching()->touched().samples == 0)
+  if (found.snapped && system_.tool_contact() && system_.tool_contact()->contact_summary().samples == 0)
     guards_.found_lost_contact(now_.u - path_.point.back().u, increment.length, now);
   else if (found.snapped)
     guards_.found_limit_point(now_.u - expected, increment.length, system_.folds() != nullptr, now);
 }
 
 // Predicts u and lambda at the end of the increment.
-void QuasiStaticMarch::look_ahead(const Increment& increment, Found& found) {
+void QuasiStaticMarch::predict(const Increment& increment, Found& found) {
   const double length = increment.to - increment.from;
   if (!increment.has_no_curve) {
     path_.extrapolate(increment.to, now_.u, now_.lambda);
@@ -261,7 +261,7 @@ void QuasiStaticMarch::look_ahead(const Increment& increment, Found& found) {
   }
   // The first iteration predicts better than a first motion: contact grows from a point, and a hold has no
   // motion.
-  if (system_.touching() || loading_.begun.holds) {
+  if (system_.tool_contact() || loading_.start.holds) {
     now_ = {path_.point.back().u, path_.point.back().lambda};
     return set_tool(increment.to);
   }
@@ -291,7 +291,7 @@ void QuasiStaticMarch::search(double tolerance, Found& found) {
                          .evaluations = relax_.has_mixed()
                                             ? std::min(options_.evaluations, most_ - history_.evaluations)
                                             : options_.evaluations,
-                         .may_lose_contact = true};
+                         .allow_separation = true};
   Relaxed& relaxed = found.relaxed;
   relaxed.converged = false;
   if (how.evaluations < 1) throw no_equilibrium(relaxed, model_);
@@ -316,7 +316,7 @@ void QuasiStaticMarch::check_equilibrium(const Moment& now, const Found& found) 
   guards_.check_nodes(now_.u, f_, now);
   guards_.check_points(found.relaxed.sweep, now);  // inverted points and changed volume
   guards_.check_fluctuation(now_.u, now);          // displacements that gradients do not resolve
-  if (system_.touching()) check_contact(now);
+  if (system_.tool_contact()) check_contact(now);
   look_at_walls(now);
   look_at_tools(now);
   if (system_.folds()) look_at_folds();
@@ -324,12 +324,12 @@ void QuasiStaticMarch::check_equilibrium(const Moment& now, const Found& found) 
 
 // True if a contacting tool alone moves, straight along its press direction (1) or back (-1).
 bool QuasiStaticMarch::tool_alone_moves(double along) const {
-  const auto moves = [](const Touch& wall) { return wall.motion && !wall.motion->isZero(0.0); };
-  return system_.touching() &&
-         along * system_.held().motion(tool_set).dot(model_.tool.push) > 1.0 - same_depth &&
+  const auto moves = [](const RigidBody& wall) { return wall.motion && !wall.motion->isZero(0.0); };
+  return system_.tool_contact() &&
+         along * system_.held().motion(tool_set).dot(model_.tool.approach) > 1.0 - same_depth &&
          std::none_of(loading_.walls.begin(), loading_.walls.end(), moves) &&
          std::all_of(loading_.further.begin(), loading_.further.end(),
-                     [](const HeldSet& set) { return set.share == 0.0; });
+                     [](const HeldSet& set) { return set.fraction == 0.0; });
 }
 
 // Work of the last increment. Near first contact and near the loss of contact the force follows the tool's
@@ -340,13 +340,14 @@ double QuasiStaticMarch::work_of(const Increment& increment, bool snapped) const
   const double before = history_.force.back().depth;
   if (tool_alone_moves(-1.0) && force[k] == 0.0 && before > 0.0 &&
       before <= at[k] - at[k - 1] + same_depth * step_)
-    return share_of_first_work(system_.touching()->touch().shape, before) * before * force[k - 1];
+    return fraction_of_first_work(system_.tool_contact()->body().shape, before) * before * force[k - 1];
   constexpr std::size_t first_few = 4;  // up to the end of a load step with friction
   const bool begins = k > 1 && k < first_few && tool_alone_moves(1.0) && !increment.has_no_curve && !snapped;
   if (const std::optional<double> work = begins ? work_of_growing(at, force) : std::nullopt) return *work;
-  const double first_share =
-      tool_alone_moves(1.0) ? share_of_first_work(system_.touching()->touch().shape, increment.to) : 0.5;
-  return work_of_last(at, force, increment.has_no_curve || snapped, first_share);
+  const double first_scale = tool_alone_moves(1.0)
+                                 ? fraction_of_first_work(system_.tool_contact()->body().shape, increment.to)
+                                 : 0.5;
+  return work_of_last(at, force, increment.has_no_curve || snapped, first_scale);
 }
 
 // Applies the guards to the new equilibrium and adds its depth and force to the curve.
@@ -356,7 +357,7 @@ void QuasiStaticMarch::check(const Increment& increment, Found& found) {
   check_equilibrium(now, found);
   found.force = ledger_.force(now, now_.u, f_);
   state_.depths.push_back(increment.to);
-  state_.forces.push_back(system_.working_force(f_));
+  state_.forces.push_back(system_.force_along_motion(f_));
   const double work = work_of(increment, found.snapped);
   const StoredEnergy stored = system_.stored_energy(now_.u);
   guards_.check_hourglass(stored.hourglass, stored.tissue, now);
@@ -365,13 +366,13 @@ void QuasiStaticMarch::check(const Increment& increment, Found& found) {
   if (relaxed.lost_contact && !system_.viscoelastic())
     dissipated = std::max(0.0, history_.energy.back().stored + work - stored.sum());
   for (const System::OneContact& one : system_.contacts())
-    if (one.rigid) dissipated += one.rigid->heat();  // since accept_step()
+    if (one.rigid) dissipated += one.rigid->dissipation();  // since accept_step()
   found.energy = ledger_.energy(now, /*kinetic=*/0.0, stored, work, dissipated);
   // Once the body is free of the tool, the imbalance is older than this increment; a shorter one cannot
   // remove it.
-  const bool rests = system_.touching() && stored.sum() <= 1e-6 * state_.account.largest_external &&
-                     system_.touching()->touched().samples == 0;
-  if (state_.depths.size() > few + (begins_to_rub() ? 2 : 0))  // one step in three increments
+  const bool rests = system_.tool_contact() && stored.sum() <= 1e-6 * state_.account.largest_external &&
+                     system_.tool_contact()->contact_summary().samples == 0;
+  if (state_.depths.size() > few + (friction_begins() ? 2 : 0))  // one step in three increments
     guards_.check_energy(found.energy,
                          std::max(state_.account.largest_external, std::abs(found.energy.external)),
                          /*duration=*/now.t, /*conserves=*/false, now, /*warns_alone=*/rests);
@@ -379,11 +380,11 @@ void QuasiStaticMarch::check(const Increment& increment, Found& found) {
 
 // A contacting tool may neither penetrate the body nor meet surface without contact samples.
 void QuasiStaticMarch::check_contact(const Moment& now) {
-  const TouchingTool& tool = *system_.touching();
-  const TouchingTool::Audit audit = tool.audit(now_.u, system_.now());
-  const double most = Guards::most_penetration * tool.touch().shape.radius;
+  const RigidContact& tool = *system_.tool_contact();
+  const RigidContact::Audit audit = tool.audit(now_.u, system_.now());
+  const double most = Guards::most_penetration * tool.body().shape.radius;
   // A finding above this; throws above fifty times as much.
-  guards_.check_contact(audit, most, tool.touch(), now);
+  guards_.check_contact(audit, most, tool.body(), now);
   if (audit.penetration > history_.penetration) {
     history_.penetration = audit.penetration;
     if (audit.penetration > most) history_.penetration_at = now.depth;
@@ -392,17 +393,17 @@ void QuasiStaticMarch::check_contact(const Moment& now) {
 
 // Records the contacts of the accepted equilibrium in the history.
 void QuasiStaticMarch::note_contacts() {
-  if (const TouchingTool* tool = system_.touching()) {
-    const TouchingTool::Touched touched = tool->touched();
-    history_.contact_samples = touched.samples;
-    history_.contact_area = touched.area;
-    history_.contact_sticks = touched.sticks;
-    history_.contact_heat = touched.heat;
-    history_.contact_pressure = touched.pressure;
+  if (const RigidContact* tool = system_.tool_contact()) {
+    const RigidContact::ContactSummary contact_summary = tool->contact_summary();
+    history_.contact_samples = contact_summary.samples;
+    history_.contact_area = contact_summary.area;
+    history_.no_slip_area = contact_summary.no_slip;
+    history_.contact_dissipation = contact_summary.dissipation;
+    history_.contact_pressure = contact_summary.pressure;
   }
   for (std::size_t k = 0; k < history_.walls.size(); ++k) {
     const double deepest = history_.walls[k].penetration;
-    history_.walls[k] = system_.walls()[k]->touched();
+    history_.walls[k] = system_.walls()[k]->contact_summary();
     history_.walls[k].penetration = deepest;
   }
 }
@@ -412,15 +413,16 @@ void QuasiStaticMarch::look_at_walls(const Moment& now) {
   for (std::size_t k = 0; k < history_.walls.size(); ++k) {
     double& deepest = history_.walls[k].penetration;
     deepest = std::max(deepest, system_.walls()[k]->audit(now_.u, system_.now()).penetration);
-    guards_.check_wall(system_.walls()[k]->touch(), deepest, system_.walls()[k]->touched().samples > 0, now);
+    guards_.check_wall(system_.walls()[k]->body(), deepest, system_.walls()[k]->contact_summary().samples > 0,
+                       now);
   }
 }
 
 void QuasiStaticMarch::look_at_tools(const Moment& now) {
   std::vector<ToolNow> tools;
   for (const System::OneContact& one : system_.contacts())
-    if (one.rigid && (one.rigid->is_measured() || one.rigid->touch().is_tool))
-      tools.push_back({one.rigid->touch(), one.rigid->pose_at(system_.now().depth)});
+    if (one.rigid && (one.rigid->is_measured() || one.rigid->body().is_tool))
+      tools.push_back({one.rigid->body(), one.rigid->pose_at(system_.now().depth)});
   guards_.check_apart(tools, now);
 }
 
@@ -482,12 +484,12 @@ void QuasiStaticMarch::show_frame_at(const Increment& increment) {
     return;
   ++state_.frame;
   if (observer_.frame)
-    observer_.frame(frame_of(system_, loading_.begun.frame + state_.frame, increment.end, now_.u, f_));
+    observer_.frame(frame_of(system_, loading_.start.frame + state_.frame, increment.end, now_.u, f_));
 }
 
 // Nothing moves: the energy that the tissue releases is dissipated by the cut.
-AfterCut QuasiStaticMarch::settle(double t) {
-  const Moment now{t, loading_.begun.depth};
+AfterCut QuasiStaticMarch::equilibrate_cut(double t) {
+  const Moment now{t, loading_.start.depth};
   Found found;
   set_tool(0.0);  // no begin_step(): a cut takes no time, and viscoelastic tissue is refused
   search(options_.tolerance, found);
@@ -495,7 +497,7 @@ AfterCut QuasiStaticMarch::settle(double t) {
   const StoredEnergy stored = system_.stored_energy(now_.u);
   guards_.check_hourglass(stored.hourglass, stored.tissue, now);
   AfterCut result{.released = history_.energy.back().stored - stored.sum(),
-                  .gave_way = found.relaxed.gave_way()};
+                  .passed_limit_point = found.relaxed.passed_limit_point()};
   ledger_.keep_worst(found.relaxed.sweep);
   history_.residual = std::max(history_.residual, found.relaxed.residual);
   note_contacts();
@@ -503,15 +505,15 @@ AfterCut QuasiStaticMarch::settle(double t) {
   ledger_.write(ledger_.energy(now, 0.0, stored, 0.0, result.released));
   if (observer_.frame)
     // A frame of its own, which the caller has counted.
-    observer_.frame(frame_of(system_, loading_.begun.frame, now, now_.u, f_));
+    observer_.frame(frame_of(system_, loading_.start.frame, now, now_.u, f_));
   if (!ledger_.show_force()) history_.interrupted = true;
   system_.accept_step(now_.u);
   return result;
 }
 
 // Returns to the last equilibrium and continues with a shorter increment, or ends here. Nothing is restored:
-// look_ahead() starts from path_, and the next begin_step() discards what was not accepted.
-void QuasiStaticMarch::go_back(const Increment& increment, const Found& found, const SolveError& error) {
+// predict() starts from path_, and the next begin_step() discards what was not accepted.
+void QuasiStaticMarch::restore(const Increment& increment, const Found& found, const SolveError& error) {
   const double depth = increment.end.depth, shorter = 0.5 * increment.length;
   if (found.relaxed.converged) {  // a guard refused it: shorter from now on
     if (state_.refused++ == most_retries)
@@ -540,47 +542,48 @@ std::int64_t most_evaluations(int steps, const SolverOptions& options) {
 
 int steps_of_load(const Model& model, const Loading& loading, const SolverOptions& options) {
   // Largest travel of anything that moves, per metre of the tool's travel.
-  double share = longest_share(loading.further);
-  for (const Touch& wall : loading.walls)
-    share = std::max(share, wall.motion.value_or(Vec3::Zero().eval()).norm());
-  const double way = loading.depth * share;
-  const double radius = loading.touch ? loading.touch->shape.radius : model.tool.radius;
+  double fraction = max_displacement_ratio(loading.further);
+  for (const RigidBody& wall : loading.walls)
+    fraction = std::max(fraction, wall.motion.value_or(Vec3::Zero().eval()).norm());
+  const double distance = loading.depth * fraction;
+  const double radius = loading.indenter ? loading.indenter->shape.radius : model.tool.radius;
   const double longest =
-      options.step_radii > 0.0 ? options.step_radii : longest_step(loading.touch != nullptr);
-  const double steps = std::ceil(way / (longest * radius) - same_depth);
+      options.step_radii > 0.0 ? options.step_radii : longest_step(loading.indenter != nullptr);
+  const double steps = std::ceil(distance / (longest * radius) - same_depth);
   return std::max(1, static_cast<int>(steps));
 }
 
 // The motion decreases with the square of the distance from the tool, in radii, as under a small load on a
 // half-space; and with the height above the far side, which is often held.
-void first_guess(const Model& model, const Vec3& direction, double way, Nodal& u) {
+void first_guess(const Model& model, const Vec3& direction, double distance, Nodal& u) {
   if (model.base.empty()) {  // it moves as a whole until something stops it
-    u.colwise() += padded(direction) * way;
+    u.colwise() += padded(direction) * distance;
     return;
   }
-  const Eigen::VectorXd along = model.X.transpose() * model.tool.push;
-  const double top = model.tool.centre.dot(model.tool.push), bottom = along.maxCoeff();
+  const Eigen::VectorXd along = model.X.transpose() * model.tool.approach;
+  const double top = model.tool.centre.dot(model.tool.approach), bottom = along.maxCoeff();
   for (Index a = 0; a < model.node_count(); ++a) {
     const Vec3 d = model.X.col(a) - model.tool.centre;
-    const double lateral = (d - d.dot(model.tool.push) * model.tool.push).norm();
-    const double away =
-        std::hypot(std::max(0.0, lateral - model.tool.radius), d.dot(model.tool.push)) / model.tool.radius;
+    const double lateral = (d - d.dot(model.tool.approach) * model.tool.approach).norm();
+    const double away = std::hypot(std::max(0.0, lateral - model.tool.radius), d.dot(model.tool.approach)) /
+                        model.tool.radius;
     const double follows = std::clamp((bottom - along[a]) / (bottom - top), 0.0, 1.0);
-    u.col(a) += padded(direction) * (way * follows / ((1.0 + away) * (1.0 + away)));
+    u.col(a) += padded(direction) * (distance * follows / ((1.0 + away) * (1.0 + away)));
   }
 }
 
 void march_quasi_statically(System& system, const Loading& loading, const SolverOptions& options,
-                            const Observer& observer, History& history, const MarchState* from, Rest* ended) {
+                            const Observer& observer, History& history, const MarchState* from,
+                            EquilibriumState* ended) {
   QuasiStaticMarch march(system, loading, options, observer, history, from);
   march.run();
   if (ended) *ended = std::move(march).ended();
 }
 
-AfterCut settle_after_cut(System& system, const Loading& loading, double t, const SolverOptions& options,
-                          const Observer& observer, History& history, Rest& ended) {
+AfterCut equilibrate_after_cut(System& system, const Loading& loading, double t, const SolverOptions& options,
+                               const Observer& observer, History& history, EquilibriumState& ended) {
   QuasiStaticMarch march(system, loading, options, observer, history, nullptr);
-  const AfterCut result = march.settle(t);
+  const AfterCut result = march.equilibrate_cut(t);
   ended = std::move(march).ended();
   return result;
 }

@@ -15,18 +15,18 @@ namespace dimple {
 /// equilibrium.
 void march_quasi_statically(System& system, const Loading& loading, const SolverOptions& options,
                             const Observer& observer, History& history, const MarchState* from = nullptr,
-                            Rest* ended = nullptr);
+                            EquilibriumState* ended = nullptr);
 
 /// Result of a cut at a held pose.
 struct AfterCut {
-  double released = 0.0;  ///< of the stored energy [J]
-  bool gave_way = false;  ///< stored energy [J]
+  double released = 0.0;            ///< of the stored energy [J]
+  bool passed_limit_point = false;  ///< stored energy [J]
 };
-/// Finds the equilibrium of a body that was cut, near the state of System::go_on(), at loading.begun. It is
+/// Finds the equilibrium of a body that was cut, near the state of System::go_on(), at loading.start. It is
 /// added to curve, ledger and frames at `t` [s]; `ended` receives it. Throws SolveError: none is found, or a
 /// guard refuses it.
-AfterCut settle_after_cut(System& system, const Loading& loading, double t, const SolverOptions& options,
-                          const Observer& observer, History& history, Rest& ended);
+AfterCut equilibrate_after_cut(System& system, const Loading& loading, double t, const SolverOptions& options,
+                               const Observer& observer, History& history, EquilibriumState& ended);
 
 /// Number of load steps, if none is shortened.
 int steps_of_load(const Model& model, const Loading& loading, const SolverOptions& options);
@@ -35,8 +35,8 @@ constexpr std::int64_t evaluations_of_step = 60;
 /// Most force evaluations of the mixed iteration for all equilibria of `steps` load steps together.
 std::int64_t most_evaluations(int steps, const SolverOptions& options);
 
-/// First guess of u [4xN] m after a motion of the tool by `way` [m] along `direction`. It decays away from
-/// the bonded patch and towards the base.
-void first_guess(const Model& model, const Vec3& direction, double way, ForceSystem::Nodal& u);
+/// First guess of u [4xN] m after a motion of the tool by `distance` [m] along `direction`. It decays away
+/// from the bonded patch and towards the base.
+void first_guess(const Model& model, const Vec3& direction, double distance, ForceSystem::Nodal& u);
 
 }  // namespace dimple

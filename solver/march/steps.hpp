@@ -15,16 +15,16 @@ struct ScenePart {
               end = std::numeric_limits<std::size_t>::max();  ///< range of Loading::steps
   /// First guess for a body just cut, on its own nodes; the march places held nodes, and contact forces may
   /// be missing. Empty: the scene begins with this body.
-  std::optional<Rest> near = {};
+  std::optional<EquilibriumState> near = {};
   double later = 0.0;         ///< [s] after the last step: the cut on the curve
   int cuts = 0;               ///< number of cuts so far, with this one
   bool path_matters = false;  ///< viscoelastic tissue: steps may not be repeated on the cut body
 
   /// Equilibrium at the end, and System::least_reactions() there; the next part begins with both.
-  Rest ended = {};
+  EquilibriumState ended = {};
   double least_reactions = 0.0;
   AfterCut cut = {};
-  std::function<void()> has_settled = {};  ///< called when the cut has joined the curve
+  std::function<void()> has_joined = {};  ///< called when the cut has joined the curve
   bool done_again = false;  ///< none was found from `near`: the steps before were repeated from rest
 };
 
@@ -38,13 +38,13 @@ void march_in_steps(System& system, const Loading& loading, const SolverOptions&
 /// Number of frames of each step, of `frames` in all or of one for each step.
 std::vector<int> frames_of_steps(const std::vector<Step>& steps, int frames);
 
-/// Displacement of a set (empty: the tool, without its rotation) after `come` [m] of the path of all steps;
-/// and at a time [s], with `rate` [m/s] for steps without a duration.
-Vec3 moved(const std::vector<Step>& steps, std::string_view name, double come);
+/// Displacement of a set (empty: the tool, without its rotation) after `travelled` [m] of the path of all
+/// steps; and at a time [s], with `rate` [m/s] for steps without a duration.
+Vec3 moved(const std::vector<Step>& steps, std::string_view name, double travelled);
 Vec3 moved_at(double time_s, const std::vector<Step>& steps, double rate, std::string_view name);
 
 /// Motion of the tool in a step that begins at `before`, its tip first at `tip` [m]; and its pose at the end.
-RigidWay way_in(const Step& step, const RigidWay& before, const Vec3& tip);
-RigidWay after(const Step& step, const RigidWay& before, const Vec3& tip);
+RigidMotion motion_in(const Step& step, const RigidMotion& before, const Vec3& tip);
+RigidMotion after(const Step& step, const RigidMotion& before, const Vec3& tip);
 
 }  // namespace dimple

@@ -35,7 +35,9 @@ class ContactTerm : public ForceTerm {
   /// Sets the forces [unknowns] N.
   virtual void set_forces(const Eigen::VectorXd& unknowns) { force_ = unknowns; }
   /// Projects unknowns onto the admissible set: no tension, and friction within its bound.
-  virtual void bring_back(Eigen::Ref<Eigen::VectorXd> unknowns) const { unknowns = unknowns.cwiseMax(0.0); }
+  virtual void project_to_admissible(Eigen::Ref<Eigen::VectorXd> unknowns) const {
+    unknowns = unknowns.cwiseMax(0.0);
+  }
 
   /// Normal forces [M] N.
   const Eigen::VectorXd& forces() const { return force_; }

@@ -21,9 +21,9 @@
 namespace dimple {
 namespace {
 
-constexpr double slides = 0.5;    // spacings of slip, beyond which another opposite place is found
-constexpr double soon = 0.5;      // spacings: a gap that may close in the next step
-constexpr double past_all = 1.5;  // spacings outside all samples of a surface
+constexpr double slides = 0.5;           // spacings of slip, beyond which another opposite place is found
+constexpr double search_distance = 0.5;  // spacings: a gap that may close in the next step
+constexpr double max_tangential_offset = 1.5;  // spacings outside all samples of a surface
 // Spacings. A surface that is deeper below another is the far side of thin tissue. New contact cannot begin
 // deep inside, which no load step, however short, could resolve.
 constexpr double behind = -0.25, behind_at_first = -0.05;
@@ -33,14 +33,14 @@ constexpr double foot_moves = 0.005;
 
 }  // namespace
 
-FoldContact::FoldContact(std::shared_ptr<const FoldBanks> banks, const ForceSystem& tissue)
-    : banks_(std::move(banks)),
-      of_opposite_(turning(banks_->point, tissue)),
-      of_own_(turning(banks_->own_point, tissue)),
-      ahead_(static_cast<std::size_t>(banks_->count()), at_rest) {
+FoldContact::FoldContact(std::shared_ptr<const FoldFaces> fold_faces, const ForceSystem& tissue)
+    : fold_faces_(std::move(fold_faces)),
+      of_opposite_(turning(fold_faces_->point, tissue)),
+      of_own_(turning(fold_faces_->own_point, tissue)),
+      faced_(static_cast<std::size_t>(fold_faces_->count()), undeformed) {
   force_.setZero(count());
   gap_.setZero(count());
-  normal_ = banks_->opposite_normal;
+  normal_ = fold_faces_->opposite_normal;
   row_.resize(static_cast<std::size_t>(count()));
   std::iota(row_.begin(), row_.end(), Index{0});
   foot_ = feet(Nodal());
@@ -76,10 +76,11 @@ Vec3 FoldContact::turned(const Turning& by, Index s, const Nodal& u, const Vec3&
   return (cofactor(gradient(by, s, u)) * normal).normalized();
 }
 
-FoldContact::Bank FoldContact::bank_of(Index s) const {
-  const int ahead = ahead_[static_cast<std::size_t>(s)];
-  if (ahead >= 0) return {banks_->sample.place.col(ahead), banks_->sample.normal.col(ahead), of_own_, ahead};
-  return {banks_->opposite.col(row_[static_cast<std::size_t>(s)]), banks_->opposite_normal.col(s),
+FoldContact::FoldFace FoldContact::fold_face_of(Index s) const {
+  const int faced = faced_[static_cast<std::size_t>(s)];
+  if (faced >= 0)
+    return {fold_faces_->sample.place.col(faced), fold_faces_->sample.normal.col(faced), of_own_, faced};
+  return {fold_faces_->opposite.col(row_[static_cast<std::size_t>(s)]), fold_faces_->opposite_normal.col(s),
           of_opposite_, s};
 }
 
@@ -88,21 +89,21 @@ FoldContact::Bank FoldContact::bank_of(Index s) const {
 Points FoldContact::feet(const Nodal& u) const {
   Points result = Points::Zero(3, count());
   for (Index s = 0; s < count(); ++s) {
-    if (ahead_[static_cast<std::size_t>(s)] == beyond) continue;
-    const Bank bank = bank_of(s);
+    if (faced_[static_cast<std::size_t>(s)] == beyond) continue;
+    const FoldFace fold_face = fold_face_of(s);
     const Index row = row_[static_cast<std::size_t>(s)];
     Mat3 F = Mat3::Identity();
-    Vec3 apart = banks_->sample.place.col(row) - bank.place;
+    Vec3 apart = fold_faces_->sample.place.col(row) - fold_face.place;
     if (u.cols() > 0) {
-      F = gradient(bank.by, bank.turns, u);
+      F = gradient(fold_face.by, fold_face.turns, u);
       apart += moved(s, u) + (F - Mat3::Identity()) * foot_.col(s);
       if (!(F.determinant() > 0.0)) continue;
     }
-    const Vec3 n = (cofactor(F) * bank.normal).normalized();
-    const Vec3 beside = apart - apart.dot(n) * n;
-    if (beside.norm() > past_all * banks_->spacing[s]) continue;
-    const Vec3 foot = F.inverse() * beside;
-    result.col(s) = foot - foot.dot(bank.normal) * bank.normal;
+    const Vec3 n = (cofactor(F) * fold_face.normal).normalized();
+    const Vec3 tangential = apart - apart.dot(n) * n;
+    if (tangential.norm() > max_tangential_offset * fold_faces_->spacing[s]) continue;
+    const Vec3 foot = F.inverse() * tangential;
+    result.col(s) = foot - foot.dot(fold_face.normal) * fold_face.normal;
   }
   return result;
 }
@@ -128,16 +129,17 @@ void FoldContact::pair_up() {
       for (int k = one.rows.offset[row]; k < one.rows.offset[row + 1]; ++k)
         sum[one.rows.member[k]] += sign * one.weight[k];
     };
-    const int ahead = ahead_[static_cast<std::size_t>(s)];
+    const int faced = faced_[static_cast<std::size_t>(s)];
     const Index row = row_[static_cast<std::size_t>(s)];
-    add(banks_->sample.at_place, row, 1.0);
-    if (ahead >= 0)
-      add(banks_->sample.at_place, ahead, -1.0);
+    add(fold_faces_->sample.at_place, row, 1.0);
+    if (faced >= 0)
+      add(fold_faces_->sample.at_place, faced, -1.0);
     else
-      add(banks_->at_opposite, row, -1.0);
-    const Bank bank = bank_of(s);
-    for (int k = bank.by.rows.offset[bank.turns]; k < bank.by.rows.offset[bank.turns + 1]; ++k)
-      sum[bank.by.rows.member[k]] -= bank.by.dphi.col(k).dot(foot_.col(s));
+      add(fold_faces_->at_opposite, row, -1.0);
+    const FoldFace fold_face = fold_face_of(s);
+    for (int k = fold_face.by.rows.offset[fold_face.turns]; k < fold_face.by.rows.offset[fold_face.turns + 1];
+         ++k)
+      sum[fold_face.by.rows.member[k]] -= fold_face.by.dphi.col(k).dot(foot_.col(s));
     for (const auto& [node, w] : sum) {
       member.push_back(node);
       weight.push_back(w);
@@ -149,45 +151,47 @@ void FoldContact::pair_up() {
 }
 
 void FoldContact::add_force(const Nodal& u, const Instant&, Nodal& f) {
-  const CellMeans& sample = banks_->sample;
-  way_.resize(count());
+  const CellMeans& sample = fold_faces_->sample;
+  travel_.resize(count());
   for (Index s = 0; s < count(); ++s) {
-    const int ahead = ahead_[static_cast<std::size_t>(s)];
+    const int faced = faced_[static_cast<std::size_t>(s)];
     const Index row = row_[static_cast<std::size_t>(s)];
-    const Bank bank = bank_of(s);
-    const Mat3 F = gradient(bank.by, bank.turns, u);
-    const Vec3 way = moved(s, u) + (F - Mat3::Identity()) * foot_.col(s);
-    const Vec3 apart = sample.place.col(row) - bank.place + way;
-    const Vec3 n = normal_.col(s) = (cofactor(F) * bank.normal).normalized();
+    const FoldFace fold_face = fold_face_of(s);
+    const Mat3 F = gradient(fold_face.by, fold_face.turns, u);
+    const Vec3 displacement = moved(s, u) + (F - Mat3::Identity()) * foot_.col(s);
+    const Vec3 apart = sample.place.col(row) - fold_face.place + displacement;
+    const Vec3 n = normal_.col(s) = (cofactor(F) * fold_face.normal).normalized();
     gap_[s] = n.dot(apart);
     // Opposite surfaces need not be parallel: at rest the vector between them is along neither.
-    way_[s] = (way - way.dot(n) * n).norm();
+    travel_[s] = (displacement - displacement.dot(n) * n).norm();
     // The plane represents the surface only near its place.
-    const double near = past_all * std::max(banks_->spacing[s], ahead >= 0 ? banks_->spacing[ahead] : 0.0);
-    if (ahead == beyond || (apart - gap_[s] * n).norm() > near) gap_[s] = banks_->spacing[s];
+    const double near = max_tangential_offset *
+                        std::max(fold_faces_->spacing[s], faced >= 0 ? fold_faces_->spacing[faced] : 0.0);
+    if (faced == beyond || (apart - gap_[s] * n).norm() > near) gap_[s] = fold_faces_->spacing[s];
   }
   spread(force_, f);
 }
 
 double FoldContact::gap_of(Index row, Index s, const Nodal& u) const {
-  Vec3 apart = banks_->sample.place.col(row) - banks_->opposite.col(row);
+  Vec3 apart = fold_faces_->sample.place.col(row) - fold_faces_->opposite.col(row);
   const auto add = [&](const Interpolation& one, double sign) {
     for (int k = one.rows.offset[row]; k < one.rows.offset[row + 1]; ++k)
       apart += sign * one.weight[k] * u.col(one.rows.member[k]).head<3>();
   };
-  add(banks_->sample.at_place, 1.0);
-  add(banks_->at_opposite, -1.0);
-  return turned(of_opposite_, s, u, banks_->opposite_normal.col(s)).dot(apart);
+  add(fold_faces_->sample.at_place, 1.0);
+  add(fold_faces_->at_opposite, -1.0);
+  return turned(of_opposite_, s, u, fold_faces_->opposite_normal.col(s)).dot(apart);
 }
 
 // Row whose place represents a sample that still faces its place at rest: a part replaces the whole if its
 // gap is smaller by `bulges` spacings, and another part if its gap is smaller by as much again.
 Index FoldContact::nearest_row(Index s, const Nodal& u) const {
-  const double less = FoldBanks::bulges * banks_->spacing[s];
+  const double less = FoldFaces::bulges * fold_faces_->spacing[s];
   const Index now = row_[static_cast<std::size_t>(s)];
   Index best = s;
   double nearest = gap_of(s, s, u) - less;
-  for (Index row = banks_->part_begin(s); row < banks_->part_end[static_cast<std::size_t>(s)]; ++row) {
+  for (Index row = fold_faces_->part_begin(s); row < fold_faces_->part_end[static_cast<std::size_t>(s)];
+       ++row) {
     if (const double gap = gap_of(row, s, u) - (row == now ? less : 0.0); gap < nearest) {
       nearest = gap;
       best = row;
@@ -197,16 +201,17 @@ Index FoldContact::nearest_row(Index s, const Nodal& u) const {
 }
 
 // Nearest sample of an opposite surface, across the gap between them.
-int FoldContact::find_ahead(Index s, const Points& place, const Points& normal) const {
+int FoldContact::find_faced(Index s, const Points& place, const Points& normal) const {
   int best = beyond;
   double nearest = 0.0;
   for (Index t = 0; t < count(); ++t) {
     const Vec3 d = place.col(s) - place.col(t);
     const double distance = d.squaredNorm(), height = d.dot(normal.col(t));
     if ((best >= 0 && distance >= nearest) || normal.col(t).dot(normal.col(s)) > faces ||
-        height < (force_[s] > 0.0 ? behind : behind_at_first) * banks_->spacing[t])
+        height < (force_[s] > 0.0 ? behind : behind_at_first) * fold_faces_->spacing[t])
       continue;
-    if ((d - height * normal.col(t)).norm() > past_all * std::max(banks_->spacing[s], banks_->spacing[t]))
+    if ((d - height * normal.col(t)).norm() >
+        max_tangential_offset * std::max(fold_faces_->spacing[s], fold_faces_->spacing[t]))
       continue;
     best = static_cast<int>(t);
     nearest = distance;
@@ -215,26 +220,28 @@ int FoldContact::find_ahead(Index s, const Points& place, const Points& normal) 
 }
 
 void FoldContact::accept(const Nodal& u, const Instant&) {
-  if (way_.size() == 0) return;
+  if (travel_.size() == 0) return;
   std::vector<Index> slid, row = row_;
   for (Index s = 0; s < count(); ++s) {
-    if (ahead_[static_cast<std::size_t>(s)] != at_rest || way_[s] > slides * banks_->spacing[s]) {
+    if (faced_[static_cast<std::size_t>(s)] != undeformed || travel_[s] > slides * fold_faces_->spacing[s]) {
       slid.push_back(s);
       row[static_cast<std::size_t>(s)] = s;
-    } else if (gap_[s] < soon * banks_->spacing[s]) {
+    } else if (gap_[s] < search_distance * fold_faces_->spacing[s]) {
       row[static_cast<std::size_t>(s)] = nearest_row(s, u);
     }
   }
-  std::vector<int> ahead = ahead_;
+  std::vector<int> faced = faced_;
   if (!slid.empty()) {
-    const Points place = (banks_->sample.place + banks_->sample.at_place(u.topRows<3>())).leftCols(count());
+    const Points place =
+        (fold_faces_->sample.place + fold_faces_->sample.at_place(u.topRows<3>())).leftCols(count());
     Points normal(3, count());
-    for (Index s = 0; s < count(); ++s) normal.col(s) = turned(of_own_, s, u, banks_->sample.normal.col(s));
-    for (const Index s : slid) ahead[static_cast<std::size_t>(s)] = find_ahead(s, place, normal);
+    for (Index s = 0; s < count(); ++s)
+      normal.col(s) = turned(of_own_, s, u, fold_faces_->sample.normal.col(s));
+    for (const Index s : slid) faced[static_cast<std::size_t>(s)] = find_faced(s, place, normal);
   }
-  const bool same = ahead == ahead_ && row == row_;
+  const bool same = faced == faced_ && row == row_;
   if (!same) {
-    ahead_ = std::move(ahead);
+    faced_ = std::move(faced);
     row_ = std::move(row);
     foot_.setZero();
     pair_up();
@@ -243,21 +250,21 @@ void FoldContact::accept(const Nodal& u, const Instant&) {
   Points foot = feet(u);
   bool moves = !same;
   for (Index s = 0; s < count(); ++s)
-    moves = moves || (foot.col(s) - foot_.col(s)).norm() > foot_moves * banks_->spacing[s];
+    moves = moves || (foot.col(s) - foot_.col(s)).norm() > foot_moves * fold_faces_->spacing[s];
   if (!moves) return;
   foot_ = std::move(foot);
   pair_up();
 }
 
 std::vector<double> FoldContact::past() const {
-  std::vector<double> all(ahead_.begin(), ahead_.end());
+  std::vector<double> all(faced_.begin(), faced_.end());
   all.insert(all.end(), row_.begin(), row_.end());
   all.insert(all.end(), foot_.data(), foot_.data() + foot_.size());
   return all;
 }
 
 void FoldContact::restore_past(const std::vector<double>& past) {
-  ahead_.assign(past.begin(), past.begin() + count());
+  faced_.assign(past.begin(), past.begin() + count());
   row_.assign(past.begin() + count(), past.begin() + 2 * count());
   foot_ = Eigen::Map<const Points>(past.data() + 2 * count(), 3, count());
   pair_up();
@@ -269,10 +276,10 @@ FoldContact::Audit FoldContact::audit() const {
   for (Index s = 0; s < count(); ++s) {
     sum.penetration = std::max(sum.penetration, -gap_[s]);
     if (!(force_[s] > 0.0)) continue;
-    ++sum.touching;
-    sum.area += 0.5 * banks_->sample.area[s];
+    ++sum.in_contact;
+    sum.area += 0.5 * fold_faces_->sample.area[s];
     sum.force += force_[s];
-    sum.slid = std::max(sum.slid, way_[s]);
+    sum.slid = std::max(sum.slid, travel_[s]);
   }
   return sum;
 }

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "preprocess/supports/fold_banks.hpp"
+#include "preprocess/supports/fold_faces.hpp"
 #include "solver/terms/contact_term.hpp"
 #include "solver/terms/internal_force.hpp"
 
@@ -20,13 +20,13 @@ namespace dimple {
 class FoldContact : public ContactTerm {
  public:
   /// `tissue` gives the gradients that turn the surfaces.
-  FoldContact(std::shared_ptr<const FoldBanks> banks, const ForceSystem& tissue);
+  FoldContact(std::shared_ptr<const FoldFaces> fold_faces, const ForceSystem& tissue);
 
-  Index count() const override { return banks_->count(); }
+  Index count() const override { return fold_faces_->count(); }
   const Interpolation& moves() const override { return moves_; }
-  const FoldBanks& banks() const { return *banks_; }
+  const FoldFaces& fold_faces() const { return *fold_faces_; }
   int pairing() const override { return pairing_; }
-  double error_at(Index s, const Instant&) const override { return wall_error * banks_->spacing[s]; }
+  double error_at(Index s, const Instant&) const override { return wall_error * fold_faces_->spacing[s]; }
 
   bool is_load() const override { return false; }
   void add_force(const Nodal& u, const Instant& now, Nodal& f) override;
@@ -38,7 +38,7 @@ class FoldContact : public ContactTerm {
   /// contact [m]; contact area at rest, half of that of both surfaces [m^2]; and sum of the forces [N].
   struct Audit {
     double penetration = 0.0, slid = 0.0, area = 0.0, force = 0.0;
-    Index touching = 0;
+    Index in_contact = 0;
   };
   Audit audit() const;
 
@@ -48,32 +48,32 @@ class FoldContact : public ContactTerm {
     CompressedRows rows;
     Points dphi;  // [3 x rows.member] 1/m
   };
-  static constexpr int at_rest = -1, beyond = -2;  // of ahead_
+  static constexpr int undeformed = -1, beyond = -2;  // of faced_
 
-  std::shared_ptr<const FoldBanks> banks_;
+  std::shared_ptr<const FoldFaces> fold_faces_;
   // Opposite surface of a sample: its place and normal at rest, and the gradients that turn it.
-  struct Bank {
+  struct FoldFace {
     Vec3 place, normal;
     const Turning& by;
     Index turns;  // its row there
   };
   Interpolation moves_;  // at the sample, less those at the foot of its gap
   Turning of_opposite_, of_own_;
-  std::vector<int> ahead_;  // [M] opposite sample, or one of the two values above
-  std::vector<Index> row_;  // [M] row in `banks_` of the sample, or of the part that represents it
+  std::vector<int> faced_;  // [M] opposite sample, or one of the two values above
+  std::vector<Index> row_;  // [M] row in `fold_faces_` of the sample, or of the part that represents it
   Points foot_;             // [3xM] m, along the surface at rest: from the opposite place to the foot
   int pairing_ = 1;
-  Eigen::VectorXd way_;  // [M] slip along the opposite surface since rest [m]
+  Eigen::VectorXd travel_;  // [M] slip along the opposite surface since rest [m]
 
   static Mat3 gradient(const Turning& by, Index s, const Nodal& u);
-  Bank bank_of(Index s) const;
+  FoldFace fold_face_of(Index s) const;
   Points feet(const Nodal& u) const;
   Vec3 moved(Index s, const Nodal& u) const;
   static Turning turning(const std::vector<Index>& point, const ForceSystem& tissue);
   static Vec3 turned(const Turning& by, Index s, const Nodal& u, const Vec3& normal);
   double gap_of(Index row, Index s, const Nodal& u) const;
   Index nearest_row(Index s, const Nodal& u) const;
-  int find_ahead(Index s, const Points& place, const Points& normal) const;
+  int find_faced(Index s, const Points& place, const Points& normal) const;
   void pair_up();
 };
 

@@ -9,9 +9,9 @@ namespace dimple {
 
 /// Progress of a load: all that a force may depend on besides the displacements.
 struct Instant {
-  double t = 0.0;      ///< [s]
-  double depth = 0.0;  ///< travel of the tool, or of the set that moves instead, in this step [m]
-  double share = 1.0;  ///< fraction of the loads that act before contact
+  double t = 0.0;         ///< [s]
+  double depth = 0.0;     ///< travel of the tool, or of the set that moves instead, in this step [m]
+  double fraction = 1.0;  ///< fraction of the loads that act before contact
 };
 
 /// Bound of the stiffness of a force, for preconditioners [N/m]: of each node against the ground, and between

@@ -51,9 +51,9 @@ decltype(auto) ForceState::with(const Then& then) const {
 
 ForceState::ForceState(const ForceSystem& system) : system_(&system) {
   if (system.single_)
-    state_ = system.single_->at_rest();
+    state_ = system.single_->undeformed();
   else
-    state_ = system.double_->at_rest();
+    state_ = system.double_->undeformed();
 }
 
 ForceState::Sweep ForceState::stress_sweep(const Nodal& u) {

@@ -11,9 +11,9 @@ namespace {
 class DeadLoad : public ForceTerm {
  public:
   explicit DeadLoad(Nodal force) : force_(std::move(force)) {}
-  void add_force(const Nodal&, const Instant& now, Nodal& f) override { f -= now.share * force_; }
+  void add_force(const Nodal&, const Instant& now, Nodal& f) override { f -= now.fraction * force_; }
   double energy(const Nodal& u, const Instant& now) override {
-    return -now.share * force_.cwiseProduct(u).sum();
+    return -now.fraction * force_.cwiseProduct(u).sum();
   }
 
  private:
@@ -85,7 +85,7 @@ class FollowingPressure : public ForceTerm {
   double work_ = 0.0;
 
   Nodal force_at(const Nodal& u, const Instant& now) const {
-    return (now.share * pressure_) * unit_pressure(patch_, moved(patch_, u), u.cols());
+    return (now.fraction * pressure_) * unit_pressure(patch_, moved(patch_, u), u.cols());
   }
 };
 
@@ -101,10 +101,10 @@ Nodal lost_buoyancy(const Model& model, const FluidLost& fluid) {
             : 0.0;
     const double height = model.point.col(q).dot(fluid.up) - fluid.level;
     const double above = half > 0.0 ? std::clamp(0.5 + 0.5 * height / half, 0.0, 1.0) : height > 0.0;
-    const double share =
+    const double fraction =
         above * fluid.density * model.volume[q] / static_cast<double>(model.support.count(q));
     for (int k = model.support.offset[q]; k < model.support.offset[q + 1]; ++k)
-      mass[model.support.member[k]] += share;
+      mass[model.support.member[k]] += fraction;
   }
   return padded(-fluid.acceleration * fluid.up) * mass.transpose();
 }

@@ -48,9 +48,10 @@ class Film : public ForceTerm {
     tbb::parallel_for(tbb::blocked_range<std::size_t>(0, triangle_.size(), 256), [&](const auto& range) {
       for (std::size_t k = range.begin(); k < range.end(); ++k) {
         const Triangle& mine = triangle_[k];
-        const Plane F = deformed(corner, film_.patch.triangles.col(static_cast<Index>(k))) * mine.to_rest;
+        const Plane F =
+            deformed(corner, film_.patch.triangles.col(static_cast<Index>(k))) * mine.to_undeformed;
         const Plane P = F * second_stress(F);
-        of_edges[k] = (now.share * mine.area) * P * mine.to_rest.transpose();
+        of_edges[k] = (now.fraction * mine.area) * P * mine.to_undeformed.transpose();
       }
     });
     Points force(3, corner.cols());
@@ -77,10 +78,10 @@ class Film : public ForceTerm {
     double sum = 0.0;
     for (std::size_t k = 0; k < triangle_.size(); ++k) {
       const Triangle& mine = triangle_[k];
-      const Plane F = deformed(corner, film_.patch.triangles.col(static_cast<Index>(k))) * mine.to_rest;
+      const Plane F = deformed(corner, film_.patch.triangles.col(static_cast<Index>(k))) * mine.to_undeformed;
       sum += mine.area * energy_per_area(F);
     }
-    return now.share * sum;
+    return now.fraction * sum;
   }
 
   void add_stiffness_bound(StiffnessBound& bound) const override {
@@ -95,7 +96,7 @@ class Film : public ForceTerm {
     for (std::size_t k = 0; k < triangle_.size(); ++k) {
       const auto t = film_.patch.triangles.col(static_cast<Index>(k));
       const double area = triangle_[k].area;
-      const Plane F = deformed(corner, t) * triangle_[k].to_rest;
+      const Plane F = deformed(corner, t) * triangle_[k].to_undeformed;
       const Vec3 normal = F.col(0).cross(F.col(1)).normalized();
       const Eigen::Matrix2d S = second_stress(F);
       for (std::size_t i = first_gradient_[k]; i < first_gradient_[k + 1]; ++i) {
@@ -112,8 +113,8 @@ class Film : public ForceTerm {
 
  private:
   struct Triangle {
-    double area;              // at rest [m^2]
-    Eigen::Matrix2d to_rest;  // from its edges in its own plane to those of the unit triangle
+    double area;                    // at rest [m^2]
+    Eigen::Matrix2d to_undeformed;  // from its edges in its own plane to those of the unit triangle
   };
   Membrane film_;
   std::vector<Triangle> triangle_;
@@ -141,11 +142,11 @@ class Film : public ForceTerm {
     first_gradient_ = {0};
     for (std::size_t k = 0; k < triangle_.size(); ++k) {
       const auto t = film_.patch.triangles.col(static_cast<Index>(k));
-      const Eigen::Matrix2d& to_rest = triangle_[k].to_rest;
+      const Eigen::Matrix2d& to_undeformed = triangle_[k].to_undeformed;
       gradient.clear();
       for (int i = 0; i < 3; ++i) {
-        const Eigen::Vector2d of_corner =
-            i == 0 ? Eigen::Vector2d(-to_rest.colwise().sum()) : Eigen::Vector2d(to_rest.row(i - 1));
+        const Eigen::Vector2d of_corner = i == 0 ? Eigen::Vector2d(-to_undeformed.colwise().sum())
+                                                 : Eigen::Vector2d(to_undeformed.row(i - 1));
         for (int r = rows.offset[t[i]]; r < rows.offset[t[i] + 1]; ++r)
           gradient.try_emplace(rows.member[r], Eigen::Vector2d::Zero()).first->second +=
               weight[r] * of_corner;
@@ -186,7 +187,7 @@ class Film : public ForceTerm {
         corners[std::minmax(a, b)] += 0.5 * std::max(0.0, x.dot(y) / x.cross(y).norm());
       }
     const auto& [rows, weight] = film_.patch.at_corner;
-    for (const auto& [ends, share] : corners) {
+    for (const auto& [ends, fraction] : corners) {
       std::map<int, double> difference;
       for (int k = rows.offset[ends.first]; k < rows.offset[ends.first + 1]; ++k)
         difference[rows.member[k]] += weight[k];
@@ -194,20 +195,20 @@ class Film : public ForceTerm {
         difference[rows.member[k]] -= weight[k];
       for (const auto& [a, more] : difference)
         for (const auto& [b, less] : difference)
-          if (more > 0.0 && less < 0.0) nodes[std::minmax(a, b)] -= shear * share * more * less;
+          if (more > 0.0 && less < 0.0) nodes[std::minmax(a, b)] -= shear * fraction * more * less;
     }
     std::vector<StiffnessBound::Edge> result;
     for (const auto& [ends, value] : nodes) result.push_back({ends.first, ends.second, value});
     return result;
   }
 
-  // Stretch state of a film that wrinkles: taut in all directions; taut along `way` alone, if it is shorter
-  // across than a strip of it; or slack.
+  // Stretch state of a film that wrinkles: taut in all directions; taut along `direction` alone, if it is
+  // shorter across than a strip of it; or slack.
   enum class Taut { in_all_directions, in_one, nowhere };
   struct Stretched {
     Taut taut = Taut::in_all_directions;
     double most = 1.0;  // stretch
-    Eigen::Vector2d way = Eigen::Vector2d::Zero();
+    Eigen::Vector2d direction = Eigen::Vector2d::Zero();
   };
   double shear() const { return film_.thickness * film_.shear_modulus; }  // [N/m]
   double stiff() const { return shear() + film_.tension; }
@@ -218,18 +219,18 @@ class Film : public ForceTerm {
                  ratio = shear() / stiff();
     if (least2 * most > std::sqrt(ratio)) return {};
     if (most * most * most <= std::sqrt(ratio)) return {Taut::nowhere};
-    // The longer of the two columns of C - least2 I, both along `way`.
-    const Eigen::Vector2d way =
+    // The longer of the two columns of C - least2 I, both along `direction`.
+    const Eigen::Vector2d direction =
         half > 0.0 ? Eigen::Vector2d(half + off, C(0, 1)) : Eigen::Vector2d(C(0, 1), off - half);
-    return {Taut::in_one, most, way.normalized()};
+    return {Taut::in_one, most, direction.normalized()};
   }
   double energy_per_area(const Plane& F) const {
     const Eigen::Matrix2d C = F.transpose() * F;
     const Stretched now = stretched(C);
-    const double at_rest = 1.5 * shear() + film_.tension, mixed = std::sqrt(shear() * stiff());
-    if (now.taut == Taut::nowhere) return 1.5 * std::cbrt(mixed * mixed * stiff()) - at_rest;
-    if (now.taut == Taut::in_one) return 0.5 * stiff() * now.most * now.most + mixed / now.most - at_rest;
-    return 0.5 * stiff() * C.trace() + 0.5 * shear() / C.determinant() - at_rest;
+    const double undeformed = 1.5 * shear() + film_.tension, mixed = std::sqrt(shear() * stiff());
+    if (now.taut == Taut::nowhere) return 1.5 * std::cbrt(mixed * mixed * stiff()) - undeformed;
+    if (now.taut == Taut::in_one) return 0.5 * stiff() * now.most * now.most + mixed / now.most - undeformed;
+    return 0.5 * stiff() * C.trace() + 0.5 * shear() / C.determinant() - undeformed;
   }
   // Second Piola-Kirchhoff stress times the thickness [N/m].
   Eigen::Matrix2d second_stress(const Plane& F) const {
@@ -237,8 +238,8 @@ class Film : public ForceTerm {
     const Stretched now = stretched(C);
     if (now.taut == Taut::nowhere) return Eigen::Matrix2d::Zero();
     if (now.taut == Taut::in_one)
-      return (stiff() - std::sqrt(shear() * stiff()) / (now.most * now.most * now.most)) * now.way *
-             now.way.transpose();
+      return (stiff() - std::sqrt(shear() * stiff()) / (now.most * now.most * now.most)) * now.direction *
+             now.direction.transpose();
     return stiff() * Eigen::Matrix2d::Identity() - shear() * C.inverse() / C.determinant();
   }
   Points moved(const Nodal& u) const {

@@ -63,7 +63,7 @@ Mat3 gradient_at(const LongVector<ProjectedOctet<Real>>& gradient, std::size_t q
 }  // namespace
 
 template <class Real>
-typename ProjectedKernel<Real>::State ProjectedKernel<Real>::at_rest() const {
+typename ProjectedKernel<Real>::State ProjectedKernel<Real>::undeformed() const {
   State s;
   for (std::size_t t = 0; t < material_.size(); ++t)
     s.history.emplace_back(material_[t], points_of_tissue_[t]);
@@ -335,7 +335,7 @@ void ProjectedKernel<Real>::gather(const State& s, double* f, Index first, Index
   for (std::size_t n = 0; n < variance_.size(); ++n) {
     const Variance& v = variance_[n];
     const auto t = static_cast<std::size_t>(v.tissue);
-    Loops::variance_forces(v.rows.share.data(), v.rows.offset.data(), s.u.data(),
+    Loops::variance_forces(v.rows.fraction.data(), v.rows.offset.data(), s.u.data(),
                            material_[t].mu * s.history[t].step.c, f, first, last);
     if (!s.variance[n].force.empty())
       for (Index k = 4 * first; k < 4 * last; ++k) f[k] += s.variance[n].force[static_cast<std::size_t>(k)];
@@ -350,10 +350,11 @@ double ProjectedKernel<Real>::stored_energy(State& s, const double* u, double* h
     for (auto q = static_cast<std::size_t>(first); q < static_cast<std::size_t>(last); ++q) {
       const Material& m = material_[static_cast<std::size_t>(tissue_[q])];
       const double ks = patches_ > 0 ? pointwise_bulk_modulus(m) : m.kappa, e = s.dilation[q],
-                   rest = patches_ > 0 ? unresolved_dilation(s, q) : 0.0;
+                   residual = patches_ > 0 ? unresolved_dilation(s, q) : 0.0;
       of_block[static_cast<std::size_t>(block)] +=
-          static_cast<double>(volume_[q]) * (distortional_energy(m, gradient_at(s.gradient, q)) +
-                                             0.5 * ks * e * e + 0.5 * ks * beta * rest * rest * rest * rest);
+          static_cast<double>(volume_[q]) *
+          (distortional_energy(m, gradient_at(s.gradient, q)) + 0.5 * ks * e * e +
+           0.5 * ks * beta * residual * residual * residual * residual);
     }
   });
   double energy = std::accumulate(of_block.begin(), of_block.end(), 0.0);
@@ -367,7 +368,7 @@ double ProjectedKernel<Real>::stored_energy(State& s, const double* u, double* h
   std::vector<double> f(static_cast<std::size_t>(4 * nodes_));
   for (const Variance& v : variance_) {
     std::fill(f.begin(), f.end(), 0.0);
-    Loops::variance_forces(v.rows.share.data(), v.rows.offset.data(), s.u.data(),
+    Loops::variance_forces(v.rows.fraction.data(), v.rows.offset.data(), s.u.data(),
                            material_[static_cast<std::size_t>(v.tissue)].mu, f.data(), 0, nodes_);
     for (std::size_t k = 0; k < f.size(); ++k) energy += 0.5 * f[k] * u[k];
   }
@@ -420,8 +421,8 @@ void ProjectedKernel<Real>::accept(State& s, const double* u) const {
     const auto t = static_cast<std::size_t>(v.tissue);
     const PronyStep& step = s.history[t].step;
     std::vector<double> now(past.force.size(), 0.0);
-    Loops::variance_forces(v.rows.share.data(), v.rows.offset.data(), s.u.data(), material_[t].mu, now.data(),
-                           0, nodes_);
+    Loops::variance_forces(v.rows.fraction.data(), v.rows.offset.data(), s.u.data(), material_[t].mu,
+                           now.data(), 0, nodes_);
     for (std::size_t k = 0; k < now.size(); ++k) {
       for (std::size_t i = 0; i < step.e.size(); ++i) {
         double& h = past.h[i * now.size() + k];
@@ -470,7 +471,7 @@ template <class Real>
 void ProjectedKernel<Real>::find_patch_bulk(State& s) const {
   for (std::size_t b = 0; b < s.patch_bulk.size(); ++b)
     s.patch_bulk[b] = static_cast<double>(s.bulk[static_cast<std::size_t>(
-        of_patch_.share[static_cast<std::size_t>(of_patch_.offset[b])].number)]);
+        of_patch_.fraction[static_cast<std::size_t>(of_patch_.offset[b])].number)]);
 }
 
 // J - J~ of the last stress_sweep, from the term that it enters.
@@ -499,11 +500,12 @@ void ProjectedKernel<Real>::patch_gradients(const State& s, const CompressedRows
     for (Index b = range.begin(); b < range.end(); ++b) {
       for (std::int32_t k = of_patch_.offset[static_cast<std::size_t>(b)];
            k < of_patch_.offset[static_cast<std::size_t>(b) + 1]; ++k) {
-        const Share& share = of_patch_.share[static_cast<std::size_t>(k)];
-        const auto q = static_cast<std::size_t>(share.number);
+        const Fraction& fraction = of_patch_.fraction[static_cast<std::size_t>(k)];
+        const auto q = static_cast<std::size_t>(fraction.number);
         Eigen::Matrix<float, 4, 3> slope = Eigen::Matrix<float, 4, 3>::Zero();
         slope.template topRows<3>() =
-            (static_cast<double>(share.weight) * cofactor(gradient_at(s.gradient, q))).template cast<float>();
+            (static_cast<double>(fraction.weight) * cofactor(gradient_at(s.gradient, q)))
+                .template cast<float>();
         const std::int32_t* node = nodes_of_block_.member.data() +
                                    nodes_of_block_.offset[q / static_cast<std::size_t>(points_per_block)];
         for (std::int32_t e = point_offset_[q]; e < point_offset_[q + 1]; ++e) {

@@ -88,7 +88,7 @@ class ProjectedKernel {
     std::vector<Sweep> block;
     bool backward = false;  ///< direction of the next pass over the blocks
   };
-  State at_rest() const;
+  State undeformed() const;
 
   /// u [4xN] m; afterwards stress() is that of u.
   Sweep stress_sweep(State& s, const double* u) const;
@@ -128,10 +128,10 @@ class ProjectedKernel {
   using Quad = ProjectedQuad<Real>;
   using Octet = ProjectedOctet<Real>;
   using Columns = ProjectedColumns<Real>;
-  using Share = ProjectedShare<Real>;
+  using Fraction = ProjectedFraction<Real>;
   struct Lists {
     std::vector<std::int32_t> offset;
-    LongVector<Share> share;
+    LongVector<Fraction> fraction;
   };
   // Members (nodes, patches) of each block of points, all blocks end to end. Each block writes only to its
   // own places; every member then sums its places in order, which is the same for any number of threads.

@@ -76,7 +76,7 @@ void ProjectedKernel<Real>::lay_out_supports(const Model& model) {
   quad_.reserve(static_cast<std::size_t>(model.support.member.size() / 4 + points_ + 1));
   point_offset_.push_back(0);
   for (Index q = 0; q < points_; ++q) {
-    if (q % 16384 == 0) stop_if_asked();
+    if (q % 16384 == 0) stop_if_requested();
     for (Index k = model.support.offset[q]; k < model.support.offset[q + 1]; k += 4) {
       Quad& quad = quad_.emplace_back();
       for (Index i = 0; i < 4; ++i) {
@@ -99,7 +99,7 @@ void ProjectedKernel<Real>::lay_out_patches(const Model& model) {
   octet_offset_.push_back(0);
   octet_weight_.reserve(4 * local.size());  // about: eight points have half in common
   for (Index q = 0; q < points_; q += 8) {
-    if (q % 16384 == 0) stop_if_asked();
+    if (q % 16384 == 0) stop_if_requested();
     const auto start = static_cast<std::ptrdiff_t>(octet_offset_.back());
     for (Index lane = 0; lane < std::min<Index>(8, points_ - q); ++lane)
       for (int k = of_point.offset[q + lane]; k < of_point.offset[q + lane + 1]; ++k) {
@@ -117,10 +117,10 @@ void ProjectedKernel<Real>::lay_out_patches(const Model& model) {
   Eigen::VectorXi place;
   const CompressedRows members = transpose(of_point, patches_, &place);
   of_patch_.offset.assign(members.offset.begin(), members.offset.end());
-  of_patch_.share.reserve(static_cast<std::size_t>(members.member.size()));
+  of_patch_.fraction.reserve(static_cast<std::size_t>(members.member.size()));
   for (Index b = 0; b < patches_; ++b)
     for (int k = members.offset[b]; k < members.offset[b + 1]; ++k)
-      of_patch_.share.push_back(
+      of_patch_.fraction.push_back(
           {members.member[k], static_cast<Real>(model.patches.psi[place[k]] *
                                                 model.volume[members.member[k]] / model.patches.volume[b])});
 }
@@ -131,9 +131,9 @@ void ProjectedKernel<Real>::lay_out_variance(const Model& model) {
     Variance& mine = variance_.emplace_back();
     mine.tissue = v.tissue;
     mine.rows.offset.assign(v.rows.offset.begin(), v.rows.offset.end());
-    mine.rows.share.reserve(static_cast<std::size_t>(v.K.size()));
+    mine.rows.fraction.reserve(static_cast<std::size_t>(v.K.size()));
     for (Index k = 0; k < v.K.size(); ++k)
-      mine.rows.share.push_back({v.rows.member[k], static_cast<Real>(v.K[k])});
+      mine.rows.fraction.push_back({v.rows.member[k], static_cast<Real>(v.K[k])});
   }
 }
 

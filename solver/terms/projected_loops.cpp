@@ -155,7 +155,7 @@ DIMPLE_CLONES void ProjectedLoops<Real>::neo_hookean_stresses(const Octet* gradi
                                                               const Real* pressure, const Real* mu,
                                                               const Real* volume, Columns* stress,
                                                               Index first, Index last, Real least_J,
-                                                              Real share) {
+                                                              Real fraction) {
   constexpr int count = sizeof(Real) == 4 ? 8 : 4;  // points at a time
   using Lanes = Pack<Real, count>;
   const Real g0 = std::pow(least_J, Real(-2.0 / 3.0)), g1 = Real(-2.0 / 3.0) * g0 / least_J,
@@ -182,27 +182,27 @@ DIMPLE_CLONES void ProjectedLoops<Real>::neo_hookean_stresses(const Octet* gradi
     const Lanes power = root * root, below = J - least_J;
     const Lanes power_slope = Real(-2.0 / 3.0) * power * (root * root * root);
     const Lanes low = g0 + below * (g1 + Real(0.5) * g2 * below), low_slope = g1 + g2 * below;
-    const Lanes g = inverted ? low : power, slope = share * (inverted ? low_slope : power_slope);
+    const Lanes g = inverted ? low : power, slope = fraction * (inverted ? low_slope : power_slope);
 
     // P = M g F + (pressure + M I1 slope / 2) cof F. At small strains both parts of M nearly cancel, which
     // would leave the rounding of 1. With F = I + H and cof F = I + K the two identities are combined first:
     // g + I1 slope / 2 = (g / J) (J - 1 - stretch).
     const Lanes cofactor = Real(0.5) * I1 * slope;
     const Lanes direct = g + cofactor, upright = power * (root * root * root) * (e - stretch);
-    const Lanes of_identity = share == Real(0) ? direct : inverted ? direct : upright;
+    const Lanes of_identity = fraction == Real(0) ? direct : inverted ? direct : upright;
     const Lanes V = load<count>(volume + q), M = load<count>(mu + q), shear = V * M * g;
     const Lanes VP = V * load<count>(pressure + q), p = VP + V * M * cofactor,
-                rest = VP + V * M * of_identity;
+                residual = VP + V * M * of_identity;
     const Lanes P[3][3] = {
         // [column][row] of V P = shear H + p K + rest I
-        {shear * h00 + p * (h11 + h22 + (h11 * h22 - h21 * h12)) + rest,
+        {shear * h00 + p * (h11 + h22 + (h11 * h22 - h21 * h12)) + residual,
          shear * h10 + p * ((h21 * h02 - h01 * h22) - h01),
          shear * h20 + p * ((h01 * h12 - h11 * h02) - h02)},
         {shear * h01 + p * ((h12 * h20 - h22 * h10) - h10),
-         shear * h11 + p * (h22 + h00 + (h22 * h00 - h02 * h20)) + rest,
+         shear * h11 + p * (h22 + h00 + (h22 * h00 - h02 * h20)) + residual,
          shear * h21 + p * ((h02 * h10 - h12 * h00) - h12)},
         {shear * h02 + p * ((h10 * h21 - h20 * h11) - h20), shear * h12 + p * ((h20 * h01 - h00 * h21) - h21),
-         shear * h22 + p * (h00 + h11 + (h00 * h11 - h10 * h01)) + rest}};
+         shear * h22 + p * (h00 + h11 + (h00 * h11 - h10 * h01)) + residual}};
     for (int j = 0; j < 3; ++j) {
       Pack<Real, 4> column[count];
       columns<Real, count>(P[j][0], P[j][1], P[j][2], column);
@@ -222,7 +222,7 @@ void ProjectedLoops<Real>::scatter(const Quad* quad, const std::int32_t* offset,
 }
 
 template <class Real>
-DIMPLE_CLONES void ProjectedLoops<Real>::variance_forces(const Share* share, const std::int32_t* offset,
+DIMPLE_CLONES void ProjectedLoops<Real>::variance_forces(const Fraction* fraction, const std::int32_t* offset,
                                                          const Real* u, double scale, double* f, Index first,
                                                          Index last) {
   for (Index a = first; a < last; ++a) {
@@ -230,10 +230,10 @@ DIMPLE_CLONES void ProjectedLoops<Real>::variance_forces(const Share* share, con
     std::int32_t k = offset[a];
     const std::int32_t end = offset[a + 1];
     for (; k + 3 < end; k += 4) {
-      __builtin_prefetch(share + k + 128);
-      for (int i = 0; i < 4; ++i) sum[i] += four(u, share[k + i].number) * share[k + i].weight;
+      __builtin_prefetch(fraction + k + 128);
+      for (int i = 0; i < 4; ++i) sum[i] += four(u, fraction[k + i].number) * fraction[k + i].weight;
     }
-    for (; k < end; ++k) sum[0] += four(u, share[k].number) * share[k].weight;
+    for (; k < end; ++k) sum[0] += four(u, fraction[k].number) * fraction[k].weight;
     const auto all = (sum[0] + sum[1]) + (sum[2] + sum[3]);
     for (int i = 0; i < 4; ++i) f[4 * a + i] += scale * static_cast<double>(all[i]);
   }

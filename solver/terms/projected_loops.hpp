@@ -23,7 +23,7 @@ struct alignas(4 * sizeof(Real)) ProjectedColumns {
   Real column[3][4];
 };
 template <class Real>
-struct ProjectedShare {
+struct ProjectedFraction {
   std::int32_t number;
   Real weight;
 };
@@ -35,26 +35,26 @@ struct ProjectedLoops {
   using Quad = ProjectedQuad<Real>;
   using Octet = ProjectedOctet<Real>;
   using Columns = ProjectedColumns<Real>;
-  using Share = ProjectedShare<Real>;
+  using Fraction = ProjectedFraction<Real>;
 
   /// F - I and J - 1 of each point, `first` a multiple of eight; the last octet is filled up with zeros.
   static void gradients(const Quad* quad, const std::int32_t* offset, const Real* u, Octet* gradient,
                         Real* dilation, Index first, Index last);
 
   /// V P of neo-Hookean points, into `stress` from its beginning; `pressure` [Q] is the coefficient of cof F
-  /// apart from that of W_dist, which is multiplied by `share`: 0 for the paper's printed stress. Below
+  /// apart from that of W_dist, which is multiplied by `fraction`: 0 for the paper's printed stress. Below
   /// `least_J` powers of J are Taylor polynomials.
   static void neo_hookean_stresses(const Octet* gradient, const Real* dilation, const Real* pressure,
                                    const Real* mu, const Real* volume, Columns* stress, Index first,
-                                   Index last, Real least_J, Real share);
+                                   Index last, Real least_J, Real fraction);
 
   /// Adds to the forces f at the nodes; `stress` begins with that of point `first`.
   static void scatter(const Quad* quad, const std::int32_t* offset, const Columns* stress, Real* f,
                       Index first, Index last);
 
   /// Adds `scale` times the weighted sums of u over each node's members to f [4xN]; of nodes [first, last).
-  static void variance_forces(const Share* share, const std::int32_t* offset, const Real* u, double scale,
-                              double* f, Index first, Index last);
+  static void variance_forces(const Fraction* fraction, const std::int32_t* offset, const Real* u,
+                              double scale, double* f, Index first, Index last);
 
   /// Eight consecutive points have most of their patches in common: one list serves them. The first computes
   /// the mean over each point's patches; the second adds `value` x volume x weight to each patch, in eight

@@ -15,9 +15,9 @@ Wrench wrench_on_tool(const Model& model, const Constraints& constraints, const 
                       const Vec3& reference);
 
 /// Sum of the internal forces of some nodes along the press direction [N].
-double along_push(const Model& model, const std::vector<Index>& nodes, const Nodal& f);
+double along_approach(const Model& model, const std::vector<Index>& nodes, const Nodal& f);
 
 /// Component of a force across the press direction, over its size; 0 without a force.
-double lateral_share(const Wrench& on_tool, const Vec3& push);
+double lateral_fraction(const Wrench& on_tool, const Vec3& approach);
 
 }  // namespace dimple

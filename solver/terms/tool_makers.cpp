@@ -24,8 +24,8 @@ Outline rounded_end(double radius, double rounded, Index rings) {
 
 // Height of the lower surface of an end that is rounded around its flat part.
 double height_of_end(double r, double radius, double rounded) {
-  const double beside = std::max(0.0, r - (radius - rounded));
-  return rounded - std::sqrt(std::max(0.0, rounded * rounded - beside * beside));
+  const double outside = std::max(0.0, r - (radius - rounded));
+  return rounded - std::sqrt(std::max(0.0, rounded * rounded - outside * outside));
 }
 
 ProfileDistance to_ball(double r, double z, double radius, double centre) {
@@ -54,12 +54,13 @@ ToolShape round_ended(double R, double length) {
 
 // Rounded quarter plane: all within `radius` of the axis and above the tip.
 ProfileDistance to_punch(double r, double z, double radius, double edge) {
-  const double beside = r - (radius - edge), below = edge - z;
-  if (beside > 0.0 && below > 0.0) {
-    const double away = std::hypot(beside, below);
-    return {away - edge, beside / away, -below / away};
+  const double outside = r - (radius - edge), below = edge - z;
+  if (outside > 0.0 && below > 0.0) {
+    const double away = std::hypot(outside, below);
+    return {away - edge, outside / away, -below / away};
   }
-  return beside > below ? ProfileDistance{beside - edge, 1.0, 0.0} : ProfileDistance{below - edge, 0.0, -1.0};
+  return outside > below ? ProfileDistance{outside - edge, 1.0, 0.0}
+                         : ProfileDistance{below - edge, 0.0, -1.0};
 }
 
 // A sphere tangent to a cone, both without an end: a sharp cone from the sphere's centre on, enlarged by the
@@ -84,13 +85,13 @@ double slope_at_shaft(double angle, double tip, double radius) {
 // Blunted cone within the shaft. Near the edge between them the edge is the nearest place.
 ProfileDistance to_cone(double r, double z, double angle, double tip, double radius) {
   const double slope = slope_at_shaft(angle, tip, radius);
-  const double beside = r - radius, above = z - height_of_cone(radius, angle, tip);
-  if (above < 0.0 && beside * std::cos(slope) + above * std::sin(slope) > 0.0) {
-    const double away = std::hypot(beside, above);
-    return {away, beside / away, above / away};
+  const double outside = r - radius, above = z - height_of_cone(radius, angle, tip);
+  if (above < 0.0 && outside * std::cos(slope) + above * std::sin(slope) > 0.0) {
+    const double away = std::hypot(outside, above);
+    return {away, outside / away, above / away};
   }
   const ProfileDistance lower = to_blunted_cone(r, z, angle, tip);
-  return lower.distance > beside ? lower : ProfileDistance{beside, 1.0, 0.0};
+  return lower.distance > outside ? lower : ProfileDistance{outside, 1.0, 0.0};
 }
 
 // Largest radius at which the profile of a mesh is below a height: prongs and rings have nothing on the axis.
@@ -166,14 +167,14 @@ ToolShape cone_shape(double angle, double tip, double radius) {
   };
   shape.outline = [=](Index rings) {
     Outline drawn;
-    const double last = slope_at_shaft(angle, tip, radius), rim = height_of_cone(radius, angle, tip);
+    const double last = slope_at_shaft(angle, tip, radius), patch_edge = height_of_cone(radius, angle, tip);
     for (Index k = 1; k <= rings; ++k) {
       const double slope = last * static_cast<double>(k) / static_cast<double>(rings);
       drawn.emplace_back(tip * std::sin(slope), tip * (1.0 - std::cos(slope)));
     }
-    if (junction < radius) drawn.emplace_back(radius, rim);
-    drawn.emplace_back(radius, rim + radius);
-    drawn.emplace_back(0.0, rim + radius);
+    if (junction < radius) drawn.emplace_back(radius, patch_edge);
+    drawn.emplace_back(radius, patch_edge + radius);
+    drawn.emplace_back(0.0, patch_edge + radius);
     return drawn;
   };
   return shape;

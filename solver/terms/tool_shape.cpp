@@ -83,7 +83,7 @@ std::optional<double> half_space_force(const ToolShape& shape, double depth) {
   return shape.contact_force(a) + 2.0 * a * std::max(0.0, depth - shape.contact_depth(a));
 }
 
-double share_of_first_work(const ToolShape& shape, double depth) {
+double fraction_of_first_work(const ToolShape& shape, double depth) {
   constexpr int parts = 16;  // midpoint rule on a smooth curve
   const std::optional<double> end = half_space_force(shape, depth);
   if (!end) return 0.5;

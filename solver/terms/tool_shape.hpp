@@ -109,6 +109,6 @@ double contact_radius(const ToolShape& shape, double depth);
 std::optional<double> half_space_force(const ToolShape& shape, double depth);
 /// Work of that force from first contact on, over depth x force at its end: 2/5 for a sphere, 1/2 for a flat
 /// end or a drawn tool.
-double share_of_first_work(const ToolShape& shape, double depth);
+double fraction_of_first_work(const ToolShape& shape, double depth);
 
 }  // namespace dimple

@@ -4,7 +4,7 @@
 //   dimple_calibrate FOLDER --data DIR [--atlases DIR] [--scenes 285] [--from 1] [--finer 32000] [--points]
 //   [--again]
 //
-// Writes band_scenes.csv, a row for each scene, number of nodes and depth. Scenes 51 to 120 and 166 to 225
+// Writes error_scenes.csv, a row for each scene, number of nodes and depth. Scenes 51 to 120 and 166 to 225
 // are held out to test the bounds; the others give the multipliers. No organ is in both. Scenes from 256 on
 // are folded brains of atlases, such as Debian's mricron-data has in /usr/share/mricron/templates. Scenes
 // from 2001 on have large bodies and those from 3001 on thin ones (--from 2001 --scenes 2016). A scene that
@@ -26,7 +26,7 @@
 #include <set>
 #include <sstream>
 
-#include "apps/run/band.hpp"
+#include "apps/run/error_bounds.hpp"
 #include "apps/run/grading.hpp"
 #include "apps/run/simulate.hpp"
 #include "apps/run/stopwatch.hpp"
@@ -38,8 +38,8 @@
 #include "preprocess/supports/support.hpp"
 #include "solver/solve.hpp"
 #include "tests/bench/calibration_scenes.hpp"
-#include "tests/helpers/band_scenes.hpp"
 #include "tests/helpers/draw.hpp"
+#include "tests/helpers/error_scenes.hpp"
 #include "tests/helpers/shapes.hpp"
 
 namespace dimple {
@@ -48,7 +48,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::array<Index, 5> level_nodes = {500, 1000, 2000, 4000, 8000};
-constexpr Index finest = band_truth;
+constexpr Index finest = truth_nodes;
 constexpr int frames = 4;
 constexpr std::int64_t most_evaluations = 2000;  // of the force, for one curve
 
@@ -60,7 +60,7 @@ constexpr const char* points_header =
     "scene,set,body,facing_share,nodes,x_mm,y_mm,z_mm,indentation_mm,u_x_mm,u_y_mm,u_z_mm\n";
 
 // Random point inside the body near the bonded patch, such as a user's target.
-Vec3 random_place(const CalibrationScene& scene, const BodySurface& body, const Vec3& circle) {
+Vec3 random_place(const CalibrationScene& scene, const BodySurface& body, const Vec3& bonded_patch) {
   Draw draw{std::mt19937_64(static_cast<std::uint64_t>(scene.number) + 1'000'000)};
   const double near = 3e-3 * scene.boundary.indenter_diameter_mm;
   Vec3 place = Vec3::Zero();
@@ -69,7 +69,7 @@ Vec3 random_place(const CalibrationScene& scene, const BodySurface& body, const 
                      draw.between(body.lower().y(), body.upper().y()),
                      draw.between(body.lower().z(), body.upper().z()));
     place = body.to_world() * there * 1e-3;
-    if ((place - circle).norm() < near && body.contains(there)) break;
+    if ((place - bonded_patch).norm() < near && body.contains(there)) break;
   }
   return place;
 }
@@ -81,7 +81,7 @@ struct Rows {
 };
 Rows measure(const CalibrationScene& scene, const std::vector<Index>& sizes, bool with_points) {
   const SegmentedBody body = scene.surface();
-  const double facing = facing_share(body.surface, narrow_gap_mm);
+  const double facing = facing_fraction(body.surface, narrow_gap_mm);
   std::optional<LabelImage> labels;
   if (scene.core) labels = make_phantom(phantom_with_core);
   TissueOptions tissues;
@@ -94,7 +94,7 @@ Rows measure(const CalibrationScene& scene, const std::vector<Index>& sizes, boo
   std::optional<Vec3> place;
   for (const Index nodes : sizes) {
     ModelOptions options;
-    options.cloud.count = nodes;
+    options.node_set.count = nodes;
     options.boundary = scene.boundary;
     if (scene.number >= first_large) grade_to_size(body.surface, options);
     try {
@@ -159,7 +159,7 @@ double median(std::vector<double> values) {
 }
 
 // Group of a scene in the tables; the second proof was drawn later and is listed apart.
-std::string group_of(const BandScene& scene) {
+std::string group_of(const ErrorScene& scene) {
   return scene.set != "proof" ? scene.set : scene.number < second_proof ? "first proof" : "second proof";
 }
 const std::vector<std::string> groups = {"calibration", "first proof", "second proof", "aside"},
@@ -167,17 +167,18 @@ const std::vector<std::string> groups = {"calibration", "first proof", "second p
 
 // Rows of band_coverage.csv: the error bounds compared with the truth, for each number of nodes. Bounds hold
 // if they contain all possible values of the truth. `misses`: rows of band_misses.csv.
-std::string coverage_of_bands(const std::vector<BandScene>& scenes, const std::vector<std::string>& of_groups,
-                              std::string& misses) {
+std::string coverage_of_error_bounds(const std::vector<ErrorScene>& scenes,
+                                     const std::vector<std::string>& of_groups, std::string& misses) {
   std::string table;
   for (const std::string& group : of_groups) {
     for (const bool deep : {false, true})
-      for (Index nodes = fewest_nodes_with_band(0.0); nodes <= band_finest_truth / band_compared;
+      for (Index nodes = fewest_nodes_with_error_bounds(0.0); nodes <= finest_truth_nodes / error_compared;
            nodes *= 2) {
         std::vector<double> halves, errors;
         int held = 0;
-        for (const BandScene& scene : scenes) {
-          if (nodes < fewest_nodes_with_band(scene.facing_share) || nodes > scene.truth / band_compared)
+        for (const ErrorScene& scene : scenes) {
+          if (nodes < fewest_nodes_with_error_bounds(scene.facing_fraction) ||
+              nodes > scene.truth / error_compared)
             continue;
           if (group_of(scene) != group || !scene.forces.contains(nodes) || !scene.forces.contains(nodes / 2))
             continue;
@@ -190,7 +191,7 @@ std::string coverage_of_bands(const std::vector<BandScene>& scenes, const std::v
           for (std::size_t k = 1; k < fine.size(); ++k) {
             if (is_deep(fine[k].depth / scene.radius) != deep) continue;
             const double said = half[k] / std::abs(fine[k].force),
-                         error = std::abs(band_error(scene, nodes, k)),
+                         error = std::abs(scene_error(scene, nodes, k)),
                          error_most = error_at_most(scene, nodes, k);
             widest = said, largest = std::max(largest, error);
             holds = holds && error_most <= said;
@@ -239,13 +240,13 @@ void write_bodies(const fs::path& folder, const fs::path& data, const fs::path& 
     const double voxel = scene.core            ? phantom_with_core.spacing_mm
                          : scene.image.empty() ? scene.boundary.voxel_mm
                                                : read_label_image(scene.image).spacing().maxCoeff();
-    const BodyUnderCircle seen = body_under_circle(body, find_boundary(body, scene.boundary), voxel);
+    const BodyUnderPatch seen = body_under_patch(body, find_boundary(body, scene.boundary), voxel);
     rows[scene.number] =
         fmt::format("{},{},\"{}\",{:.2f},{:.3f},{:.3f},{:.3f},{:g},{},{}\n", scene.number, set_of(scene),
                     scene.body, scene.boundary.indenter_diameter_mm, seen.thickness, seen.size, seen.voxel,
                     scene.nu, scene.core ? 2 : 1, scene.core ? 4 : 1);
   };
-  for (const BandScene& known : band_scenes(folder / "band_scenes.csv")) {
+  for (const ErrorScene& known : error_scenes(folder / "band_scenes.csv")) {
     if (rows.contains(known.number)) continue;
     const CalibrationScene scene = scene_of(known.number, data, atlases);
     if (scene.image.empty() || fs::exists(scene.image)) add(scene);
@@ -256,21 +257,21 @@ void write_bodies(const fs::path& folder, const fs::path& data, const fs::path& 
 
 // Rows of band_goals.csv: the program's refinement for a requested accuracy, replayed with the recorded
 // forces. Uses up to a quarter of the truth's nodes, on the proof's scenes from `first` on.
-std::string cost_of_goals(const std::vector<BandScene>& scenes, int first, std::string& misses) {
+std::string cost_of_goals(const std::vector<ErrorScene>& scenes, int first, std::string& misses) {
   std::string table;
   std::map<int, double> seconds_for_5, seconds_for_2;  // of scenes
   for (const double goal : {0.05, 0.02, 0.01}) {
-    int asked = 0, reached = 0, in_band = 0, in_goal = 0;
+    int requested = 0, reached = 0, in_error_bounds = 0, in_goal = 0;
     std::vector<double> costs, sizes, times;
-    for (const BandScene& scene : scenes) {
+    for (const ErrorScene& scene : scenes) {
       if (scene.set != "proof" || scene.number < first) continue;
-      ++asked;
+      ++requested;
       double seconds = 0.0;
       Index before = 0;
       const double radii = scene.forces.at(scene.truth).back().depth / scene.radius;
       const Index expected =
-          expected_nodes(goal, scene.facing_share, floor_of_force({radii, scene.several_tissues}));
-      for (Index nodes = nodes_of_first_level(expected); nodes <= scene.truth / band_compared;) {
+          expected_nodes(goal, scene.facing_fraction, floor_of_force({radii, scene.several_tissues}));
+      for (Index nodes = nodes_of_first_level(expected); nodes <= scene.truth / error_compared;) {
         if (!scene.forces.contains(nodes)) {  // it was refused
           nodes *= 2;
           continue;
@@ -288,9 +289,9 @@ std::string cost_of_goals(const std::vector<BandScene>& scenes, int first, std::
         }
         ++reached;
         const std::size_t last = fine.size() - 1;
-        const double error = std::abs(band_error(scene, nodes, last)),
+        const double error = std::abs(scene_error(scene, nodes, last)),
                      error_most = error_at_most(scene, nodes, last);
-        in_band += error_most <= half.back() / force;
+        in_error_bounds += error_most <= half.back() / force;
         in_goal += error_most <= goal;
         if (error_most > half.back() / force)
           misses += fmt::format("goal {:g} %,{},\"{}\",{},{:.2f},{:.2f},{:.2f},{:.2f}\n", 100.0 * goal,
@@ -304,10 +305,11 @@ std::string cost_of_goals(const std::vector<BandScene>& scenes, int first, std::
         break;
       }
     }
-    const auto share = [&](int count) { return reached > 0 ? 100.0 * count / reached : 0.0; };
+    const auto fraction = [&](int count) { return reached > 0 ? 100.0 * count / reached : 0.0; };
     table += fmt::format("{},{:g},{},{},{:.0f},{:.0f},{:.0f},{:.1f},{:.1f}\n",
-                         first < second_proof ? "both proofs" : "second proof", 100.0 * goal, asked, reached,
-                         share(in_band), share(in_goal), median(sizes), median(costs), median(times));
+                         first < second_proof ? "both proofs" : "second proof", 100.0 * goal, requested,
+                         reached, fraction(in_error_bounds), fraction(in_goal), median(sizes), median(costs),
+                         median(times));
   }
   std::vector<double> ratios;
   for (const auto& [number, seconds] : seconds_for_2)
@@ -323,7 +325,7 @@ std::string coverage_of_points(const std::vector<PointScene>& scenes, double mul
                                std::string& misses) {
   std::string table;
   for (const std::string set : {"calibration", "proof"})
-    for (Index nodes = fewest_nodes_with_band(0.0); nodes <= point_truth / 4; nodes *= 2) {
+    for (Index nodes = fewest_nodes_with_error_bounds(0.0); nodes <= point_truth / 4; nodes *= 2) {
       std::vector<double> halves, errors;
       int held = 0;
       for (const PointScene& scene : scenes) {
@@ -348,8 +350,8 @@ std::string coverage_of_points(const std::vector<PointScene>& scenes, double mul
 }
 
 void report(const fs::path& folder) {
-  const std::vector<BandScene> scenes = band_scenes(folder / "band_scenes.csv");
-  const BandScores scores = band_scores(scenes);
+  const std::vector<ErrorScene> scenes = error_scenes(folder / "band_scenes.csv");
+  const ErrorScores scores = error_scores(scenes);
   fmt::print("multiplier of the force's bounds: {:.3f}, from {}\n", conformal(scores, 0.95, least_scenes),
              counted(scores, least_scenes));
   std::string coverage = "scenes,depth,nodes,bounds,held_percent,half_width_percent,error_percent\n",
@@ -359,13 +361,13 @@ void report(const fs::path& folder) {
               misses =
                   "scenes,scene,body,nodes,depth_radii,error_percent,unsure_percent,half_width_percent\n",
               unlisted;
-  coverage += coverage_of_bands(scenes, groups, misses);
+  coverage += coverage_of_error_bounds(scenes, groups, misses);
   goals += cost_of_goals(scenes, 1, misses);
   goals += cost_of_goals(scenes, second_proof, unlisted);
-  coverage += coverage_of_bands(scenes, extending, misses);
+  coverage += coverage_of_error_bounds(scenes, extending, misses);
   if (const fs::path file = folder / "band_points.csv"; fs::exists(file)) {
     const std::vector<PointScene> points = point_scenes(file);
-    const BandScores of_points = point_scores(points);
+    const ErrorScores of_points = point_scores(points);
     const double multiplier = conformal(of_points, 0.95, least_points);
     fmt::print("multiplier of a displacement's bounds: {:.3f}, from {}\n", multiplier,
                counted(of_points, least_points));
@@ -414,7 +416,7 @@ int main(int argc, char** argv) try {
   std::set<int> done;  // also with the finer nodes
   if (finer > 0) {
     sizes = {finer};
-    for (const dimple::BandScene& scene : dimple::band_scenes(file))
+    for (const dimple::ErrorScene& scene : dimple::error_scenes(file))
       if (scene.forces.contains(finer) || !scene.forces.contains(finer / 2)) done.insert(scene.number);
   }
   for (int number = first; !again && number <= scenes; ++number) {

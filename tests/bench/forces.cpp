@@ -32,9 +32,9 @@ Work work_of(const Model& model, double r) {
   Work work = {pairs * 2.0 * (3.0 * r + 4.0) + points * 38.0 * r + nodes * 6.0 * r,
                pairs * 36.0 + points * 150.0};
   if (model.patches.count() == 0) return work;
-  const auto shares = static_cast<double>(model.patches.psi.size());
-  work.bytes += shares * 4.0 * (r + 4.0) + points * 4.0 * r;
-  work.flops += shares * 8.0 + points * 10.0;
+  const auto fractions = static_cast<double>(model.patches.psi.size());
+  work.bytes += fractions * 4.0 * (r + 4.0) + points * 4.0 * r;
+  work.flops += fractions * 8.0 + points * 10.0;
   for (const GradientVariance& v : model.variance) {
     work.bytes += static_cast<double>(v.K.size()) * (r + 4.0);
     work.flops += static_cast<double>(v.K.size()) * 6.0;

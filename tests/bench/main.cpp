@@ -20,7 +20,7 @@ int main(int count, char** argument) {
   std::string folder, version = "unknown";
   static char defaults[][48] = {"--benchmark_repetitions=5", "--benchmark_report_aggregates_only=true",
                                 "--benchmark_min_time=0.1"};
-  std::vector<char*> rest = {argument[0], defaults[0], defaults[1], defaults[2]};
+  std::vector<char*> remaining = {argument[0], defaults[0], defaults[1], defaults[2]};
   for (int k = 1; k < count; ++k) {
     const std::string text = argument[k];
     if (text.rfind("--results=", 0) == 0)
@@ -28,11 +28,11 @@ int main(int count, char** argument) {
     else if (text.rfind("--version=", 0) == 0)
       version = text.substr(std::strlen("--version="));
     else
-      rest.push_back(argument[k]);
+      remaining.push_back(argument[k]);
   }
-  int rest_count = static_cast<int>(rest.size());
-  benchmark::Initialize(&rest_count, rest.data());
-  if (benchmark::ReportUnrecognizedArguments(rest_count, rest.data())) return 2;
+  int remaining_count = static_cast<int>(remaining.size());
+  benchmark::Initialize(&remaining_count, remaining.data());
+  if (benchmark::ReportUnrecognizedArguments(remaining_count, remaining.data())) return 2;
   try {
     dimple::scene("converging", 4250);  // compares the product's force with the reference's
     dimple::register_roofs();

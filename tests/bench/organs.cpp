@@ -121,19 +121,19 @@ struct Constant {
 const std::vector<Constant>& constants() {
   static const std::vector<Constant> list = {
       {"rim", "spacing on the rim / far away",
-       [](ModelOptions& o) -> double& { return o.cloud.grading.rim; }},
+       [](ModelOptions& o) -> double& { return o.node_set.grading.patch_edge; }},
       {"least", "least spacing on the rim, in radii",
-       [](ModelOptions& o) -> double& { return o.cloud.grading.least; }},
+       [](ModelOptions& o) -> double& { return o.node_set.grading.least; }},
       {"reach", "distance from the rim where the far spacing is reached, in radii",
-       [](ModelOptions& o) -> double& { return o.cloud.grading.reach; }},
+       [](ModelOptions& o) -> double& { return o.node_set.grading.reach; }},
       {"load_exponent", "of the load path's factor",
-       [](ModelOptions& o) -> double& { return o.cloud.grading.load_exponent; }},
+       [](ModelOptions& o) -> double& { return o.node_set.grading.load_exponent; }},
       {"load_slope", "of that factor, per reach",
-       [](ModelOptions& o) -> double& { return o.cloud.grading.load_slope; }},
+       [](ModelOptions& o) -> double& { return o.node_set.grading.load_slope; }},
       {"points_per_node", "integration points per node",
        [](ModelOptions& o) -> double& { return o.grid.ratio; }},
       {"density_rim", "points per node at the rim over that far away",
-       [](ModelOptions& o) -> double& { return o.grid.density.rim; }},
+       [](ModelOptions& o) -> double& { return o.grid.density.patch_edge; }},
       {"radius_factor", "radius of a support, in spacings",
        [](ModelOptions& o) -> double& { return o.scheme.support.radius_factor; }},
       {"interpolation", "of the weight at prescribed nodes",
@@ -158,23 +158,23 @@ struct Options {
 // Forces of a body: nodes, seed -> depth in mm -> N.
 using Forces = std::map<std::pair<Index, int>, std::map<double, double>>;
 
-Forces measure(const Body& body, const Options& wanted, std::string& csv) {
+Forces measure(const Body& body, const Options& requested, std::string& csv) {
   Forces forces;
-  if (!body.image.empty() && !fs::exists(wanted.data / body.image)) {
+  if (!body.image.empty() && !fs::exists(requested.data / body.image)) {
     fmt::print("{}: left out, {} is not in --data\n", body.name, body.image);
     return forces;
   }
-  const double depth = wanted.depth_mm > 0.0 ? wanted.depth_mm : body.depth_mm;
+  const double depth = requested.depth_mm > 0.0 ? requested.depth_mm : body.depth_mm;
   const SegmentedBody segmented = body.surface();
   std::optional<LabelImage> image;
   if (body.two_tissues) image = make_phantom({.two_labels = true});
-  for (const Index nodes : wanted.nodes)
-    for (int seed = 1; seed <= wanted.seeds; ++seed) {
+  for (const Index nodes : requested.nodes)
+    for (int seed = 1; seed <= requested.seeds; ++seed) {
       ModelOptions options;
-      options.cloud.count = nodes;
-      options.cloud.seed = static_cast<std::uint64_t>(seed);
+      options.node_set.count = nodes;
+      options.node_set.seed = static_cast<std::uint64_t>(seed);
       options.boundary = body.boundary;
-      vary(options, wanted.varied);
+      vary(options, requested.varied);
       const Stopwatch building;
       try {
         TissueOptions tissues;
@@ -191,19 +191,19 @@ Forces measure(const Body& body, const Options& wanted, std::string& csv) {
         const Index points = built.model.point_count(), count = built.model.node_count();
         const Stopwatch solving;
         const History history = solve(built.model, {material, built.model.tissue}, {.depth = 1e-3 * depth},
-                                      {.frames = wanted.frames});
+                                      {.frames = requested.frames});
         const double solved_s = solving.seconds();
         std::string line = fmt::format("{:18} {:6} seed {} h {:.2f}/{:.2f}:", body.name, count, seed,
-                                       report.rim_spacing_mm, report.spacing_mm);
+                                       report.patch_edge_spacing_mm, report.spacing_mm);
         int frame = 0;
         for (const ForceSample& sample : history.force) {
-          const double wanted_depth = depth * (frame + 1) / wanted.frames;
-          if (std::abs(1e3 * sample.depth - wanted_depth) > 1e-6) continue;
+          const double requested_depth = depth * (frame + 1) / requested.frames;
+          if (std::abs(1e3 * sample.depth - requested_depth) > 1e-6) continue;
           ++frame;
-          forces[{nodes, seed}][wanted_depth] = sample.force;
+          forces[{nodes, seed}][requested_depth] = sample.force;
           line += fmt::format(" {:.3f}", 1e3 * sample.force);
           csv += fmt::format("{},{},{},{},{:.6g},{:.7g},{:.4g},{:.4g},{},{:.3g},{:.3g}\n", body.name, count,
-                             points, seed, 1e3 * sample.depth, sample.force, report.rim_spacing_mm,
+                             points, seed, 1e3 * sample.depth, sample.force, report.patch_edge_spacing_mm,
                              report.spacing_mm, history.evaluations, built_s, solved_s);
         }
         fmt::print("{} mN; {} ev, {:.2f} + {:.2f} s, {} of {} unconnected\n", line, history.evaluations,
@@ -257,12 +257,12 @@ SecondMoments over_seeds(const Forces& forces, Index nodes, double depth) {
 
 constexpr std::array depths = {2.0, 4.0};  // mm
 
-void compare(const std::vector<std::pair<Body, Forces>>& measured, const Options& wanted) {
+void compare(const std::vector<std::pair<Body, Forces>>& measured, const Options& requested) {
   std::string table = "body,nodes,indentation_mm,difference_percent,scatter_percent,known_to_percent\n";
   for (const auto& [body, forces] : measured) {
     const std::map<double, Known> known = reference_of(body);
     if (forces.empty() || !known.contains(depths[0]) || !known.contains(depths[1])) continue;
-    for (const Index n : wanted.nodes)
+    for (const Index n : requested.nodes)
       for (const double depth : depths) {
         const SecondMoments spread = over_seeds(forces, n, depth);
         if (!(spread.mean > 0.0)) continue;
@@ -271,11 +271,11 @@ void compare(const std::vector<std::pair<Body, Forces>>& measured, const Options
                              known.at(depth).percent);
       }
   }
-  write_file(wanted.folder / "organs.csv", table);
+  write_file(requested.folder / "organs.csv", table);
 }
 
 // Changes of the mean force over the seeds when each constant is halved and doubled.
-void measure_sensitivity(const std::vector<Body>& list, const Options& wanted) {
+void measure_sensitivity(const std::vector<Body>& list, const Options& requested) {
   std::vector<Variation> runs = {{"none", 1.0}};
   for (const Constant& constant : constants())
     for (const double factor : {0.5, 2.0}) runs.push_back({constant.name, factor});
@@ -283,14 +283,14 @@ void measure_sensitivity(const std::vector<Body>& list, const Options& wanted) {
       "constant,value,factor,body,nodes,indentation_mm,force_N,scatter_percent,change_percent,difference_"
       "percent\n";
   std::map<std::string, Forces> plain;
-  const Index nodes = wanted.nodes.front();
+  const Index nodes = requested.nodes.front();
   for (const Variation& variation : runs) {
     ModelOptions options;
     double value = 0.0;
     for (const Constant& constant : constants())
       if (constant.name == variation.constant) value = constant.of(options);
     for (const Body& body : list) {
-      Options here = wanted;
+      Options here = requested;
       here.nodes = {nodes};
       here.varied = variation;
       std::string unused;
@@ -308,7 +308,7 @@ void measure_sensitivity(const std::vector<Body>& list, const Options& wanted) {
                            known.contains(depth) ? fmt::format("{:.2f}", off) : "");
       }
     }
-    write_file(wanted.folder / "sensitivity.csv", csv);
+    write_file(requested.folder / "sensitivity.csv", csv);
   }
 }
 
@@ -316,15 +316,15 @@ void measure_sensitivity(const std::vector<Body>& list, const Options& wanted) {
 }  // namespace dimple
 
 int main(int argc, char** argv) try {
-  dimple::Options wanted;
+  dimple::Options requested;
   CLI::App app("Forces of many bodies over the number of nodes");
-  app.add_option("folder", wanted.folder, "for tables")->required();
-  app.add_option("--data", wanted.data, "folder of the label images");
-  app.add_option("--bodies", wanted.bodies, "some of them only")->delimiter(',');
-  app.add_option("--nodes", wanted.nodes)->delimiter(',');
-  app.add_option("--seeds", wanted.seeds);
-  app.add_option("--frames", wanted.frames);
-  app.add_option("--depth", wanted.depth_mm, "mm");
+  app.add_option("folder", requested.folder, "for tables")->required();
+  app.add_option("--data", requested.data, "folder of the label images");
+  app.add_option("--bodies", requested.bodies, "some of them only")->delimiter(',');
+  app.add_option("--nodes", requested.nodes)->delimiter(',');
+  app.add_option("--seeds", requested.seeds);
+  app.add_option("--frames", requested.frames);
+  app.add_option("--depth", requested.depth_mm, "mm");
   bool sensitivity = false;
   app.add_flag("--sensitivity", sensitivity,
                "each constant halved and doubled, with the first number of nodes");
@@ -332,23 +332,23 @@ int main(int argc, char** argv) try {
   std::string csv =
       "body,nodes,points,seed,indentation_mm,force_N,rim_spacing_mm,far_spacing_mm,evaluations,build_s,solve_"
       "s\n";
-  dimple::make_folder(wanted.folder);
+  dimple::make_folder(requested.folder);
   std::vector<std::pair<dimple::Body, dimple::Forces>> measured;
-  std::vector<dimple::Body> list = dimple::bodies(wanted.data);
+  std::vector<dimple::Body> list = dimple::bodies(requested.data);
   std::erase_if(list, [&](const dimple::Body& body) {
-    return !wanted.bodies.empty() &&
-           std::none_of(wanted.bodies.begin(), wanted.bodies.end(),
+    return !requested.bodies.empty() &&
+           std::none_of(requested.bodies.begin(), requested.bodies.end(),
                         [&](const std::string& name) { return body.name.starts_with(name); });
   });
   if (sensitivity) {
-    dimple::measure_sensitivity(list, wanted);
+    dimple::measure_sensitivity(list, requested);
     return 0;
   }
   for (const dimple::Body& body : list) {
-    measured.emplace_back(body, dimple::measure(body, wanted, csv));
-    dimple::write_file(wanted.folder / "organs_forces.csv", csv);
+    measured.emplace_back(body, dimple::measure(body, requested, csv));
+    dimple::write_file(requested.folder / "organs_forces.csv", csv);
   }
-  dimple::compare(measured, wanted);
+  dimple::compare(measured, requested);
 } catch (const dimple::Error& error) {
   fmt::print(stderr, "{}\n{}\n", error.report.fact, error.report.remedy);
   return static_cast<int>(error.code);

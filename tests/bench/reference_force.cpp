@@ -72,8 +72,9 @@ template <class Real>
   for (std::size_t b = 0; b < r.patch_dilation.size(); ++b)
     r.patch_dilation[b] = weighted<Real>(r.of_patch, b, r.dilation.data());
   for (std::size_t q = 0; q < r.volume.size(); ++q) {
-    const Real mean = weighted<Real>(r.of_point, q, r.patch_dilation.data()), rest = r.dilation[q] - mean;
-    r.unresolved[q] = Real(2) * r.beta * r.ks * rest * rest * rest;
+    const Real mean = weighted<Real>(r.of_point, q, r.patch_dilation.data()),
+               remaining = r.dilation[q] - mean;
+    r.unresolved[q] = Real(2) * r.beta * r.ks * remaining * remaining * remaining;
     r.pressure[q] = r.ks * r.dilation[q] + r.bulk * mean + r.unresolved[q];
   }
   for (std::size_t b = 0; b < r.patch_unresolved.size(); ++b)

@@ -14,14 +14,14 @@ namespace {
 
 // Displacement: 2 mm under the tool, less around it, zero at the base. Smooth, so every J stays positive.
 ForceSystem::Nodal dent(const Model& model) {
-  const Vec3& push = model.tool.push;
-  const Eigen::VectorXd along = model.X.transpose() * push;
-  const double top = model.tool.centre.dot(push), height = along.maxCoeff() - top;
+  const Vec3& approach = model.tool.approach;
+  const Eigen::VectorXd along = model.X.transpose() * approach;
+  const double top = model.tool.centre.dot(approach), height = along.maxCoeff() - top;
   ForceSystem::Nodal u = ForceSystem::Nodal::Zero(4, model.node_count());
   for (Index a = 0; a < model.node_count(); ++a) {
     const Vec3 from = model.X.col(a) - model.tool.centre;
-    const double away = (from - from.dot(push) * push).norm() / (2.0 * model.tool.radius);
-    u.col(a).head<3>() = 2e-3 * (1.0 - (along[a] - top) / height) / (1.0 + away * away) * push;
+    const double away = (from - from.dot(approach) * approach).norm() / (2.0 * model.tool.radius);
+    u.col(a).head<3>() = 2e-3 * (1.0 - (along[a] - top) / height) / (1.0 + away * away) * approach;
   }
   return u;
 }
@@ -72,7 +72,7 @@ const MeasuredBlock& scene(const std::string& scheme, Index nodes) {
   if (found != made.end()) return found->second;
   MeasuredBlock& now = made[{scheme, nodes}];
   now.run.scheme = scheme;
-  now.run.cloud.nodes = nodes;
+  now.run.node_set.nodes = nodes;
   now.image = make_phantom({.shape = "block", .size_mm = {60.0, 60.0, 30.0}});
   now.material = material_of(now.run);
   now.model = whole_model(now.image, now.run);

@@ -20,8 +20,8 @@ struct Before {
   ModelOptions options = model_options(final.run);
   SegmentedBody body = make_body_surface(final.image, {});
   Boundary boundary = find_boundary(body.surface, options.boundary);
-  Sizing sizing{body.surface, boundary, options.cloud.grading};
-  NodeCloud cloud = make_node_cloud(body.surface, boundary, sizing, options.cloud);
+  Sizing sizing{body.surface, boundary, options.node_set.grading};
+  NodeSet node_set = make_node_set(body.surface, boundary, sizing, options.node_set);
   Model supported = final.model;  // with gradients as find_supports() leaves them
   Before() { find_supports(supported); }
 };
@@ -49,14 +49,16 @@ void boundary_conditions(benchmark::State& state) {
 void node_cloud(benchmark::State& state) {
   const Before& b = before();
   for (auto _ : state)
-    benchmark::DoNotOptimize(make_node_cloud(b.body.surface, b.boundary, b.sizing, b.options.cloud).X.data());
+    benchmark::DoNotOptimize(
+        make_node_set(b.body.surface, b.boundary, b.sizing, b.options.node_set).X.data());
 }
 
 void grid(benchmark::State& state) {
   const Before& b = before();
   for (auto _ : state)
     benchmark::DoNotOptimize(
-        make_graded_grid(b.body.surface, b.options.grid, nodes, b.sizing, b.cloud.far_spacing).point.data());
+        make_graded_grid(b.body.surface, b.options.grid, nodes, b.sizing, b.node_set.far_spacing)
+            .point.data());
 }
 
 // Runs a stage that changes a model on a fresh copy each time; copying is not measured.

@@ -70,7 +70,7 @@ TEST_F(Batch, GivesEachCaseTheBitsOfARunOfItsOwn) {
   EXPECT_EQ(summary("out/a").at("threads"), 1);
 }
 
-TEST_F(Batch, GoesOnAfterCasesThatFailAndTellsWhyEachDid) {
+TEST_F(Batch, ContinuesAfterCasesThatFailAndReportsWhyEachDid) {
   write("words.nrrd", "these are words\n");
   write("cases.csv",
         "id,image,mu,depth\n"
@@ -129,10 +129,10 @@ TEST_F(Batch, GoesOnAfterCasesThatFailAndTellsWhyEachDid) {
         "through,block.nrrd,200,1\n"
         "also_good,block.nrrd,300,1\n");
   const Ran again = good(line + " --json");
-  const Json told = Json::parse(again.out);
-  EXPECT_EQ(told.at("finished"), Json({"missing", "soft", "words", "through"}));
-  EXPECT_EQ(told.at("skipped"), Json({"good", "also_good"}));
-  EXPECT_EQ(told.at("failed"), Json::array());
+  const Json reported = Json::parse(again.out);
+  EXPECT_EQ(reported.at("finished"), Json({"missing", "soft", "words", "through"}));
+  EXPECT_EQ(reported.at("skipped"), Json({"good", "also_good"}));
+  EXPECT_EQ(reported.at("failed"), Json::array());
 }
 
 TEST_F(Batch, SkipsWhatIsFinishedAndSaysSoOfWhatIsAnotherRun) {
@@ -258,7 +258,7 @@ TEST_F(Batch, ReadsTenThousandRows) {
   EXPECT_TRUE(fs::exists(folder / "out/case_9999/summary.json"));
 }
 
-TEST_F(Batch, IsStoppedWithinTwoSecondsAndGoesOnFromThere) {
+TEST_F(Batch, IsStoppedWithinTwoSecondsAndContinuesFromThere) {
   std::string content = "id,image,mu,frames\nquick,block.nrrd,200,2\n";
   for (int n = 1; n <= 4; ++n)
     content += "slow_" + std::to_string(n) + ",block.nrrd,21" + std::to_string(n) + ",400\n";

@@ -76,7 +76,7 @@ TEST_F(Compare, ARunIsItself) {
   EXPECT_THAT(ran.out, HasSubstr("the same force; the error bounds overlap"));
 }
 
-TEST_F(Compare, SaysHowManyNodesAnAccuracyHasTakenAndNotHowManyWereNotAskedFor) {
+TEST_F(Compare, SaysHowManyNodesAnAccuracyHasTakenAndNotHowManyWereNotRequested) {
   good(
       "run body.nrrd -o b --depth 1mm --frames 4 --indenter-diameter 10mm --write force "
       "--quiet --accuracy 20%");
@@ -86,13 +86,13 @@ TEST_F(Compare, SaysHowManyNodesAnAccuracyHasTakenAndNotHowManyWereNotAskedFor) 
   EXPECT_EQ(differences.find("chosen nodes") != std::string::npos, nodes != 1000) << differences;
 }
 
-TEST_F(Compare, BandsOverlapWhereTheyTouchAndNotBeyond) {
+TEST_F(Compare, ErrorBoundsOverlapWhereTheyMeetAndNotBeyond) {
   // A larger modulus moves the second interval up; the bounds meet at this ratio of moduli.
   const Json own = compared("a", "a")["at_depth"][3];
-  const double share = own["a_high_N"].get<double>() / own["a_force_N"].get<double>() - 1.0;
-  const double touching = (1.0 + share) / (1.0 - share);
-  run("body.nrrd", "near", " --mu " + std::to_string(210.0 * (1.0 + 0.95 * (touching - 1.0))));
-  run("body.nrrd", "far", " --mu " + std::to_string(210.0 * (1.0 + 1.05 * (touching - 1.0))));
+  const double fraction = own["a_high_N"].get<double>() / own["a_force_N"].get<double>() - 1.0;
+  const double in_contact = (1.0 + fraction) / (1.0 - fraction);
+  run("body.nrrd", "near", " --mu " + std::to_string(210.0 * (1.0 + 0.95 * (in_contact - 1.0))));
+  run("body.nrrd", "far", " --mu " + std::to_string(210.0 * (1.0 + 1.05 * (in_contact - 1.0))));
   EXPECT_EQ(compared("a", "near")["at_depth"][3]["bands_overlap"], true);
   EXPECT_EQ(compared("far", "a")["at_depth"][3]["bands_overlap"], false);
 }
@@ -115,7 +115,7 @@ TEST_F(Compare, NeverTakesDifferentImagesForOneWithoutAWord) {
   EXPECT_TRUE(compared("a", "c").at("same_image").is_null());
 }
 
-TEST_F(Compare, WithoutABandItIsNotKnownWhetherTheyOverlap) {
+TEST_F(Compare, WithoutErrorBoundsItIsNotKnownWhetherTheyOverlap) {
   run("body.nrrd", "b", " --band off");
   const Json row = compared("a", "b")["at_depth"][3];
   EXPECT_TRUE(row.at("bands_overlap").is_null());
@@ -158,17 +158,17 @@ TEST_F(Compare, RefusesWhatIsNoFinishedRun) {
 
 TEST_F(Compare, SaysWhatACutHasReleasedAsTheWorkBetweenTheTwoCurves) {
   run("body.nrrd", "cut", " --cut plane:0,0,16,0,0,1,radius=10mm");
-  const Json told = compared("a", "cut");
+  const Json reported = compared("a", "cut");
   const auto work = [&](const char* which) {
     double sum = 0.0, depth = 0.0, force = 0.0;
-    for (const Json& row : told["at_depth"]) {
+    for (const Json& row : reported["at_depth"]) {
       const double next = 1e-3 * row["indentation_mm"].get<double>(), its = row[which];
       sum += 0.5 * (next - depth) * (its + force);
       depth = next, force = its;
     }
     return sum;
   };
-  const Json& released = told["released_by_cut"];
+  const Json& released = reported["released_by_cut"];
   const double expected = work("a_force_N") - work("b_force_N"), area = released["area_mm2"];
   EXPECT_GT(expected, 0.0);
   EXPECT_NEAR(released["energy_J"], expected, 0.02 * work("a_force_N"));

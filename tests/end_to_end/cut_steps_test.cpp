@@ -68,15 +68,15 @@ TEST_F(StepsThatCut, InADeformedStateAreTheBodyThatHasThatSlitFromTheStart) {
   EXPECT_NEAR(cut["released_J_per_m2"], 1e6 * cut["released_J"].get<double>() / cut["area_mm2"].get<double>(),
               1e-12);
   // This blade differs from one at the same place of the body at rest.
-  const Json at_rest = quick("at_rest", " --cut " + disc + "" + press);
-  EXPECT_GT(std::abs(at_rest["force_N"].get<double>() - force), 0.002 * force);
+  const Json undeformed = quick("at_rest", " --cut " + disc + "" + press);
+  EXPECT_GT(std::abs(undeformed["force_N"].get<double>() - force), 0.002 * force);
 }
 
 TEST_F(StepsThatCut, AfterUnloadingAreTheBodyCutAtRest) {
   const Json step = quick(
       "step", press + "--set step.lift.move=-2mm --set step.slit.cut=" + disc + " --set step.again.move=2mm");
-  const double rest = quick("rest", " --cut " + disc + "" + press)["force_N"];
-  EXPECT_NEAR(step["force_N"], rest, 0.001 * rest);
+  const double undeformed = quick("rest", " --cut " + disc + "" + press)["force_N"];
+  EXPECT_NEAR(step["force_N"], undeformed, 0.001 * undeformed);
   EXPECT_NEAR(step["scene"][2]["released_J"], 0.0, 1e-12);
 }
 
@@ -158,11 +158,11 @@ TEST_F(StepsThatCut, ShowTheCutBodyInEachFrameFromThenOnAtATimeOfItsOwn) {
 }
 
 TEST_F(StepsThatCut, TakeOutALabelWhereverItHasGone) {
-  const std::string stand = " --base inferior --indent-at 0,0,top --tool sphere:5mm";
+  const std::string held = " --base inferior --indent-at 0,0,top --tool sphere:5mm";
   const Json info = Json::parse(dimple(folder, "info " + two + " --json").out);
   const std::string lower = std::to_string(info["labels"][0]["value"].get<int>());
   ends_with(folder, 4,
-            "run " + two + " -q --nodes 800 --write force -o falls" + stand + press +
+            "run " + two + " -q --nodes 800 --write force -o falls" + held + press +
                 "--set step.out.cut=label:" + lower,
             {"step.out.cut"});
 }

@@ -20,7 +20,7 @@ void write_cube(const fs::path& file) {
                          "40\nv 12 6 40\nf 4 3 2 1\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n";
 }
 
-TEST(Cut, BesideTheCircleMakesItSofterTheNearerItIs) {
+TEST(Cut, NextToTheBondedPatchMakesItSofterTheNearerItIs) {
   const fs::path folder = fresh_folder();
   double before = 0.0;
   for (const char* cut :
@@ -149,7 +149,7 @@ TEST(Cut, ByASheetThatWasDrawnInCentimetresIsWarnedOfAndOneInMillimetresIsNot) {
   EXPECT_THAT(warnings("mm.obj --force"), Not(HasSubstr("scale it if")));
 }
 
-TEST(Cut, UnderAToolThatTouchesIsPressedOnBothBanksAndMakesTheBodySofter) {
+TEST(Cut, UnderAContactingToolIsPressedOnBothFacesAndMakesTheBodySofter) {
   const fs::path folder = fresh_folder();
   const std::string sphere = "--tool sphere:5mm ";
   const double whole = run_of(folder, block, sphere, "whole")["force_N"];
@@ -159,7 +159,7 @@ TEST(Cut, UnderAToolThatTouchesIsPressedOnBothBanksAndMakesTheBodySofter) {
   EXPECT_GT(cut, 0.5 * whole);
 }
 
-TEST(Cut, HasBanksThatBearNoMembraneAndAreOnNoSideOfTheBody) {
+TEST(Cut, HasFacesThatBearNoMembraneAndAreOnNoSideOfTheBody) {
   const fs::path folder = fresh_folder();
   const std::string across = " --cut plane:12,0,20,1,0,0,radius=25mm";
   const std::string film = "--membrane 0.1mm:40kPa";
@@ -171,8 +171,8 @@ TEST(Cut, HasBanksThatBearNoMembraneAndAreOnNoSideOfTheBody) {
 
   const std::string held = "--set support.wall.on=left --set support.wall.hold=sliding";
   const Json wall = run_of(folder, block, held, "held")["supports"]["wall"],
-             beside = run_of(folder, block, held + across, "cut_held")["supports"]["wall"];
-  EXPECT_LT(beside["nodes"], 1.5 * wall["nodes"].get<double>());
+             next_to = run_of(folder, block, held + across, "cut_held")["supports"]["wall"];
+  EXPECT_LT(next_to["nodes"], 1.5 * wall["nodes"].get<double>());
 }
 
 TEST(Cut, TakesWhatIsCutOutFromTheDeformedLabelsToo) {
@@ -186,9 +186,10 @@ TEST(Cut, TakesWhatIsCutOutFromTheDeformedLabelsToo) {
     return summary_of(folder / out);
   };
   const Json cube = run(block, "cube.obj", "cube");
-  const double removed = cube["model"]["cut"]["removed_mm3"], rest = cube["images"]["labels_at_rest_mm3"];
-  EXPECT_NEAR(rest, 108e3 - removed, 0.3 * removed);  // voxels of 3 mm
-  EXPECT_NEAR(cube["images"]["labels_mm3"], rest, 0.02 * rest);
+  const double removed = cube["model"]["cut"]["removed_mm3"],
+               remaining = cube["images"]["labels_at_rest_mm3"];
+  EXPECT_NEAR(remaining, 108e3 - removed, 0.3 * removed);  // voxels of 3 mm
+  EXPECT_NEAR(cube["images"]["labels_mm3"], remaining, 0.02 * remaining);
 
   const Json info = Json::parse(dimple(folder, "info " + two + " --json").out);
   const int gone = info["labels"][1]["value"];
@@ -198,7 +199,7 @@ TEST(Cut, TakesWhatIsCutOutFromTheDeformedLabelsToo) {
   EXPECT_NE(after["labels"][0]["value"].get<int>(), gone);
 }
 
-TEST(Cut, ThatTheLoadClosesSaysThatItsBanksPassThroughEachOtherAndOneThatOpensDoesNot) {
+TEST(Cut, ThatTheLoadClosesSaysThatItsFacesPassThroughEachOtherAndOneThatOpensDoesNot) {
   const fs::path folder = fresh_folder();
   const auto closes = [&](const std::string& options, const char* out) {
     const Json run = run_of(folder, block, options, out);
@@ -218,12 +219,12 @@ TEST(SelfContact, OfACutUnderTheToolCarriesNearlyAsMuchAsTheWholeBodyAndNeverMor
   const double whole = run_of(folder, block, "", "whole")["force_N"],
                open = run_of(folder, block, flat, "open")["force_N"];
   const Json closed = run_of(folder, block, flat + "--self-contact on --threads 2", "closed");
-  const double touching = closed["force_N"];
+  const double in_contact = closed["force_N"];
   EXPECT_LT(open, 0.6 * whole);
-  EXPECT_GT(touching, 0.8 * whole);
-  EXPECT_LT(touching, whole);
+  EXPECT_GT(in_contact, 0.8 * whole);
+  EXPECT_LT(in_contact, whole);
   const Json& contact = closed["self_contact"];
-  EXPECT_NEAR(contact["sum_of_forces_N"], touching, 0.3 * touching);
+  EXPECT_NEAR(contact["sum_of_forces_N"], in_contact, 0.3 * in_contact);
   EXPECT_LT(contact["largest_penetration_mm"], 0.3) << "the gap; open, they pass by 3 mm";
   good(folder, "run " + block + " --config closed/config.resolved.toml -o again -q --threads 1");
   EXPECT_EQ(text_of(folder / "closed" / "force.csv"), text_of(folder / "again" / "force.csv"));
@@ -242,7 +243,7 @@ TEST(Cut, UnderGravityCountsTheBendingOfTheFlapFromWhereTheBodyCameToRest) {
   EXPECT_LE(percent, 100.0) << "at rest the flap has sunk already";
 }
 
-TEST(SelfContact, OfABodyThatNowhereFacesItselfSaysThatNothingCanTouch) {
+TEST(SelfContact, OfABodyThatNowhereFacesItselfSaysThatNoContactIsPossible) {
   const fs::path folder = fresh_folder();
   const Ran ran = good(folder, "run " + block +
                                    " -o out --write force --nodes 300 --depth 1mm --frames 1 --band off "

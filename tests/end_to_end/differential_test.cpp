@@ -195,7 +195,7 @@ std::string gzipped_in_pieces(const std::string& plain, Random& random) {
 }
 
 /// Writes the image's voxels in an encoding that ITK's writer does not have.
-void encode_anew(const fs::path& nrrd, const std::string& encoding, Random& random) {
+void encode_again(const fs::path& nrrd, const std::string& encoding, Random& random) {
   std::string bytes = text_of(nrrd);
   const std::size_t end = bytes.find("\n\n") + 2;
   std::string header = bytes.substr(0, end), voxels = bytes.substr(end), text;
@@ -232,31 +232,31 @@ fs::path write_one(Random& random, const fs::path& folder) {
           : static_cast<std::int64_t>(std::min<std::uint64_t>(
                 2'147'483'647, static_cast<std::uint64_t>(std::numeric_limits<T>::max())));
   const Drawn image = drawn(random, largest, sizeof(T));
-  const std::string way = one_of<std::string>(
+  const std::string displacement = one_of<std::string>(
       random, {"raw.nrrd", "gzip.nrrd", "ascii.nrrd", "big.nrrd", "hex.nrrd", "pieces.nrrd", "raw.nhdr",
                "gzip.nhdr", "raw.mha", "big.mha", "gzip.mha", "ascii.mha", "raw.mhd", "gzip.mhd", "a.nii",
                "a.nii.gz", "pieces.nii.gz", "a.hdr", "a.img.gz"});
-  const fs::path file = folder / way;
-  const bool compressed = way.starts_with("gzip") || way.ends_with(".gz");
-  if (way.ends_with(".nrrd") || way.ends_with(".nhdr")) {
+  const fs::path file = folder / displacement;
+  const bool compressed = displacement.starts_with("gzip") || displacement.ends_with(".gz");
+  if (displacement.ends_with(".nrrd") || displacement.ends_with(".nhdr")) {
     const auto io = itk::NrrdImageIO::New();
-    if (way.starts_with("ascii")) io->SetFileTypeToASCII();
+    if (displacement.starts_with("ascii")) io->SetFileTypeToASCII();
     io->SetCompressionLevel(1 + static_cast<int>(random() % 9));
     write_as<T>(image, *io, file, compressed);
-    if (way.starts_with("hex")) encode_anew(file, "hex", random);
-    if (way.starts_with("pieces")) encode_anew(file, "gzip", random);
-    if (way.starts_with("big"))
+    if (displacement.starts_with("hex")) encode_again(file, "hex", random);
+    if (displacement.starts_with("pieces")) encode_again(file, "gzip", random);
+    if (displacement.starts_with("big"))
       turn_bytes(file, "endian: little", "endian: big", image.label.size(), sizeof(T));
-  } else if (way.ends_with(".mha") || way.ends_with(".mhd")) {
+  } else if (displacement.ends_with(".mha") || displacement.ends_with(".mhd")) {
     const auto io = itk::MetaImageIO::New();
-    if (way.starts_with("ascii")) io->SetFileTypeToASCII();
+    if (displacement.starts_with("ascii")) io->SetFileTypeToASCII();
     write_as<T>(image, *io, file, compressed);
-    if (way.starts_with("big"))
+    if (displacement.starts_with("big"))
       turn_bytes(file, "ByteOrderMSB = False", "ByteOrderMSB = True", image.label.size(), sizeof(T));
   } else {
     const auto io = itk::NiftiImageIO::New();
     write_as<T>(image, *io, file, compressed);
-    if (way.starts_with("pieces")) {
+    if (displacement.starts_with("pieces")) {
       const std::unique_ptr<gzFile_s, int (*)(gzFile)> in(gzopen(file.c_str(), "rb"), &gzclose);
       std::string plain(1 << 26, '\0');
       plain.resize(static_cast<std::size_t>(gzread(in.get(), plain.data(), 1u << 26)));
@@ -269,13 +269,13 @@ fs::path write_one(Random& random, const fs::path& folder) {
 // ------------------------------------------------------------------------------------------------- comparing
 
 /// Content of a file as another library reads it.
-struct Told {
+struct Reported {
   std::array<Index, 3> size{};
   Eigen::Affine3d to_world = Eigen::Affine3d::Identity();  // LPS [mm]
   std::vector<double> label;                               // first axis fastest
 };
 
-Told told_by_itk(const fs::path& file) {
+Reported reported_by_itk(const fs::path& file) {
   using Image = itk::Image<double, 3>;
   const auto reader = itk::ImageFileReader<Image>::New();
   const std::string name = file.string();
@@ -290,46 +290,46 @@ Told told_by_itk(const fs::path& file) {
   reader->SetFileName(name);
   reader->Update();
   const Image* image = reader->GetOutput();
-  Told told;
+  Reported reported;
   for (unsigned a = 0; a < 3; ++a) {
-    told.size[a] = static_cast<Index>(image->GetLargestPossibleRegion().GetSize()[a]);
+    reported.size[a] = static_cast<Index>(image->GetLargestPossibleRegion().GetSize()[a]);
     for (unsigned r = 0; r < 3; ++r)
-      told.to_world.linear()(r, a) = image->GetDirection()(r, a) * image->GetSpacing()[a];
-    told.to_world.translation()[a] = image->GetOrigin()[a];
+      reported.to_world.linear()(r, a) = image->GetDirection()(r, a) * image->GetSpacing()[a];
+    reported.to_world.translation()[a] = image->GetOrigin()[a];
   }
-  told.label.assign(image->GetBufferPointer(),
-                    image->GetBufferPointer() + told.size[0] * told.size[1] * told.size[2]);
-  return told;
+  reported.label.assign(image->GetBufferPointer(),
+                        image->GetBufferPointer() + reported.size[0] * reported.size[1] * reported.size[2]);
+  return reported;
 }
 
 /// `slack`: largest distance of positions, relative to the diagonal. Spacings are snapped to five digits.
-void expect_agree(const LabelImage& ours, const Told& told, double slack = 5e-5) {
-  EXPECT_EQ(ours.stored_size, told.size);
+void expect_agree(const LabelImage& ours, const Reported& reported, double slack = 5e-5) {
+  EXPECT_EQ(ours.stored_size, reported.size);
   EXPECT_GT(ours.to_world.linear().determinant(), 0.0);
   // The map from their voxels to ours is a rotation by right angles and a shift by whole numbers.
-  const Eigen::Affine3d map = ours.to_world.inverse() * told.to_world;
+  const Eigen::Affine3d map = ours.to_world.inverse() * reported.to_world;
   const Eigen::Matrix<Index, 3, 3> turn = map.linear().array().round().cast<Index>();
   const Eigen::Matrix<Index, 3, 1> shift = map.translation().array().round().cast<Index>();
-  const double diagonal =
-      (told.to_world.linear() * Vec3(static_cast<double>(told.size[0]), static_cast<double>(told.size[1]),
-                                     static_cast<double>(told.size[2])))
-          .norm();
+  const double diagonal = (reported.to_world.linear() * Vec3(static_cast<double>(reported.size[0]),
+                                                             static_cast<double>(reported.size[1]),
+                                                             static_cast<double>(reported.size[2])))
+                              .norm();
   for (int corner = 0; corner < 8; ++corner) {
     Eigen::Matrix<Index, 3, 1> at;
-    for (int a = 0; a < 3; ++a) at[a] = corner >> a & 1 ? told.size[static_cast<std::size_t>(a)] - 1 : 0;
+    for (int a = 0; a < 3; ++a) at[a] = corner >> a & 1 ? reported.size[static_cast<std::size_t>(a)] - 1 : 0;
     const Vec3 here = ours.to_world * (turn * at + shift).cast<double>(),
-               there = told.to_world * at.cast<double>();
+               there = reported.to_world * at.cast<double>();
     ASSERT_LT((here - there).norm(), slack * diagonal)
         << here.transpose() << " instead of " << there.transpose();
   }
   std::size_t v = 0, wrong = 0;
-  for (Index k = 0; k < told.size[2]; ++k)
-    for (Index j = 0; j < told.size[1]; ++j)
-      for (Index i = 0; i < told.size[0]; ++i) {
+  for (Index k = 0; k < reported.size[2]; ++k)
+    for (Index j = 0; j < reported.size[1]; ++j)
+      for (Index i = 0; i < reported.size[0]; ++i) {
         const Eigen::Matrix<Index, 3, 1> at = turn * Eigen::Matrix<Index, 3, 1>(i, j, k) + shift;
         for (int a = 0; a < 3; ++a)
           ASSERT_TRUE(at[a] >= 0 && at[a] < ours.size[static_cast<std::size_t>(a)]) << at.transpose();
-        wrong += ours.at(at[0], at[1], at[2]) != told.label[v++];
+        wrong += ours.at(at[0], at[1], at[2]) != reported.label[v++];
       }
   EXPECT_EQ(wrong, 0u);
 }
@@ -359,13 +359,14 @@ TEST(Differential, FilesOfItkHoldHereWhatTheyHoldThere) {
       continue;
     }
     try {
-      expect_agree(read_label_image(file), told_by_itk(file));
+      expect_agree(read_label_image(file), reported_by_itk(file));
     } catch (const std::exception& error) {
       ADD_FAILURE() << error.what();
     }
     if (!testing::Test::HasFailure()) fs::remove_all(own);
   }
-  for (const auto& [way, count] : written) std::cout << "  " << way << ": " << count << '\n';
+  for (const auto& [displacement, count] : written)
+    std::cout << "  " << displacement << ": " << count << '\n';
 }
 
 TEST(Differential, FilesOfNibabelHoldHereWhatTheyHoldThere) {
@@ -384,11 +385,11 @@ TEST(Differential, FilesOfNibabelHoldHereWhatTheyHoldThere) {
   while (std::getline(list, line)) {
     std::istringstream words(line);
     std::string name, labels;
-    Told told;
+    Reported reported;
     words >> name >> labels;
-    for (Index& n : told.size) words >> n;
+    for (Index& n : reported.size) words >> n;
     for (int r = 0; r < 3; ++r)
-      for (int c = 0; c < 4; ++c) words >> told.to_world.matrix()(r, c);
+      for (int c = 0; c < 4; ++c) words >> reported.to_world.matrix()(r, c);
     double slack = 0.0;
     words >> slack;
     ASSERT_TRUE(words) << line;
@@ -396,10 +397,10 @@ TEST(Differential, FilesOfNibabelHoldHereWhatTheyHoldThere) {
     const std::string bytes = text_of(folder / labels);
     std::vector<std::int32_t> label(bytes.size() / sizeof(std::int32_t));
     std::memcpy(label.data(), bytes.data(), bytes.size());
-    told.label.assign(label.begin(), label.end());
-    told.to_world = Eigen::Scaling(-1.0, -1.0, 1.0) * told.to_world;  // RAS to LPS
+    reported.label.assign(label.begin(), label.end());
+    reported.to_world = Eigen::Scaling(-1.0, -1.0, 1.0) * reported.to_world;  // RAS to LPS
     try {
-      expect_agree(read_label_image(folder / name), told, slack);
+      expect_agree(read_label_image(folder / name), reported, slack);
     } catch (const std::exception& error) {
       ADD_FAILURE() << error.what();
     }
@@ -435,9 +436,9 @@ void write_large(const fs::path& file, Index n, std::size_t width, const std::st
     slice.assign(static_cast<std::size_t>(n * n) * width, '\0');
     for (Index j = 0; j < n; ++j) {
       const double z = (static_cast<double>(k) - middle) / half, y = (static_cast<double>(j) - middle) / half;
-      const double rest = 1.0 - z * z - y * y;
-      if (rest <= 0.0) continue;
-      const double x = half * std::sqrt(rest);
+      const double remaining = 1.0 - z * z - y * y;
+      if (remaining <= 0.0) continue;
+      const double x = half * std::sqrt(remaining);
       for (auto i = static_cast<Index>(std::ceil(middle - x)); static_cast<double>(i) <= middle + x; ++i)
         slice[static_cast<std::size_t>(i + n * j) * width] = 1;
     }

@@ -156,7 +156,7 @@ TEST_F(Files, ARunGoesThroughNoLink) {
   }
 }
 
-TEST_F(Files, AFolderWithoutItsListIsNotTouched) {
+TEST_F(Files, AFolderWithoutItsListIsNotChanged) {
   make_block();
   good("run block.nrrd -o out" + few + "all");
   fs::remove(folder / "out/.dimple_files");
@@ -231,7 +231,7 @@ TEST_F(Files, ANumberOfTheMaterialCountsMoreThanThePresetAndIsListed) {
   EXPECT_THAT(option("whole", "prony_tau_s"), HasSubstr("[0.5, 50]"));
 }
 
-TEST_F(Files, AShearModulusBesideAPresetOfOgdensLawScalesItsTerms) {
+TEST_F(Files, AShearModulusWithAPresetOfOgdensLawScalesItsTerms) {
   make_block();
   const std::string line =
       "run block.nrrd --nodes 300 --depth 1mm --frames 4 --band off -q --write force -o ";

@@ -10,7 +10,7 @@ class Fit : public InFolder {
   const std::string block = std::string(DIMPLE_SAMPLE_DATA) + "/block_3mm.nrrd";
 };
 
-TEST_F(Fit, FindsTheModulusOfACurveMadeWithAnotherCloud) {
+TEST_F(Fit, FindsTheModulusOfACurveMadeWithOtherNodes) {
   good("run " + block +
        " -o made --write force --nodes 2000 --seed 2 --mu 300 --depth 4mm --frames 8 --band off");
   const Ran ran = good("fit " + block + " -o out --curve made/force.csv");
@@ -86,7 +86,7 @@ TEST_F(Fit, OnALayerGivesItsModulusWhereTheFormulaOfAHalfSpaceIsFarTooHigh) {
   EXPECT_NE(s["mu_Pa"], s["half_space_check"]["mu_Pa"]);
 }
 
-TEST_F(Fit, OfATouchingToolFindsTheModulusThatItsOwnRunWasGivenWithFrictionAndWithout) {
+TEST_F(Fit, OfAContactingToolFindsTheModulusThatItsOwnRunWasGivenWithFrictionAndWithout) {
   for (const char* tool : {"sphere:5mm", "sphere:5mm --friction 0.3 --set solver.tolerance=1e-5",
                            "capsule:3mm,length=20mm --friction stick --set solver.tolerance=1e-5"}) {
     SCOPED_TRACE(tool);
@@ -107,7 +107,7 @@ TEST_F(Fit, OfATouchingToolFindsTheModulusThatItsOwnRunWasGivenWithFrictionAndWi
   EXPECT_NEAR(summary("again")["compare"]["mean_ratio"], 1.0, 1e-5);
 }
 
-TEST_F(Fit, FindsWhereASphereFirstTouchedWhereItIsAskedForAndElseSaysHowMuchThatMatters) {
+TEST_F(Fit, FindsTheFirstContactOfASphereWhereItIsRequestedAndElseSaysHowMuchThatMatters) {
   const std::string scene = " --nodes 1000 --time quasi-static --tool sphere:5mm";
   good("run " + block + " -o made --write force --mu 300 --depth 3mm --band off" + scene);
   const Table made = read_csv(folder / "made" / "force.csv");
@@ -131,7 +131,7 @@ TEST_F(Fit, FindsWhereASphereFirstTouchedWhereItIsAskedForAndElseSaysHowMuchThat
   EXPECT_NEAR(std::stod(fitted.substr(fitted.find("\ndepth_mm = ") + 12)), 3.0, 0.05);
 }
 
-TEST_F(Fit, OfATouchingToolHasABandWhereItsForceHasOne) {
+TEST_F(Fit, OfAContactingToolHasErrorBoundsWhereItsForceHasThem) {
   good("run " + block +
        " -o made --write force --mu 300 --nodes 2000 --seed 2 --tool sphere:5mm --depth 2mm --band off");
   good("fit " + block + " -o out --curve made/force.csv --tool sphere:5mm --nodes 1500");
@@ -157,7 +157,8 @@ TEST_F(Fit, OfManySamplesGivesEachItsModulusAndTheLimitOfGentsLaw) {
       curves << sample << ',' << 1e3 * (*made.find("indentation_mm"))[k] << ','
              << 1e3 * factor * (*made.find("force_N"))[k] << '\n';
   curves.close();
-  const Ran ran = good("fit " + block + " -o gent --curve curves.csv --of mu,limit --set accuracy.band=off" + scene);
+  const Ran ran =
+      good("fit " + block + " -o gent --curve curves.csv --of mu,limit --set accuracy.band=off" + scene);
   EXPECT_THAT(ran.out, HasSubstr("3 samples: median mu"));
   const Table fits = read_csv(folder / "gent" / "fits.csv");
   ASSERT_EQ(fits.rows(), 3u);
@@ -216,7 +217,7 @@ TEST_F(Fit, RefusesWhatItCannotDo) {
   EXPECT_FALSE(fs::exists(folder / "out" / "fit.csv"));
 }
 
-TEST_F(Fit, ARunDrawsAMeasuredCurveBesideItsOwnAndChangesNothingElse) {
+TEST_F(Fit, ARunDrawsAMeasuredCurveNextToItsOwnAndChangesNothingElse) {
   const std::string run = "run " + block + " --nodes 500 --depth 1mm --frames 2";
   good(run + " -o plain --write picture");
   std::ofstream(folder / "measured.csv") << "indentation_mm,force_mN\n0,0\n0.5,6\n1,11\n2,30\n1,10\n";

@@ -102,7 +102,7 @@ TEST_F(FullDisk, OfAnySizeLeavesWholeFilesOrNone) {
   EXPECT_GT(refused, 25);
 }
 
-TEST_F(FullDisk, ThatHasRoomAgainLetsARunGoOn) {
+TEST_F(FullDisk, ThatHasRoomAgainLetsARunContinue) {
   good(run + "undisturbed");
   const Ran ran = [&] {
     const SmallFiles limit(60'000);  // the model fits, no frame of the points does

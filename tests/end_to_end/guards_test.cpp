@@ -91,7 +91,7 @@ TEST_F(GuardedRun, OfThePapersSchemeWithTooWideSupportsStopsWithItsCode) {
   expect_valid("out");
 }
 
-TEST_F(GuardedRun, SaysThatTheCircleHasTooFewNodes) {
+TEST_F(GuardedRun, SaysThatTheBondedPatchHasTooFewNodes) {
   const Ran ran = good("run block.nrrd -o out --nodes 300 --rim 0.05 --depth 6mm --frames 4");
   EXPECT_THAT(ran.err, HasSubstr("nodes are under the contact patch"));
   EXPECT_THAT(ran.err, HasSubstr("[circle-nodes]"));
@@ -104,7 +104,7 @@ TEST_F(GuardedRun, SaysThatTheCircleHasTooFewNodes) {
 }
 
 // Deep below the sharp edge of the patch some points invert with every discretisation; the force is correct.
-TEST_F(GuardedRun, SaysThatPointsAtTheRimAreInsideOutAndGoesOn) {
+TEST_F(GuardedRun, SaysThatPointsAtThePatchEdgeAreInvertedAndContinues) {
   const Ran ran = good("run block.nrrd -o out -v --nodes 300 --depth 18mm --frames 16");
   const Json s = summary("out");
   EXPECT_EQ(s.at("status"), "finished");
@@ -135,9 +135,9 @@ TEST_F(GuardedRun, PressesABlockToSixtyPercentOfItsHeightAtAnyPoissonRatio) {
   }
 }
 
-// Each warning is provoked by one command; apps/guide/files.md lists the codes. `inverted`, `circle-nodes`,
-// `time-step`, `no-equilibrium` and a fatal `hourglass` have tests of their own above. `conditioning`,
-// `non-finite` and `energy` are masked by the others: no known command gets past those, and
+// Each warning is provoked by one command; apps/guide/files.md lists the codes. `inverted`,
+// `bonded_patch-nodes`, `time-step`, `no-equilibrium` and a fatal `hourglass` have tests of their own above.
+// `conditioning`, `non-finite` and `energy` are masked by the others: no known command gets past those, and
 // tests/unit/guards_test.cpp provokes them.
 TEST_F(GuardedRun, WarnsOfWhateverMakesItsForceLessExact) {
   const std::map<std::string, std::string> firing = {

@@ -166,7 +166,7 @@ void expect_same_grid(const A* a, const B* b) {
   }
 }
 
-TEST_F(Images, ALandmarkMovesAsTheToolPushesHoweverTheImageIsStored) {
+TEST_F(Images, ALandmarkMovesAsTheToolPressesHoweverTheImageIsStored) {
   for (const Orientation& how : orientations()) {
     SCOPED_TRACE(how.name);
     const std::string suffix = how.suffix, out = std::string("out_") + how.name;
@@ -181,12 +181,12 @@ TEST_F(Images, ALandmarkMovesAsTheToolPushesHoweverTheImageIsStored) {
     expect_same_grid(mri.GetPointer(), warped.GetPointer());
 
     // The spot moves down by most of the tool's displacement, and not sideways.
-    const Json told = summary(out);
-    const auto p = told.at("counts").at("push");
-    const Vec3 push(p[0], p[1], p[2]), moved = centre_of(warped) - centre_of(mri);
-    EXPECT_GT(moved.dot(push), 2.0) << moved.transpose();
-    EXPECT_LT(moved.dot(push), 6.0);
-    EXPECT_LT((moved - moved.dot(push) * push).norm(), 0.7) << moved.transpose();
+    const Json reported = summary(out);
+    const auto p = reported.at("counts").at("push");
+    const Vec3 approach(p[0], p[1], p[2]), moved = centre_of(warped) - centre_of(mri);
+    EXPECT_GT(moved.dot(approach), 2.0) << moved.transpose();
+    EXPECT_LT(moved.dot(approach), 6.0);
+    EXPECT_LT((moved - moved.dot(approach) * approach).norm(), 0.7) << moved.transpose();
 
     // The displacement at its first place agrees; the transform maps its new place back.
     const auto forth = read<Vectors>(images / ("displacement_mm" + suffix)),
@@ -222,8 +222,8 @@ TEST_F(Images, ALandmarkMovesAsTheToolPushesHoweverTheImageIsStored) {
     for_each_voxel(labels.GetPointer(),
                    [&](const auto& voxel, const Vec3&) { count += labels->GetPixel(voxel) == 1; });
     const double counted = static_cast<double>(count) * 1.5 * 1.5 * 1.5 * how.layers;
-    EXPECT_NEAR(counted, told.at("images").at("labels_mm3"), 1e-3 * counted);
-    EXPECT_NEAR(counted / told.at("images").at("deformed_mm3").get<double>(), 1.0, 0.01);
+    EXPECT_NEAR(counted, reported.at("images").at("labels_mm3"), 1e-3 * counted);
+    EXPECT_NEAR(counted / reported.at("images").at("deformed_mm3").get<double>(), 1.0, 0.01);
     EXPECT_EQ(read_label_image(images / ("labels" + suffix)).format,
               read_label_image(folder / ("labels" + suffix)).format);
 
@@ -239,9 +239,9 @@ TEST_F(Images, ALandmarkMovesAsTheToolPushesHoweverTheImageIsStored) {
     });
     EXPECT_NEAR(static_cast<double>(stressed) / static_cast<double>(body), 1.0, 0.03);
     // Voxels without convergence are at the sharp patch edge only.
-    EXPECT_LE(100 * told.at("images").at("unsettled_voxels").get<int>(),
-              told.at("images").at("solved_voxels").get<int>());
-    EXPECT_GT(told.at("images").at("wall_s"), 0.0);
+    EXPECT_LE(100 * reported.at("images").at("unsettled_voxels").get<int>(),
+              reported.at("images").at("solved_voxels").get<int>());
+    EXPECT_GT(reported.at("images").at("wall_s"), 0.0);
   }
 }
 

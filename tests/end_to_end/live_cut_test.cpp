@@ -20,42 +20,42 @@ Ran poke(const fs::path& folder, const std::string& options, const std::string& 
                             "--record " + record + " " + options);
 }
 
-double at_time(const Table& felt, const char* name, double time) {
-  for (std::size_t k = 0; k < felt.rows(); ++k)
-    if (std::abs((*felt.find("time_s"))[k] - time) < 1e-6) return (*felt.find(name))[k];
+double at_time(const Table& recorded, const char* name, double time) {
+  for (std::size_t k = 0; k < recorded.rows(); ++k)
+    if (std::abs((*recorded.find("time_s"))[k] - time) < 1e-6) return (*recorded.find(name))[k];
   return std::nan("");
 }
 
 // The bonded patch of the block is at the origin, 5 mm wide.
-TEST(LiveCut, BesideTheToolSoftensTheBodyForGoodAndAlikeWithAnyNumberOfThreads) {
+TEST(LiveCut, NextToTheToolSoftensTheBodyForGoodAndAlikeWithAnyNumberOfThreads) {
   const fs::path folder = fresh_folder();
   write_script(folder, "0.8,9,-8,29,9,8,29,12\n");
   for (const char* threads : {"1", "2"})
     ASSERT_EQ(poke(folder, std::string("-q --threads ") + threads, std::string("live") + threads).code, 0);
   EXPECT_EQ(text_of(folder / "live1" / "forces.csv"), text_of(folder / "live2" / "forces.csv"));
   EXPECT_EQ(text_of(folder / "live1" / "cuts.csv"), text_of(folder / "live2" / "cuts.csv"));
-  const Table felt = read_csv(folder / "live1" / "forces.csv"),
+  const Table recorded = read_csv(folder / "live1" / "forces.csv"),
               cuts = read_csv(folder / "live1" / "cuts.csv");
   ASSERT_EQ(cuts.rows(), 1u);
   EXPECT_EQ((*cuts.find("cut"))[0], 1.0);
   EXPECT_GE((*cuts.find("nodes"))[0], 2.0);
   EXPECT_NEAR((*cuts.find("area_mm2"))[0], 16.0 * 12.0, 0.3 * 16.0 * 12.0);
-  const double before = at_time(felt, "force_N", 0.76), after = at_time(felt, "force_N", 1.0),
-               again = at_time(felt, "force_N", 1.8);
+  const double before = at_time(recorded, "force_N", 0.76), after = at_time(recorded, "force_N", 1.0),
+               again = at_time(recorded, "force_N", 1.8);
   EXPECT_LT(after, 0.99 * before);
   EXPECT_GT(after, 0.8 * before);
-  EXPECT_EQ(at_time(felt, "force_N", 1.2), 0.0) << "lifted off";
+  EXPECT_EQ(at_time(recorded, "force_N", 1.2), 0.0) << "lifted off";
   EXPECT_NEAR(again, after, 1e-3 * after) << "the cut stays";
-  EXPECT_EQ(at_time(felt, "band_known", 0.76), 1.0);
-  EXPECT_EQ(at_time(felt, "band_known", 1.0), 0.0);
+  EXPECT_EQ(at_time(recorded, "band_known", 0.76), 1.0);
+  EXPECT_EQ(at_time(recorded, "band_known", 1.0), 0.0);
 }
 
-TEST(LiveCut, UnderASphereThatTouchesChangesItsForceToo) {
+TEST(LiveCut, UnderASphereInContactChangesItsForceToo) {
   const fs::path folder = fresh_folder();
   write_script(folder, "0.8,7,-8,29,7,8,29,12\n");
   ASSERT_EQ(poke(folder, "-q --tool sphere:5mm", "live").code, 0);
-  const Table felt = read_csv(folder / "live" / "forces.csv");
-  const double before = at_time(felt, "force_N", 0.76), after = at_time(felt, "force_N", 1.0);
+  const Table recorded = read_csv(folder / "live" / "forces.csv");
+  const double before = at_time(recorded, "force_N", 0.76), after = at_time(recorded, "force_N", 1.0);
   EXPECT_LT(after, 0.99 * before);
   EXPECT_GT(after, 0.5 * before);
 }
@@ -65,14 +65,15 @@ TEST(LiveCut, ThatMissesTheBodyOrPartsAPieceOffIsNotMadeAndSaidSo) {
   write_script(folder, "0.8,9,-8,80,9,8,80,5\n0.9,32,-60,22,32,60,22,90\n");
   const Ran ran = poke(folder, "-q --tool sphere:5mm", "live");  // holds no nodes
   ASSERT_EQ(ran.code, 0) << ran.err;
-  const Table felt = read_csv(folder / "live" / "forces.csv"), cuts = read_csv(folder / "live" / "cuts.csv");
+  const Table recorded = read_csv(folder / "live" / "forces.csv"),
+              cuts = read_csv(folder / "live" / "cuts.csv");
   EXPECT_EQ((*cuts.find("cut"))[0] + (*cuts.find("cut"))[1], 0.0);
-  EXPECT_EQ(at_time(felt, "force_N", 0.76), at_time(felt, "force_N", 1.0));
+  EXPECT_EQ(at_time(recorded, "force_N", 0.76), at_time(recorded, "force_N", 1.0));
   EXPECT_THAT(ran.out, HasSubstr("not cut: the blade meets no tissue"));
   EXPECT_THAT(ran.out, HasSubstr("from every held part"));
 }
 
-TEST(LiveCut, UnderTheBondedCircleOrAfterTheEndOfTheWayIsNotMadeAndSaidSo) {
+TEST(LiveCut, UnderTheBondedPatchOrAfterTheEndOfThePathIsNotMadeAndSaidSo) {
   const fs::path folder = fresh_folder();
   write_script(folder, "0.8,1,-8,29,1,8,29,5\n7,9,-8,29,9,8,29,5\n");
   const Ran ran = poke(folder, "-q", "live");

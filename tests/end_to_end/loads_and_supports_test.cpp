@@ -32,18 +32,18 @@ class Block : public InFolder {
 using GravityInAScene = Block;
 
 TEST_F(GravityInAScene, BySideAndByNumbersGivesTheSameBits) {
-  const std::string touch = " --nodes 600 --depth 0.5mm --write force";
-  run(touch + " --gravity inferior");
+  const std::string indenter = " --nodes 600 --depth 0.5mm --write force";
+  run(indenter + " --gravity inferior");
   const std::string by_side = force();
-  run(touch + " --gravity 0,0,-9.81");
+  run(indenter + " --gravity 0,0,-9.81");
   EXPECT_EQ(force(), by_side);
-  run(touch);
+  run(indenter);
   EXPECT_NE(force(), by_side);
 }
 
 // The reported settlement is the longest nodal displacement, not the largest nodal parameter. A warning says
 // that damping is not used.
-TEST_F(GravityInAScene, SettlesByWhatItsNodesAreDisplaced) {
+TEST_F(GravityInAScene, PreloadsByWhatItsNodesAreDisplaced) {
   good("run block.nrrd --force -o out" + scene +
        " --mu 2kPa --nodes 600 --depth 0.5mm --write nodes --gravity left --damping 3");
   vtkNew<vtkXMLUnstructuredGridReader> nodes;
@@ -57,7 +57,7 @@ TEST_F(GravityInAScene, SettlesByWhatItsNodesAreDisplaced) {
 }
 
 // The body sags sideways under its weight; files show the tool at the present place of the bonded patch.
-TEST_F(GravityInAScene, CarriesTheToolInFilesAndPicturesToWhereTheCircleIs) {
+TEST_F(GravityInAScene, CarriesTheToolInFilesAndPicturesToWhereThePatchIs) {
   const Json summary = run(" --nodes 600 --depth 0.5mm --write nodes,surface --gravity left");
   const PointFile nodes = read_vtu(folder / "out" / "nodes" / "nodes_0002.vtu");
   const Field *set = nodes.find("node_set"), *u = nodes.find("displacement_mm");
@@ -86,7 +86,7 @@ TEST_F(GravityInAScene, IsNoWorkOfTheTool) {
   EXPECT_THAT(summary["verdict"]["energy"]["of"].get<std::string>(), HasSubstr("since the preload"));
 }
 
-TEST_F(GravityInAScene, ThatCrushesTheBodyIsToldOfAndThatSettlesItALittleIsNot) {
+TEST_F(GravityInAScene, ThatCrushesTheBodyIsReportedAndThatDisplacesItALittleIsNot) {
   const auto warned = [&](const char* mu) {
     return run(" --nodes 600 --depth 0.1mm --write force --gravity left", "out", mu)["warnings"].dump().find(
                "more than half of its smallest extent") != std::string::npos;
@@ -95,7 +95,7 @@ TEST_F(GravityInAScene, ThatCrushesTheBodyIsToldOfAndThatSettlesItALittleIsNot) 
   EXPECT_TRUE(warned("300Pa"));
 }
 
-TEST_F(GravityInAScene, IsBorneByTheBaseWhereTheToolBarelyTouches) {
+TEST_F(GravityInAScene, IsBorneByTheBaseWhereTheToolIsBarelyInContact) {
   const Json summary = run(" --nodes 800 --depth 0.01mm --write force --gravity inferior");
   const double weight = 1e-3 * summary["mass_g"].get<double>() * 9.81;
   const Table curve = read_csv(folder / "out" / "force.csv");
@@ -157,10 +157,10 @@ TEST_F(Block, TakesAPressureFromAFile) {
 }
 
 // A uniform pressure changes only the pressure in incompressible tissue and compresses other tissue slightly.
-TEST_F(Block, ThatIsPressedFromAllAroundFeelsTheToolAsWithoutThat) {
+TEST_F(Block, ThatIsPressedFromAllAroundResistsTheToolAsWithoutThat) {
   const std::string ball = " --tool sphere:5mm --depth 3mm --nodes 1000 --nu 0.4999 --band off ";
   const double alone = run(ball + "--write force", "out", "210Pa")["force_N"];
-  std::vector<double> settled;
+  std::vector<double> preloads;
   for (const double p : {500.0, 2000.0, -1000.0}) {
     SCOPED_TRACE(p);
     const Json summary =
@@ -168,7 +168,7 @@ TEST_F(Block, ThatIsPressedFromAllAroundFeelsTheToolAsWithoutThat) {
     EXPECT_NEAR(summary["force_N"].get<double>() / alone, 1.0, 3e-3);
     EXPECT_NEAR(summary["base_force_N"].get<double>() / alone, 1.0, 3e-3) << "it has no resultant";
     EXPECT_LT(summary["energy_error"], 5e-3);
-    settled.push_back(summary["loads"]["settled_mm"].get<double>() / p);
+    preloads.push_back(summary["loads"]["settled_mm"].get<double>() / p);
     const PointFile points = read_vtu(folder / "out" / "points" / "points_0000.vtu");
     const Eigen::MatrixXd &stress = points.find("cauchy_stress_Pa")->values,
                           &volume = points.find("volume_mm3")->values;
@@ -183,8 +183,8 @@ TEST_F(Block, ThatIsPressedFromAllAroundFeelsTheToolAsWithoutThat) {
   const Json in_waves = run(quick + "--set load.pressure.csf.pressure=500Pa"), waves = run(quick);
   EXPECT_NEAR(in_waves["force_N"].get<double>() / waves["force_N"].get<double>(), 1.0, 0.02);
   EXPECT_LT(in_waves["energy_error"], 1e-3);
-  EXPECT_NEAR(settled[1] / settled[0], 1.0, 0.1) << "in proportion to the pressure";
-  EXPECT_LT(settled[0], 0.04e-3) << "mm per Pa";
+  EXPECT_NEAR(preloads[1] / preloads[0], 1.0, 0.1) << "in proportion to the pressure";
+  EXPECT_LT(preloads[0], 0.04e-3) << "mm per Pa";
 }
 
 // Reactions in the file for ParaView, summed over its node sets.
@@ -192,7 +192,7 @@ TEST_F(Block, IsInBalanceWithToolBaseAndSupports) {
   const Json summary = run(" --nodes 1200 --depth 2mm --write nodes --gravity inferior" + supports);
   const PointFile nodes = read_vtu(folder / "out" / "nodes" / "nodes_0002.vtu");
   const auto &set = nodes.find("node_set")->values, &reaction = nodes.find("reaction_N")->values;
-  const Vec3 push = vector_of(summary["counts"]["push"]);
+  const Vec3 approach = vector_of(summary["counts"]["push"]);
   // Supports are numbered in the order of their names.
   std::map<int, Vec3> on = {{1, Vec3::Zero()}, {2, Vec3::Zero()}, {4, Vec3::Zero()}, {8, Vec3::Zero()}};
   std::map<int, int> count;
@@ -214,8 +214,8 @@ TEST_F(Block, IsInBalanceWithToolBaseAndSupports) {
   const double largest = std::max({on[1].norm(), on[2].norm(), on[4].norm(), on[8].norm()});
   EXPECT_LT((vector_of(plate["force_N"]) - on[4]).norm(), 1e-5 * largest);
   EXPECT_LT((vector_of(retractor["force_N"]) - on[8]).norm(), 1e-5 * largest);
-  EXPECT_NEAR(summary["force_N"], -on[2].dot(push), 1e-5 * largest);
-  EXPECT_NEAR(summary["base_force_N"], on[1].dot(push), 1e-5 * largest);
+  EXPECT_NEAR(summary["force_N"], -on[2].dot(approach), 1e-5 * largest);
+  EXPECT_NEAR(summary["base_force_N"], on[1].dot(approach), 1e-5 * largest);
   EXPECT_GT(on[8].x(), 0.0) << "pushed into the tissue, it is pushed back";
   const Vec3 weight(0, 0, -1e-3 * summary["mass_g"].get<double>() * 9.81);
   EXPECT_LT((on[1] + on[2] + on[4] + on[8] - weight).norm(), 1e-4 * largest);
@@ -223,7 +223,7 @@ TEST_F(Block, IsInBalanceWithToolBaseAndSupports) {
 
 using ASupport = Block;
 
-TEST_F(ASupport, OnEachSideFeelsTheOppositeOfTheOther) {
+TEST_F(ASupport, OnEachSideHasTheOppositeForceOfTheOther) {
   const std::string scene = " --nodes 6000 --depth 2mm --write force", left = " --set support.l.on=left",
                     right = " --set support.r.on=right";
   const double alone = run(scene)["force_N"].get<double>();
@@ -242,11 +242,11 @@ TEST_F(ASupport, OnEachSideFeelsTheOppositeOfTheOther) {
 
 // Without an inverse for each direction it needed nine times as many, and found no equilibrium at larger
 // depths.
-TEST_F(ASupport, ThatSlidesBesideASlidingCircleTakesNoMoreEvaluationsThanTheCircleAlone) {
+TEST_F(ASupport, ThatSlidesNextToASlidingPatchTakesNoMoreEvaluationsThanThePatchAlone) {
   const std::string alone = " --nodes 600 --depth 1mm --band off --write force --contact frictionless";
-  const double of_circle = run(alone)["force_evaluations"].get<double>();
+  const double of_patch_alone = run(alone)["force_evaluations"].get<double>();
   EXPECT_LT(run(alone + " --set support.r.on=left --set support.r.hold=sliding")["force_evaluations"],
-            1.5 * of_circle);
+            1.5 * of_patch_alone);
 }
 
 TEST_F(ASupport, MayBeCalledIndenterAndTheForceIsTheSame) {

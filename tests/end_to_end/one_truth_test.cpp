@@ -55,13 +55,13 @@ class OneTruth : public testing::Test {
     const Ordered& image = summary.at("image_error");
     if (image.contains("half_N"))
       EXPECT_DOUBLE_EQ(curve.find("image_half_N")->back(), image.at("half_N").get<double>());
-    const Ordered& band = summary.at("band");
-    if (!band.contains("low_N")) return;
-    EXPECT_DOUBLE_EQ(curve.find("low_N")->back(), band.at("low_N").get<double>());
-    EXPECT_DOUBLE_EQ(curve.find("high_N")->back(), band.at("high_N").get<double>());
-    EXPECT_DOUBLE_EQ(drawn.at("half_N").back().get<double>(), band.at("half_N").get<double>());
+    const Ordered& error_bounds = summary.at("band");
+    if (!error_bounds.contains("low_N")) return;
+    EXPECT_DOUBLE_EQ(curve.find("low_N")->back(), error_bounds.at("low_N").get<double>());
+    EXPECT_DOUBLE_EQ(curve.find("high_N")->back(), error_bounds.at("high_N").get<double>());
+    EXPECT_DOUBLE_EQ(drawn.at("half_N").back().get<double>(), error_bounds.at("half_N").get<double>());
     EXPECT_NEAR(summary.at("verdict").at("accuracy").at("value").get<double>(),
-                100.0 * band.at("half_N").get<double>() / summary.at("force_N").get<double>(), 1e-9);
+                100.0 * error_bounds.at("half_N").get<double>() / summary.at("force_N").get<double>(), 1e-9);
   }
 
   // Expects that numbers on the page are those of the summary, in the terminal's unit and digits.
@@ -69,7 +69,7 @@ class OneTruth : public testing::Test {
     EXPECT_EQ(held_by<Ordered>(page, "dimple-summary"), summary);
     const Ordered words = held_by<Ordered>(page, "dimple-words");
     const Written force = force_written(summary.at("force_N"));
-    int forces = 0, volumes = 0, lengths = 0, shares = 0;
+    int forces = 0, volumes = 0, lengths = 0, fractions = 0;
     for (const auto& [key, word] : words.items()) {
       SCOPED_TRACE(key + ": " + word.dump());
       const double x =
@@ -90,7 +90,7 @@ class OneTruth : public testing::Test {
       if (key.ends_with("_Pa")) EXPECT_EQ(said, stress_in_words(x));
       if (key.ends_with("value")) {
         EXPECT_EQ(said, percent(0.01 * x));
-        ++shares;
+        ++fractions;
       }
       EXPECT_EQ(said.find('e'), std::string::npos);
       // Numbers are rounded to their last written digit; an error after its force has fewer than three.
@@ -104,7 +104,7 @@ class OneTruth : public testing::Test {
     EXPECT_GE(forces, 2);
     EXPECT_GE(volumes, 4);
     EXPECT_GE(lengths, 5);
-    EXPECT_GE(shares, 4);
+    EXPECT_GE(fractions, 4);
   }
 
   void expect_the_terminal_to_say_what_the_summary_holds() const {
@@ -134,11 +134,12 @@ class OneTruth : public testing::Test {
     ASSERT_TRUE(std::regex_search(ran.err, line, std::regex("time     ([0-9.]+) s: ([^\n]*)"))) << ran.err;
     const double rounding = std::stod(line[1]) < 10.0 ? 0.0101 : 0.101;
     EXPECT_GE(std::stod(line[1]), total - rounding);
-    const std::string rest = line[2];
+    const std::string remaining = line[2];
     for (const auto& [name, s] : parts.items()) {
       if (name == "starting and ending" || s.get<double>() < 2.0 * rounding) continue;
       std::smatch part;
-      ASSERT_TRUE(std::regex_search(rest, part, std::regex("([0-9.]+) " + name))) << name << ": " << rest;
+      ASSERT_TRUE(std::regex_search(remaining, part, std::regex("([0-9.]+) " + name)))
+          << name << ": " << remaining;
       EXPECT_NEAR(std::stod(part[1]), s.get<double>(), rounding) << name;
     }
   }
@@ -155,7 +156,7 @@ class OneTruth : public testing::Test {
   }
 };
 
-TEST_F(OneTruth, OfABlockWithItsBandAndImages) {
+TEST_F(OneTruth, OfABlockWithItsErrorBoundsAndImages) {
   good(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3");
   run("block.nrrd -o out --nodes 1000 --depth 3mm --frames 4 --write all,images");
   expect_one_truth();
@@ -163,7 +164,7 @@ TEST_F(OneTruth, OfABlockWithItsBandAndImages) {
   EXPECT_TRUE(summary.at("band").contains("low_N"));
 }
 
-TEST_F(OneTruth, OfTwoTissuesWithoutABand) {
+TEST_F(OneTruth, OfTwoTissuesWithoutErrorBounds) {
   good(folder, "phantom brain.nrrd --spacing 3");
   run("brain.nrrd -o out --nodes 700 --depth 2mm --frames 3 --write report --mu 20kPa --set "
       "tissue.left_hemisphere.mu=12500Pa");
@@ -201,11 +202,12 @@ TEST_F(OneTruth, OfAnExplanationTooAndOfHowItEnded) {
   EXPECT_EQ(held_by<Ordered>(page, "dimple-summary"), summary);
   if (!fs::exists(folder / "out/explain.md"))
     GTEST_SKIP() << "too slow a machine: no comparison came to its end";
-  const std::string told = text_of(folder / "out/explain.md");
-  EXPECT_NE(told.find("The run: " + force_in_words(summary.at("force_N")) + " at 2.00 mm with 500 nodes."),
-            std::string::npos)
-      << told;
-  EXPECT_NE(told.find(" with 1500 nodes, so that "), std::string::npos) << told;
+  const std::string reported = text_of(folder / "out/explain.md");
+  EXPECT_NE(
+      reported.find("The run: " + force_in_words(summary.at("force_N")) + " at 2.00 mm with 500 nodes."),
+      std::string::npos)
+      << reported;
+  EXPECT_NE(reported.find(" with 1500 nodes, so that "), std::string::npos) << reported;
   expect_times_to_be_of_one_clock();
   EXPECT_GT(summary.at("parts_wall_s").at("comparing"), 0.0);
 }

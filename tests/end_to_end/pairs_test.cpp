@@ -38,10 +38,10 @@ Options with(Options options, const Options& more) {
 // Options that request a feature. Empty if the feature is a default or a driver.
 Options asking_for(Feature feature) {
   switch (feature) {
-    case Feature::circle:
+    case Feature::bonded_patch:
     case Feature::converging_scheme:
       return {};
-    case Feature::touching_tool:
+    case Feature::contacting_tool:
       return {{"tool.shape", "sphere:5mm"}};
     case Feature::friction:
       return {{"tool.friction", "0.3"}};
@@ -137,7 +137,7 @@ Options asking_for(Feature feature) {
     case Feature::fit:
     case Feature::export_mesh:
     case Feature::by_hand:
-    case Feature::touching_by_hand:
+    case Feature::contacting_tool_by_hand:
     case Feature::session:
     case Feature::shift:
     case Feature::places:
@@ -193,10 +193,10 @@ std::optional<Options> together(const Options& one, const Options& other) {
   return all;
 }
 
-// Options of the block scene without those that `asked` replaces or determines.
-Options on_the_block(const Options& asked, Feature driver) {
+// Options of the block scene without those that `requested` replaces or determines.
+Options on_the_block(const Options& requested, Feature driver) {
   const auto asks = [&](const std::string& beginning) {
-    return std::any_of(asked.begin(), asked.end(),
+    return std::any_of(requested.begin(), requested.end(),
                        [&](const auto& option) { return option.first.starts_with(beginning); });
   };
   const bool fits = driver == Feature::fit, shifts = driver == Feature::shift;
@@ -209,7 +209,7 @@ Options on_the_block(const Options& asked, Feature driver) {
         (key == "cloud.nodes" && asks("accuracy.budget")) || (key == "output.write" && shifts);
     if (!asks(key) && !follows) all.push_back(option);
   }
-  return with(all, asked);
+  return with(all, requested);
 }
 
 Scene described(const Options& options) {
@@ -233,8 +233,8 @@ std::optional<Report> values_say(const Options& options) {
 std::optional<Report> table_says(const Scene& scene, Feature driver) {
   if (std::optional<Report> clash = clash_of(scene, driver)) return clash;
   if (driver == Feature::model) return clash_of(scene, Feature::model_in_memory);
-  if (driver == Feature::by_hand && features_of(scene).has(Feature::touching_tool))
-    return clash_of(scene, Feature::touching_by_hand);
+  if (driver == Feature::by_hand && features_of(scene).has(Feature::contacting_tool))
+    return clash_of(scene, Feature::contacting_tool_by_hand);
   if (driver == Feature::explain) return clash_of(scene, Feature::run);
   // A model has its own scheme, here the converging one, like the configuration.
   if (driver == Feature::solve && features_of(scene).has(Feature::printed_stress))
@@ -311,7 +311,7 @@ class Pairs : public testing::TestWithParam<Feature> {
   static Result solved_in_memory(const Scene& now) {
     static const LabelImage image =
         make_phantom({.shape = "block", .size_mm = {60.0, 60.0, 30.0}, .spacing_mm = 3.0});
-    static const ReadOrgan organ = read_once({.scene = described(block_scene), .image = &image}, {});
+    static const PreparedOrgan organ = read_once({.scene = described(block_scene), .image = &image}, {});
     return simulate({.scene = now, .image = &image, .organ = &organ});
   }
 
@@ -347,9 +347,9 @@ class Pairs : public testing::TestWithParam<Feature> {
 
   // Tests one or two features with a driver; a driver may itself be the second feature.
   void expect_together(Feature one, Feature other, const Driver& driver) const {
-    const auto asked = together(asking_for(one), is_driver(other) ? driver.needs : asking_for(other));
-    if (!asked) return;
-    const Options options = on_the_block(*asked, driver.feature);
+    const auto requested = together(asking_for(one), is_driver(other) ? driver.needs : asking_for(other));
+    if (!requested) return;
+    const Options options = on_the_block(*requested, driver.feature);
     std::vector<std::string> line = dimple::words_of(std::string(driver.command));
     for (const auto& [key, text] : options) line.insert(line.end(), {"--set", key + "=" + text});
     SCOPED_TRACE(testing::Message() << dimple::words_of(one).name << " with " << dimple::words_of(other).name
@@ -381,7 +381,7 @@ TEST_P(Pairs, OfAFeatureAreComputedOrRefusedByTheTable) {
   for (const Driver& driver : drivers) expect_together(one, driver.feature, driver);
 }
 
-std::vector<Feature> all_that_can_be_asked_for() {
+std::vector<Feature> all_requests() {
   std::vector<Feature> all;
   for (std::size_t k = 0; k < feature_count; ++k)
     if (const Feature feature = static_cast<Feature>(k); !asking_for(feature).empty()) all.push_back(feature);
@@ -395,7 +395,7 @@ std::string as_identifier(const testing::TestParamInfo<Feature>& info) {
   return name;
 }
 
-INSTANTIATE_TEST_SUITE_P(Each, Pairs, testing::ValuesIn(all_that_can_be_asked_for()), as_identifier);
+INSTANTIATE_TEST_SUITE_P(Each, Pairs, testing::ValuesIn(all_requests()), as_identifier);
 
 TEST(TableOfPairs, IsListedByTheProgramWithItsReasons) {
   const Ran ran = dimple(fresh_folder(), "options --pairs");

@@ -15,14 +15,14 @@ struct Part {
 
 /// Fraction of the pixels in a picture's part for which `is`(red, green, blue), each from 0 to 255, holds.
 template <class Is>
-double share_of_pixels(const std::filesystem::path& png, const Is& is, const Part& part = {}) {
+double fraction_of_pixels(const std::filesystem::path& png, const Is& is, const Part& part = {}) {
   vtkNew<vtkPNGReader> reader;
   reader->SetFileName(png.c_str());
   reader->Update();
   vtkImageData* image = reader->GetOutput();
   int size[3];
   image->GetDimensions(size);
-  const auto at = [&](double share, int axis) { return static_cast<int>(share * size[axis]); };
+  const auto at = [&](double fraction, int axis) { return static_cast<int>(fraction * size[axis]); };
   long count = 0, all = 0;
   for (int y = at(1.0 - part.bottom, 1); y < at(1.0 - part.top, 1); ++y)
     for (int x = at(part.left, 0); x < at(part.right, 0); ++x) {

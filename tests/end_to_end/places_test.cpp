@@ -40,7 +40,7 @@ TEST_F(Places, OfThePhantomAreListedInWordsAndAsJsonAndARunTakesThem) {
   }
 }
 
-TEST_F(Places, OnEachSideAreTakenWithTheBaseBesideThemAndTheWayFromThere) {
+TEST_F(Places, OnEachSideAreTakenWithTheBaseNextToThemAndTheDirectionFromThere) {
   good("phantom brain.nrrd --spacing 3");
   const Json listed = Json::parse(good("places brain.nrrd --json").out);
   EXPECT_THAT(good("places brain.nrrd").out, HasSubstr("x,y,z (LPS, mm) with the base"));
@@ -49,10 +49,10 @@ TEST_F(Places, OnEachSideAreTakenWithTheBaseBesideThemAndTheWayFromThere) {
     if (side.at("verdict") == "refused") continue;
     const std::string place = "model brain.nrrd -o out --force --nodes 500 --indent-at=" + coordinates(side),
                       base = " --base " + side.at("base").get<std::string>();
-    const Json& push = side.at("push");
-    const std::string way = fmt::format(" --direction={},{},{}", push[0].get<double>(), push[1].get<double>(),
-                                        push[2].get<double>());
-    EXPECT_THAT(good(place + base + way).err, HasSubstr("as requested; projected 0.0 mm"));
+    const Json& approach = side.at("push");
+    const std::string displacement = fmt::format(" --direction={},{},{}", approach[0].get<double>(),
+                                                 approach[1].get<double>(), approach[2].get<double>());
+    EXPECT_THAT(good(place + base + displacement).err, HasSubstr("as requested; projected 0.0 mm"));
     if (side.at("from") == "superior") continue;
     // From above the slope there is too steep, or nearly so.
     const Ran ran = dimple(folder, place);
@@ -87,7 +87,7 @@ TEST_F(Places, OfAToolAreThoseThatItsRunTakes) {
   }
 }
 
-TEST_F(Places, OfACircleThatJustFitsAFaceAreFound) {
+TEST_F(Places, OfAPatchThatJustFitsAFaceAreFound) {
   good("phantom cube.nrrd --shape block --size 40,40,40 --spacing 2");
   for (const char* width : {"33mm", "36mm", "39mm"})
     good(std::string("model cube.nrrd -o out --force --nodes 300 -q --indenter-diameter ") + width);

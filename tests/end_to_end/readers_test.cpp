@@ -128,7 +128,7 @@ TEST(ResultFiles, OpenInVtksOwnReadersAndLieOverTheLabels) {
   vtkNew<vtkXMLUnstructuredGridReader> last;
   read(*last, folder / "out" / "nodes" / "nodes_0002.vtu");
   vtkPointData* data = last->GetOutput()->GetPointData();
-  int base = 0, circle = 0;
+  int base = 0, bonded_patch = 0;
   for (vtkIdType a = 0; a < 500; ++a) {
     const auto set = static_cast<int>(data->GetArray("node_set")->GetComponent(a, 0));
     const double down = -data->GetArray("nodal_parameter_mm")->GetComponent(a, 2);
@@ -139,10 +139,10 @@ TEST(ResultFiles, OpenInVtksOwnReadersAndLieOverTheLabels) {
       EXPECT_NEAR(down, 1.0, 1e-6);
     }
     base += (set & 1) != 0;
-    circle += (set & 2) != 0;
+    bonded_patch += (set & 2) != 0;
   }
   EXPECT_GT(base, 20);
-  EXPECT_GE(circle, 7);
+  EXPECT_GE(bonded_patch, 7);
 }
 
 }  // namespace

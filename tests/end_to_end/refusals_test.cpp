@@ -54,7 +54,7 @@ TEST_F(Refusal, OfAPathWhereNothingIs) {
 }
 
 // The image is the label image of 20 x 20 x 20 voxels of 2 mm, moved to the left.
-TEST_F(Refusal, OfAnImageToBeWarpedThatLiesMostlyBesideTheBodyAndAWarningWhereItIsMoved) {
+TEST_F(Refusal, OfAnImageToBeWarpedThatLiesMostlyOutsideTheBodyAndAWarningWhereItIsMoved) {
   good("phantom body.nrrd --shape block --size 30,30,30 --spacing 2");
   const std::string labels = text_of(folder / "body.nrrd");
   const std::string origin = "space origin: (";
@@ -273,7 +273,7 @@ TEST_F(Refusal, OfWordsItDoesNotKnow) {
 }
 
 TEST_F(Refusal, OfPhysicsThatIsNotModelledSaysWhatIs) {
-  const std::pair<const char*, std::vector<std::string>> asked[] = {
+  const std::pair<const char*, std::vector<std::string>> requested[] = {
       {"--body-force 9.81", {"no flag of its own", "--gravity inferior"}},
       {"--load 0.2N", {"a force cannot be prescribed", "--depth 2mm", "force.csv"}},
       {"--unload",
@@ -284,7 +284,7 @@ TEST_F(Refusal, OfPhysicsThatIsNotModelledSaysWhatIs) {
        {"only `dimple run` and `dimple fit` have friction, under a contacting tool", "--friction 0.3"}},
       {"--tear", {"tearing is not modelled", "closest: dimple run IMAGE --cut"}},
       {"--pia 0.1mm", {"bending shells are not modelled", "--membrane 0.1mm:400kPa"}}};
-  for (auto [words, texts] : asked) {
+  for (auto [words, texts] : requested) {
     texts.insert(texts.end(), {"the model covers quasi-static and dynamic indentation", "not-modelled"});
     run(2, words, texts);
   }
@@ -356,7 +356,7 @@ TEST_F(Refusal, OfAToolThatMissesTheOrganPassesItOrHangsOverItsEdge) {
 }
 
 // An image has no information on a surface finer than its voxels, for any command.
-TEST_F(Refusal, OfACircleThatIsSmallerThanAVoxel) {
+TEST_F(Refusal, OfAPatchThatIsSmallerThanAVoxel) {
   write("path.csv", "time_s,depth_mm\n0,0\n0.1,1\n");
   const std::vector<std::string> words = {"2 mm diameter is smaller than a voxel of 3 mm",
                                           "--indenter-diameter", "give at least 9 mm", "circle-too-small"};
@@ -425,7 +425,7 @@ TEST_F(Refusal, OfPlacesAndNumbersThatNoModelCanHave) {
   }
 }
 
-TEST_F(Refusal, IsNotOfANumberOfNodesBesideAFilesSpacing) {
+TEST_F(Refusal, IsNotOfANumberOfNodesInAdditionToAFilesSpacing) {
   std::ofstream(folder / "even.toml") << "[cloud]\nspacing_mm = 5\n";
   const Ran ran = good("model brain.nrrd -o model --config even.toml --nodes 400");
   EXPECT_THAT(ran.err, HasSubstr("400 nodes"));

@@ -114,10 +114,10 @@ TEST_F(Report, ShowsTheNumbersOfTheSummaryAndNoOthersAndAsksNobodyForAnything) {
     EXPECT_TRUE(keys.contains(key)) << key;
   EXPECT_TRUE(keys.contains("image_error.half_N"));
 
-  const std::string asked = text_of(log), page = text("out/report.html");
-  ASSERT_FALSE(asked.empty());
+  const std::string requested = text_of(log), page = text("out/report.html");
+  ASSERT_FALSE(requested.empty());
   const std::regex initiated("\"initiator\":\"(file|null)[^\"]*\"[^}]*\"url\":\"(https?|wss?):[^\"]*\"");
-  EXPECT_FALSE(std::regex_search(asked, initiated));
+  EXPECT_FALSE(std::regex_search(requested, initiated));
   EXPECT_THAT(page, HasSubstr("default-src 'none'")) << "the browser would refuse it too";
   EXPECT_FALSE(
       std::regex_search(page.substr(0, page.find("dimple-data")), std::regex("(src|href)=\"?https?:")));
@@ -138,7 +138,7 @@ TEST_F(Report, OfABrainShiftShowsItsNumbers) {
     EXPECT_TRUE(keys.contains(key)) << key;
 }
 
-TEST_F(Report, OfTwoToolsThatTouchACutBodyBesideAWallShowsTheNumbersOfAll) {
+TEST_F(Report, OfTwoToolsInContactWithACutBodyNextToAWallShowsTheNumbersOfAll) {
   run(" --tool sphere:5mm --cut line:12,-20,25,12,20,25,depth=10mm --wall around:0.2mm --set "
       "tool.other.shape=sphere:4mm --set tool.other.at=-20,0,25 --set tool.other.move=1mm");
   const Json numbers = summary();
@@ -181,8 +181,8 @@ TEST_F(Report, ShowsTheToolInItsColourAndNamesItBelowTheBody) {
   browse(words);
   const auto is_tool = [](int r, int g, int b) { return g > r + 30 && b > r + 35 && std::abs(g - b) < 25; };
   const auto is_black = [](int r, int g, int b) { return r < 20 && g < 20 && b < 20; };
-  EXPECT_GT(share_of_pixels(folder / "page.png", is_tool), 4e-4);
-  EXPECT_LT(share_of_pixels(folder / "page.png", is_black), 1e-4)
+  EXPECT_GT(fraction_of_pixels(folder / "page.png", is_tool), 4e-4);
+  EXPECT_LT(fraction_of_pixels(folder / "page.png", is_black), 1e-4)
       << "words are dark grey, and nothing is black";
 }
 
@@ -207,7 +207,7 @@ TEST_F(Report, MovesTheToolAsTheStepsDoAndSaysItsDepth) {
   EXPECT_EQ(frames.front()["depth_mm"], 0.0);
 }
 
-TEST_F(Report, ShowsTheToolWhereGravityHasCarriedItsCircle) {
+TEST_F(Report, ShowsTheToolWhereGravityHasCarriedItsPatch) {
   run(" --gravity left --mu 2kPa --band off");
   const Json moved = summary()["loads"]["circle_moved_mm"];
   ASSERT_GT(std::abs(moved[0].get<double>()), 0.2);

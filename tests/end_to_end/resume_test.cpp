@@ -144,28 +144,29 @@ TEST_F(Resume, OfRunsThatWereKilledAtAnyMomentEndsWithTheSameBits) {
     std::string name, arguments;
     double seconds = 0.0;
   };
-  const std::string cloud = " --nodes 300 -q";
+  const std::string node_set = " --nodes 300 -q";
   std::vector<Scene> scenes = {
-      {"slowly", "--depth 5mm --frames 25" + cloud},
-      {"slowly_relaxing", "--depth 5mm --frames 25 --preset miller_chinzei_2002" + cloud},
-      {"every_wave", "--depth 3mm --rate 20mm/s --frames 6 --time explicit" + cloud},
+      {"slowly", "--depth 5mm --frames 25" + node_set},
+      {"slowly_relaxing", "--depth 5mm --frames 25 --preset miller_chinzei_2002" + node_set},
+      {"every_wave", "--depth 3mm --rate 20mm/s --frames 6 --time explicit" + node_set},
       {"touching",
        "--depth 3mm --frames 25 --tool sphere:5mm --friction 0.3 --wall around:0.2mm "
        "--set wall.wall.friction=0.3" +
-           cloud},
-      {"covered", "--depth 3mm --frames 25 --membrane 0.1mm:400kPa --set membrane.skin.tension=1N/m" + cloud},
-      {"papers_scheme", "--depth 3mm --rate 4mm/s --frames 6 --scheme horton2007" + cloud},
+           node_set},
+      {"covered",
+       "--depth 3mm --frames 25 --membrane 0.1mm:400kPa --set membrane.skin.tension=1N/m" + node_set},
+      {"papers_scheme", "--depth 3mm --rate 4mm/s --frames 6 --scheme horton2007" + node_set},
   };
   for (Scene& scene : scenes) {
     const auto start = Clock::now();
     good("run brain.nrrd -o undisturbed_" + scene.name + ' ' + scene.arguments);
     scene.seconds = std::chrono::duration<double>(Clock::now() - start).count();
   }
-  const char* asked = std::getenv("DIMPLE_KILLS");
-  const int wanted = asked ? std::atoi(asked) : 12;
+  const char* variable = std::getenv("DIMPLE_KILLS");
+  const int requested = variable ? std::atoi(variable) : 12;
   std::mt19937 random(7);
-  int kills = 0, resumed_half_way = 0, rounds = 0;
-  for (; kills < wanted && !HasFailure(); ++rounds) {
+  int kills = 0, resumed_midway = 0, rounds = 0;
+  for (; kills < requested && !HasFailure(); ++rounds) {
     const int laps = rounds / static_cast<int>(scenes.size());
     const Scene& scene = scenes[static_cast<std::size_t>(rounds) % scenes.size()];
     // Every second run reaches its first checkpoint; the remainder from there is a small part of a run.
@@ -179,7 +180,7 @@ TEST_F(Resume, OfRunsThatWereKilledAtAnyMomentEndsWithTheSameBits) {
         std::this_thread::sleep_for(std::chrono::milliseconds(1));
       std::uniform_real_distribution<double> moment(0.0, (while_it_marches ? 0.1 : 1.0) * scene.seconds);
       std::this_thread::sleep_for(std::chrono::duration<double>(moment(random)));
-      again = program.running() && kills < wanted;
+      again = program.running() && kills < requested;
       if (!again) break;
       program.send(SIGKILL);
       const int code = program.wait().code;
@@ -189,14 +190,14 @@ TEST_F(Resume, OfRunsThatWereKilledAtAnyMomentEndsWithTheSameBits) {
       if (fs::exists(folder / "out")) expect_whole_files(folder / "out", false);
       again = random() % 3 == 0;
     }
-    resumed_half_way += fs::exists(folder / "out" / "checkpoint.cbor") ? 1 : 0;
+    resumed_midway += fs::exists(folder / "out" / "checkpoint.cbor") ? 1 : 0;
     good(line);
     expect_same_results(folder / ("undisturbed_" + scene.name), folder / "out");
   }
-  std::cout << kills << " kills in " << rounds << " runs, " << resumed_half_way
+  std::cout << kills << " kills in " << rounds << " runs, " << resumed_midway
             << " of them resumed half-way\n";
-  EXPECT_EQ(kills, wanted);
-  EXPECT_GT(resumed_half_way, 0);
+  EXPECT_EQ(kills, requested);
+  EXPECT_GT(resumed_midway, 0);
 }
 
 }  // namespace

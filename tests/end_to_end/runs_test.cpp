@@ -10,7 +10,7 @@ namespace dimple {
 namespace {
 
 // Coarse and fast, about a second each; 400 and 500 nodes in a swine brain are 6 to 7 mm apart.
-const std::string cloud = " --nodes 500";
+const std::string node_set = " --nodes 500";
 // Slow enough to keep the wave of the sudden start, proportional to the rate, below the force.
 const std::string load = " --depth 0.5mm --rate 5mm/s --frames 4";
 const std::string tables_alone = load + " --write force";  // for tests of the tables alone
@@ -61,7 +61,7 @@ TEST_F(Run, GoesFromImageToForceStepByStep) {
   const Ran info = good("info brain.nrrd");
   expect_words(info.out, {"left_hemisphere", "right_hemisphere", "LPS", "3 x 3 x 3 mm", "volume", "cm3"});
 
-  good("model brain.nrrd -o model" + cloud);
+  good("model brain.nrrd -o model" + node_set);
   for (const char* name : {"model.toml", "nodes.vtu", "points.vtu", "surface.vtp", "label.vti"})
     EXPECT_TRUE(fs::is_regular_file(folder / "model" / name)) << name;
 
@@ -83,10 +83,10 @@ TEST_F(Run, GoesFromImageToForceStepByStep) {
     EXPECT_THAT(entry.path().string(), Not(HasSubstr(".part"))) << "left over: " << entry.path();
 }
 
-TEST_F(Run, IsModelAndSolveBitForBitAndPrintsJsonAloneIfAsked) {
-  const Ran made = good("model brain.nrrd -o model --quiet --json" + cloud),
+TEST_F(Run, IsModelAndSolveBitForBitAndPrintsJsonAloneOnRequest) {
+  const Ran made = good("model brain.nrrd -o model --quiet --json" + node_set),
             solved = good("solve model -o two_steps --quiet" + load),
-            run = good("run brain.nrrd -o one_step --quiet --json" + cloud + load);
+            run = good("run brain.nrrd -o one_step --quiet --json" + node_set + load);
   for (const Ran* ran : {&made, &solved, &run}) EXPECT_EQ(ran->err, "");
   EXPECT_EQ(Json::parse(made.out).at("counts").at("nodes"), 500);
   EXPECT_EQ(Json::parse(run.out), summary("one_step"));
@@ -101,7 +101,7 @@ TEST_F(Run, IsRepeatedBitForBitByTheConfigurationItWrote) {
   good(
       "run brain.nrrd -o first --set material.mu=0.3kPa --nu 0.49 --density 1.04g/cm3 --seed 3 --safety 0.8"
       " --indent-at superior,left --label left_hemisphere,2" +
-      cloud + tables_alone);
+      node_set + tables_alone);
   good("run --config first/config.resolved.toml -o second");
   EXPECT_EQ(force("first"), force("second"));
   EXPECT_THAT(text_of(folder / "second" / "config.resolved.toml"), HasSubstr("mu_Pa = 300.0"));
@@ -113,19 +113,19 @@ TEST_F(Run, IsRepeatedBitForBitByTheConfigurationItWrote) {
 // The load is slow enough for equilibrium, for which the error bounds are calibrated.
 const std::string slow_load = " --depth 1mm --frames 4 --write force,picture";
 
-TEST_F(Run, TellsItsForceWithItsBand) {
+TEST_F(Run, ReportsItsForceWithItsErrorBounds) {
   const Ran ran = good("run brain.nrrd -o out --nodes 1000" + slow_load);
-  std::smatch told;
+  std::smatch reported;
   const std::regex line(
       "([0-9.]+) mN at 1.00 mm, ([0-9.]+) to ([0-9.]+) \\(discretisation\\), \\+- [0-9.]+ \\(image "
       "resolution\\)\tout\n");
-  ASSERT_TRUE(std::regex_match(ran.out, told, line)) << ran.out;
+  ASSERT_TRUE(std::regex_match(ran.out, reported, line)) << ran.out;
   const Table curve = read_csv(folder / "out" / "force.csv");
   ASSERT_NE(curve.find("low_N"), nullptr);
   const double low = curve.find("low_N")->back(), force = last_force("out"),
                high = curve.find("high_N")->back();
-  EXPECT_NEAR(std::stod(told[2]), 1e3 * low, 5.01e-2);
-  EXPECT_NEAR(std::stod(told[3]), 1e3 * high, 5.01e-2);
+  EXPECT_NEAR(std::stod(reported[2]), 1e3 * low, 5.01e-2);
+  EXPECT_NEAR(std::stod(reported[3]), 1e3 * high, 5.01e-2);
   EXPECT_LT(low, force);
   EXPECT_NEAR(high - force, force - low, 1e-12);
   EXPECT_DOUBLE_EQ(summary("out").at("band").at("low_N").get<double>(), low);
@@ -140,7 +140,7 @@ TEST_F(Run, TellsItsForceWithItsBand) {
   EXPECT_LT(last_force("finer"), high);
 }
 
-TEST_F(Run, SaysWhyItsBandIsUnknown) {
+TEST_F(Run, SaysWhyItsErrorBoundsAreUnknown) {
   const std::map<std::string, std::string> why = {
       {"--nodes 999", "not calibrated below 1000 nodes"},
       {"--nodes 1000 --rim 0.1", "default --rim"},
@@ -157,7 +157,7 @@ TEST_F(Run, SaysWhyItsBandIsUnknown) {
 }
 
 // Error bounds are calibrated up to 1.7 radii; 1.6 is within.
-TEST_F(Run, HasNoBandDeeperThanItWasMeasured) {
+TEST_F(Run, HasNoErrorBoundsDeeperThanTheyWereMeasured) {
   const std::string scene = "run brain.nrrd --nodes 1000 --indenter-diameter 8 --frames 4 --write force -q";
   good(scene + " -o within --depth 6.4mm");
   EXPECT_TRUE(summary("within").at("band").contains("half_N")) << summary("within").at("band").dump();
@@ -194,38 +194,39 @@ TEST_F(Run, AsksForTheUnitOfNumbersThatLookLikeMetresOrKilopascals) {
 }
 
 // The base bears the tool's force: up to the residual in equilibrium, up to vibrations otherwise.
-TEST_F(Run, RestsOnItsBaseWithTheForceThatTheToolFeels) {
+TEST_F(Run, RestsOnItsBaseWithTheForceOnTheTool) {
   const std::string scene =
       "run brain.nrrd --nodes 400 --depth 1mm --frames 2 --write force,nodes,surface -q";
-  const std::map<std::string, double> ways = {{"--time quasi-static", 2e-3},
-                                              {"--time explicit --rate 4mm/s --damping 60", 0.05}};
-  for (const auto& [way, within] : ways) {
-    SCOPED_TRACE(way);
-    good(scene + " --force -o out " + way);
+  const std::map<std::string, double> directions = {{"--time quasi-static", 2e-3},
+                                                    {"--time explicit --rate 4mm/s --damping 60", 0.05}};
+  for (const auto& [displacement, within] : directions) {
+    SCOPED_TRACE(displacement);
+    good(scene + " --force -o out " + displacement);
     const Json json = summary("out");
     const double force = json.at("force_N");
     EXPECT_GT(force, 0.0);
     EXPECT_NEAR(json.at("base_force_N"), force, within * force);
-    if (way == "--time quasi-static") {
+    if (displacement == "--time quasi-static") {
       EXPECT_LE(json.at("residual"), 1e-4);
     }
     // Nodal reactions agree.
     const std::vector<fs::path> frames = frames_of(folder / "out" / "nodes.pvd");
     const PointFile nodes = read_vtu(frames.back());
     const Field &reaction = *nodes.find("reaction_N"), &set = *nodes.find("node_set");
-    const auto push = json.at("counts").at("push").get<std::vector<double>>();
+    const auto approach = json.at("counts").at("push").get<std::vector<double>>();
     double on_tool = 0.0, on_base = 0.0;
     for (Index a = 0; a < reaction.values.cols(); ++a) {
-      const double along = reaction.values.col(a).dot(Vec3(push[0], push[1], push[2]));
+      const double along = reaction.values.col(a).dot(Vec3(approach[0], approach[1], approach[2]));
       if (set.values(0, a) == 2.0) on_tool += along;
       if (set.values(0, a) == 1.0) on_base -= along;
     }
     EXPECT_NEAR(on_tool, force, 1e-4 * force);
     // The tool's file has its displacement, and the body's weight follows from its volume.
     const std::vector<fs::path> tools = frames_of(folder / "out" / "tool.pvd");
-    const Vec3 way =
+    const Vec3 displacement =
         (read_vtp(tools.back()).position_mm - read_vtp(tools.front()).position_mm).rowwise().mean();
-    EXPECT_LT((way - Vec3(push[0], push[1], push[2])).norm(), 1e-3) << way.transpose();
+    EXPECT_LT((displacement - Vec3(approach[0], approach[1], approach[2])).norm(), 1e-3)
+        << displacement.transpose();
     EXPECT_NEAR(json.at("mass_g"), 1e-3 * json.at("volume_mm3").get<double>(), 1e-3);
     EXPECT_NEAR(on_base, json.at("base_force_N"), 1e-4 * force);
   }
@@ -265,10 +266,10 @@ TEST_F(Run, ForAnAccuracyIsThatOfTheFewestNodesOfItsRefinement) {
   EXPECT_EQ(summary("by_force").at("ladder").size(), 2u) << "the first cloud that has a band";
 }
 
-TEST_F(Run, ForAnAccuracyThatFinerCloudsCannotReachHasTheBandOfTheCoarserOnes) {
+TEST_F(Run, ForAnAccuracyThatFinerNodesCannotReachHasTheErrorBoundsOfTheCoarserOnes) {
   good("phantom small.nrrd --size 52,70,26 --spacing 1.5");
   const Ran ran = good("run small.nrrd -o out --accuracy 5% --write force");
-  const Json told = summary("out"), levels = told.at("ladder");
+  const Json reported = summary("out"), levels = reported.at("ladder");
   ASSERT_GE(levels.size(), 2u) << ran.err;
   EXPECT_TRUE(ran.err.find("with 4000 nodes: the tissue passed a limit point") != std::string::npos ||
               ran.err.find("with 4000 nodes: no equilibrium was found") != std::string::npos)
@@ -278,10 +279,10 @@ TEST_F(Run, ForAnAccuracyThatFinerCloudsCannotReachHasTheBandOfTheCoarserOnes) {
   EXPECT_EQ(levels.back().at("force_N").get<double>(), last_force("out")) << "of the finest";
   EXPECT_GT(levels.back().at("nodes"), levels.front().at("nodes").get<int>());
   EXPECT_GT(levels.back().at("half_N"), 0.05 * last_force("out"));
-  EXPECT_EQ(told.at("band").at("coarser_nodes"), levels.front().at("nodes"));
+  EXPECT_EQ(reported.at("band").at("coarser_nodes"), levels.front().at("nodes"));
 }
 
-TEST_F(Run, ForTheAccuracyOfADisplacementClimbsUntilItsBandIsAsNarrow) {
+TEST_F(Run, ForTheAccuracyOfADisplacementClimbsUntilItsErrorBoundsAreAsNarrow) {
   const std::string place = " --quantity displacement@13.9,0,20";
   const Ran ran = good("run brain.nrrd -o out --accuracy 10%" + place + slow_load);
   const Json moved = summary("out").at("displacement"), levels = summary("out").at("ladder");
@@ -296,7 +297,7 @@ TEST_F(Run, ForTheAccuracyOfADisplacementClimbsUntilItsBandIsAsNarrow) {
   ends_with(folder, 2, "run brain.nrrd -o no --accuracy 1mN" + place, {"not one of its units"});
 }
 
-TEST_F(Run, TellsWhatItsForceDependsOn) {
+TEST_F(Run, ReportsWhatItsForceDependsOn) {
   const std::string sample = std::string(DIMPLE_SAMPLE_DATA) + "/block_3mm.nrrd";
   const std::string line =
       "run " + sample + " -o out --nodes 1000 --depth 3mm --frames 4 --band off --write report";
@@ -342,20 +343,20 @@ TEST_F(Run, TellsWhatItsForceDependsOn) {
   EXPECT_FALSE(fs::exists(folder / "out/explain.md"));
 }
 
-TEST_F(Run, IsProportionalToAModulusThatIsKnownToAShare) {
-  const Ran ran = good("run brain.nrrd -o out --mu 210Pa+-30%" + cloud + slow_load);
+TEST_F(Run, IsProportionalToAModulusThatIsKnownToAFraction) {
+  const Ran ran = good("run brain.nrrd -o out --mu 210Pa+-30%" + node_set + slow_load);
   EXPECT_THAT(ran.out, HasSubstr("(mu +- 30 %)"));
   const Table curve = read_csv(folder / "out" / "force.csv");
-  good("run brain.nrrd -o stiff --mu 273Pa" + cloud + slow_load);
+  good("run brain.nrrd -o stiff --mu 273Pa" + node_set + slow_load);
   EXPECT_NEAR(curve.find("mu_high_N")->back() / last_force("stiff"), 1.0, 2e-4);
-  good("run brain.nrrd -o soft --mu 147Pa" + cloud + slow_load);
+  good("run brain.nrrd -o soft --mu 147Pa" + node_set + slow_load);
   EXPECT_NEAR(curve.find("mu_low_N")->back() / last_force("soft"), 1.0, 2e-4);
   EXPECT_DOUBLE_EQ(summary("out").at("band_of_mu").at("low_N").get<double>(), curve.find("mu_low_N")->back());
 }
 
-TEST_F(Run, WritesTheSameFilesBesideTheMarchAsWithOneThread) {
+TEST_F(Run, WritesTheSameFilesInParallelToTheMarchAsWithOneThread) {
   for (const char* threads : {"1", "2", "3"})
-    good("run brain.nrrd -o threads" + std::string(threads) + cloud + load + " --threads " + threads);
+    good("run brain.nrrd -o threads" + std::string(threads) + node_set + load + " --threads " + threads);
   int frames = 0;
   for (const auto& entry : fs::recursive_directory_iterator(folder / "threads1")) {
     const std::string file = entry.path().filename().string();
@@ -369,7 +370,7 @@ TEST_F(Run, WritesTheSameFilesBesideTheMarchAsWithOneThread) {
   EXPECT_EQ(frames, 4 * 5 + 1) << "of the points the last";
 }
 
-TEST_F(Run, WritesWhatIsAskedForAndTheSameForce) {
+TEST_F(Run, WritesWhatIsRequestedAndTheSameForce) {
   const auto files = [&](const std::string& out) {
     std::set<std::string> names;
     for (const auto& entry : fs::directory_iterator(folder / out))
@@ -378,19 +379,19 @@ TEST_F(Run, WritesWhatIsAskedForAndTheSameForce) {
   };
   const std::set<std::string> always = {".dimple_files", "config.resolved.toml", "energy.csv", "force.csv",
                                         "summary.json"};
-  good("run brain.nrrd -o all" + cloud + load);
-  good("run brain.nrrd -o little --write force" + cloud + load);
+  good("run brain.nrrd -o all" + node_set + load);
+  good("run brain.nrrd -o little --write force" + node_set + load);
   EXPECT_EQ(files("little"), always);
   EXPECT_EQ(force("little"), force("all"));
 
-  good("run brain.nrrd -o some --write surface,picture" + cloud + load);
+  good("run brain.nrrd -o some --write surface,picture" + node_set + load);
   std::set<std::string> expected = always;
   expected.insert(
       {"overview.png", "surface", "surface.pvd", "section", "section.pvd", "tool", "tool.pvd", "view.py"});
   EXPECT_EQ(files("some"), expected);
   EXPECT_EQ(text_of(folder / "some" / "surface" / "surface_0004.vtp"),
             text_of(folder / "all" / "surface" / "surface_0004.vtp"));
-  good("run brain.nrrd -o fine --write surface,points,fine" + cloud + load);
+  good("run brain.nrrd -o fine --write surface,points,fine" + node_set + load);
   EXPECT_EQ(frames_of(folder / "fine" / "points.pvd").size(), 5u);
   EXPECT_EQ(read_vtp(folder / "fine" / "surface" / "surface_0004.vtp").triangles.cols(),
             read_vtp(folder / "all" / "model" / "surface.vtp").triangles.cols());
@@ -408,7 +409,7 @@ TEST_F(Run, WritesWhatIsAskedForAndTheSameForce) {
   expected.insert({"points", "points.pvd"});
   EXPECT_EQ(files("solved"), expected);
   EXPECT_EQ(force("solved"), without_image_error("all"));
-  good("run brain.nrrd -o all --force --write force" + cloud + load);
+  good("run brain.nrrd -o all --force --write force" + node_set + load);
   EXPECT_EQ(files("all"), always) << "an earlier run's files are gone";
 }
 
@@ -421,16 +422,16 @@ void write_comb(const fs::path& file) {
   write_label_image(file, image_of({44, 44, 24}, Vec3::Constant(1.5), label));
 }
 
-TEST_F(Run, HasTheFoldsOfAFoldedBodyTouchUnlessTheyAreToPassOrInertiaTakesPart) {
+TEST_F(Run, HasTheFoldsOfAFoldedBodyInContactUnlessTheyAreToPassOrInertiaTakesPart) {
   write_comb(folder / "comb.nrrd");
   const std::string scene = " --depth 2mm --frames 2";  // gaps up to twice the depth are checked
   good("run comb.nrrd -o touching --nodes 4000 --write model" + scene);
-  const Json touching = summary("touching");
-  EXPECT_GT(touching.at("self_contact").at("places"), 100);
-  EXPECT_LT(touching.at("band").at("low_N"), touching.at("force_N").get<double>());
+  const Json in_contact = summary("touching");
+  EXPECT_GT(in_contact.at("self_contact").at("places"), 100);
+  EXPECT_LT(in_contact.at("band").at("low_N"), in_contact.at("force_N").get<double>());
   good("solve touching/model -o solved --write force" + scene);
-  EXPECT_EQ(summary("solved").at("force_N"), touching.at("force_N"));
-  EXPECT_EQ(summary("solved").at("self_contact"), touching.at("self_contact"));
+  EXPECT_EQ(summary("solved").at("force_N"), in_contact.at("force_N"));
+  EXPECT_EQ(summary("solved").at("self_contact"), in_contact.at("self_contact"));
   for (const char* otherwise :
        {"--self-contact off", "--rate 1000", "--scheme horton2007", "--close 4mm", "--nu 0.3"}) {
     const std::string out = "other";
@@ -444,7 +445,7 @@ TEST_F(Run, HasTheFoldsOfAFoldedBodyTouchUnlessTheyAreToPassOrInertiaTakesPart) 
   EXPECT_FALSE(summary("phantom").contains("self_contact"));
 }
 
-TEST_F(Run, TellsOfNarrowFoldsAndClosesThemOnRequest) {
+TEST_F(Run, ReportsNarrowFoldsAndClosesThemOnRequest) {
   write_comb(folder / "comb.nrrd");
   // With 600 nodes every second or third discretisation of the open comb finds no equilibrium.
   const std::string scene = " --nodes 1000 --depth 1mm --frames 2 --write model";
@@ -476,7 +477,7 @@ TEST_F(Run, TellsOfNarrowFoldsAndClosesThemOnRequest) {
 }
 
 TEST_F(Run, SolvesTwoPlainListsOfLocations) {
-  good("model brain.nrrd -o model --scheme horton2007" + cloud);
+  good("model brain.nrrd -o model --scheme horton2007" + node_set);
   good("solve model -o from_vtu" + tables_alone);
   const auto list = [&](const PointFile& points, const std::vector<std::string>& columns) {
     Table table{.header = {"x_mm", "y_mm", "z_mm"}, .column = {}};
@@ -515,9 +516,9 @@ TEST_F(Run, SolvesTwoPlainListsOfLocations) {
   EXPECT_EQ(summary("from_plain").at("warnings").size(), 4u + summary("from_plain").at("guards").size());
 }
 
-TEST_F(Run, SaysEveryTenthWithoutATerminalIfDetailIsWanted) {
+TEST_F(Run, SaysEveryTenthWithoutATerminalIfDetailIsRequested) {
   const Ran run =
-      good("run brain.nrrd -o out -v --write force --depth 8mm --set solver.step_radii=0.1" + cloud);
+      good("run brain.nrrd -o out -v --write force --depth 8mm --set solver.step_radii=0.1" + node_set);
   EXPECT_THAT(run.err, Not(HasSubstr("\r")));
   EXPECT_THAT(run.err, Not(HasSubstr("\033")));
   for (int tenth = 1; tenth <= 10; ++tenth) {
@@ -537,16 +538,16 @@ TEST_F(Run, TakesALabelByNameOrByNumberAndNamesFromATable) {
   good("run brain.nii.gz -o numbered --label 2" + few);
   EXPECT_EQ(force("by_name"), force("by_number"));
   EXPECT_EQ(force("named"), force("numbered"));
-  good("run brain.nrrd -o both --label 1,2" + cloud + tables_alone);
-  good("run brain.nrrd -o all" + cloud + tables_alone);
+  good("run brain.nrrd -o both --label 1,2" + node_set + tables_alone);
+  good("run brain.nrrd -o all" + node_set + tables_alone);
   EXPECT_EQ(force("both"), force("all"));
 }
 
 TEST_F(Run, TakesBothLabelsOfATwoLabelImageAsOneBody) {
   good("phantom two.seg.nrrd --shape block --size 60,60,30 --spacing 3 --two-labels");
   good("phantom one.seg.nrrd --shape block --size 60,60,30 --spacing 3");
-  good("run two.seg.nrrd -o two" + cloud + tables_alone);
-  good("run one.seg.nrrd -o one" + cloud + tables_alone);
+  good("run two.seg.nrrd -o two" + node_set + tables_alone);
+  good("run one.seg.nrrd -o one" + node_set + tables_alone);
   EXPECT_EQ(force("two"), force("one"));
   EXPECT_NEAR(summary("two").at("volume_mm3"), 60.0 * 60.0 * 30.0, 0.01 * 60.0 * 60.0 * 30.0);
 }
@@ -566,7 +567,7 @@ TEST_F(Run, TakesAMaterialForEachLabelByNumberOrName) {
   EXPECT_EQ(force("by_name"), force("by_number"));
 }
 
-TEST_F(Run, OfTwoLabelsWithATissueEachIsABodyOfTwoTissuesAndHasABand) {
+TEST_F(Run, OfTwoLabelsWithATissueEachIsABodyOfTwoTissuesAndHasErrorBounds) {
   good("phantom two.seg.nrrd --shape block --size 60,60,30 --spacing 3 --two-labels");
   good(
       "run two.seg.nrrd -o both --set tissue.1.mu=300 --set tissue.2.mu=900 --depth 1mm --frames 1 -q "
@@ -580,7 +581,7 @@ TEST_F(Run, OfTwoLabelsWithATissueEachIsABodyOfTwoTissuesAndHasABand) {
 
 // A bonded disc of radius a on an incompressible half-space has stiffness 8 G a across its plane and 16/3 G a
 // along it; on a body of ten diameters some per cent more.
-TEST_F(Run, ATiltedPushFeelsAlongTheSurfaceTwoThirdsOfWhatItFeelsAcross) {
+TEST_F(Run, ATiltedApproachHasAlongTheSurfaceTwoThirdsOfTheForceAcross) {
   good("phantom large.nrrd --shape block --size 100,100,60 --spacing 4");
   good(
       "run large.nrrd -o out --indent-at 0,0,60 --direction 0.2,0,-1 --depth 0.1mm --frames 1 --write force "
@@ -592,8 +593,8 @@ TEST_F(Run, ATiltedPushFeelsAlongTheSurfaceTwoThirdsOfWhatItFeelsAcross) {
   EXPECT_NEAR(on_tool[1], 0.0, 1e-2 * on_tool[2].get<double>());
 }
 
-TEST_F(Run, SaysWhatWasAskedOfItAndEveryWarning) {
-  const Ran ran = good("run brain.nrrd -o out --contact frictionless --mu 0.3kPa" + cloud + tables_alone);
+TEST_F(Run, SaysWhatWasRequestedAndEveryWarning) {
+  const Ran ran = good("run brain.nrrd -o out --contact frictionless --mu 0.3kPa" + node_set + tables_alone);
   const Json json = summary("out");
   EXPECT_EQ(json.at("exit_code"), 0);
   EXPECT_EQ(json.at("requested").at("depth_mm"), 0.5);
@@ -664,7 +665,7 @@ TEST_F(Run, MakesPhantomsWhoseLengthsHaveUnits) {
           {"a cylinder is 30 mm wide and 20 mm deep"});
 }
 
-TEST_F(Run, MakesABlockOfWholeVoxelsAndSaysSoWhereItIsNotWhatWasAskedFor) {
+TEST_F(Run, MakesABlockOfWholeVoxelsAndSaysSoWhereItIsNotWhatWasRequested) {
   EXPECT_EQ(good("phantom even.nrrd --shape block --size 60,60,30 --spacing 3").err, "");
   const Ran odd = good("phantom odd.nrrd --shape block --size 61,60,31 --spacing 3 --json");
   EXPECT_THAT(odd.err, HasSubstr("the block is 63 x 60 x 30 mm: whole voxels of 3 mm, not 61 x 60 x 31 mm"));

@@ -89,10 +89,10 @@ TEST(Shift, AtAnOpeningBetweenTheSurfacesVerticesIsThatOfTheNearestOne) {
     return std::pair(summary_of(folder / "out")["shift"],
                      ran.err.find("is between the vertices") != std::string::npos);
   };
-  const auto [wide, is_wide_told] = with_radius("6");
-  const auto [narrow, is_narrow_told] = with_radius("1.5");
-  EXPECT_FALSE(is_wide_told);
-  EXPECT_TRUE(is_narrow_told);
+  const auto [wide, is_wide_reported] = with_radius("6");
+  const auto [narrow, is_narrow_reported] = with_radius("1.5");
+  EXPECT_FALSE(is_wide_reported);
+  EXPECT_TRUE(is_narrow_reported);
   const double shift = wide["largest_at_opening_mm"];
   EXPECT_GT(shift, 2.0);
   EXPECT_NEAR(narrow["largest_at_opening_mm"], shift, 0.2 * shift);
@@ -100,7 +100,7 @@ TEST(Shift, AtAnOpeningBetweenTheSurfacesVerticesIsThatOfTheNearestOne) {
 }
 
 // No tool could pass through the skull.
-TEST(Shift, BesideAnOpeningOnTheSideSaysNothingOfATool) {
+TEST(Shift, WithAnOpeningOnTheSideSaysNothingOfATool) {
   const fs::path folder = fresh_folder();
   const Ran ran =
       good(folder,
@@ -111,7 +111,7 @@ TEST(Shift, BesideAnOpeningOnTheSideSaysNothingOfATool) {
   EXPECT_THAT(ran.err, Not(HasSubstr("passes through")));
 }
 
-TEST(Shift, WritesTablesImagesPictureAndPageWithTheSameBytesForAnyThreadsAndTablesAloneIfAsked) {
+TEST(Shift, WritesTablesImagesPictureAndPageWithTheSameBytesForAnyThreadsAndTablesAloneOnRequest) {
   const fs::path folder = fresh_folder();
   const std::string targets = "-q --target 0,0,25 --target 10,10,10 ";
   const Json summary = shifted(folder, targets + "--threads 2", "two");
@@ -202,7 +202,7 @@ TEST(Shift, ThatIsStoppedWhileItsNodesAreComparedKeepsWhatItHasFound) {
   const std::string scene =
       "shift " + block_of_brain +
       " --tables --opening 0,0,30,15 --up superior --mu 300 --target 0,0,25 --nodes 4000 ";
-  const auto told = [&](const char* out) { return summary_of(folder / out); };
+  const auto reported = [&](const char* out) { return summary_of(folder / out); };
   good(folder, scene + "-q -o whole --set accuracy.band=off");
   {
     Program program(folder, words_of(scene + "-o out"));
@@ -212,10 +212,10 @@ TEST(Shift, ThatIsStoppedWhileItsNodesAreComparedKeepsWhatItHasFound) {
     program.send(SIGINT);
     EXPECT_EQ(program.wait().code, 130);
   }
-  EXPECT_EQ(told("out")["status"], "interrupted");
-  EXPECT_EQ(told("out")["shift"]["band"], "unknown: the run was stopped first");
+  EXPECT_EQ(reported("out")["status"], "interrupted");
+  EXPECT_EQ(reported("out")["shift"]["band"], "unknown: the run was stopped first");
   for (const char* list : {"targets", "profile"})
-    EXPECT_EQ(told("out")["shift"][list], told("whole")["shift"][list]) << list;
+    EXPECT_EQ(reported("out")["shift"][list], reported("whole")["shift"][list]) << list;
   EXPECT_EQ(text_of(folder / "out" / "targets.csv"), text_of(folder / "whole" / "targets.csv"));
 }
 

@@ -71,24 +71,24 @@ TEST_F(Stop, IsAnsweredWithinTwoSecondsByEveryCommand) {
 }
 
 // The result is that of the finest discretisation so far, as if requested alone.
-TEST_F(Stop, OfARefinementKeepsItsBestForceWithItsBand) {
+TEST_F(Stop, OfARefinementKeepsItsBestForceWithItsErrorBounds) {
   const std::string line =
       "run brain.nrrd -o out --accuracy 0.5% --depth 2mm --frames 4 --write force,picture";
-  int with_band = 0;
+  int with_error_bounds = 0;
   for (int stop = 0; stop < 6; ++stop) {  // during the first three discretisations
     SCOPED_TRACE(stop);
     fs::remove_all(folder / "out");
     const Ran ran = expect_end(line, milliseconds(100 + 300 * (stop % 2)), SIGINT, "refine ", stop / 2);
     if (!fs::exists(folder / "out/force.csv")) continue;
     expect_whole_files(folder / "out", true);
-    const Json told = summary("out"), levels = told.at("ladder");
+    const Json reported = summary("out"), levels = reported.at("ladder");
     const Table curve = read_csv(folder / "out/force.csv");
     EXPECT_EQ(curve.find("force_N")->back(), levels.back().at("force_N").get<double>());
     EXPECT_EQ(levels.size() > 1, curve.find("low_N") != nullptr);
-    EXPECT_EQ(levels.size() > 1, told.at("band").contains("low_N"));
-    with_band += levels.size() > 1;
+    EXPECT_EQ(levels.size() > 1, reported.at("band").contains("low_N"));
+    with_error_bounds += levels.size() > 1;
   }
-  EXPECT_GT(with_band, 0);
+  EXPECT_GT(with_error_bounds, 0);
 }
 
 // Rows computed before the signal, and the force that the run had found before, are kept.
@@ -125,7 +125,7 @@ TEST_F(Stop, OfWorkThatDoesNotListenIsDoneForIt) {
   EXPECT_THAT(ran.err, HasSubstr("work that cannot be stopped"));
 }
 
-TEST_F(Stop, AskedForTwiceIsAtOnce) {
+TEST_F(Stop, RequestedTwiceIsAtOnce) {
   ASSERT_EQ(mkfifo((folder / "pipe").c_str(), 0600), 0);
   Program program(folder, words_of("run brain.nrrd -o out --config pipe"));
   program.wait_until_it_listens();

@@ -133,7 +133,7 @@ TEST_F(Slicer, TheDescriptionHasTheElementsOfTheExecutionModel) {
   EXPECT_GT(compared, 25);
 }
 
-TEST_F(Slicer, APanelThatNobodyTouchedIsTheDefaultRunAndItsValuesAreObeyed) {
+TEST_F(Slicer, APanelThatNobodyChangedIsTheDefaultRunAndItsValuesAreObeyed) {
   ASSERT_TRUE(root) << xml;
   dimple(folder, "phantom block.nrrd --shape block --size 60,60,30 --spacing 3");
   const std::map<std::string, std::string> small = {
@@ -149,15 +149,15 @@ TEST_F(Slicer, APanelThatNobodyTouchedIsTheDefaultRunAndItsValuesAreObeyed) {
   EXPECT_THAT(ran.out, testing::EndsWith("</filter-end>\n"));
   const std::regex progress("<filter-progress>([0-9.]+)</filter-progress>");
   double before = 0.0;
-  int told = 0;
+  int reported = 0;
   for (auto line = std::sregex_iterator(ran.out.begin(), ran.out.end(), progress);
-       line != std::sregex_iterator(); ++line, ++told) {
-    const double share = std::stod((*line)[1]);
-    EXPECT_GE(share, before);
-    EXPECT_LT(share, 1.0);
-    before = share;
+       line != std::sregex_iterator(); ++line, ++reported) {
+    const double fraction = std::stod((*line)[1]);
+    EXPECT_GE(fraction, before);
+    EXPECT_LT(fraction, 1.0);
+    before = fraction;
   }
-  EXPECT_GE(told, 8);
+  EXPECT_GE(reported, 8);
   EXPECT_THAT(text_of(folder / "returned.txt"),
               testing::MatchesRegex("force_N = 0\\.0[0-9]+\nindentation_mm = 1\nlow_N = -1\nhigh_N = -1\n"));
 

@@ -55,13 +55,13 @@ TEST_F(SceneOfSteps, ATwoStepSceneRunsAndItsResolvedConfigurationRepeatsItToTheB
   EXPECT_EQ(text_of(folder / "again" / "force.csv"), before);
 }
 
-TEST_F(SceneOfSteps, ThePushOfOneStepIsTheRunWithoutSteps) {
+TEST_F(SceneOfSteps, ThePressOfOneStepIsTheRunWithoutSteps) {
   const double plain = run(" --depth 2mm --write force --band off")["force_N"];
   const double stepped = run(" --set step.press.move=2mm --write force")["force_N"];
   EXPECT_EQ(plain, stepped);
 }
 
-TEST_F(SceneOfSteps, TwoWaysInTheSameDirectionAreAsDeepAsBothTogether) {
+TEST_F(SceneOfSteps, TwoMovesInTheSameDirectionAreAsDeepAsBothTogether) {
   const Json once = run(" --set step.a.move=0,0,-2 --write force"),
              twice = run(" --set step.a.move=0,0,-1 --set step.b.move=0,0,-1 --write force"),
              aside = run(" --set step.a.move=0,0,-2 --set step.b.move=1,0,0 --write force");
@@ -90,7 +90,7 @@ TEST_F(SceneOfSteps, SaysItsLargestForceWhereTheToolHasLeftTheBodyAgain) {
   EXPECT_THAT(page, Not(HasSubstr("[\"\\u003c 1\",\"N\""))) << "no force is less than 1 N but nothing";
   // The picture shows the frame with the largest force, with colours of displacements.
   const auto is_dark = [](int r, int g, int b) { return r > 55 && r < 160 && g < 60 && b > 70 && b < 125; };
-  EXPECT_GT(share_of_pixels(folder / "out" / "overview.png", is_dark), 1e-4);
+  EXPECT_GT(fraction_of_pixels(folder / "out" / "overview.png", is_dark), 1e-4);
 }
 
 TEST_F(SceneOfSteps, ADraggedToolIsPulledBack) {
@@ -198,21 +198,21 @@ TEST_F(SceneOfSteps, AToolThatHasLeftDoesNoWork) {
     const double before = force_at(times[k - 1]), now = force_at(times[k]);
     if (before != 0.0 && now != 0.0) continue;
     ++apart;
-    const double way = 1e-3 * (depth[k] - depth[k - 1]), done = work[k] - work[k - 1];
-    EXPECT_LE(std::abs(done), std::abs(way) * std::max(before, now) + 1e-18) << k;
-    EXPECT_GE(done * way, -1e-18) << "pushed it takes work, lifted it gives it back";
+    const double displacement = 1e-3 * (depth[k] - depth[k - 1]), done = work[k] - work[k - 1];
+    EXPECT_LE(std::abs(done), std::abs(displacement) * std::max(before, now) + 1e-18) << k;
+    EXPECT_GE(done * displacement, -1e-18) << "pushed it takes work, lifted it gives it back";
   }
   EXPECT_GT(apart, 2u);
   EXPECT_NEAR(work.back(), energy.find("dissipated_J")->back(), 0.05 * most) << "all of it went as heat";
 }
 
-TEST_F(SceneOfSteps, AskForALongToolOnlyWhereTheyPushItIn) {
+TEST_F(SceneOfSteps, RequireALongToolOnlyWhereTheyPressItIn) {
   const std::string tool = " --tool sphere:3mm --write force --band off ";
   EXPECT_EQ(run(tool + "--set step.a.move=-8mm")["force_N"], 0.0);
   EXPECT_EQ(run(tool + "--set support.s.on=left --set step.a.moves=s --set step.a.move=7,0,0")["force_N"],
             0.0);
-  for (const char* push : {"8mm", "0,0,-8"})
-    refused(2, "run block.nrrd --force -o deep" + scene + tool + "--set step.a.move=" + push,
+  for (const char* approach : {"8mm", "0,0,-8"})
+    refused(2, "run block.nrrd --force -o deep" + scene + tool + "--set step.a.move=" + approach,
             {"pressed in by 8.00 mm, and is 6.00 mm long"});
 }
 

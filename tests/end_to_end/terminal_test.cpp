@@ -86,7 +86,7 @@ TEST_F(Terminal, ANovicesRunIsATwelveLinesAtMost) {
   EXPECT_GE(std::stod(total[1]), summary.at("total_wall_s").get<double>() - rounding);
 }
 
-TEST_F(Terminal, WhatANoviceIsSparedIsThereWhenAskedFor) {
+TEST_F(Terminal, WhatANoviceIsSparedIsThereOnRequest) {
   good("phantom block.nrrd --shape block --size 60,60,30 --spacing 3");
   const Ran run = good("run block.nrrd -o out -v --nodes 300 --depth 1 --frames 10 --write force");
   expect_words(run.err, {"slivers", "conditioning", "waves", "residual", "load ", "mass ", "solving  10 %"});
@@ -156,7 +156,7 @@ TEST_F(Terminal, HelpIsEightyWideWhereThereIsNoTerminal) {
   EXPECT_THAT(good("options").out, HasSubstr("material.mu_Pa"));
 }
 
-TEST_F(Terminal, HelpShowsWhatIsCommonAndAllWhenAskedFor) {
+TEST_F(Terminal, HelpShowsWhatIsCommonAndAllOnRequest) {
   const std::string common = good("run --help").out, all = good("run --help-all").out;
   for (const char* flag :
        {"--label", "--depth", "--mu", "--indent-at", "--accuracy", "--nodes", "--help-all"}) {
@@ -217,7 +217,7 @@ TEST_F(Terminal, CitesWhatTheCitationFileSays) {
   EXPECT_GE(compared, 11);
 }
 
-TEST_F(Terminal, TheDoctorTellsWhetherTheProgramWorksHere) {
+TEST_F(Terminal, TheDoctorReportsWhetherTheProgramWorksHere) {
   const Ran well = good("doctor");
   const std::string said = std::regex_replace(well.out, std::regex("\\s+"), " ");  // without line breaks
   expect_words(said, {"ITK", "VTK", "oneTBB", "threads", "SIMD", "memory", "self test", "by finite elements",
@@ -228,9 +228,9 @@ TEST_F(Terminal, TheDoctorTellsWhetherTheProgramWorksHere) {
   const auto at = std::find(depth.begin(), depth.end(), 5.0) - depth.begin();
   EXPECT_THAT(said, HasSubstr(force_in_words((*known.find("force_N"))[static_cast<std::size_t>(at)]) +
                               " by finite elements"));
-  const auto told = nlohmann::json::parse(good("doctor --json").out);
-  EXPECT_GE(told.at("checks").size(), 8U);
-  for (const auto& check : told.at("checks")) EXPECT_TRUE(check.at("ok").get<bool>()) << check;
+  const auto reported = nlohmann::json::parse(good("doctor --json").out);
+  EXPECT_GE(reported.at("checks").size(), 8U);
+  for (const auto& check : reported.at("checks")) EXPECT_TRUE(check.at("ok").get<bool>()) << check;
   const Ran ill = dimple(folder, "doctor -o /proc");  // where no file can be made
   EXPECT_EQ(ill.code, 6);
   EXPECT_THAT(ill.out, HasSubstr("/proc cannot be written"));

@@ -25,7 +25,7 @@ Json summary_with(const fs::path& folder, const std::string& options) {
   return summary_of(folder / "out");
 }
 
-TEST(SceneWithATurn, IsSaidInEachStepAndDrawnAsItStandsAndGivesTheSameBytesAgain) {
+TEST(SceneWithATurn, IsSaidInEachStepAndDrawnInItsPoseAndGivesTheSameBytesAgain) {
   const fs::path folder = with_block();
   const Json summary = summary_with(folder,
                                     ",surface --threads 1 --friction 0.2 --set step.turn.turn=0,0.2618rad,0"),
@@ -96,7 +96,7 @@ TEST(PosesOfATool, AreTheStepsFromEachToTheNext) {
   EXPECT_EQ(text_of(folder / "posed" / "force.csv"), text_of(folder / "again" / "force.csv"));
 }
 
-TEST(PosesOfATool, AreRefusedWhereTheySayNoWay) {
+TEST(PosesOfATool, AreRefusedWhereTheyGiveNoPath) {
   const fs::path folder = with_block();
   const std::string places = "time_s,x_mm,y_mm,z_mm\n", turned = "time_s,x_mm,y_mm,z_mm,qw,qx,qy,qz\n";
   const auto refused = [&](const std::string& rows, const RefusedLine& line) {
@@ -112,10 +112,10 @@ TEST(PosesOfATool, AreRefusedWhereTheySayNoWay) {
   refused(places + "0,0,0,0\n", {3, "", {"there are 1 rows"}});
   refused(places + "0,0,0,0\n0,0,0,-1\n", {3, "", {"row 2 is at 0 s, the one before at 0 s"}});
   refused(places + "0,0,0,0\n1,0,0,0\n", {3, "", {"in one place all the time"}});
-  const std::string way = places + "0,0,0,0\n1,0,0,-1\n";
-  refused(way, {2, "--set step.a.move=1mm", {"moved by poses and by steps"}});
-  refused(way, {2, "--rate 2mm/s", {"a rate is given, and poses"}});
-  refused(way, {2, "--depth 2mm", {"poses, which are steps"}});
+  const std::string displacement = places + "0,0,0,0\n1,0,0,-1\n";
+  refused(displacement, {2, "--set step.a.move=1mm", {"moved by poses and by steps"}});
+  refused(displacement, {2, "--rate 2mm/s", {"a rate is given, and poses"}});
+  refused(displacement, {2, "--depth 2mm", {"poses, which are steps"}});
 }
 
 // The motion is longer than the range of the samples for a straight tool, 4.5 mm.

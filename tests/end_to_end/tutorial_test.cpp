@@ -22,7 +22,7 @@ struct CodeBlock {
 std::vector<CodeBlock> blocks(const std::string& page) {
   std::vector<CodeBlock> all;
   std::istringstream in(page);
-  bool within = false, goes_on = false;
+  bool within = false, continues = false;
   for (std::string line; std::getline(in, line);) {
     if (line.starts_with("```")) {
       within = !within;
@@ -30,12 +30,12 @@ std::vector<CodeBlock> blocks(const std::string& page) {
       continue;
     }
     if (!within) continue;
-    if (goes_on)
+    if (continues)
       all.back().lines.back() += line.substr(line.find_first_not_of(' '));
     else
       all.back().lines.push_back(line);
-    goes_on = line.ends_with('\\');
-    if (goes_on) all.back().lines.back().pop_back();
+    continues = line.ends_with('\\');
+    if (continues) all.back().lines.back().pop_back();
   }
   return all;
 }

@@ -15,16 +15,16 @@ std::string pvpython() {
 }
 
 /// Fractions of a picture's pixels.
-struct Shares {
+struct Fractions {
   double paper = 0.0;  ///< white
   double dark = 0.0;   ///< colour of the largest displacement and stress
 };
 
-Shares shares_of(const fs::path& picture) {
+Fractions fractions_of(const fs::path& picture) {
   const auto is_dark = [](int red, int green, int blue) {
     return red > 55 && red < 160 && green < 60 && blue > 70 && blue < 125;
   };
-  return {share_of_pixels(picture, is_white), share_of_pixels(picture, is_dark)};
+  return {fraction_of_pixels(picture, is_white), fraction_of_pixels(picture, is_dark)};
 }
 
 TEST(ParaView, ShowsTheLastFrameOfAResultByOneFileWhereverTheFolderLies) {
@@ -53,18 +53,19 @@ TEST(ParaView, ShowsTheLastFrameOfAResultByOneFileWhereverTheFolderLies) {
   ASSERT_EQ(drawn.code, 0) << drawn.err;
   for (const char* word : {"ERR|", "WARN|", "Traceback", "Error"})
     EXPECT_THAT(drawn.err, Not(HasSubstr(word)));
-  const Shares last = shares_of(folder / "last.png"), first = shares_of(folder / "first.png");
-  for (const Shares& shares : {first, last}) {
-    EXPECT_GT(shares.paper, 0.4);
-    EXPECT_LT(shares.paper, 0.9);
+  const Fractions last = fractions_of(folder / "last.png"), first = fractions_of(folder / "first.png");
+  for (const Fractions& fractions : {first, last}) {
+    EXPECT_GT(fractions.paper, 0.4);
+    EXPECT_LT(fractions.paper, 0.9);
   }
   EXPECT_GT(last.dark, 2e-3) << "the body is deformed, and its colours tell";
   EXPECT_GT(first.dark, 0.0) << "the legends alone";
   EXPECT_LT(first.dark, 0.5 * last.dark);
   const auto is_red = [](int r, int g, int b) { return r > 200 && g < 60 && b < 60; };
-  EXPECT_GT(share_of_pixels(folder / "last.png", is_red, {0.0, 0.7, 0.2, 1.0}), 1e-4) << "the axis of left";
+  EXPECT_GT(fraction_of_pixels(folder / "last.png", is_red, {0.0, 0.7, 0.2, 1.0}), 1e-4)
+      << "the axis of left";
   const auto is_ink = [](int r, int g, int b) { return r < 90 && g < 90 && b < 90; };
-  EXPECT_GT(share_of_pixels(folder / "last.png", is_ink, {0.4, 0.9, 0.58, 1.0}), 1e-3)
+  EXPECT_GT(fraction_of_pixels(folder / "last.png", is_ink, {0.4, 0.9, 0.58, 1.0}), 1e-3)
       << "a scale bar and its length";
 }
 

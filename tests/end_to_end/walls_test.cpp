@@ -15,7 +15,7 @@ Json walled(const fs::path& folder, const std::string& image, const std::string&
   return ran.code == 0 ? summary_of(folder / out) : Json();
 }
 
-TEST(Wall, OnFourSidesMakesABlockStifferAndIsPushedOutward) {
+TEST(Wall, OnFourSidesMakesABlockStifferAndIsPressedOutward) {
   const fs::path folder = fresh_folder();
   const double free = walled(folder, body, "-q", "free")["force_N"];
   const std::string sides =
@@ -76,7 +76,7 @@ TEST(Wall, ThatTheToolGoesThroughIsWarnedOfUnlessItIsOpenThere) {
 }
 
 // The body is around the origin; cells of a grid counted from there never join to fewer than eight.
-TEST(Wall, MayTouchInAsFewPlacesAsAreAskedFor) {
+TEST(Wall, MayMakeContactInAsFewPlacesAsAreRequested) {
   const fs::path folder = fresh_folder();
   const Json summary = walled(folder, body, "-q --wall around:0.2mm --set wall.wall.places=10", "few");
   EXPECT_LE(summary["walls"]["wall"]["places"], 10);
@@ -88,11 +88,11 @@ TEST(Wall, OfALabelHoldsBackItsNeighbourThatIsPressedFromTheSide) {
   const fs::path folder = fresh_folder();
   const std::string lower = "-q --label 1 --base left ";  // label 2 is above label 1
   const Json free = walled(folder, halves, lower, "free"),
-             beside = walled(folder, halves, lower + "--wall label:2", "beside");
-  const Json& wall = beside["walls"]["wall"];
+             next_to = walled(folder, halves, lower + "--wall label:2", "beside");
+  const Json& wall = next_to["walls"]["wall"];
   EXPECT_GE(wall["places_that_touch"], 3);
   EXPECT_GT(wall["force_N"][2], 0.0) << "it is pushed up";
-  EXPECT_GT(beside["force_N"], 1.004 * free["force_N"].get<double>());
+  EXPECT_GT(next_to["force_N"], 1.004 * free["force_N"].get<double>());
 }
 
 TEST(Wall, OfTwoLabelsIsThatOfBothTogether) {
@@ -108,7 +108,7 @@ TEST(Wall, OfTwoLabelsIsThatOfBothTogether) {
   EXPECT_EQ(text_of(folder / "one" / "force.csv"), text_of(folder / "two" / "force.csv"));
 }
 
-TEST(Wall, IsRefusedWhereItCannotStandOrNothingLooksForIt) {
+TEST(Wall, IsRefusedWhereItCannotBeOrNothingLooksForIt) {
   const fs::path folder = fresh_folder();
   const std::string run = "run " + body + " -o out" + quick_wall + "--wall";
   expect_refusals(folder, run,
@@ -133,15 +133,15 @@ TEST(Wall, IsRefusedWhereItCannotStandOrNothingLooksForIt) {
   EXPECT_FALSE(fs::exists(folder / "out" / "force.csv"));
 }
 
-constexpr const char* beside = "--wall plane:30.3,0,0,-1,0,0 --set wall.hull.shape=around:0.3mm ";
+constexpr const char* next_to = "--wall plane:30.3,0,0,-1,0,0 --set wall.hull.shape=around:0.3mm ";
 
 TEST(Wall, GoesInAFitThatFindsTheModulusOfItsOwnCurve) {
   const fs::path folder = fresh_folder();
   good(folder, "run " + body +
                    " -q --write force --nodes 600 --depth 3mm --frames 3 --band off "
                    "--mu 300 -o run " +
-                   beside);
-  good(folder, "fit " + body + " -o fit -q --nodes 600 --curve run/force.csv " + beside);
+                   next_to);
+  good(folder, "fit " + body + " -o fit -q --nodes 600 --curve run/force.csv " + next_to);
   const Json fit = summary_of(folder / "fit");
   EXPECT_NEAR(fit["mu_Pa"], 300.0, 3.0) << fit.dump(1);
 }
@@ -150,12 +150,12 @@ TEST(Wall, GoesInASceneOfStepsAndNoStepMovesIt) {
   const fs::path folder = fresh_folder();
   const std::string press =
       " -q --write force --nodes 600 --band off --set step.a.move=2 --set step.b.move=-1 ";
-  good(folder, "run " + body + " -o out" + press + beside);
+  good(folder, "run " + body + " -o out" + press + next_to);
   const Json scene = summary_of(folder / "out");
   EXPECT_EQ(scene["scene"].size(), 2u);
   EXPECT_TRUE(scene["walls"].contains("hull"));
   const Ran ran = dimple(
-      folder, "run " + body + " -o no" + press + beside + "--set step.c.move=1,0,0 --set step.c.moves=hull");
+      folder, "run " + body + " -o no" + press + next_to + "--set step.c.move=1,0,0 --set step.c.moves=hull");
   EXPECT_NE(ran.code, 0);
   EXPECT_THAT(ran.err, HasSubstr("step.c.moves"));
 }
@@ -174,7 +174,7 @@ TEST(Wall, IsOneOfTheChoicesThatExplainChanges) {
 
 const std::string bed = "--base-hold none --wall plane:0,0,0,0,0,1 ";  // below the block
 
-TEST(Bed, CarriesABodyUnderTheToolAndGivesWayMoreThanAHeldBase) {
+TEST(Bed, CarriesABodyUnderTheToolAndYieldsMoreThanAHeldBase) {
   const fs::path folder = fresh_folder();
   const double held = walled(folder, body, "-q", "held")["force_N"];
   const Json lies = walled(folder, body, "-q " + bed, "lies");
@@ -184,10 +184,10 @@ TEST(Bed, CarriesABodyUnderTheToolAndGivesWayMoreThanAHeldBase) {
   const Json& wall = lies["walls"]["wall"];
   EXPECT_NEAR(wall["force_N"][2], -force, 0.01 * force) << "all of it goes into the bed";
   EXPECT_EQ(lies["counts"]["base_nodes"], 0);
-  const double sticks =
+  const double no_slip =
       walled(folder, body, "-q " + bed + "--set wall.wall.friction=stick", "sticks")["force_N"];
-  EXPECT_GT(sticks, force);
-  EXPECT_LT(sticks, 1.01 * held) << "and its rim may still come off";
+  EXPECT_GT(no_slip, force);
+  EXPECT_LT(no_slip, 1.01 * held) << "and its rim may still come off";
 }
 
 // A part of the base that is not held may be held by a support.

@@ -56,10 +56,12 @@ fs::path folder_with_block(int spacing_mm) {
 }
 
 // Forces along a path, given as rows of a table of depths or of tip positions.
-Table felt_along(const fs::path& folder, const std::string& way, const std::string& options) {
+Table forces_along(const fs::path& folder, const std::string& displacement, const std::string& options) {
   const bool is_of_depths =
-      std::count(way.begin(), way.begin() + static_cast<long>(way.find('\n')), ',') == 1;
-  write_file(folder / "path.csv", (is_of_depths ? "time_s,depth_mm\n" : "time_s,x_mm,y_mm,z_mm\n") + way);
+      std::count(displacement.begin(), displacement.begin() + static_cast<long>(displacement.find('\n')),
+                 ',') == 1;
+  write_file(folder / "path.csv",
+             (is_of_depths ? "time_s,depth_mm\n" : "time_s,x_mm,y_mm,z_mm\n") + displacement);
   good(folder, "poke --script path.csv -q --record rec --force " + options);
   return read_csv(folder / "rec" / "forces.csv");
 }
@@ -75,14 +77,14 @@ TEST(Poke, WithoutADisplayEndsInWords) {
   EXPECT_THAT(ran.err, HasSubstr("no window can be opened"));
 }
 
-TEST(Poke, FeelsAtEachStopTheForceOfARun) {
+TEST(Poke, HasAtEachStopTheForceOfARun) {
   const fs::path folder = folder_with_brain();
   write_file(folder / "path.csv", there_and_back);
   const Ran live =
       good(folder, "poke brain.nrrd --script path.csv --nodes 1000 --evaluations 10 -q --record live");
   EXPECT_THAT(live.out, HasSubstr("1,000 nodes"));
   good(folder, "run brain.nrrd -o out -q --nodes 1000 --depth 4mm --frames 4 --band off --write force");
-  const Table felt = read_csv(folder / "live" / "forces.csv"), run = read_csv(folder / "out" / "force.csv");
+  const Table answer = read_csv(folder / "live" / "forces.csv"), run = read_csv(folder / "out" / "force.csv");
   const auto of_run = [&](double depth) {
     const auto& at = *run.find("indentation_mm");
     const auto k =
@@ -91,13 +93,14 @@ TEST(Poke, FeelsAtEachStopTheForceOfARun) {
         at.begin();
     return (*run.find("force_N"))[static_cast<std::size_t>(k)];
   };
-  const auto &time = *felt.find("time_s"), &force = *felt.find("force_N"), &band = *felt.find("half_band_N");
+  const auto &time = *answer.find("time_s"), &force = *answer.find("force_N"),
+             &error_bounds = *answer.find("half_band_N");
   int compared = 0;
   for (std::size_t k = 0; k < time.size(); ++k) {
     const double depth = std::abs(time[k] - 0.96) < 1e-6 ? 4.0 : std::abs(time[k] - 1.56) < 1e-6 ? 1.0 : 0.0;
     if (depth == 0.0) continue;
     EXPECT_NEAR(force[k], of_run(depth), 0.01 * of_run(depth)) << depth;
-    EXPECT_GT(band[k], 0.0);
+    EXPECT_GT(error_bounds[k], 0.0);
     ++compared;
   }
   EXPECT_EQ(compared, 2);
@@ -108,24 +111,24 @@ TEST(Poke, FeelsAtEachStopTheForceOfARun) {
 }
 
 // Options that determine a force do so during live contact as well.
-TEST(Poke, SlidesUnderTheToolWhereThatIsAskedFor) {
+TEST(Poke, SlidesUnderTheToolOnRequest) {
   const fs::path folder = folder_with_brain();
   double force[2];
   for (const char* contact : {"bonded", "frictionless"}) {
     const std::string what = fmt::format("--contact {} --nodes 600 -q", contact);
-    const Table live = felt_along(folder, "0,0\n0.4,4\n1,4\n", "brain.nrrd --evaluations 10 " + what);
+    const Table live = forces_along(folder, "0,0\n0.4,4\n1,4\n", "brain.nrrd --evaluations 10 " + what);
     good(folder, "run brain.nrrd -o out --force --depth 4mm --frames 4 --band off --write force " + what);
-    const double felt = live.find("force_N")->back(), right = end_of(folder / "out");
-    EXPECT_NEAR(felt, right, 0.01 * right) << contact;
+    const double answer = live.find("force_N")->back(), right = end_of(folder / "out");
+    EXPECT_NEAR(answer, right, 0.01 * right) << contact;
     force[contact[0] == 'f'] = right;
   }
   EXPECT_LT(force[1], 0.97 * force[0]);
 }
 
-TEST(Poke, RecordedAnewLeavesNothingOfTheRecordBefore) {
+TEST(Poke, RecordedAgainLeavesNothingOfTheRecordBefore) {
   const fs::path folder = folder_with_brain();
-  const auto recorded = [&](const char* way) {
-    felt_along(folder, way, "brain.nrrd --nodes 700 --evaluations 12");
+  const auto recorded = [&](const char* displacement) {
+    forces_along(folder, displacement, "brain.nrrd --nodes 700 --evaluations 12");
     return std::distance(fs::directory_iterator(folder / "rec" / "surface"), fs::directory_iterator());
   };
   EXPECT_GE(recorded("0,0\n1.5,2\n"), 6);
@@ -136,11 +139,11 @@ TEST(Poke, RecordedAnewLeavesNothingOfTheRecordBefore) {
 TEST(Poke, FollowsATipThroughTheAirToAnotherPlace) {
   const fs::path folder = folder_with_brain();
   // The path goes into the dome of one half, out, across, and into the other, which is its mirror image.
-  const Table felt = felt_along(folder,
-                                "0,13.9,0,27.6\n0.4,13.9,0,23.6\n0.8,13.9,0,23.6\n1.2,13.9,0,31\n"
-                                "1.6,-13.9,0,31\n2.4,-13.9,0,23.6\n2.8,-13.9,0,23.6\n",
-                                "brain.nrrd --nodes 700 --evaluations 12");
-  const auto &time = *felt.find("time_s"), &force = *felt.find("force_N");
+  const Table answer = forces_along(folder,
+                                    "0,13.9,0,27.6\n0.4,13.9,0,23.6\n0.8,13.9,0,23.6\n1.2,13.9,0,31\n"
+                                    "1.6,-13.9,0,31\n2.4,-13.9,0,23.6\n2.8,-13.9,0,23.6\n",
+                                    "brain.nrrd --nodes 700 --evaluations 12");
+  const auto &time = *answer.find("time_s"), &force = *answer.find("force_N");
   double here = 0.0, between = 1.0, there = 0.0;
   for (std::size_t k = 0; k < time.size(); ++k) {
     if (std::abs(time[k] - 0.8) < 1e-6) here = force[k];
@@ -173,7 +176,7 @@ wait $poke
                                         DIMPLE_PROGRAM, options, gesture));
 }
 
-TEST(Poke, PressesTheToolInWhereTheMouseTouchesTheBody) {
+TEST(Poke, PressesTheToolInWhereTheMouseIsOnTheBody) {
   if (const std::string what = missing_for_windows(); !what.empty()) GTEST_SKIP() << what;
   const fs::path folder = folder_with_brain();
   // The gesture: press in the middle of the body, draw downwards, hold, release; a key closes the window.
@@ -184,8 +187,8 @@ sleep 1.5
 xdotool mouseup 1
 sleep 1)");
   EXPECT_EQ(ran.code, 0) << read_file(folder / "said");
-  const Table felt = read_csv(folder / "rec" / "forces.csv");
-  const auto &force = *felt.find("force_N"), &depth = *felt.find("depth_mm");
+  const Table answer = read_csv(folder / "rec" / "forces.csv");
+  const auto &force = *answer.find("force_N"), &depth = *answer.find("depth_mm");
   EXPECT_GT(*std::max_element(force.begin(), force.end()), 0.0);
   EXPECT_GT(*std::max_element(depth.begin(), depth.end()), 0.5);
   EXPECT_EQ(force.front(), 0.0);
@@ -253,23 +256,23 @@ class Device {
   bool connected_ = false;
 };
 
-struct Felt {
+struct Answer {
   Vec3 force, moment;
   double depth_mm = 0.0, error = 0.0;
   std::string tool;
-  double along(const Vec3& push) const { return -force.dot(push); }
+  double along(const Vec3& approach) const { return -force.dot(approach); }
 };
-Felt felt_in(const std::string& answer) {
-  Felt felt;
+Answer answer_in(const std::string& answer) {
+  Answer parsed;
   char tool[32] = {};
-  EXPECT_EQ(std::sscanf(answer.c_str(), "%lf %lf %lf %lf %lf %lf %lf %lf %31s", &felt.force.x(),
-                        &felt.force.y(), &felt.force.z(), &felt.depth_mm, &felt.error, &felt.moment.x(),
-                        &felt.moment.y(), &felt.moment.z(), tool),
+  EXPECT_EQ(std::sscanf(answer.c_str(), "%lf %lf %lf %lf %lf %lf %lf %lf %31s", &parsed.force.x(),
+                        &parsed.force.y(), &parsed.force.z(), &parsed.depth_mm, &parsed.error,
+                        &parsed.moment.x(), &parsed.moment.y(), &parsed.moment.z(), tool),
             9)
       << answer;
   EXPECT_THAT((" " + answer), Not(HasSubstr(" -0 "))) << answer;
-  felt.tool = tool;
-  return felt;
+  parsed.tool = tool;
+  return parsed;
 }
 
 void sleep_ms(int ms) {
@@ -281,24 +284,24 @@ struct Served {
   fs::path folder = folder_with_brain();
   fs::path at = fs::temp_directory_path() / fmt::format("dimple_{}.sock", getpid());
   Program program;
-  Vec3 push;
+  Vec3 approach;
   explicit Served(const std::string& further = "")
       : program(folder, words_of("poke brain.nrrd --nodes 600 -q --seconds 250 --socket " + at.string() +
                                  " " + further)) {
     Device first(at);
     EXPECT_TRUE(first.connected()) << program.err_so_far();
-    push = -settled(first, 0.5).force.normalized();  // without the lateral part: enough for a sign
+    approach = -steady(first, 0.5).force.normalized();  // without the lateral part: enough for a sign
   }
   // Force at a depth once it no longer changes.
-  static Felt settled(Device& device, double mm) {
-    Felt felt;
+  static Answer steady(Device& device, double mm) {
+    Answer answer;
     for (int k = 0; k < 150; ++k, sleep_ms(20))
-      if (felt = felt_in(device.ask(fmt::format("{}\n", mm)));
-          k > 25 && felt.tool == "there" && felt.error < 0.01 * felt.force.norm())
+      if (answer = answer_in(device.ask(fmt::format("{}\n", mm)));
+          k > 25 && answer.tool == "there" && answer.error < 0.01 * answer.force.norm())
         break;
-    EXPECT_EQ(felt.tool, "there");
-    EXPECT_EQ(felt.depth_mm, mm);
-    return felt;
+    EXPECT_EQ(answer.tool, "there");
+    EXPECT_EQ(answer.depth_mm, mm);
+    return answer;
   }
   int end() {
     program.send(SIGINT);
@@ -308,24 +311,25 @@ struct Served {
 
 TEST(Poke, TwoHundredShortLivedDevicesLeaveTheNextOnesForceRight) {
   Served served;
-  Felt truth;
+  Answer truth;
   {
     Device device(served.at);
-    truth = Served::settled(device, 1.0);
+    truth = Served::steady(device, 1.0);
   }
   for (int k = 0; k < 200; ++k) {
     Device device(served.at);
-    felt_in(device.ask(fmt::format("{}\n", (k * 37) % 200 * 0.01)));
+    answer_in(device.ask(fmt::format("{}\n", (k * 37) % 200 * 0.01)));
   }
   Device next(served.at);
   for (int k = 0; k < 40; ++k, sleep_ms(10)) {
-    const Felt felt = felt_in(next.ask("1\n"));
-    EXPECT_GE(felt.along(served.push), 0.0);
-    if (felt.tool != "there") continue;
-    EXPECT_NEAR(felt.along(served.push), truth.along(served.push), felt.error + 0.01 * truth.force.norm())
+    const Answer answer = answer_in(next.ask("1\n"));
+    EXPECT_GE(answer.along(served.approach), 0.0);
+    if (answer.tool != "there") continue;
+    EXPECT_NEAR(answer.along(served.approach), truth.along(served.approach),
+                answer.error + 0.01 * truth.force.norm())
         << k;
   }
-  const Felt at_last = Served::settled(next, 1.0);
+  const Answer at_last = Served::steady(next, 1.0);
   EXPECT_LT((at_last.force - truth.force).norm(), 0.01 * truth.force.norm());
   EXPECT_LT((at_last.moment - truth.moment).norm(), 0.01 * truth.moment.norm() + 1e-9);
   EXPECT_EQ(served.end(), 130);
@@ -336,26 +340,26 @@ TEST(Poke, SaysWhatIsNotFollowed) {
   Device device(served.at);
   // The place is on the dome of one half of the phantom.
   for (int k = 0; k < 20; ++k, sleep_ms(50))
-    EXPECT_EQ(felt_in(device.ask("13.9 0 32\n")).force.norm(), 0.0) << "in the air";
-  Felt deep;
+    EXPECT_EQ(answer_in(device.ask("13.9 0 32\n")).force.norm(), 0.0) << "in the air";
+  Answer deep;
   for (int k = 0; k < 100; ++k, sleep_ms(50))
-    if (deep = felt_in(device.ask("13.9 0 24.6\n")); k > 10 && deep.tool == "there" && deep.depth_mm > 1.0)
+    if (deep = answer_in(device.ask("13.9 0 24.6\n")); k > 10 && deep.tool == "there" && deep.depth_mm > 1.0)
       break;
   ASSERT_EQ(deep.tool, "there");
   sleep_ms(500);
-  deep = felt_in(device.ask("13.9 0 24.6\n"));
-  const Felt aside = felt_in(device.ask("17.9 0 23.6\n"));
+  deep = answer_in(device.ask("13.9 0 24.6\n"));
+  const Answer aside = answer_in(device.ask("17.9 0 23.6\n"));
   EXPECT_EQ(aside.tool, "elsewhere");
   EXPECT_GT(aside.depth_mm, 0.5) << "it has kept to its axis";
   EXPECT_TRUE(std::isinf(aside.error)) << "nothing is known of the force there";
-  const Felt off = felt_in(device.ask("213.9 0 20\n"));
+  const Answer off = answer_in(device.ask("213.9 0 20\n"));
   EXPECT_EQ(off.tool, "there");
   EXPECT_EQ(off.force.norm(), 0.0) << "there is nothing to touch";
   EXPECT_EQ(off.error, 0.0);
-  felt_in(device.ask("13.9 0 24.6\n"));
-  felt_in(device.ask("200\n"));
+  answer_in(device.ask("13.9 0 24.6\n"));
+  answer_in(device.ask("200\n"));
   sleep_ms(600);
-  const Felt beyond = felt_in(device.ask("200\n"));
+  const Answer beyond = answer_in(device.ask("200\n"));
   EXPECT_EQ(beyond.tool, "beyond");
   EXPECT_LT(beyond.depth_mm, 100.0);
   EXPECT_EQ(served.end(), 130);
@@ -364,7 +368,7 @@ TEST(Poke, SaysWhatIsNotFollowed) {
 TEST(Poke, OneDeviceMovesTheToolAndOthersAreTurnedAwayInWords) {
   Served served;
   Device second(served.at);
-  felt_in(second.ask("1\n"));
+  answer_in(second.ask("1\n"));
   {
     Device third(served.at);
     EXPECT_EQ(third.hear(), "error: another program moves the tool; try again later\n");
@@ -372,11 +376,11 @@ TEST(Poke, OneDeviceMovesTheToolAndOthersAreTurnedAwayInWords) {
     Device hasty(served.at);
     EXPECT_EQ(hasty.ask("1\n"), "error: another program moves the tool; try again later\n");
   }
-  felt_in(second.ask("1\n"));
+  answer_in(second.ask("1\n"));
   EXPECT_EQ(served.end(), 130);
 }
 
-TEST(Poke, ADeviceThatTakesNoAnswersIsToldAndLeavesRoomForTheNext) {
+TEST(Poke, ADeviceThatTakesNoAnswersIsNotifiedAndLeavesRoomForTheNext) {
   Served served;
   std::string heard;
   {
@@ -388,9 +392,9 @@ TEST(Poke, ADeviceThatTakesNoAnswersIsToldAndLeavesRoomForTheNext) {
   }
   const std::size_t error = heard.find("\nerror: the answers were not read for 1 s");
   ASSERT_NE(error, std::string::npos) << heard.size();
-  felt_in(heard.substr(heard.rfind('\n', error - 1) + 1));  // the last answer is complete
+  answer_in(heard.substr(heard.rfind('\n', error - 1) + 1));  // the last answer is complete
   Device next(served.at);
-  felt_in(next.ask("0.5\n"));
+  answer_in(next.ask("0.5\n"));
   EXPECT_EQ(served.end(), 130);
 }
 
@@ -415,18 +419,19 @@ TEST(Poke, WhatADeviceDoesIsRecordedWithTheVectorOfItsForce) {
   Served served("--record rec");
   {
     Device device(served.at);
-    Served::settled(device, 1.5);
+    Served::steady(device, 1.5);
   }
   EXPECT_EQ(served.end(), 130);
-  const Table felt = read_csv(served.folder / "rec" / "forces.csv");
-  const auto &force = *felt.find("force_N"), &depth = *felt.find("depth_mm");
+  const Table answer = read_csv(served.folder / "rec" / "forces.csv");
+  const auto &force = *answer.find("force_N"), &depth = *answer.find("depth_mm");
   const std::size_t k = force.size() - 1;
   EXPECT_EQ(depth[k], 1.5);
   EXPECT_GT(force[k], 1e-3);
-  const Vec3 vector((*felt.find("force_x_N"))[k], (*felt.find("force_y_N"))[k], (*felt.find("force_z_N"))[k]);
+  const Vec3 vector((*answer.find("force_x_N"))[k], (*answer.find("force_y_N"))[k],
+                    (*answer.find("force_z_N"))[k]);
   EXPECT_GE(vector.norm(), force[k] * (1.0 - 1e-6));
   EXPECT_LT(vector.norm(), 1.5 * force[k]);
-  EXPECT_TRUE(felt.find("moment_z_Nm"));
+  EXPECT_TRUE(answer.find("moment_z_Nm"));
   EXPECT_TRUE(fs::exists(served.folder / "rec" / "surface.pvd"));
 }
 
@@ -445,12 +450,13 @@ TEST(Poke, ADeviceMovesTheToolInAWindowToo) {
   {
     Device device(at);
     ASSERT_TRUE(device.connected()) << program.err_so_far();
-    Felt felt;
+    Answer answer;
     for (int k = 0; k < 100; ++k, sleep_ms(100))
-      if (felt = felt_in(device.ask("2\n")); felt.tool == "there" && felt.error < 0.05 * felt.force.norm())
+      if (answer = answer_in(device.ask("2\n"));
+          answer.tool == "there" && answer.error < 0.05 * answer.force.norm())
         break;
-    EXPECT_EQ(felt.depth_mm, 2.0);
-    EXPECT_GT(felt.force.norm(), 1e-3);
+    EXPECT_EQ(answer.depth_mm, 2.0);
+    EXPECT_GT(answer.force.norm(), 1e-3);
   }
   const Ran ran = program.wait();
   EXPECT_EQ(ran.code, 0) << ran.err;
@@ -460,16 +466,16 @@ TEST(Poke, ADeviceMovesTheToolInAWindowToo) {
   EXPECT_TRUE(fs::exists(folder / "rec" / "window" / "window_0000.png"));
 }
 
-TEST(Poke, ACircleThatAScriptMovesAcrossAtDepthHasAnUnknownForceAndOffTheOrganNone) {
+TEST(Poke, APatchThatAScriptMovesAcrossAtDepthHasAnUnknownForceAndOffTheOrganNone) {
   const fs::path folder = folder_with_brain();
   write_file(folder / "path.csv",
              "time_s,x_mm,y_mm,z_mm\n0,13.9,0,27.6\n0.4,13.9,0,23.6\n0.8,13.9,0,23.6\n1.2,17.9,0,22.6\n"
              "1.6,17.9,0,22.6\n2,213.9,0,22.6\n2.4,213.9,0,12.6\n");
   const Ran ran =
       good(folder, "poke brain.nrrd --script path.csv --nodes 600 --evaluations 12 -q --record rec");
-  const Table felt = read_csv(folder / "rec" / "forces.csv");
-  const auto &time = *felt.find("time_s"), &tool = *felt.find("tool"), &error = *felt.find("error_N"),
-             &force = *felt.find("force_N");
+  const Table answer = read_csv(folder / "rec" / "forces.csv");
+  const auto &time = *answer.find("time_s"), &tool = *answer.find("tool"), &error = *answer.find("error_N"),
+             &force = *answer.find("force_N");
   for (std::size_t k = 0; k < time.size(); ++k) {
     if (time[k] >= 1.2 && time[k] <= 1.6) {
       EXPECT_EQ(tool[k], 3.0) << "elsewhere, at " << time[k];
@@ -481,19 +487,19 @@ TEST(Poke, ACircleThatAScriptMovesAcrossAtDepthHasAnUnknownForceAndOffTheOrganNo
     EXPECT_EQ(error[k], 0.0);
   }
   EXPECT_THAT(ran.out, HasSubstr("the force is not that of the requested pose in "));
-  EXPECT_EQ(felt.find("asked_x_mm")->back(), 213.9);
-  EXPECT_EQ(felt.find("tip_x_mm")->back(), 213.9) << "in the air it is where it was asked to be";
+  EXPECT_EQ(answer.find("asked_x_mm")->back(), 213.9);
+  EXPECT_EQ(answer.find("tip_x_mm")->back(), 213.9) << "in the air it is where it was asked to be";
 }
 
 // On the side of a dome a displacement of 1.2 mm across goes deeper in, or out.
-TEST(Poke, ASphereThatSlidesOnASlopeComesDownAnewWhereItRestsAndUntilThenItsErrorHolds) {
+TEST(Poke, ASphereThatSlidesOnASlopeComesDownAgainWhereItRestsAndUntilThenItsErrorHolds) {
   const fs::path folder = folder_with_brain();
   const std::string sphere =
       "brain.nrrd --tool sphere:5mm --nodes 500 --fps 10 --evaluations 12 --indent-at 13.9,0,26.6";
-  const Table slid = felt_along(
+  const Table slid = forces_along(
                   folder, "0,13.9,0,30\n0.5,13.9,0,24.6\n1,13.9,0,24.6\n1.1,15.1,0,24.6\n2,15.1,0,24.6\n",
                   sphere),
-              fresh = felt_along(folder, "0,15.1,0,40\n0.5,15.1,0,24.6\n1.2,15.1,0,24.6\n", sphere);
+              fresh = forces_along(folder, "0,15.1,0,40\n0.5,15.1,0,24.6\n1.2,15.1,0,24.6\n", sphere);
   const double truth = fresh.find("force_N")->back();
   EXPECT_GT(std::abs(slid.find("force_N")->at(10) / truth - 1.0), 0.1) << "the two places differ";
   EXPECT_EQ(slid.find("tool")->back(), 0.0);
@@ -507,23 +513,23 @@ TEST(Poke, ASphereThatSlidesOnASlopeComesDownAnewWhereItRestsAndUntilThenItsErro
 
 TEST(Poke, ASphereArrivesWhereARunArrives) {
   const fs::path folder = folder_with_block(1);
-  const Table felt =
-      felt_along(folder, "0,0,0,25\n1,0,0,18\n2,0,0,18\n",
-                 "block.nrrd --tool sphere:4mm --indent-at 0,0,top --nodes 800 --evaluations 8 --fps 10");
-  EXPECT_EQ(felt.find("depth_mm")->back(), felt.find("asked_mm")->back());
-  EXPECT_GT(felt.find("depth_mm")->back(), 2.0);
-  EXPECT_EQ(felt.find("tool")->back(), 0.0);
+  const Table answer =
+      forces_along(folder, "0,0,0,25\n1,0,0,18\n2,0,0,18\n",
+                   "block.nrrd --tool sphere:4mm --indent-at 0,0,top --nodes 800 --evaluations 8 --fps 10");
+  EXPECT_EQ(answer.find("depth_mm")->back(), answer.find("asked_mm")->back());
+  EXPECT_GT(answer.find("depth_mm")->back(), 2.0);
+  EXPECT_EQ(answer.find("tool")->back(), 0.0);
 }
 
 // The tip is 0.7 mm outside of the block's edge, and the ball 3 mm inside.
 TEST(Poke, ABallWhoseSideIsInTheBodyIsNotInTheAir) {
   const fs::path folder = folder_with_block(2);
-  const Table felt = felt_along(folder, "0,21,0,30\n0.4,21,0,8\n0.8,21,0,8\n1.2,40,0,8\n1.6,40,0,8\n",
-                                "block.nrrd --tool sphere:4mm --nodes 500 --evaluations 8 --fps 10");
-  EXPECT_EQ(felt.find("tool")->front(), 0.0) << "above all";
-  EXPECT_EQ(felt.find("tool")->at(8), 3.0) << "elsewhere";
-  EXPECT_TRUE(std::isinf(felt.find("error_N")->at(8)));
-  EXPECT_EQ(felt.find("tool")->back(), 0.0) << "far beside it";
+  const Table answer = forces_along(folder, "0,21,0,30\n0.4,21,0,8\n0.8,21,0,8\n1.2,40,0,8\n1.6,40,0,8\n",
+                                    "block.nrrd --tool sphere:4mm --nodes 500 --evaluations 8 --fps 10");
+  EXPECT_EQ(answer.find("tool")->front(), 0.0) << "above all";
+  EXPECT_EQ(answer.find("tool")->at(8), 3.0) << "elsewhere";
+  EXPECT_TRUE(std::isinf(answer.find("error_N")->at(8)));
+  EXPECT_EQ(answer.find("tool")->back(), 0.0) << "far beside it";
 }
 
 TEST(Poke, ALineThatIsTooLongHasOneAnswerHoweverItComes) {
@@ -531,18 +537,18 @@ TEST(Poke, ALineThatIsTooLongHasOneAnswerHoweverItComes) {
   Device device(served.at);
   const std::string part(1000, '9');
   EXPECT_EQ(device.ask(part), "error: a line is longer than 256 characters\n");
-  for (const char* rest : {part.c_str(), "\n"}) {
-    EXPECT_GT(device.pour(rest), 0U);
+  for (const char* remaining : {part.c_str(), "\n"}) {
+    EXPECT_GT(device.pour(remaining), 0U);
     sleep_ms(150);
   }
-  felt_in(device.ask("0\n"));
+  answer_in(device.ask("0\n"));
   EXPECT_EQ(device.ask(part.substr(0, 300) + "\n"), "error: a line is longer than 256 characters\n");
   EXPECT_EQ(device.ask("left a bit\n").rfind("error: a line is x_mm", 0), 0U);
   EXPECT_EQ(served.end(), 130);
   EXPECT_FALSE(fs::exists(served.at));
 }
 
-TEST(Poke, AScriptGoesOnWhereTheToolCannotComeDown) {
+TEST(Poke, AScriptContinuesWhereTheToolCannotComeDown) {
   const fs::path folder = folder_with_block(2);
   write_file(folder / "way.csv",
              "time_s,x_mm,y_mm,z_mm\n0,0,0,25\n0.4,0,0,18\n0.8,0,0,25\n1.2,18.5,0,25\n1.6,18.5,0,16\n2,0,0,"
@@ -552,11 +558,11 @@ TEST(Poke, AScriptGoesOnWhereTheToolCannotComeDown) {
            "poke block.nrrd --script way.csv --record live --tool sphere:4mm --nodes 500 --evaluations 8 "
            "--fps 10 -q");
   EXPECT_THAT(ran.out, HasSubstr(" elsewhere"));
-  const Table felt = read_csv(folder / "live" / "forces.csv");
-  EXPECT_EQ(felt.find("tool")->at(16), 3.0) << "elsewhere";
-  EXPECT_TRUE(std::isinf(felt.find("error_N")->at(16)));
-  EXPECT_EQ(felt.find("force_N")->at(16), 0.0);
-  EXPECT_GT(felt.find("force_N")->back(), 1e-3);
+  const Table answer = read_csv(folder / "live" / "forces.csv");
+  EXPECT_EQ(answer.find("tool")->at(16), 3.0) << "elsewhere";
+  EXPECT_TRUE(std::isinf(answer.find("error_N")->at(16)));
+  EXPECT_EQ(answer.find("force_N")->at(16), 0.0);
+  EXPECT_GT(answer.find("force_N")->back(), 1e-3);
 }
 
 TEST(Poke, RefusesAPathThatIsNone) {

@@ -189,8 +189,8 @@ void model(std::string_view bytes) {
     require(m.spacing.size() == m.X.cols() && m.spacing.minCoeff() > 0.0, "nodes have a spacing");
     require(m.volume.size() == m.point.cols() && m.volume.minCoeff() > 0.0, "points have a volume");
     require(m.tool.radius > 0.0 && std::isfinite(m.tool.radius), "the circle has a size");
-    require(m.tool.centre.allFinite() && std::abs(m.tool.push.norm() - 1.0) < 1e-6, "the tool moves");
-    require(!m.base.empty() && !m.circle.empty(), "some nodes are held and some pushed");
+    require(m.tool.centre.allFinite() && std::abs(m.tool.approach.norm() - 1.0) < 1e-6, "the tool moves");
+    require(!m.base.empty() && !m.bonded_patch.empty(), "some nodes are held and some pushed");
     require(read.scheme.support.interpolation >= 0.0 && std::isfinite(read.scheme.support.interpolation),
             "supports have a weight");
   });

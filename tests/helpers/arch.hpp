@@ -25,7 +25,7 @@ inline Model arch_under_a_pad(double rise = 10e-3) {
         if (k > 2 && !in_pad(x)) continue;
         const auto a = static_cast<Index>(nodes.size());
         if (i == 0 || i == 26) places.base.push_back(a);
-        if (k == 6) places.circle.push_back(a);
+        if (k == 6) places.bonded_patch.push_back(a);
         if (i > 0 && i < 26 && k != 6) x += Vec3(noise(random), noise(random), noise(random));
         nodes.push_back(lifted(x));
       }
@@ -51,7 +51,8 @@ inline Model arch_under_a_pad(double rise = 10e-3) {
   places.volume = Eigen::VectorXd::Constant(count, cell * cell * cell);
   places.second_moments = SecondMoments::Zero(6, count);
   places.second_moments.topRows<3>().setConstant(cell * cell / 12.0);
-  places.tool = {.centre = lifted({0.5 * length, 0.5 * width, top}), .push = -Vec3::UnitZ(), .radius = reach};
+  places.tool = {
+      .centre = lifted({0.5 * length, 0.5 * width, top}), .approach = -Vec3::UnitZ(), .radius = reach};
   Eigen::VectorXi tissue = places.label;
   return make_model(std::move(places), converging, std::move(tissue), {1000.0, 1000.0});
 }

@@ -44,7 +44,8 @@ inline Discretisation block_places(Index n, double jitter, double cells_per_spac
         if (k > 0 && k < n) x.z() += noise(random);
         const Index a = static_cast<Index>(nodes.size());
         if (k == 0) places.base.push_back(a);
-        if (k == n && (x.head<2>() - Eigen::Vector2d(15e-3, 15e-3)).norm() < 4e-3) places.circle.push_back(a);
+        if (k == n && (x.head<2>() - Eigen::Vector2d(15e-3, 15e-3)).norm() < 4e-3)
+          places.bonded_patch.push_back(a);
         nodes.push_back(x);
       }
   places.X.resize(3, static_cast<Index>(nodes.size()));
@@ -60,7 +61,7 @@ inline Discretisation block_places(Index n, double jitter, double cells_per_spac
       for (int i = 0; i < cells.x(); ++i)
         places.point.col(q++) = (Vec3(i, j, k).array() + 0.5).matrix().cwiseProduct(cell);
   places.volume = Eigen::VectorXd::Constant(q, cell.prod());
-  places.tool = {.centre = Vec3(15e-3, 15e-3, 20e-3), .push = -Vec3::UnitZ(), .radius = 4e-3};
+  places.tool = {.centre = Vec3(15e-3, 15e-3, 20e-3), .approach = -Vec3::UnitZ(), .radius = 4e-3};
   places.label = Eigen::VectorXi::Zero(q);
   places.surface = box_surface(Vec3::Zero(), 1e3 * size);
   return places;

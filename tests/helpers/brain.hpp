@@ -49,8 +49,8 @@ inline bool in_brain(const Vec3& x, double higher) {
 
 /// Number of random rotations in a test: DIMPLE_ROTATIONS, or `usual`.
 inline int rotations(int usual) {
-  const char* asked = std::getenv("DIMPLE_ROTATIONS");
-  return asked ? std::atoi(asked) : usual;
+  const char* requested = std::getenv("DIMPLE_ROTATIONS");
+  return requested ? std::atoi(requested) : usual;
 }
 
 }  // namespace dimple

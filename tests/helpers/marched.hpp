@@ -13,19 +13,19 @@ struct OnTop {
   Index nodes = 0;
   double contact_radius = 0.0;
   std::string at = "0,0,top";
-  bool whole_circle = true;
-  std::vector<Vec3> way = {};  ///< displacement of the tool after each step
+  bool whole_patch = true;
+  std::vector<Vec3> displacement = {};  ///< displacement of the tool after each step
 };
 
 /// Body on its lower side as the base.
-inline Model standing(const BodySurface& body, const OnTop& wanted) {
+inline Model model_with_tool(const BodySurface& body, const OnTop& requested) {
   ModelOptions options;
-  options.cloud.count = wanted.nodes;
-  options.cloud.grading.whole_circle = wanted.whole_circle;
+  options.node_set.count = requested.nodes;
+  options.node_set.grading.whole_patch = requested.whole_patch;
   options.boundary = {.base = "inferior",
-                      .indent_at = wanted.at,
-                      .contact_radius_mm = wanted.contact_radius,
-                      .way_of_tool = wanted.way};
+                      .indent_at = requested.at,
+                      .contact_radius_mm = requested.contact_radius,
+                      .path_of_tool = requested.displacement};
   return build_model(body, options).model;
 }
 

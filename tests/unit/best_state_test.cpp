@@ -35,11 +35,11 @@ TEST(BestState, TakesASetbackBackHalfAsFarEachTimeAndNotForever) {
   EXPECT_TRUE(best.is_setback(5.1));
   Nodal u;
   Eigen::VectorXd lambda;
-  for (const double share : {0.5, 0.25, 0.125, 0.0625}) {
+  for (const double fraction : {0.5, 0.25, 0.125, 0.0625}) {
     ASSERT_TRUE(best.step_back(u, lambda));
-    EXPECT_EQ(u, nodes(1.0 + 8.0 * share));
-    EXPECT_EQ(lambda, patches(2.0 + 16.0 * share));
-    EXPECT_EQ(best.caution(), 1.0 / share);
+    EXPECT_EQ(u, nodes(1.0 + 8.0 * fraction));
+    EXPECT_EQ(lambda, patches(2.0 + 16.0 * fraction));
+    EXPECT_EQ(best.caution(), 1.0 / fraction);
   }
   EXPECT_FALSE(best.step_back(u, lambda));
 }
@@ -49,14 +49,14 @@ TEST(BestState, GainsByATenthAndGivesUpAfterThirtyStatesWithoutOne) {
   EXPECT_TRUE(best.is_gain(0.44));
   EXPECT_FALSE(best.is_gain(0.46));
   for (int k = 0; k < 30; ++k) {
-    EXPECT_FALSE(best.was_the_last_chance()) << k;
-    EXPECT_TRUE(best.may_go_on()) << k;
+    EXPECT_FALSE(best.is_last_attempt()) << k;
+    EXPECT_TRUE(best.may_continue()) << k;
   }
-  EXPECT_TRUE(best.was_the_last_chance());
+  EXPECT_TRUE(best.is_last_attempt());
   best.take(nodes(3.0), patches(3.0), 0.4, nodes(1.0), patches(1.0));
-  EXPECT_TRUE(best.may_go_on()) << "a gain begins the count anew";
-  for (int k = 1; k < 30; ++k) ASSERT_TRUE(best.may_go_on());
-  EXPECT_FALSE(best.may_go_on());
+  EXPECT_TRUE(best.may_continue()) << "a gain begins the count anew";
+  for (int k = 1; k < 30; ++k) ASSERT_TRUE(best.may_continue());
+  EXPECT_FALSE(best.may_continue());
 }
 
 TEST(BestState, ABetterStateWithoutAStepLeavesTheLastStep) {

@@ -61,24 +61,24 @@ TriangleMesh tetrahedra(const std::vector<Vec3>& place, const std::vector<std::a
   return mesh;
 }
 
-TEST(ClosedMesh, GivesEachSheetVerticesOfItsOwnWhereTheyTouch) {
+TEST(ClosedMesh, GivesEachSheetVerticesOfItsOwnWhereTheyCoincide) {
   const Vec3 o(0, 0, 0), x(1, 0, 0), y(0, 1, 0), z(0, 0, 1);
   // Contacts at a corner, at an edge, at two edges, and at a face and an edge.
-  std::vector<TriangleMesh> touching = {
+  std::vector<TriangleMesh> in_contact = {
       tetrahedra({o, x, y, z, -x, -y, -z}, {{0, 1, 2, 3}, {0, 4, 5, 6}}),
       tetrahedra({o, x, y, z, -y, -z}, {{0, 1, 2, 3}, {0, 1, 4, 5}}),
       tetrahedra({o, x, y, z, -y, -z, y - 2 * z, z - 2 * y}, {{0, 1, 2, 3}, {0, 1, 4, 5}, {0, 1, 6, 2}}),
       tetrahedra({o, x, y, z, -y - z, y + x, -y - x}, {{0, 1, 2, 3}, {0, 1, 4, 6}})};
-  for (TriangleMesh& mesh : touching) {
+  for (TriangleMesh& mesh : in_contact) {
     const double volume = enclosed_volume(mesh);
     EXPECT_GT(volume, 0.0);
-    separate_touching_sheets(mesh);
+    separate_coincident_sheets(mesh);
     EXPECT_NEAR(enclosed_volume(mesh), volume, 1e-12);
     expect_closed_and_outward(BodySurface(mesh.vertex, mesh.triangles));
   }
-  TriangleMesh open = touching.front();
+  TriangleMesh open = in_contact.front();
   open.triangles.conservativeResize(3, open.triangles.cols() - 1);
-  EXPECT_THROW(separate_touching_sheets(open), ModelError);
+  EXPECT_THROW(separate_coincident_sheets(open), ModelError);
 }
 
 // True if the image gives a closed surface around the voxels' volume, false if it is refused with a full
@@ -195,9 +195,9 @@ TEST(Surface, OfAnEllipsoidIsTheSameHoweverFineItsVoxels) {
     for (Index k = 0; k < n; ++k)
       for (Index j = 0; j < n; ++j) {
         const double y = h * (static_cast<double>(j) - middle) / half.y(),
-                     z = h * (static_cast<double>(k) - middle) / half.z(), rest = 1.0 - y * y - z * z;
-        if (rest > 0.0) {
-          const double reach = half.x() * std::sqrt(rest) / h;
+                     z = h * (static_cast<double>(k) - middle) / half.z(), remaining = 1.0 - y * y - z * z;
+        if (remaining > 0.0) {
+          const double reach = half.x() * std::sqrt(remaining) / h;
           const auto begin = static_cast<std::int32_t>(std::ceil(middle - reach)),
                      end = static_cast<std::int32_t>(std::floor(middle + reach)) + 1;
           if (begin < end) image.run.push_back({begin, end, 1});
@@ -213,7 +213,7 @@ TEST(Surface, OfAnEllipsoidIsTheSameHoweverFineItsVoxels) {
 }
 
 // The bodies are in contact with themselves, in 24 x 24 x 24 voxels.
-TEST(Surface, OfAFoldedOrTouchingBodyIsClosed) {
+TEST(Surface, OfAFoldedOrSelfContactingBodyIsClosed) {
   using Inside = bool (*)(Index, Index, Index);
   const std::vector<std::pair<const char*, Inside>> bodies = {
       {"a slit of one voxel",
@@ -349,7 +349,7 @@ TEST(Surface, IsTheSameToTheLastBitForHeadersThatDifferByRounding) {
   }
 }
 
-TEST(Surface, IsLeftWhenTheWorkIsAskedToEnd) {
+TEST(Surface, IsLeftWhenTheWorkIsToEnd) {
   ask_to_stop(StopReason::interrupted);
   EXPECT_THROW(make_body_surface(ellipsoid(20, {8.0, 8.0, 8.0}), {}), Stopped);
   forget_stop();

@@ -13,9 +13,9 @@
 
 #include "io/error.hpp"
 #include "preprocess/image/phantom.hpp"
-#include "preprocess/scene/circle_place.hpp"
 #include "preprocess/scene/cut_face.hpp"
 #include "preprocess/scene/flat_face.hpp"
+#include "preprocess/scene/patch_place.hpp"
 #include "preprocess/scene/usable_places.hpp"
 #include "preprocess/surface/label_surface.hpp"
 #include "tests/helpers/brain.hpp"
@@ -49,13 +49,13 @@ Found find(const BodySurface& body, const BoundaryOptions& options = {}) {
 
 // Differences between the results for a rotated organ and those for the first one, rotated with it.
 struct Differences {
-  std::vector<double> angle, plane, depth, circle;  // degrees, mm, a part, radii
+  std::vector<double> angle, plane, depth, bonded_patch;  // degrees, mm, a part, radii
   void add(const Found& first, const Found& now, const Mat3& rotation, double radius) {
     angle.push_back(degrees_between(rotation.transpose() * now.down, first.down));
     plane.push_back(std::abs(now.lowest - first.lowest));
     depth.push_back(std::abs(now.depth / first.depth - 1.0));
     const Vec3 away = rotation.transpose() * now.centre - first.centre;
-    circle.push_back((away - away.dot(first.down) * first.down).norm() / radius);
+    bonded_patch.push_back((away - away.dot(first.down) * first.down).norm() / radius);
   }
   // Difference that this fraction of all rotations does not exceed.
   static double within(std::vector<double> of, double part) {
@@ -77,9 +77,9 @@ TEST(Boundary, OfABlockIsItsBroadSideWithoutTheSidesThatRiseFromItAndTheMiddleOf
   EXPECT_TRUE(found.warnings.empty());
   const Vec3 low = body.surface.to_world().inverse() * Vec3(0.0, 0.0, 0.0);
   EXPECT_TRUE(on_base(found, low, found.down));
-  EXPECT_TRUE(on_base(found, low, (found.down + 0.5 * found.push.unitOrthogonal()).normalized()));
+  EXPECT_TRUE(on_base(found, low, (found.down + 0.5 * found.approach.unitOrthogonal()).normalized()));
   // The point is at the lower end of a side that leans inwards by ten degrees.
-  const Vec3 side = (found.push.unitOrthogonal() + 0.18 * found.down).normalized();
+  const Vec3 side = (found.approach.unitOrthogonal() + 0.18 * found.down).normalized();
   EXPECT_FALSE(on_base(found, low, side));
 }
 
@@ -94,17 +94,17 @@ TEST(Boundary, OfABlockOfFiveVoxelsIsTheLowerOfItsTwoEqualFaces) {
   }
 }
 
-TEST(Boundary, WithABaseThatIsKnownHasTheCircleThatItWouldHaveFound) {
+TEST(Boundary, WithABaseThatIsKnownHasThePatchThatItWouldHaveFound) {
   const SegmentedBody body = make_body_surface(make_phantom({.spacing_mm = 2.0}), {});
   const Boundary first = find_boundary(body.surface, {});
   const BoundaryOptions elsewhere = {.indent_at = "-14,5,top"};
   const Boundary found = find_boundary(body.surface, elsewhere),
                  again = find_boundary(body.surface, elsewhere, &first);
   EXPECT_EQ(again.centre, found.centre);
-  EXPECT_EQ(again.push, found.push);
+  EXPECT_EQ(again.approach, found.approach);
   EXPECT_EQ(again.lowest, found.lowest);
   EXPECT_EQ(again.base_depth, found.base_depth);
-  EXPECT_EQ(again.circle_reason, found.circle_reason);
+  EXPECT_EQ(again.patch_reason, found.patch_reason);
 }
 
 TEST(Boundary, OfALopsidedBrainTurnsWithItInTheScannerAndInTheLattice) {
@@ -122,7 +122,7 @@ TEST(Boundary, OfALopsidedBrainTurnsWithItInTheScannerAndInTheLattice) {
   EXPECT_LT(Differences::within(with_voxels.angle, 1.0), 1e-5);
   EXPECT_LT(Differences::within(with_voxels.plane, 1.0), 1e-9);
   EXPECT_LT(Differences::within(with_voxels.depth, 1.0), 1e-12);
-  EXPECT_LT(Differences::within(with_voxels.circle, 1.0), 1e-9);
+  EXPECT_LT(Differences::within(with_voxels.bonded_patch, 1.0), 1e-9);
 }
 
 // In another scan the voxels differ, and with them the fissure, 4 mm wide. Two voxels of 2 mm do not always
@@ -156,11 +156,11 @@ TEST(Boundary, OfALopsidedBrainIsWhereItWasHoweverItLiesInItsVoxels) {
     EXPECT_LT(Differences::within(differences.angle, 0.95), 0.5);
     EXPECT_LT(Differences::within(differences.plane, 0.95), 0.15 * voxel);
     EXPECT_LT(Differences::within(differences.depth, 0.95), 0.03);
-    EXPECT_LT(Differences::within(differences.circle, voxel > 1.5 ? 0.85 : 1.0), 0.5);
+    EXPECT_LT(Differences::within(differences.bonded_patch, voxel > 1.5 ? 0.85 : 1.0), 0.5);
   }
 }
 
-TEST(Boundary, OfACutOrganIsItsCutFaceWhicheverWayItWasCut) {
+TEST(Boundary, OfACutOrganIsItsCutFaceInWhateverDirectionItWasCut) {
   // The egg is lopsided without the cut, so that no other side is flat.
   const auto egg = [](const Vec3& x) {
     const double narrow = 1.0 - 0.15 * x.x() / 40.0;
@@ -201,10 +201,10 @@ TEST(Boundary, OfATriangulatedBodyIsItsFlatFaceHoweverItIsTurned) {
   EXPECT_LT(Differences::within(differences.angle, 1.0), 0.3);
   EXPECT_LT(Differences::within(differences.plane, 1.0), 1e-3);
   EXPECT_LT(Differences::within(differences.depth, 1.0), 1e-3);
-  EXPECT_LT(Differences::within(differences.circle, 1.0), 0.05);
+  EXPECT_LT(Differences::within(differences.bonded_patch, 1.0), 0.05);
 }
 
-TEST(Boundary, OfABodyWithoutAFlatFaceIsItsBroadestSideHoweverItIsTurnedWhereThatIsAskedFor) {
+TEST(Boundary, OfABodyWithoutAFlatFaceIsItsBroadestSideHoweverItIsTurnedOnRequest) {
   const auto bean = [](const Vec3& x) {
     return Vec3(x.x() / 44.0, x.y() / (30.0 + 0.1 * x.x()),
                 x.z() / (x.z() > 0.0 ? 20.0 : 14.0 - 0.05 * x.x()))
@@ -224,7 +224,7 @@ TEST(Boundary, OfABodyWithoutAFlatFaceIsItsBroadestSideHoweverItIsTurnedWhereTha
     const Mat3 R = random_rotation(random);
     with_voxels.add(first, find(turned(body.surface, R), on_its_own), R, 5.0);
   }
-  EXPECT_LT(Differences::within(with_voxels.circle, 1.0), 1e-9);
+  EXPECT_LT(Differences::within(with_voxels.bonded_patch, 1.0), 1e-9);
   for (int k = 0; k < few; ++k) {
     const Mat3 R = random_rotation(random);
     const SegmentedBody again =
@@ -235,7 +235,7 @@ TEST(Boundary, OfABodyWithoutAFlatFaceIsItsBroadestSideHoweverItIsTurnedWhereTha
   }
   EXPECT_LT(Differences::within(within_voxels.angle, 1.0), 1.0);
   EXPECT_LT(Differences::within(within_voxels.plane, 1.0), 0.5);
-  EXPECT_LT(Differences::within(within_voxels.circle, 1.0), 0.25);
+  EXPECT_LT(Differences::within(within_voxels.bonded_patch, 1.0), 0.25);
 }
 
 TEST(Boundary, DoesNotDependOnHowDenselyTheSurfaceIsDrawn) {
@@ -247,7 +247,7 @@ TEST(Boundary, DoesNotDependOnHowDenselyTheSurfaceIsDrawn) {
   EXPECT_LT((a.centre - b.centre).norm(), 0.1);
 }
 
-TEST(Circle, KeepsARadiusFromTheFissureOfTheDefaultPhantom) {
+TEST(BondedPatch, KeepsARadiusFromTheFissureOfTheDefaultPhantom) {
   const SegmentedBody body = make_body_surface(make_phantom({}), {});
   const Boundary found = find_boundary(body.surface, {});
   const Vec3 centre = body.surface.to_world() * found.centre;
@@ -257,12 +257,12 @@ TEST(Circle, KeepsARadiusFromTheFissureOfTheDefaultPhantom) {
   EXPECT_TRUE(found.warnings.empty());
 }
 
-TEST(Circle, OnTheLeftHalfIsOnTheLeft) {
+TEST(BondedPatch, OnTheLeftHalfIsOnTheLeft) {
   const SegmentedBody body = make_body_surface(make_phantom({.spacing_mm = 2}), {});
   for (const char* side : {"opposite", "superior"}) {
     const auto x = [&](const char* half) {
       const Boundary found = find_boundary(body.surface, {.indent_at = std::string(side) + "," + half});
-      EXPECT_LT((body.surface.to_world().linear() * found.push + Vec3::UnitZ()).norm(), 1e-9);
+      EXPECT_LT((body.surface.to_world().linear() * found.approach + Vec3::UnitZ()).norm(), 1e-9);
       return (body.surface.to_world() * found.centre).x();
     };
     EXPECT_GT(x("left"), 8.0);  // LPS: left is positive
@@ -270,18 +270,19 @@ TEST(Circle, OnTheLeftHalfIsOnTheLeft) {
   }
 }
 
-TEST(Circle, UnderATiltedPushStaysWhereItStandsUpright) {
+TEST(BondedPatch, UnderATiltedApproachStaysWhereItIsWhenUpright) {
   const SegmentedBody body =
       make_body_surface(make_phantom({.shape = "block", .size_mm = {80, 80, 40}, .spacing_mm = 1.5}), {});
   const Vec3 upright = find_boundary(body.surface, {}).centre;
   for (const char* direction : {"1,0,-1", "1,1,-1.4", "0.5,0,-1"}) {
     const Boundary found = find_boundary(body.surface, {.direction = direction});
     EXPECT_LT((found.centre - upright).norm(), 1e-3) << direction;
-    EXPECT_NE(found.circle_reason.find("tilted there by "), std::string::npos) << found.circle_reason;
+    EXPECT_NE(found.patch_reason.find("tilted there by "), std::string::npos) << found.patch_reason;
     EXPECT_GE(found.room, 1.75 * found.radius) << direction;
-    const Points rim = rim_of_circle(body.surface, found, 24);
+    const Points patch_edge = edge_of_patch(body.surface, found, 24);
     const Vec3 normal = body.surface.normal().col(body.surface.closest(found.centre).triangle);
-    for (const auto& x : rim.colwise()) EXPECT_NEAR((x - found.centre).dot(normal), 0.0, 0.2) << direction;
+    for (const auto& x : patch_edge.colwise())
+      EXPECT_NEAR((x - found.centre).dot(normal), 0.0, 0.2) << direction;
     EXPECT_TRUE(found.warnings.empty());
   }
   // So oblique a direction comes from another side.
@@ -289,7 +290,7 @@ TEST(Circle, UnderATiltedPushStaysWhereItStandsUpright) {
   EXPECT_GT((aside.centre - upright).norm(), 10.0);
 }
 
-TEST(Circle, OnADomeShapedShellIsAtItsTopNotOnItsWall) {
+TEST(BondedPatch, OnADomeShapedShellIsAtItsTopNotOnItsWall) {
   const auto shell = [](const Vec3& x) {
     const Vec3 y(x.x(), x.y(), x.z() + 15.0);
     return y.z() > 0.0 && y.norm() < 40.0 && y.norm() > 31.0;
@@ -300,7 +301,7 @@ TEST(Circle, OnADomeShapedShellIsAtItsTopNotOnItsWall) {
   EXPECT_NEAR(found.centre.z(), 25.0, 0.5);
 }
 
-TEST(Circle, WithoutRoomIsPlacedWhereThereIsMostAndSaysWhatIsShort) {
+TEST(BondedPatch, WithoutRoomIsPlacedWhereThereIsMostAndSaysWhatIsShort) {
   const SegmentedBody body =
       make_body_surface(make_phantom({.shape = "cylinder", .size_mm = {24, 24, 30}, .spacing_mm = 1}), {});
   const Boundary found = find_boundary(body.surface, {.base = "inferior", .indenter_diameter_mm = 18.0});
@@ -310,7 +311,7 @@ TEST(Circle, WithoutRoomIsPlacedWhereThereIsMostAndSaysWhatIsShort) {
   EXPECT_THROW(find_boundary(body.surface, {.base = "inferior", .indenter_diameter_mm = 24.0}), ModelError);
 }
 
-TEST(Circle, OfHalfAMillimetreIsFoundAsQuicklyAsALargeOne) {
+TEST(BondedPatch, OfHalfAMillimetreIsFoundAsQuicklyAsALargeOne) {
   const SegmentedBody body = make_body_surface(make_phantom({}), {});
   for (const double diameter : {0.1, 0.5, 2.0, 20.0, 40.0}) {
     const std::clock_t begin = std::clock();
@@ -320,7 +321,7 @@ TEST(Circle, OfHalfAMillimetreIsFoundAsQuicklyAsALargeOne) {
   }
 }
 
-TEST(Circle, SmallerThanAVoxelIsRefusedAndOfFewVoxelsWarnedOf) {
+TEST(BondedPatch, SmallerThanAVoxelIsRefusedAndOfFewVoxelsWarnedOf) {
   const SegmentedBody body = make_body_surface(make_phantom({.spacing_mm = 2}), {});
   EXPECT_THROW(find_boundary(body.surface, {.indenter_diameter_mm = 1.9, .voxel_mm = 2.0}), ModelError);
   EXPECT_EQ(find_boundary(body.surface, {.indenter_diameter_mm = 4.0, .voxel_mm = 2.0}).warnings.size(), 1u);
@@ -328,7 +329,7 @@ TEST(Circle, SmallerThanAVoxelIsRefusedAndOfFewVoxelsWarnedOf) {
 }
 
 // The option accepts a metre at most, so a remedy of three such voxels would be refused as well.
-TEST(Circle, ThatWouldHaveToBeWiderThanAnyAsksForTheUnitOfTheVoxels) {
+TEST(BondedPatch, ThatWouldHaveToBeWiderThanAnyAsksForTheUnitOfTheVoxels) {
   const BodySurface block = block_surface({-3e4, -3e4, 0}, {3e4, 3e4, 3e4});
   const auto remedy = [&](double voxel_mm) {
     return report_of<ModelError>([&] { find_boundary(block, {.voxel_mm = voxel_mm}); }).remedy;
@@ -338,7 +339,7 @@ TEST(Circle, ThatWouldHaveToBeWiderThanAnyAsksForTheUnitOfTheVoxels) {
   EXPECT_EQ(remedy(1500.0).find("give at least"), std::string::npos) << remedy(1500.0);
 }
 
-TEST(Circle, AskedForFarFromTheSurfaceIsRefusedAndNearItMovedWithAWarning) {
+TEST(BondedPatch, RequestedFarFromTheSurfaceIsRefusedAndNearItMovedWithAWarning) {
   const BodySurface block = block_surface({-30, -30, 0}, {30, 30, 30});
   EXPECT_TRUE(find_boundary(block, {.base = "inferior", .indent_at = "0,0,33"}).warnings.empty());
   const Boundary moved = find_boundary(block, {.base = "inferior", .indent_at = "2,3,38"});
@@ -355,7 +356,7 @@ TEST(Circle, AskedForFarFromTheSurfaceIsRefusedAndNearItMovedWithAWarning) {
   }
 }
 
-TEST(Circle, InAPocketThatItDoesNotFitIntoIsRefused) {
+TEST(BondedPatch, InAPocketThatItDoesNotFitIntoIsRefused) {
   const auto pocket = [](const Vec3& x) {
     return x.cwiseAbs().maxCoeff() < 25.0 && !(x.z() > 0.0 && x.head<2>().norm() < 9.0);
   };
@@ -379,7 +380,7 @@ LabelImage upright_egg() {
       32.0, 2.0);
 }
 
-TEST(Boundary, AndCircleKnowEachSideByTheSameWords) {
+TEST(Boundary, AndPatchKnowEachSideByTheSameWords) {
   const SegmentedBody body = make_body_surface(upright_egg(), {});
   const std::vector<std::pair<Vec3, std::vector<const char*>>> sides = {
       {{0, 0, 1}, {"superior", "S"}},
@@ -394,14 +395,14 @@ TEST(Boundary, AndCircleKnowEachSideByTheSameWords) {
       SCOPED_TRACE(word);
       const Boundary on = find_boundary(body.surface, {.base = word});
       EXPECT_LT((to_lps * on.down - out).norm(), 1e-12);
-      EXPECT_LT((to_lps * on.push - out).norm(), 1e-12);  // opposite to the base
+      EXPECT_LT((to_lps * on.approach - out).norm(), 1e-12);  // opposite to the base
       const Boundary from = find_boundary(body.surface, {.indent_at = word});
-      EXPECT_LT((to_lps * from.push + out).norm(), 1e-12);
+      EXPECT_LT((to_lps * from.approach + out).norm(), 1e-12);
       EXPECT_GT((body.surface.to_world() * from.centre).dot(out), 10.0);
       EXPECT_LT((to_lps * from.down + out).norm(),
                 1e-12);  // the axes lay it on the side opposite to the tool
       const Boundary held = find_boundary(body.surface, {.base = "posterior", .indent_at = word});
-      EXPECT_LT((to_lps * held.push + out).norm(), 1e-12);
+      EXPECT_LT((to_lps * held.approach + out).norm(), 1e-12);
       EXPECT_LT((to_lps * held.down - Vec3::UnitY()).norm(), 1e-12);
     }
 }
@@ -433,15 +434,15 @@ TEST(Boundary, AndToolOnAFaceAlongTheVoxelsAreReported) {
   EXPECT_EQ(egg.base + egg.tool, "");
 }
 
-TEST(Circle, AskedForOnTopIsToldTheWordsThatSayWhichTop) {
+TEST(BondedPatch, RequestedOnTopIsGivenTheWordsThatSayWhichTop) {
   const BodySurface block = block_surface({-30, -30, 0}, {30, 30, 30});
   const std::string remedy =
       report_of<UsageError>([&] { find_boundary(block, {.indent_at = "top"}); }).remedy;
   EXPECT_NE(remedy.find("--indent-at opposite"), std::string::npos) << remedy;
   EXPECT_NE(remedy.find("--indent-at superior"), std::string::npos) << remedy;
   EXPECT_NO_THROW(find_boundary(block, {.indent_at = "0,0,top"}));
-  const Boundary beside = find_boundary(block, {.base = "left", .indent_at = "0,0,top"});
-  EXPECT_LT((beside.push + Vec3::UnitZ()).norm(), 1e-12);  // the top is the patient's, whatever the base
+  const Boundary next_to = find_boundary(block, {.base = "left", .indent_at = "0,0,top"});
+  EXPECT_LT((next_to.approach + Vec3::UnitZ()).norm(), 1e-12);  // the top is the patient's, whatever the base
 }
 
 TEST(Boundary, OfAnOrganWithoutACutFaceIsItsInferiorSide) {
@@ -458,7 +459,7 @@ SegmentedBody cut_by_image(const Vec3& half_axes) {
       image_of([&](const Vec3& x) { return x.cwiseQuotient(half_axes).norm() < 1.0; }, 30.0, 2.0), {});
 }
 
-TEST(Boundary, IsNoCutOfTheImageUnlessItIsAskedForAndThenItIsSaidLoudly) {
+TEST(Boundary, IsNoCutOfTheImageUnlessRequestedAndThenItIsSaidLoudly) {
   const SegmentedBody body = cut_by_image({20.0, 24.0, 50.0});
   ASSERT_EQ(body.surface.image_ends().size(), 2u);
   const Boundary found = find_boundary(body.surface, {});
@@ -475,18 +476,18 @@ TEST(Boundary, IsNoCutOfTheImageUnlessItIsAskedForAndThenItIsSaidLoudly) {
   }
 }
 
-TEST(Boundary, OfAnOrganThatJustTouchesTheImagesBorderIsNotCutThere) {
+TEST(Boundary, OfAnOrganThatJustMeetsTheImagesBorderIsNotCutThere) {
   // The lattice is offset by 0.13, 0.29, 0.41 mm, and has one voxel more than `reach` requires.
   EXPECT_TRUE(cut_by_image({20.0, 24.0, 31.5}).surface.image_ends().empty());
   EXPECT_TRUE(cut_by_image({20.0, 24.0, 25.0}).surface.image_ends().empty());
   EXPECT_EQ(cut_by_image({60.0, 24.0, 25.0}).surface.image_ends().size(), 2u);
 }
 
-TEST(Circle, StandsWhereTheImageEndsOnlyWhereThereIsNoOtherPlaceAndSaysSo) {
+TEST(BondedPatch, IsWhereTheImageEndsOnlyWhereThereIsNoOtherPlaceAndSaysSo) {
   const SegmentedBody body = cut_by_image({29.0, 29.0, 40.0});
-  const Boundary beside =
+  const Boundary next_to =
       find_boundary(body.surface, {.base = "left", .indent_at = "superior", .indenter_diameter_mm = 6.0});
-  EXPECT_FALSE(body.surface.at_image_end(beside.centre));
+  EXPECT_FALSE(body.surface.at_image_end(next_to.centre));
   const SegmentedBody column = cut_by_image({20.0, 24.0, 200.0});
   const Boundary on_cut = find_boundary(column.surface, {.base = "left", .indent_at = "superior"});
   ASSERT_FALSE(on_cut.warnings.empty());
@@ -507,7 +508,7 @@ SegmentedBody block_with_an_arm() {
       {});
 }
 
-TEST(Circle, StandsOnThickTissueAndNotOnAnArmThatIsHigher) {
+TEST(BondedPatch, IsOnThickTissueAndNotOnAnArmThatIsHigher) {
   const SegmentedBody body = block_with_an_arm();
   const BoundaryOptions options = {.base = "inferior", .indenter_diameter_mm = 6.0};
   const Boundary found = find_boundary(body.surface, options);

@@ -18,7 +18,7 @@ namespace {
 
 ModelOptions options_for(Index nodes) {
   ModelOptions options;
-  options.cloud.count = nodes;
+  options.node_set.count = nodes;
   return options;
 }
 
@@ -70,13 +70,13 @@ TEST(BuildModel, RefusesASheetThatItsNodesCannotFollowAndSaysHowManyCan) {
   // times that of a finer discretisation.
   const BodySurface layer = block_surface(Vec3(0, 0, 0), Vec3(40, 40, 5));
   ModelOptions paper = options_of(horton2007);
-  paper.cloud.count = 1000;
+  paper.node_set.count = 1000;
   EXPECT_THROW(discretise(layer, paper), ModelError);
-  paper.cloud.count = 2000;
+  paper.node_set.count = 2000;
   EXPECT_NO_THROW(discretise(layer, paper));
 }
 
-TEST(BuildModel, CloudsThatShareASiteAreThoseThatFindTheirOwn) {
+TEST(BuildModel, NodeSetsOfOneSiteAreThoseThatFindTheirOwn) {
   const BodySurface body = cut_ellipsoid_surface({46.0, 31.0, 27.0}, -5.0, 60);
   const Site site = find_site(body, options_for(300));
   for (const Index nodes : {300, 500}) {
@@ -86,13 +86,13 @@ TEST(BuildModel, CloudsThatShareASiteAreThoseThatFindTheirOwn) {
     EXPECT_EQ(shared.places.point, own.places.point);
     EXPECT_EQ(shared.places.volume, own.places.volume);
     EXPECT_EQ(shared.places.base, own.places.base);
-    EXPECT_EQ(shared.places.circle, own.places.circle);
+    EXPECT_EQ(shared.places.bonded_patch, own.places.bonded_patch);
     EXPECT_EQ(shared.places.tool.centre, own.places.tool.centre);
-    EXPECT_EQ(shared.report.boundary.circle_reason, own.report.boundary.circle_reason);
+    EXPECT_EQ(shared.report.boundary.patch_reason, own.report.boundary.patch_reason);
   }
 }
 
-TEST(BuildModel, HoldsEveryNodeThatLiesOnTheFaceThatABlockStandsOn) {
+TEST(BuildModel, HoldsEveryNodeOnTheFaceThatSupportsABlock) {
   const Discretisation places =
       discretise(block_surface(Vec3(-20.0, -20.0, 0.0), Vec3(20.0, 20.0, 20.0)), options_for(600)).places;
   const double lowest = places.X.row(2).minCoeff();

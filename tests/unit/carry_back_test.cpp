@@ -23,7 +23,7 @@ const Vec3 low_corner(-30.0, -30.0, 0.0), high_corner(30.0, 30.0, 30.0);
 const Model& whole_block() {
   static const Model model = [] {
     ModelOptions options;
-    options.cloud.count = 800;
+    options.node_set.count = 800;
     return build_model(block_surface(low_corner, high_corner), options).model;
   }();
   return model;
@@ -54,16 +54,16 @@ TEST(ABladeCarriedBack, UndoesAStretchThatTurnsAndShearsToTheLastMicrometre) {
   const Vec3 b(3e-3, -2e-3, 1e-3);
   const Points u = shifted_by(whole_block(), [&](const Vec3& X) { return Vec3(A * X + b - X); });
   const TriangleMesh sheet = disc_sheet(A * Vec3(5.0, 2.0, 14.0) + 1e3 * b, {1.0, 0.4, 0.3}, 8.0, 1.5);
-  const TriangleMesh rest = carried_back(sheet, whole_block(), u);
-  ASSERT_EQ(rest.vertex.cols(), sheet.vertex.cols()) << "all of it lies in the body";
+  const TriangleMesh undeformed = carried_back(sheet, whole_block(), u);
+  ASSERT_EQ(undeformed.vertex.cols(), sheet.vertex.cols()) << "all of it lies in the body";
   const Points expected = A.inverse() * (sheet.vertex.colwise() - 1e3 * b);
-  EXPECT_LT((rest.vertex - expected).cwiseAbs().maxCoeff(), 1e-3);
+  EXPECT_LT((undeformed.vertex - expected).cwiseAbs().maxCoeff(), 1e-3);
 }
 
 // The displacement is not uniform. The result is mapped forward with shape functions not used by the search.
 TEST(ABladeCarriedBack, InABentAndPressedBodyEndsWhereTheTissueGoesThere) {
   ModelOptions options;
-  options.cloud.count = 800;
+  options.node_set.count = 800;
   const Model model = build_model(block_image(), {}, options).model;
   const Vec3 middle(34.5, 34.5, 4.5);
   const Points u = shifted_by(model, [&](const Vec3& X) {
@@ -73,16 +73,16 @@ TEST(ABladeCarriedBack, InABentAndPressedBodyEndsWhereTheTissueGoesThere) {
   });
   TriangleMesh sheet = swept_sheet(middle + Vec3(6.0, -40.0, 34.0), middle + Vec3(10.0, 40.0, 34.0),
                                    -Vec3::UnitZ(), 0.0, 20.0, 1.5);
-  const TriangleMesh rest = carried_back(sheet, model, u);
-  EXPECT_LT(rest.triangles.cols(), sheet.triangles.cols()) << "what lies far outside is left out";
+  const TriangleMesh undeformed = carried_back(sheet, model, u);
+  EXPECT_LT(undeformed.triangles.cols(), sheet.triangles.cols()) << "what lies far outside is left out";
   const BodySurface body(model.surface.vertex_mm, model.surface.triangles);
-  const Points there = 1e3 * inner_interpolation(model, 1e-3 * rest.vertex)(u) + rest.vertex;
+  const Points there = 1e3 * inner_interpolation(model, 1e-3 * undeformed.vertex)(u) + undeformed.vertex;
   int inside = 0;
-  for (Index v = 0; v < rest.vertex.cols(); ++v) {
-    if (!body.contains(rest.vertex.col(v))) continue;
+  for (Index v = 0; v < undeformed.vertex.cols(); ++v) {
+    if (!body.contains(undeformed.vertex.col(v))) continue;
     double nearest = 1e9;
     for (const auto& x : sheet.vertex.colwise()) nearest = std::min(nearest, (x - there.col(v)).norm());
-    EXPECT_LT(nearest, 2e-3) << rest.vertex.col(v).transpose();
+    EXPECT_LT(nearest, 2e-3) << undeformed.vertex.col(v).transpose();
     ++inside;
   }
   EXPECT_GT(inside, 300);
@@ -98,7 +98,7 @@ TEST(ABladeCarriedBack, ThatMissesTheBodyAsItThenIsIsRefusedThoughItMetTheBodyAt
 // The faces of a slit have passed through each other by 12 mm: two pieces of tissue overlap there.
 TEST(ABladeCarriedBack, IsRefusedWhereTwoPartsOfTheBodyHaveComeToLie) {
   ModelOptions options;
-  options.cloud.count = 1500;
+  options.node_set.count = 1500;
   const Model slit = build_model(slit_block_surface({60.0, 60.0, 30.0}, 12.0, 0.5, 28.0), options).model;
   const Points u = shifted_by(slit, [](const Vec3& X) {
     return X.z() > 6e-3 ? Vec3((X.x() > 12.2e-3 ? -1.0 : 1.0) * 6e-3 * (X.z() - 6e-3) / 20e-3, 0.0, 0.0)
@@ -110,9 +110,9 @@ TEST(ABladeCarriedBack, IsRefusedWhereTwoPartsOfTheBodyHaveComeToLie) {
 }
 
 // In the gap there is no tissue to follow: between the faces of the cut the blade is straight.
-TEST(ABladeCarriedBack, AcrossACutThatGapesGoesFromBankToBankWithHardlyAFold) {
+TEST(ABladeCarriedBack, AcrossACutThatGapesGoesFromFaceToFaceWithHardlyAFold) {
   ModelOptions options;
-  options.cloud.count = 1500;
+  options.node_set.count = 1500;
   const BodySurface body = make_body_surface(block_image(), {}).surface;
   const Vec3 at(45.0, 34.5, 34.5);  // its middle is at x = y = 34.5, its top at z = 34.5
   const TriangleMesh slit =
@@ -147,9 +147,9 @@ TEST(ABladeCarriedBack, AcrossACutThatGapesGoesFromBankToBankWithHardlyAFold) {
 TEST(ABladeCarriedBack, OfAClosedRegionStaysClosed) {
   const Points u = shifted_by(whole_block(), [](const Vec3& X) { return Vec3(0.2 * X.z(), 0.0, 0.0); });
   const BodySurface region = block_surface({5.0, -5.0, 20.0}, {15.0, 5.0, 40.0});
-  const TriangleMesh rest = carried_back({region.vertex(), region.triangles()}, whole_block(), u);
-  EXPECT_EQ(rest.triangles.cols(), region.triangles().cols());
-  EXPECT_NO_THROW(BodySurface(rest.vertex, rest.triangles));
+  const TriangleMesh undeformed = carried_back({region.vertex(), region.triangles()}, whole_block(), u);
+  EXPECT_EQ(undeformed.triangles.cols(), region.triangles().cols());
+  EXPECT_NO_THROW(BodySurface(undeformed.vertex, undeformed.triangles));
 }
 
 }  // namespace

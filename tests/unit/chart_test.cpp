@@ -196,7 +196,7 @@ TEST(Chart, LeavesAGapWhereAValueIsNotFinite) {
   EXPECT_EQ(times_in(read_file(file), "fill=\"none\" stroke=\"#0072b2"), 3U);  // two pieces, and its sample
 }
 
-TEST(Chart, ShadesTheBandOfASeriesAndWritesWhatIsAtItsEnd) {
+TEST(Chart, ShadesTheErrorBoundsOfASeriesAndWritesWhatIsAtItsEnd) {
   Chart chart;
   chart.series = {{.name = "force",
                    .x = {0, 1, nan, 3},

@@ -47,13 +47,13 @@ TEST(CloseGaps, FillsASlitThatIsNarrowerAndLeavesAWiderOneAcrossAnyAxisOfAnyVoxe
         const LabelImage image = slit_block({40, 40, 40}, spacing, axis, wide);
         const std::int64_t slit = 64000 - voxels(image);
         const ClosedImage closed = close_gaps(image, {}, 4.0);
-        const double share =
+        const double fraction =
             static_cast<double>(voxels(closed.image) - voxels(image)) / static_cast<double>(slit);
         // The ball cannot reach the bottom edges of a wide slit; it sags into the mouth of a narrow one.
         if (width > 4.0) {
-          EXPECT_LT(share, 0.1);
+          EXPECT_LT(fraction, 0.1);
         } else if (width <= 4.0 - across) {
-          EXPECT_GT(share, 0.7);
+          EXPECT_GT(fraction, 0.7);
         }
         EXPECT_LE(voxels(closed.image), 64000);  // nothing is added outside of the block
       }
@@ -148,15 +148,15 @@ TEST(CloseGaps, OfAWidthBeyondTheOrganAreRefusedInWords) {
                            {.fact = "20 mm", .where = "--close", .code = "close-too-wide"});
 }
 
-TEST(CloseGaps, AreLeftWhenTheWorkIsAskedToEnd) {
+TEST(CloseGaps, AreLeftWhenTheWorkIsToEnd) {
   const LabelImage image = slit_block({40, 40, 40}, Vec3::Ones(), 0, 2);
   ask_to_stop(StopReason::interrupted);
   EXPECT_THROW(close_gaps(image, {}, 4.0), Stopped);
   forget_stop();
 }
 
-TEST(FacingShare, OfASmoothBodyIsNoneAndOfASlitIsTheShareOfItsWalls) {
-  const double block = facing_share(
+TEST(FacingFraction, OfASmoothBodyIsNoneAndOfASlitIsTheFractionOfItsWalls) {
+  const double block = facing_fraction(
       make_body_surface(make_phantom({.shape = "block", .size_mm = {40, 40, 40}, .spacing_mm = 1}), {})
           .surface,
       4.0);
@@ -164,11 +164,11 @@ TEST(FacingShare, OfASmoothBodyIsNoneAndOfASlitIsTheShareOfItsWalls) {
   // A cube of 40 mm with a slit 2 mm wide and 26 mm deep has two walls of 40 x 26 mm in addition to its six
   // faces.
   const LabelImage image = slit_block({40, 40, 40}, Vec3::Ones(), 0, 2);
-  const double walls = 2.0 * 40 * 26, share = walls / (6.0 * 40 * 40 + walls - 2.0 * (40 + 2 * 26));
-  EXPECT_NEAR(facing_share(make_body_surface(image, {}).surface, 4.0), share, 0.03);
-  EXPECT_LT(facing_share(make_body_surface(close_gaps(image, {}, 4.0).image, {}).surface, 4.0), 0.01);
+  const double walls = 2.0 * 40 * 26, fraction = walls / (6.0 * 40 * 40 + walls - 2.0 * (40 + 2 * 26));
+  EXPECT_NEAR(facing_fraction(make_body_surface(image, {}).surface, 4.0), fraction, 0.03);
+  EXPECT_LT(facing_fraction(make_body_surface(close_gaps(image, {}, 4.0).image, {}).surface, 4.0), 0.01);
   const LabelImage wide = slit_block({40, 40, 40}, Vec3::Ones(), 0, 6);
-  EXPECT_LT(facing_share(make_body_surface(wide, {}).surface, 4.0), 0.02);
+  EXPECT_LT(facing_fraction(make_body_surface(wide, {}).surface, 4.0), 0.02);
 }
 
 }  // namespace

@@ -17,7 +17,7 @@ Model inconsistent_block() {
   return model;
 }
 
-Points wanted_of(const Model& model) {
+Points requested_by(const Model& model) {
   return surface_integrals(model, model.scheme.support, pieces_of(model));
 }
 
@@ -31,19 +31,19 @@ TEST(SurfacePieces, CoverAClosedSurface) {
 
 TEST(Consistency, MakesTheDivergenceTheoremHoldForEveryShapeFunction) {
   Model model = inconsistent_block();
-  const Points wanted = wanted_of(model);
-  EXPECT_LT(wanted.rowwise().sum().norm(), 1e-12);  // shape functions sum to 1
-  make_consistent(model, wanted);
+  const Points requested = requested_by(model);
+  EXPECT_LT(requested.rowwise().sum().norm(), 1e-12);  // shape functions sum to 1
+  make_consistent(model, requested);
   const ConsistencyReport& report = model.consistency_report;
   EXPECT_GT(report.before, 1e-3);
   EXPECT_LT(report.after, 1e-6);
   EXPECT_LT(report.iterations, 200);
 
-  Points residual = -wanted;
+  Points residual = -requested;
   for (Index q = 0; q < model.point_count(); ++q)
     for (int k = model.support.offset[q]; k < model.support.offset[q + 1]; ++k)
       residual.col(model.support.member[k]) += model.volume[q] * model.dphi.col(k);
-  EXPECT_LT(residual.cwiseAbs().maxCoeff(), 1e-6 * wanted.cwiseAbs().maxCoeff());
+  EXPECT_LT(residual.cwiseAbs().maxCoeff(), 1e-6 * requested.cwiseAbs().maxCoeff());
 }
 
 }  // namespace

@@ -11,14 +11,14 @@ namespace dimple::contact_coupling_test {
 namespace {
 
 // A sphere above the block with its tip at first contact, `deeper` [m] along the press direction.
-Touch sphere(const Model& model, double deeper, double friction = 0.0) {
-  Touch touch;
-  touch.shape = sphere_shape(10e-3);  // over several of the nodes, which are 3.3 mm apart
-  touch.surface = contact_surface(model, 9e-3);
-  touch.pose = first_touch(touch.shape, model.tool, touch.surface);
-  touch.pose.tip += deeper * touch.pose.points_at;
-  touch.friction = friction;
-  return touch;
+RigidBody sphere(const Model& model, double deeper, double friction = 0.0) {
+  RigidBody indenter;
+  indenter.shape = sphere_shape(10e-3);  // over several of the nodes, which are 3.3 mm apart
+  indenter.surface = contact_surface(model, 9e-3);
+  indenter.pose = first_contact(indenter.shape, model.tool, indenter.surface);
+  indenter.pose.tip += deeper * indenter.pose.points_at;
+  indenter.friction = friction;
+  return indenter;
 }
 
 // The undeformed block on its base, with one rigid contact.
@@ -30,15 +30,15 @@ struct InContact {
   Nodal u, f;
   Eigen::VectorXd lambda;
 
-  static std::vector<std::unique_ptr<TouchingTool>> only(Touch touch) {
-    std::vector<std::unique_ptr<TouchingTool>> rigid;
-    rigid.push_back(std::make_unique<TouchingTool>(std::move(touch)));
+  static std::vector<std::unique_ptr<RigidContact>> only(RigidBody indenter) {
+    std::vector<std::unique_ptr<RigidContact>> rigid;
+    rigid.push_back(std::make_unique<RigidContact>(std::move(indenter)));
     return rigid;
   }
-  InContact(const Model& model, Touch touch)
+  InContact(const Model& model, RigidBody indenter)
       : forces(model, neo_hookean(210.0, 0.49, 1000.0)),
         body(forces, model, Constraints(model.node_count(), {{.name = base_set, .node = model.base}}), {},
-             only(std::move(touch))),
+             only(std::move(indenter))),
         laplace(body),
         contact(body, laplace),
         u(Nodal::Zero(4, model.node_count())),
@@ -64,7 +64,7 @@ TEST(ContactCoupling, KnowsHowFarAForceAtOneSampleMovesAnother) {
   const Model model = testing_bodies::averaged_block();
   InContact in(model, sphere(model, 0.0));
   const Eigen::MatrixXd& C = in.contact.compliance();
-  ASSERT_EQ(C.rows(), in.body.touching()->count()) << "all samples of a measured tool are active";
+  ASSERT_EQ(C.rows(), in.body.tool_contact()->count()) << "all samples of a measured tool are active";
   EXPECT_EQ(C, Eigen::MatrixXd(C.transpose()));
   const Eigen::VectorXd x = Eigen::VectorXd::NullaryExpr(
       C.rows(), [](Index k) { return std::sin(1.0 + 2.3 * static_cast<double>(k)); });
@@ -85,7 +85,7 @@ TEST(ContactCoupling, KnowsHowFarAForceAtOneSampleMovesAnother) {
 
 TEST(ContactCoupling, IsNothingWhereNothingIsInContact) {
   const Model model = testing_bodies::averaged_block();
-  Touch wall = sphere(model, -10e-3);
+  RigidBody wall = sphere(model, -10e-3);
   wall.motion = Vec3::Zero().eval();
   InContact in(model, wall);
   EXPECT_TRUE(in.contact.empty());
@@ -99,7 +99,7 @@ TEST(ContactCoupling, IsNothingWhereNothingIsInContact) {
 
 TEST(ContactCoupling, GrowsByTheSamplesOfAWallThatPenetrate) {
   const Model model = testing_bodies::averaged_block();
-  Touch wall = sphere(model, 0.8e-3);
+  RigidBody wall = sphere(model, 0.8e-3);
   wall.motion = wall.pose.points_at;
   InContact in(model, wall);
   const auto penetrating = [&] { return (in.term().gaps().array() < 0.0).count(); };
@@ -123,8 +123,9 @@ TEST(ContactCoupling, ClosesGapsWithForcesThatDoNotPull) {
   InContact in(model, sphere(model, 0.0));
   const double depth = 1e-3;
   in.evaluate(depth);
-  EXPECT_GT(in.contact.lack_of_tool(), 1.0);
-  EXPECT_EQ(in.contact.residual_with_contact(0.0, 0.0, 1e-4), std::max(1.0, 1e-4 * in.contact.lack_of_tool()))
+  EXPECT_GT(in.contact.contact_violation(), 1.0);
+  EXPECT_EQ(in.contact.residual_with_contact(0.0, 0.0, 1e-4),
+            std::max(1.0, 1e-4 * in.contact.contact_violation()))
       << "all of the force is missing";
   const Nodal du = Nodal::Zero(4, model.node_count());
   Nodal r = du, spread = du;
@@ -157,7 +158,7 @@ TEST(ContactCoupling, KeepsFrictionWithinCoulombsCone) {
   in.body.accept_step(in.u);
   in.evaluate(1.2e-3);
   du.row(0).setConstant(1e-4);
-  const TouchingTool& tool = *in.body.touching();
+  const RigidContact& tool = *in.body.tool_contact();
   const Eigen::VectorXd change = in.change(du, r);
   double largest = 0.0;
   for (Index s = 0; s < count; ++s) {

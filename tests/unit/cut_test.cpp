@@ -49,7 +49,7 @@ TEST(ACut, ThatEndsInTheTissueAllAroundIsAHollowOfItsOwnWidth) {
   EXPECT_FALSE(is.surface.sees({0.0, 0.0, 13.0}, {0.0, 0.0, 17.0}, 2.0));
 }
 
-TEST(ACut, ThroughAllOfTheBodyPartsItAndKeepsThePieceThatIsAskedFor) {
+TEST(ACut, ThroughAllOfTheBodyPartsItAndKeepsTheRequestedPiece) {
   const BodySurface body = block_surface(lower, upper);
   const TriangleMesh plane = disc_sheet({10.0, 0.0, 15.0}, {1.0, 0.0, 0.0}, 60.0, 5.0);
   const CutBody left = cut(body, {plane}, gap, {0.0, 0.0, 30.0}),
@@ -72,9 +72,9 @@ TEST(ACut, CrossingAnotherOpensWhatEitherOpens) {
 
 TEST(ACut, ThatMeetsNoTissueIsRefusedByThatReason) {
   const BodySurface body = block_surface(lower, upper);
-  const TriangleMesh beside = disc_sheet({100.0, 0.0, 0.0}, Vec3::UnitX(), 5.0, 1.0),
+  const TriangleMesh next_to = disc_sheet({100.0, 0.0, 0.0}, Vec3::UnitX(), 5.0, 1.0),
                      blade = disc_sheet({0.0, 0.0, 15.0}, Vec3::UnitX(), 5.0, 1.0);
-  EXPECT_THROW(cut(body, {beside}, gap, Vec3::Zero()), ModelError);
+  EXPECT_THROW(cut(body, {next_to}, gap, Vec3::Zero()), ModelError);
   EXPECT_THROW(cut(body, {blade, blade}, gap, Vec3::Zero()), ModelError) << "twice the same";
 }
 

@@ -74,21 +74,21 @@ class Deformed : public testing::Test {
   bool in_block(const Vec3& mm, double by = 0.0) const {
     return (mm.array() > by).all() && ((Vec3(30, 30, 20) - mm).array() > by).all();
   }
-  struct WayBack {
+  struct InverseMap {
     std::vector<float> place;
-    WayBackReport report;
+    InverseMapReport report;
   };
-  WayBack way_back(const DeformationMap& map, const VoxelGrid& grid) const {
-    WayBack result;
+  InverseMap inverse_map(const DeformationMap& map, const VoxelGrid& grid) const {
+    InverseMap result;
     result.place.resize(static_cast<std::size_t>(3 * grid.voxels()));
-    result.report = map.places_at_rest(0, grid.size[2], result.place);
+    result.report = map.reference_places(0, grid.size[2], result.place);
     return result;
   }
   Vec3 voxel(const VoxelGrid& grid, Index v) const {
     return {static_cast<double>(v % grid.size[0]), static_cast<double>(v / grid.size[0] % grid.size[1]),
             static_cast<double>(v / grid.slice())};
   }
-  Vec3 place(const WayBack& back, Index v) const {
+  Vec3 place(const InverseMap& back, Index v) const {
     const float* x = back.place.data() + 3 * v;
     return {x[0], x[1], x[2]};
   }
@@ -125,15 +125,15 @@ TEST_F(Deformed, ForthAndBackEveryVoxelOfTheBodyIsWhereItWas) {
   for (const auto& [name, grid] : grids()) {
     SCOPED_TRACE(name);
     const DeformationMap map(model, field, u, grid);
-    const WayBack back = way_back(map, grid);
+    const InverseMap back = inverse_map(map, grid);
     const Eigen::Affine3d to_voxels = grid.to_world.inverse();
     double worst = 0.0;
     Index inside = 0;
     for (Index v = 0; v < grid.voxels(); ++v) {
-      const Vec3 rest_mm = grid.to_world * place(back, v);
-      if (!in_block(rest_mm, 0.01)) continue;
+      const Vec3 undeformed_mm = grid.to_world * place(back, v);
+      if (!in_block(undeformed_mm, 0.01)) continue;
       ++inside;
-      const Vec3 there = to_voxels * Vec3(rest_mm + displacement_at(rest_mm));
+      const Vec3 there = to_voxels * Vec3(undeformed_mm + displacement_at(undeformed_mm));
       worst = std::max(worst, (there - voxel(grid, v)).cwiseAbs().maxCoeff());
     }
     EXPECT_GT(inside, 1000);
@@ -223,16 +223,17 @@ TEST_F(Deformed, ALatticeCoarserThanTheVoxelsFindsTheSamePlaces) {
   const DeformationMap map(model, field, u, fine);
   std::vector<float> place(static_cast<std::size_t>(3 * fine.slice()));
   const Index k = fine.size[2] / 2 + 10;
-  const WayBackReport report = map.places_at_rest(k, k + 1, place);
+  const InverseMapReport report = map.reference_places(k, k + 1, place);
   EXPECT_GT(report.solved, 10000);
   EXPECT_LE(200 * report.unsettled, report.solved);
   double worst = 0.0;
   for (Index v = 0; v < fine.slice(); v += 7) {
     const float* X = place.data() + 3 * v;
-    const Vec3 rest_mm = fine.to_world * Vec3(X[0], X[1], X[2]);
-    if (!in_block(rest_mm, 0.01)) continue;
+    const Vec3 undeformed_mm = fine.to_world * Vec3(X[0], X[1], X[2]);
+    if (!in_block(undeformed_mm, 0.01)) continue;
     const Vec3 x = voxel(fine, v + k * fine.slice());
-    worst = std::max(worst, (fine.to_world.inverse() * Vec3(rest_mm + displacement_at(rest_mm)) - x).norm());
+    worst = std::max(
+        worst, (fine.to_world.inverse() * Vec3(undeformed_mm + displacement_at(undeformed_mm)) - x).norm());
   }
   EXPECT_LT(worst, 0.1);
 }
@@ -241,7 +242,7 @@ TEST_F(Deformed, IsTheSameForAnyNumberOfThreads) {
   const VoxelGrid grid = grids()[2].second;
   const auto all = [&] {
     const DeformationMap map(model, field, u, grid);
-    std::vector<float> result = way_back(map, grid).place;
+    std::vector<float> result = inverse_map(map, grid).place;
     std::vector<float> slice(static_cast<std::size_t>(3 * grid.slice())),
         J(static_cast<std::size_t>(grid.slice()));
     map.displacement(grid.size[2] / 2, slice, J);
@@ -264,7 +265,7 @@ TEST_F(Deformed, AnImageElsewhereAndABodyAtRestStayAsTheyAre) {
   elsewhere.to_world.translation() += Vec3(500, 0, 0);
   for (const auto& [where, field_of] : {std::pair{grid, &nothing}, std::pair{elsewhere, &u}}) {
     const DeformationMap map(model, field, *field_of, where);
-    const WayBack back = way_back(map, where);
+    const InverseMap back = inverse_map(map, where);
     for (Index v = 0; v < where.voxels(); ++v) ASSERT_EQ(place(back, v), voxel(where, v));
   }
 }

@@ -1,5 +1,5 @@
 // Changes that --explain makes to a contacting tool, and their effect on its force with few nodes. The
-// program itself uses more nodes: see touching_tool_test.
+// program itself uses more nodes: see contacting_tool_test.
 
 #include "apps/studies/explain.hpp"
 
@@ -21,7 +21,7 @@ namespace {
 
 using testing::ElementsAre;
 
-constexpr double stuck = std::numeric_limits<double>::infinity();
+constexpr double no_slip_friction = std::numeric_limits<double>::infinity();
 
 // Lines "choice: instead".
 std::vector<std::string> lines(const ToolShape& shape, double friction) {
@@ -45,8 +45,9 @@ TEST(ToolChoices, AreOfWhatTheToolHas) {
                   "friction: without friction instead of with friction 0.3",
                   "friction: without slip instead of with friction 0.3"));
   const ToolShape drawn = drawn_shape(std::make_shared<const ToolMesh>());
-  EXPECT_THAT(lines(drawn, stuck), ElementsAre("friction: without friction instead of without slip",
-                                               "friction: with friction 0.3 instead of without slip"));
+  EXPECT_THAT(lines(drawn, no_slip_friction),
+              ElementsAre("friction: without friction instead of without slip",
+                          "friction: with friction 0.3 instead of without slip"));
 }
 
 TEST(ToolChoices, ChangeOneThingAlone) {
@@ -74,7 +75,7 @@ TEST(ToolChoices, AreNeverALengthThatAToolCannotHave) {
 }
 
 // The explanation is stopped before the base is changed: all of it takes a minute in the program.
-TEST(Explain, OfASphereTellsWhatItsRadiusDoesOnTheSameNodesAndWhatFrictionDoes) {
+TEST(Explain, OfASphereReportsWhatItsRadiusDoesOnTheSameNodesAndWhatFrictionDoes) {
   const Scene scene = scene_with({{"image.file", DIMPLE_SAMPLE_DATA "/block_3mm.nrrd"},
                                   {"tool.shape", "sphere:5mm"},
                                   {"load.depth_mm", "1"}});
@@ -94,11 +95,11 @@ TEST(Explain, OfASphereTellsWhatItsRadiusDoesOnTheSameNodesAndWhatFrictionDoes) 
   EXPECT_NEAR(up, 0.01, 1e-3);
   EXPECT_NEAR(effect.at("tool's radius: 5.10 mm instead of 5.00 mm"), up, 0.5 * up);
   EXPECT_NEAR(effect.at("tool's radius: 4.90 mm instead of 5.00 mm"), -up, 0.5 * up);
-  const double rubs = effect.at("friction: with friction 0.3 instead of without friction"),
-               sticks = effect.at("friction: without slip instead of without friction");
-  EXPECT_GT(rubs, 0.0);
-  EXPECT_LT(rubs, 0.03);
-  EXPECT_NEAR(sticks, rubs, 0.01);
+  const double frictional = effect.at("friction: with friction 0.3 instead of without friction"),
+               no_slip = effect.at("friction: without slip instead of without friction");
+  EXPECT_GT(frictional, 0.0);
+  EXPECT_LT(frictional, 0.03);
+  EXPECT_NEAR(no_slip, frictional, 0.01);
   EXPECT_TRUE(effect.count("steps of the load: 0.05 instead of 0.1 radii of the tool"));
 
   const std::filesystem::path folder = fresh_folder();

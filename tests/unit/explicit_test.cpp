@@ -14,9 +14,9 @@ using namespace testing_bodies;
 using testing::HasSubstr;
 
 const Material tissue = neo_hookean(210.0, 0.49, 1000.0);
-const Loading short_push = {.depth = 0.5e-3, .rate = 10e-3};
+const Loading short_press = {.depth = 0.5e-3, .rate = 10e-3};
 
-TEST(Simulate, GivesAFrameAtTheStartAndAfterEverySegmentAndEndsAtTheDepthAskedFor) {
+TEST(Simulate, GivesAFrameAtTheStartAndAfterEverySegmentAndEndsAtTheRequestedDepth) {
   const Model model = block(4);
   const ForceSystem system(model, tissue);
   std::vector<int> numbers;
@@ -25,7 +25,7 @@ TEST(Simulate, GivesAFrameAtTheStartAndAfterEverySegmentAndEndsAtTheDepthAskedFo
                                  [&](const Frame& frame) {
                                    numbers.push_back(frame.number);
                                    depths.push_back(frame.depth);
-                                   for (const Index a : model.circle) {
+                                   for (const Index a : model.bonded_patch) {
                                      EXPECT_NEAR(frame.u(2, a), -frame.depth, 1e-15);
                                      EXPECT_EQ(frame.u(0, a), 0.0);
                                    }
@@ -33,7 +33,7 @@ TEST(Simulate, GivesAFrameAtTheStartAndAfterEverySegmentAndEndsAtTheDepthAskedFo
                                  },
                              .sample = {}};
   History history;
-  solve(TimeMode::explicit_, system, model, short_push, {.frames = 5}, observer, history);
+  solve(TimeMode::explicit_, system, model, short_press, {.frames = 5}, observer, history);
   EXPECT_THAT(numbers, testing::ElementsAre(0, 1, 2, 3, 4, 5));
   for (std::size_t k = 0; k < depths.size(); ++k)
     EXPECT_NEAR(depths[k], 0.1e-3 * static_cast<double>(k), 1e-15);
@@ -45,9 +45,9 @@ TEST(Simulate, GivesAFrameAtTheStartAndAfterEverySegmentAndEndsAtTheDepthAskedFo
   EXPECT_FALSE(history.interrupted);
 }
 
-TEST(Simulate, SamplesAtTheRateAskedFor) {
+TEST(Simulate, SamplesAtTheRequestedRate) {
   const Model model = block(4);
-  const History history = marched(TimeMode::explicit_, model, tissue, short_push,
+  const History history = marched(TimeMode::explicit_, model, tissue, short_press,
                                   {.frames = 2, .sample_rate = 400.0, .energy_rate = 100.0});
   EXPECT_EQ(history.force.size(), 21u);  // 0.05 s: 0 ... 19 at the rate, and the end
   EXPECT_EQ(history.energy.size(), 6u);
@@ -69,7 +69,7 @@ TEST(Simulate, StopsWhenTheObserverSaysSoAndKeepsWhatThereIs) {
           },
       .sample = [](const ForceSample& sample, const History&) { return sample.t < 0.02; }};
   History history;
-  solve(TimeMode::explicit_, system, model, short_push, {.frames = 5}, observer, history);
+  solve(TimeMode::explicit_, system, model, short_press, {.frames = 5}, observer, history);
   EXPECT_TRUE(history.interrupted);
   EXPECT_GT(last_frame, 0);
   EXPECT_EQ(last_t, history.force.back().t);
@@ -81,10 +81,11 @@ TEST(Simulate, NothingFreeToMoveIsRefused) {
   Model model = block(3);
   model.base.clear();
   for (Index a = 0; a < model.node_count(); ++a)
-    if (std::find(model.circle.begin(), model.circle.end(), a) == model.circle.end()) model.base.push_back(a);
+    if (std::find(model.bonded_patch.begin(), model.bonded_patch.end(), a) == model.bonded_patch.end())
+      model.base.push_back(a);
   History history;
   EXPECT_THROW(
-      solve(TimeMode::explicit_, ForceSystem(model, tissue), model, short_push, {.frames = 1}, {}, history),
+      solve(TimeMode::explicit_, ForceSystem(model, tissue), model, short_press, {.frames = 1}, {}, history),
       SolveError);
 }
 

@@ -31,7 +31,7 @@ ElementModel one_tetrahedron() {
   model.elements.resize(10, 1);
   model.elements.col(0) << 0, 1, 2, 3, 4, 5, 6, 7, 8, 9;
   model.base = {0};
-  model.circle = {1, 4};
+  model.bonded_patch = {1, 4};
   return model;
 }
 
@@ -46,11 +46,11 @@ TEST(CalculixInput, HoldsNodesElementsSetsMaterialAndLoadInMillimetresAndKilopas
   EXPECT_THAT(text, HasSubstr("NAME=depths\n0.125\n0.25\n"));
 }
 
-TEST(CalculixInput, LetsASlidingCircleGoSideways) {
+TEST(CalculixInput, LetsASlidingPatchGoSideways) {
   ElementModel model = one_tetrahedron();
   model.bonded = false;
   EXPECT_THAT(calculix_input(model), HasSubstr("*BOUNDARY\ncircle, 3, 3, -8\n"));
-  model.push = Vec3(0.6, 0.0, -0.8);
+  model.approach = Vec3(0.6, 0.0, -0.8);
   const std::string text = calculix_input(model);
   EXPECT_THAT(text, HasSubstr("*TRANSFORM, NSET=circle, TYPE=R\n0.6, 0, -0.8,"));
   EXPECT_THAT(text, HasSubstr("*BOUNDARY\ncircle, 1, 1, 8\n"));
@@ -70,18 +70,18 @@ TEST(FebioInput, HoldsNodesElementsSetsMaterialAndLoadInMillimetresAndKilopascal
   EXPECT_THAT(text, HasSubstr("three-field-solid"));
 }
 
-TEST(FebioInput, RefusesASlidingCircleThatIsNotPushedAlongAnAxis) {
+TEST(FebioInput, RefusesASlidingPatchThatIsNotPressedAlongAnAxis) {
   ElementModel model = one_tetrahedron();
   model.bonded = false;
   EXPECT_THAT(febio_input(model), Not(HasSubstr("<dof>x</dof>")));
-  model.push = Vec3(0.6, 0.0, -0.8);
+  model.approach = Vec3(0.6, 0.0, -0.8);
   EXPECT_THROW(febio_input(model), UsageError);
 }
 
-TEST(Tetrahedra, FillABlockAndMarkItsBaseAndCircle) {
+TEST(Tetrahedra, FillABlockAndMarkItsBaseAndPatch) {
   const BodySurface block = block_surface({-15, -15, 0}, {15, 15, 15});
   const Boundary boundary = find_boundary(block, {.base = "inferior", .indent_at = "0,0,top"});
-  const Sizing sizing(block, boundary, {.rim = 0.3});
+  const Sizing sizing(block, boundary, {.patch_edge = 0.3});
   const TetrahedralMesh mesh = make_tetrahedra(block, boundary, sizing, 6.0);
   double volume = 0.0;
   for (Index e = 0; e < mesh.tetrahedra.cols(); ++e) {
@@ -94,12 +94,12 @@ TEST(Tetrahedra, FillABlockAndMarkItsBaseAndCircle) {
   }
   EXPECT_NEAR(volume, mesh.volume_mm3, 1e-6);
   EXPECT_NEAR(volume, block.volume(), 0.05 * block.volume());
-  double on_rim = 0.0;
-  for (const Index a : mesh.circle) {
+  double on_patch_edge = 0.0;
+  for (const Index a : mesh.bonded_patch) {
     EXPECT_NEAR(mesh.X(2, a), 15.0, 1e-9);
-    on_rim = std::max(on_rim, mesh.X.col(a).head<2>().norm());
+    on_patch_edge = std::max(on_patch_edge, mesh.X.col(a).head<2>().norm());
   }
-  EXPECT_NEAR(on_rim, 5.0, 0.01);
+  EXPECT_NEAR(on_patch_edge, 5.0, 0.01);
   // The mesh rounds sharp edges: some of the held nodes there are slightly higher.
   const auto flat = std::count_if(mesh.base.begin(), mesh.base.end(),
                                   [&](Index a) { return std::abs(mesh.X(2, a)) < 1e-6; });

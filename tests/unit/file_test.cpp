@@ -17,7 +17,7 @@ std::size_t entries(const fs::path& folder) {
   return static_cast<std::size_t>(std::distance(fs::directory_iterator(folder), {}));
 }
 
-TEST(File, HoldsWhatWasWrittenAndNothingIsLeftBesideIt) {
+TEST(File, HoldsWhatWasWrittenAndNothingIsLeftNextToIt) {
   const fs::path folder = fresh_folder();
   std::string content = "a\0b\r\n";
   content.append(300'000, 'x');
@@ -88,8 +88,8 @@ TEST(File, HasTheDigestOfTheStandard) {
             "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855");
 }
 
-TEST(File, HasATemporaryNameWithItsSuffixBesideIt) {
-  const fs::path one = temporary_beside("out/brain.seg.nrrd"), two = temporary_beside("out/brain.seg.nrrd");
+TEST(File, HasATemporaryNameWithItsSuffixNextToIt) {
+  const fs::path one = temporary_next_to("out/brain.seg.nrrd"), two = temporary_next_to("out/brain.seg.nrrd");
   EXPECT_NE(one, two);
   EXPECT_EQ(one.parent_path(), "out");
   EXPECT_TRUE(one.string().ends_with("brain.seg.nrrd"));

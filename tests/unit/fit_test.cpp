@@ -49,7 +49,7 @@ std::vector<double> noisy(std::vector<double> force, double sigma, Draw& draw) {
   return force;
 }
 
-TEST(Fit, TheBandOfNoiseHoldsTheModulusIn95Of100Draws) {
+TEST(Fit, TheErrorBoundsOfNoiseHoldTheModulusIn95Of100Draws) {
   Draw draw{std::mt19937_64(7)};
   for (const int rows : {3, 16, 200}) {
     const std::vector<double> depth = depths(rows), unit = bent(depth, 1.0);
@@ -64,7 +64,7 @@ TEST(Fit, TheBandOfNoiseHoldsTheModulusIn95Of100Draws) {
   }
 }
 
-TEST(Fit, FindsAnExponentBesideTheModulusAndItsBandHoldsIt) {
+TEST(Fit, FindsAnExponentInAdditionToTheModulusAndItsErrorBoundsHoldIt) {
   Draw draw{std::mt19937_64(8)};
   const std::vector<double> depth = depths(40);
   const std::vector<double> truth = times(300.0, bent(depth, 4.7));
@@ -87,12 +87,12 @@ TEST(Fit, SaysWhatACurveDoesNotDetermine) {
   std::vector<double> truth = bent(depth, 0.0);
   const FitParameter unseen{.name = "g", .unit = "", .start = 0.5, .least = 0.01, .most = 0.99};
   CurveFit blind = fit_curve(depth, truth, {unseen}, [&](const auto&) { return truth; });
-  EXPECT_THAT(settle(blind, true), testing::Contains(HasSubstr("does not determine g")));
+  EXPECT_THAT(conclude(blind, true), testing::Contains(HasSubstr("does not determine g")));
   EXPECT_FALSE(blind.number[1].determined);
   // The curve bends less than any of the law.
   CurveFit at_limit = fit_curve(depth, truth, {exponent},
                                 [&](const std::vector<double>& numbers) { return bent(depth, numbers[0]); });
-  EXPECT_THAT(settle(at_limit, true), testing::Contains(HasSubstr("ran to its limit")));
+  EXPECT_THAT(conclude(at_limit, true), testing::Contains(HasSubstr("ran to its limit")));
 }
 
 TEST(Fit, NeverRunsTheModelMoreOftenThanItMay) {
@@ -108,7 +108,7 @@ TEST(Fit, NeverRunsTheModelMoreOftenThanItMay) {
   EXPECT_FALSE(fit.converged);
 }
 
-TEST(Fit, ResidualsThatRememberWidenTheBand) {
+TEST(Fit, ResidualsThatRememberWidenTheErrorBounds) {
   const std::vector<double> depth = depths(100), unit = bent(depth, 1.0);
   std::vector<double> wavy = unit, alternating = unit;
   for (std::size_t k = 0; k < unit.size(); ++k) {
@@ -123,7 +123,7 @@ TEST(Fit, ResidualsThatRememberWidenTheBand) {
   EXPECT_GT(smooth.number[0].noise, 4.0 * rough.number[0].noise);
 }
 
-TEST(Fit, AModulusAloneLiesBetweenWhatBothEndsOfTheForcesBandGive) {
+TEST(Fit, AModulusAloneLiesBetweenWhatBothErrorBoundsOfTheForceGive) {
   const std::vector<double> depth = depths(10), unit = bent(depth, 1.0);
   CurveFit fit = fit_curve(depth, unit, {}, [&](const auto&) { return unit; });
   add_discretisation(fit, depth, 0.05);
@@ -132,29 +132,29 @@ TEST(Fit, AModulusAloneLiesBetweenWhatBothEndsOfTheForcesBandGive) {
 }
 
 // Force on a round tip at depth d in tissue of 1 Pa.
-std::vector<double> of_a_sphere(const std::vector<double>& depth, double touch = 0.0) {
+std::vector<double> of_a_sphere(const std::vector<double>& depth, double indenter = 0.0) {
   std::vector<double> force;
-  for (const double d : depth) force.push_back(0.2 * std::pow(std::max(0.0, d - touch), 1.5));
+  for (const double d : depth) force.push_back(0.2 * std::pow(std::max(0.0, d - indenter), 1.5));
   return force;
 }
 
-TEST(Fit, SaysWhatTheModulusWouldBeHadTheToolTouchedEarlierOrLater) {
+TEST(Fit, SaysWhatTheModulusWouldBeHadTheToolMadeContactEarlierOrLater) {
   const std::vector<double> depth = depths(20), unit = of_a_sphere(depth);
-  const double off = off_first_touch(depth.back());
+  const double off = off_first_contact(depth.back());
   EXPECT_DOUBLE_EQ(off, 1e-4);
-  EXPECT_DOUBLE_EQ(off_first_touch(2e-4), 0.5e-4);
-  for (const double touch : {-off, off}) {  // place of first contact of the measured curve, with 300 Pa
-    const std::vector<double> measured = times(300.0, of_a_sphere(depth, touch));
+  EXPECT_DOUBLE_EQ(off_first_contact(2e-4), 0.5e-4);
+  for (const double indenter : {-off, off}) {  // place of first contact of the measured curve, with 300 Pa
+    const std::vector<double> measured = times(300.0, of_a_sphere(depth, indenter));
     CurveFit fit = fit_curve(depth, measured, {}, [&](const auto&) { return unit; });
     const double found = fit.number[0].value;
     EXPECT_GT(std::abs(found - 300.0), 4.0);
     const auto model = [&](double at) { return times(found, of_a_sphere(depth, at)); };
-    add_first_touch(fit, measured, model(-off), model(off));
-    EXPECT_NEAR(touch < 0.0 ? fit.number[0].earlier : fit.number[0].later, 300.0, 1e-9);
+    add_first_contact(fit, measured, model(-off), model(off));
+    EXPECT_NEAR(indenter < 0.0 ? fit.number[0].earlier : fit.number[0].later, 300.0, 1e-9);
   }
 }
 
-TEST(Fit, SeveralNumbersChangeWithTheFirstTouchAsASecondFitSays) {
+TEST(Fit, SeveralNumbersChangeWithTheFirstContactAsASecondFitSays) {
   const std::vector<double> depth = depths(40);
   const auto later_by = [&](double off) {
     std::vector<double> moved = depth;
@@ -171,7 +171,7 @@ TEST(Fit, SeveralNumbersChangeWithTheFirstTouchAsASecondFitSays) {
   const auto model = [&](double later) {
     return times(fit.number[0].value, bent(later_by(later), fit.number[1].value));
   };
-  add_first_touch(fit, measured, model(-off), model(off));
+  add_first_contact(fit, measured, model(-off), model(off));
   const CurveFit earlier = fitted_at(-off), later = fitted_at(off);
   for (const std::size_t k : {0u, 1u}) {
     const double up = later.number[k].value - fit.number[k].value;
@@ -181,57 +181,57 @@ TEST(Fit, SeveralNumbersChangeWithTheFirstTouchAsASecondFitSays) {
   }
 }
 
-TEST(Fit, FindsWhereTheToolFirstTouchedAlsoWhereThatIsTheCurvesZero) {
+TEST(Fit, FindsTheFirstContactAlsoWhereThatIsTheCurvesZero) {
   Draw draw{std::mt19937_64(9)};
   const std::vector<double> depth = depths(40);
-  const double far = 1e3 * farthest_first_touch(depth.back());
+  const double far = 1e3 * farthest_first_contact(depth.back());
   const FitParameter place{
       .name = "touch", .unit = "mm", .start = 0.0, .least = -far, .most = far, .is_place = true};
   const UnitForces model = [&](const std::vector<double>& numbers) {
     return of_a_sphere(depth, 1e-3 * numbers[0]);
   };
-  for (const double touch_mm : {-0.4, 0.0, 0.4}) {
-    const std::vector<double> truth = times(300.0, of_a_sphere(depth, 1e-3 * touch_mm));
+  for (const double contact_mm : {-0.4, 0.0, 0.4}) {
+    const std::vector<double> truth = times(300.0, of_a_sphere(depth, 1e-3 * contact_mm));
     CurveFit exact = fit_curve(depth, truth, {place}, model, 200);
-    EXPECT_NEAR(exact.number[0].value, 300.0, 0.1) << touch_mm;
-    EXPECT_NEAR(exact.number[1].value, touch_mm, 1e-3);
+    EXPECT_NEAR(exact.number[0].value, 300.0, 0.1) << contact_mm;
+    EXPECT_NEAR(exact.number[1].value, contact_mm, 1e-3);
     CurveFit rough = fit_curve(depth, noisy(truth, 0.003 * truth.back(), draw), {place}, model, 200);
-    EXPECT_THAT(settle(rough, true), testing::IsEmpty()) << "a place at zero is as good as another";
-    EXPECT_NEAR(rough.number[1].value, touch_mm, 2.0 * rough.number[1].noise);
+    EXPECT_THAT(conclude(rough, true), testing::IsEmpty()) << "a place at zero is as good as another";
+    EXPECT_NEAR(rough.number[1].value, contact_mm, 2.0 * rough.number[1].noise);
     EXPECT_LT(rough.number[1].noise, 0.2);
   }
   std::vector<double> beyond = of_a_sphere(depth, 2.0 * 1e-3 * far);
   CurveFit at_limit = fit_curve(depth, beyond, {place}, model, 200);
-  EXPECT_THAT(settle(at_limit, true), testing::Contains(HasSubstr("touch ran to its limit")));
+  EXPECT_THAT(conclude(at_limit, true), testing::Contains(HasSubstr("touch ran to its limit")));
 }
 
-TEST(Fit, AModulusIsOffByTheShareOfItsModelsForcesAsTheseWeigh) {
+TEST(Fit, AModulusIsOffByTheFractionOfItsModelsForcesAsTheseWeigh) {
   const std::vector<double> depth = depths(10), unit = of_a_sphere(depth);
-  std::vector<double> share, wrong = unit;
+  std::vector<double> fraction, wrong = unit;
   for (std::size_t k = 0; k < depth.size(); ++k) {
-    share.push_back(1e-4 / (depth[k] * 1e3));  // a slight contact is least accurate
-    wrong[k] *= 1.0 + share[k];
+    fraction.push_back(1e-4 / (depth[k] * 1e3));  // a slight contact is least accurate
+    wrong[k] *= 1.0 + fraction[k];
   }
   const CurveFit right = fit_curve(depth, unit, {}, [&](const auto&) { return unit; }),
                  off = fit_curve(depth, unit, {}, [&](const auto&) { return wrong; });
-  const double by = weighted_share(share, unit);
+  const double by = weighted_fraction(fraction, unit);
   EXPECT_NEAR(right.number[0].value / off.number[0].value - 1.0, by, 1e-3 * by);
-  EXPECT_LT(by, 0.2 * share.front());
+  EXPECT_LT(by, 0.2 * fraction.front());
 }
 
-TEST(ForcesOfTouch, FollowAPowerOfTheDepthBetweenSamplesBeforeTheFirstAndBeyondTheLast) {
+TEST(ContactForces, FollowAPowerOfTheDepthBetweenSamplesBeforeTheFirstAndBeyondTheLast) {
   for (const double power : {1.0, 1.5, 2.2}) {
     std::vector<ForceSample> samples = {{0.0, 0.0, 0.0, 0.0}};
     for (const double d : {0.5e-3, 1e-3, 2e-3}) samples.push_back({0.0, d, 3.0 * std::pow(d, power), 0.0});
     const std::vector<double> depth = {0.1e-3, 0.5e-3, 0.8e-3, 1.9e-3, 2.1e-3},
-                              force = forces_of_touch(samples, depth);
+                              force = contact_forces(samples, depth);
     for (std::size_t k = 0; k < depth.size(); ++k)
       EXPECT_NEAR(force[k] / (3.0 * std::pow(depth[k], power)), 1.0, 1e-12) << depth[k];
   }
   // No contact, or none yet; a single sample follows the law of a round tip.
-  EXPECT_THAT(forces_of_touch({{0.0, 1e-3, 8.0, 0.0}}, {-1e-3, 0.0, 0.25e-3}),
+  EXPECT_THAT(contact_forces({{0.0, 1e-3, 8.0, 0.0}}, {-1e-3, 0.0, 0.25e-3}),
               testing::ElementsAre(0.0, 0.0, testing::DoubleNear(1.0, 1e-12)));
-  EXPECT_THAT(forces_of_touch({{0.0, 0.0, 0.0, 0.0}}, {1e-3}), testing::ElementsAre(0.0));
+  EXPECT_THAT(contact_forces({{0.0, 0.0, 0.0, 0.0}}, {1e-3}), testing::ElementsAre(0.0));
 }
 
 TEST(Fit, RefusesFewerRowsThanItNeedsForcesThatFallAndAModulusThatNoTissueHas) {
@@ -298,20 +298,20 @@ std::vector<ForceSample> line_to(double depth) {
   return samples;
 }
 
-TEST(Compare, TellsHowTheMeasuredForcesAreToOursWhereBothAre) {
+TEST(Compare, ReportsHowTheMeasuredForcesAreToOursWhereBothAre) {
   const MeasuredCurve measured{.name = "m.csv", .depth = {1e-3, 2e-3, 5e-3}, .force = {0.012, 0.022, 1.0}};
-  Band band{.unknown = "", .half = {0.0, 0.001, 0.002, 0.003, 0.004}};
-  const Comparison c = compare(measured, line_to(4e-3), band);
+  ErrorBounds error_bounds{.unknown = "", .half = {0.0, 0.001, 0.002, 0.003, 0.004}};
+  const Comparison c = compare(measured, line_to(4e-3), error_bounds);
   EXPECT_EQ(c.force.size(), 2u);
   EXPECT_EQ(c.deeper, 1u);
   EXPECT_NEAR(c.at_end, 1.1, 1e-12);
   EXPECT_NEAR(c.mean, 0.034 / 0.030, 1e-12);
   EXPECT_NEAR(c.rms, 0.002, 1e-12);
-  ASSERT_TRUE(c.inside_band);
-  EXPECT_NEAR(*c.inside_band, 0.5, 1e-12);
+  ASSERT_TRUE(c.inside_error_bounds);
+  EXPECT_NEAR(*c.inside_error_bounds, 0.5, 1e-12);
   EXPECT_THAT(in_words(c), HasSubstr("measured / ours 1.10 at 2.00 mm, 1.13 on average over 2 depths"));
   EXPECT_THAT(in_words(c), HasSubstr("1 row deeper than this run is not compared"));
-  EXPECT_FALSE(compare(measured, line_to(4e-3), {}).inside_band);
+  EXPECT_FALSE(compare(measured, line_to(4e-3), {}).inside_error_bounds);
 }
 
 TEST(Compare, ThePapersSimulationIsInNoMean) {

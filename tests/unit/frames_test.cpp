@@ -22,10 +22,10 @@ struct Seen {
 Seen march(const Model& model, const Tissues& tissues, double depth, const SolverOptions& options) {
   const ForceSystem system(model, tissues, Precision::single_);
   Seen seen;
-  const Eigen::Vector4d push = padded(model.tool.push);
+  const Eigen::Vector4d approach = padded(model.tool.approach);
   const Observer observer{.frame = [&](const Frame& now) {
     double force = 0.0;
-    for (const Index a : model.circle) force += now.f.col(a).dot(push);
+    for (const Index a : model.bonded_patch) force += now.f.col(a).dot(approach);
     seen.depth.push_back(now.depth);
     seen.force.push_back(force);
   }};

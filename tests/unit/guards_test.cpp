@@ -79,7 +79,7 @@ TEST(ModelGuard, RefusesGradientsThatAreWrong) {
   EXPECT_THAT(report.where, HasSubstr("point 5"));
 }
 
-TEST(ModelGuard, FindsACloudThatIsSparseBesideItsSupports) {
+TEST(ModelGuard, FindsNodesThatAreSparseComparedWithTheirSupports) {
   Model model = block(4);
   const SupportReport support = find_supports(model, {.radius_factor = 1.1});
   ASSERT_GT(support.grown, 0);
@@ -91,19 +91,19 @@ TEST(ModelGuard, FindsACloudThatIsSparseBesideItsSupports) {
   few.X = Points(few.X.leftCols(6));
   few.spacing = Eigen::VectorXd(few.spacing.head(6));
   few.base = {0};
-  few.circle = {5};
+  few.bonded_patch = {5};
   expect_whole(report_of<ModelError>([&] { find_supports(few, {}); }), "supports");
 }
 
-TEST(ModelGuard, FindsTooFewNodesUnderTheCircleAndSaysHowManyItTakes) {
+TEST(ModelGuard, FindsTooFewNodesUnderThePatchAndSaysHowManyItTakes) {
   Model model = block(5);
   const SupportReport support = find_supports(model, {});
   const auto findings = check_model(model, support, 4e-3);
   const Finding found = found_in(findings, "circle-nodes");
-  EXPECT_EQ(found.worst, static_cast<double>(model.circle.size()));
+  EXPECT_EQ(found.worst, static_cast<double>(model.bonded_patch.size()));
   EXPECT_THAT(found.report.remedy, HasSubstr("--nodes"));
 
-  while (model.circle.size() < 120) model.circle.push_back(0);
+  while (model.bonded_patch.size() < 120) model.bonded_patch.push_back(0);
   EXPECT_EQ(finding(check_model(model, support, 4e-3), "circle-nodes"), nullptr);
 }
 
@@ -149,34 +149,34 @@ TEST_F(StateGuard, OfALimitPointWarnsOnceAndOnlyWhereANodeJumpsByMoreThanTheTool
   EXPECT_EQ(findings.size(), 1u);
 }
 
-TEST_F(StateGuard, OfAToolThatTouchesWarnsOfWhatComesIntoItAndEndsWhereItIsTooMuchOrNowhereLookedFor) {
-  Touch touch;
-  touch.surface.beyond = Points::Constant(3, 1, 7e-3);
+TEST_F(StateGuard, OfAContactingToolWarnsOfPenetrationAndEndsWhereItIsTooMuchOrNowhereLookedFor) {
+  RigidBody indenter;
+  indenter.surface.beyond = Points::Constant(3, 1, 7e-3);
   const double most = 5e-6;
   EXPECT_NO_THROW(
-      guards.check_contact({.penetration = most, .beyond = most, .beyond_at = 0}, most, touch, now));
+      guards.check_contact({.penetration = most, .beyond = most, .beyond_at = 0}, most, indenter, now));
   EXPECT_TRUE(findings.empty());
-  EXPECT_NO_THROW(guards.check_contact({.penetration = 2.0 * most}, most, touch, now));
+  EXPECT_NO_THROW(guards.check_contact({.penetration = 2.0 * most}, most, indenter, now));
   ASSERT_EQ(findings.size(), 1u);
   EXPECT_EQ(findings.front().report.code, "penetration");
   EXPECT_TRUE(findings.front().is_minor) << "1.4 x 0.01 mm of 2 mm: 0.7 % of the force";
-  guards.check_contact({.penetration = 40.0 * most}, most, touch, now);
+  guards.check_contact({.penetration = 40.0 * most}, most, indenter, now);
   ASSERT_EQ(findings.size(), 1u);
   EXPECT_FALSE(findings.front().is_minor) << "14 %";
   EXPECT_THAT(findings.front().report.why, HasSubstr("may be off by up to 14"));
-  const auto ends_with = [&](const TouchingTool::Audit& audit) {
-    return report_of<SolveError>([&] { guards.check_contact(audit, most, touch, now); }).code;
+  const auto ends_with = [&](const RigidContact::Audit& audit) {
+    return report_of<SolveError>([&] { guards.check_contact(audit, most, indenter, now); }).code;
   };
   EXPECT_EQ(ends_with({.penetration = 51.0 * most}), "penetration");
   EXPECT_EQ(ends_with({.penetration = 0.0, .beyond = 1.01 * most, .beyond_at = 0}), "contact-surface");
 }
 
-TEST_F(StateGuard, TellsTooFewNodesFromASurfaceThatFoldsAtAToolsEdge) {
-  Touch touch;
-  touch.shape = punch_shape(5e-3, 1e-3);
+TEST_F(StateGuard, DistinguishesTooFewNodesFromASurfaceThatFoldsAtAToolsEdge) {
+  RigidBody indenter;
+  indenter.shape = punch_shape(5e-3, 1e-3);
   const double most = 5e-6;
   const auto check = [&](double penetration) {
-    guards.check_contact({.penetration = penetration}, most, touch, now);
+    guards.check_contact({.penetration = penetration}, most, indenter, now);
   };
   const auto why = [&](double penetration) {
     const Report report = report_of<SolveError>([&] { check(penetration); });
@@ -187,15 +187,15 @@ TEST_F(StateGuard, TellsTooFewNodesFromASurfaceThatFoldsAtAToolsEdge) {
   EXPECT_THAT(why(60.0 * most), HasSubstr("too far apart")) << "a little more than before";
   EXPECT_THAT(why(90.0 * most),
               HasSubstr("it was 0.2000 mm before: without friction the surface has folded"));
-  touch.friction = 0.3;
+  indenter.friction = 0.3;
   EXPECT_THAT(why(90.0 * most), HasSubstr("too far apart"));
-  touch.friction = 0.0;
-  touch.shape = sphere_shape(5e-3);
+  indenter.friction = 0.0;
+  indenter.shape = sphere_shape(5e-3);
   EXPECT_THAT(why(90.0 * most), HasSubstr("too far apart")) << "it has no edge";
 }
 
-TEST_F(StateGuard, TellsWhetherTheSurfaceReachesIntoAWallOrIntoAFurtherTool) {
-  Touch rigid;
+TEST_F(StateGuard, ReportsWhetherTheSurfacePenetratesAWallOrAFurtherTool) {
+  RigidBody rigid;
   rigid.name = "skull";
   rigid.surface.place.setZero(3, 1);
   rigid.surface.spacing.setConstant(1, 1e-3);
@@ -239,7 +239,7 @@ TEST_F(StateGuard, SeesADisplacementThatIsNoNumberAtAPoint) {
 
 // One node is pressed through its neighbours, as at a sharp edge of the contact patch.
 TEST_F(StateGuard, SaysThatAFewPointsAreInsideOutAndStopsForMany) {
-  const Index a = model.circle.front();
+  const Index a = model.bonded_patch.front();
   u(2, a) = -1.6 * model.spacing[a];
   ForceSystem::Sweep sweep = forces.stress_sweep(u);
   ASSERT_GT(sweep.inverted, 0);
@@ -282,7 +282,7 @@ TEST_F(StateGuard, OfThePapersSchemeStopsForOnePointInsideOut) {
   std::vector<Finding> none;
   const Guards strict(plain_body, true, true, none);
   Nodal v = Nodal::Zero(4, paper.node_count());
-  v(2, paper.circle.front()) = -3.0 * paper.spacing[0];
+  v(2, paper.bonded_patch.front()) = -3.0 * paper.spacing[0];
   const Report report = report_of<SolveError>([&] { strict.check_sweep(plain_body.stress_sweep(v), now); });
   expect_whole(report, "inverted");
   EXPECT_THAT(report.where, HasSubstr("mm"));
@@ -402,13 +402,13 @@ TEST_F(StateGuard, SeesATimeStepAboveTheStableOne) {
 
 // ------------------------------------------------------------------------------------------- recovery
 
-const Loading push = {.depth = 1e-3, .rate = 5e-3};
+const Loading approach = {.depth = 1e-3, .rate = 5e-3};
 
 TEST(Recovery, OfALongTimeStepBeginsWithinAHundredStepsAndEndsAtTheForceOfAShortOne) {
   const Model model = block(5);
   const ForceSystem system(model, tissue);
   History undisturbed;
-  solve(TimeMode::explicit_, system, model, push, {.damping = 60.0, .frames = 4}, {}, undisturbed);
+  solve(TimeMode::explicit_, system, model, approach, {.damping = 60.0, .frames = 4}, {}, undisturbed);
   EXPECT_TRUE(undisturbed.retries.empty());
   for (const double safety : {1.05, 2.0}) {
     History history;
@@ -416,7 +416,7 @@ TEST(Recovery, OfALongTimeStepBeginsWithinAHundredStepsAndEndsAtTheForceOfAShort
     const Observer observer = {.frame = {}, .sample = {}, .retry = [&](const Retry&) {
                                  if (steps < 0) steps = history.evaluations;
                                }};
-    solve(TimeMode::explicit_, system, model, push, {.safety = safety, .damping = 60.0, .frames = 4},
+    solve(TimeMode::explicit_, system, model, approach, {.safety = safety, .damping = 60.0, .frames = 4},
           observer, history);
     ASSERT_FALSE(history.retries.empty()) << safety;
     EXPECT_LE(history.retries.size(), static_cast<std::size_t>(most_retries));

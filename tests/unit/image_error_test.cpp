@@ -25,7 +25,7 @@ std::vector<ForceSample> sphere_curve() {
 }
 
 UnderTool sphere_on(double thickness_mm, double voxel_mm = 1.0) {
-  return {.voxel = 1e-3 * voxel_mm, .thickness = 1e-3 * thickness_mm, .contact = 3e-3, .touches = true};
+  return {.voxel = 1e-3 * voxel_mm, .thickness = 1e-3 * thickness_mm, .contact = 3e-3, .has_contact = true};
 }
 
 TEST(ImageError, IsNotKnownWithoutVoxelsOrWithoutAForce) {
@@ -65,11 +65,11 @@ TEST(ImageError, IsSmallForAThickBodyThatIsFlatOrWide) {
   EXPECT_LT(image_error(sphere_curve(), dome).half.back(), 0.01 * 0.01);
 }
 
-TEST(ImageError, OfTheBondedCircleIsByTheThicknessAlone) {
-  UnderTool circle = sphere_on(10.0);
-  circle.touches = false;
-  circle.contact = 5e-3;
-  const ImageError error = image_error(sphere_curve(), circle);
+TEST(ImageError, OfTheBondedPatchIsByTheThicknessAlone) {
+  UnderTool bonded_patch = sphere_on(10.0);
+  bonded_patch.has_contact = false;
+  bonded_patch.contact = 5e-3;
+  const ImageError error = image_error(sphere_curve(), bonded_patch);
   EXPECT_EQ(error.shape, 0.0);
   EXPECT_DOUBLE_EQ(error.half.back(), 0.01 * thickness_exponent(0.5) * thickness_voxels * 0.1);
 }
@@ -107,25 +107,25 @@ Surface surface_of(const std::function<double(double, double)>& height_mm) {
 }
 
 TEST(ImageError, TakesTheCurvatureUnderTheToolFromTheAreaThatItWouldOverlap) {
-  Touch sphere;
+  RigidBody sphere;
   sphere.shape = sphere_shape(10e-3);
-  Touch punch = sphere;
+  RigidBody punch = sphere;
   punch.shape = punch_shape(8e-3, 2e-3);
   const Vec3 down = -Vec3::UnitZ();
   const Surface flat = surface_of([](double, double) { return 0.0; });
   const Surface hollow = surface_of([](double x, double y) { return (x * x + y * y) / 60.0; });
-  const auto under = [&](const Touch& touch, const Surface& surface) {
+  const auto under = [&](const RigidBody& indenter, const Surface& surface) {
     UnderTool found;
-    look_under(touch, surface, down, 1e-3, found);
+    look_under(indenter, surface, down, 1e-3, found);
     return found;
   };
-  for (const Touch* touch : {&sphere, &punch}) {
-    EXPECT_LT(under(*touch, flat).curvature, 1.0);
-    EXPECT_LT(under(*touch, flat).roughness, 1e-9);
-    EXPECT_EQ(under(*touch, hollow).curvature, 0.0);
+  for (const RigidBody* indenter : {&sphere, &punch}) {
+    EXPECT_LT(under(*indenter, flat).curvature, 1.0);
+    EXPECT_LT(under(*indenter, flat).roughness, 1e-9);
+    EXPECT_EQ(under(*indenter, hollow).curvature, 0.0);
     for (const double radius : {6.0, 12.0}) {
       const UnderTool dome =
-          under(*touch, surface_of([&](double x, double y) { return -(x * x + y * y) / (2.0 * radius); }));
+          under(*indenter, surface_of([&](double x, double y) { return -(x * x + y * y) / (2.0 * radius); }));
       EXPECT_NEAR(dome.curvature, 1e3 / radius, 0.15e3 / radius) << radius;
       EXPECT_LT(dome.roughness, 3e-5) << "a quadric, but for its triangles";
     }
@@ -153,7 +153,7 @@ TEST(ImageError, IsWarnedOfWithItsNumberReasonAndRemedy) {
               HasSubstr("thickness under the tool uncertain; try: a finer image ["));
 }
 
-TEST(ImageError, StandsInTheTitleInTheUnitOfTheForce) {
+TEST(ImageError, IsInTheTitleInTheUnitOfTheForce) {
   EXPECT_EQ(plus_minus(0.0754, 0.00121, "image resolution"), ", +- 1.2 (image resolution)");
   EXPECT_EQ(plus_minus(0.0456, 0.0000361, "image resolution"), ", +- 0.036 (image resolution)");
 }

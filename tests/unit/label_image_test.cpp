@@ -82,10 +82,10 @@ bool warns_of(const LabelImage& image, const std::string& words) {
 // -------------------------------------------------------------------------------------------- geometry
 
 TEST(LabelImage, GivesTheSameOrganForEveryStorageOrder) {
-  LabelImage half_way = body();  // rotated by 45 degrees, +L and +P are equally near
-  half_way.to_world = Eigen::AngleAxisd(std::acos(-1.0) / 4.0, Vec3::UnitZ()) * half_way.to_world;
-  for (const LabelImage& organ : {body(), oblique_body(), half_way}) {
-    const bool one_nearest = organ.to_world.matrix() != half_way.to_world.matrix();
+  LabelImage halfway = body();  // rotated by 45 degrees, +L and +P are equally near
+  halfway.to_world = Eigen::AngleAxisd(std::acos(-1.0) / 4.0, Vec3::UnitZ()) * halfway.to_world;
+  for (const LabelImage& organ : {body(), oblique_body(), halfway}) {
+    const bool one_nearest = organ.to_world.matrix() != halfway.to_world.matrix();
     const LabelImage first = read("first.nrrd", nrrd_of(as_it_is(organ)));
     if (one_nearest) expect_same(first, organ, 1e-9);
     std::array<int, 3> axis{0, 1, 2};
@@ -162,7 +162,7 @@ LabelImage bumpy_body(const Vec3& spacing) {
 TEST(LabelImage, HasTheSameShapeHoweverItIsStoredAndItsHeaderRounded) {
   std::mt19937 random(11);
   std::uniform_real_distribution<double> rounding(-1e-6, 1e-6);
-  int ways = 0;
+  int directions = 0;
   for (const Vec3& spacing : {Vec3(0.5, 1.25, 2.0), Vec3(375.0 / 512, 375.0 / 512, 0.7), Vec3(0.4, 0.4, 0.4),
                               Vec3(1.3671875, 1.3671875, 2.5), Vec3(3.05, 3.05, 10.0)})
     for (const bool oblique : {false, true}) {
@@ -189,7 +189,7 @@ TEST(LabelImage, HasTheSameShapeHoweverItIsStoredAndItsHeaderRounded) {
                            << ", rounded " << rounded << ", spacing " << spacing.transpose()
                            << (oblique ? ", oblique" : ""));
               const LabelImage image = read(name, bytes);
-              ++ways;
+              ++directions;
               ASSERT_EQ(image.run, first.run);
               ASSERT_EQ(image.spacing(), first.spacing());
               ASSERT_EQ(image.voxel_volume(), first.voxel_volume());
@@ -205,7 +205,7 @@ TEST(LabelImage, HasTheSameShapeHoweverItIsStoredAndItsHeaderRounded) {
           }
       } while (std::next_permutation(axis.begin(), axis.end()));
     }
-  EXPECT_EQ(ways, 5 * 2 * 6 * 4 * 3 * 4);
+  EXPECT_EQ(directions, 5 * 2 * 6 * 4 * 3 * 4);
 }
 
 TEST(LabelImage, RoundsSpacingToABillionthOfAMillimetre) {
@@ -522,8 +522,8 @@ TEST(LabelImage, IsMeasuredByLabel) {
   EXPECT_DOUBLE_EQ(labels[1].volume_mm3, 18.0);
   EXPECT_EQ(labels[1].pieces, 2);
   EXPECT_EQ(labels[1].largest_piece_voxels, 2);
-  EXPECT_FALSE(labels[1].touches_border);
-  EXPECT_TRUE(labels[2].touches_border);
+  EXPECT_FALSE(labels[1].meets_border);
+  EXPECT_TRUE(labels[2].meets_border);
   EXPECT_EQ(labels[2].pieces, 1);
 }
 

@@ -41,7 +41,7 @@ TEST(LaplacePreconditioner, SolvesItsOwnMatrixWhereOneLevelIsEnough) {
   EXPECT_TRUE(laplace.is_factorised());
   Nodal z = random_displacement(model, 1.0), r = z, solved = z;
   for (Index a = 0; a < z.cols(); ++a) z.col(a) = body.held().project(a, z.col(a));
-  laplace.multiply_at_rest(z, r);
+  laplace.multiply_undeformed(z, r);
   r += mixed_constants.diagonal_of_held * z * laplace.weights().asDiagonal();
   laplace.apply(r, solved);
   EXPECT_LT((solved - z).norm(), 1e-3 * z.norm());  // of single precision
@@ -71,7 +71,7 @@ TEST(LaplacePreconditioner, HasTheStatedEnergyOfALinearField) {
   const LaplacePreconditioner laplace(body);
   const Nodal u = to_nodal(model.X);
   Nodal pull;
-  laplace.multiply_at_rest(u, pull);
+  laplace.multiply_undeformed(u, pull);
   const double energy = 1.5 * forces.shear_modulus(0) * model.volume.sum();
   EXPECT_NEAR(product(u, pull), mixed_constants.laplacian_stiffness * energy, 1e-9 * energy);
   EXPECT_NEAR(laplace.strain_between(Nodal::Zero(4, u.cols()), 0.1 * u), 0.1, 1e-12);
@@ -83,14 +83,14 @@ TEST(LaplacePreconditioner, IsAsMuchStifferAsTheLawUntilItIsRelaxed) {
   System body(forces, model, make_constraints(model, Contact::bonded));
   LaplacePreconditioner laplace(body);
   ASSERT_TRUE(laplace.factorise());
-  const Eigen::VectorXd at_rest = laplace.weights();
+  const Eigen::VectorXd undeformed = laplace.weights();
   laplace.stiffen(Nodal::Zero(4, model.node_count()));
-  EXPECT_LT((laplace.weights() - at_rest).norm(), 1e-6 * at_rest.norm());
+  EXPECT_LT((laplace.weights() - undeformed).norm(), 1e-6 * undeformed.norm());
   laplace.stiffen(affine(model, Vec3(0.4, 1.0, 1.0).asDiagonal()));
-  EXPECT_GT((laplace.weights() - 1.2 * at_rest).minCoeff(), 0.0);
-  EXPECT_LE((laplace.weights() - mixed_constants.largest_stiffening * at_rest).maxCoeff(), 0.0);
+  EXPECT_GT((laplace.weights() - 1.2 * undeformed).minCoeff(), 0.0);
+  EXPECT_LE((laplace.weights() - mixed_constants.largest_stiffening * undeformed).maxCoeff(), 0.0);
   laplace.relax();
-  EXPECT_EQ(laplace.weights(), at_rest);
+  EXPECT_EQ(laplace.weights(), undeformed);
   EXPECT_FALSE(laplace.is_factorised()) << "its inverses are those of the stiffer matrix";
 }
 

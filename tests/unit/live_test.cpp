@@ -21,7 +21,7 @@ namespace {
 const Material tissue = neo_hookean(210.0, 0.499, 1000.0);
 
 // Depths of a hand at frames of 40 ms: 10 mm/s, with a stop at each end.
-std::vector<double> way_of_a_hand() {
+std::vector<double> path_of_a_hand() {
   std::vector<double> depth;
   for (int k = 1; k <= 5; ++k) depth.push_back(0.4e-3 * k);
   depth.insert(depth.end(), 5, 2e-3);
@@ -30,15 +30,15 @@ std::vector<double> way_of_a_hand() {
   return depth;
 }
 
-TEST(Live, AToolThatIsFollowedByAFewEvaluationsFeelsTheForceOfEquilibrium) {
+TEST(Live, AToolThatIsFollowedByAFewEvaluationsHasTheForceOfEquilibrium) {
   const Model model = testing_bodies::averaged_block();
   Session live(model, {tissue}), still(model, {tissue}, {.tolerance = 1e-5});
   double now = 0.0;
   int held = 0, frames = 0;
-  for (const double depth : way_of_a_hand()) {
+  for (const double depth : path_of_a_hand()) {
     const LiveFrame frame = live.follow(depth, {.evaluations = 12});
     EXPECT_LE(frame.evaluations, 12);
-    EXPECT_EQ(frame.asked, depth);
+    EXPECT_EQ(frame.requested, depth);
     if (frame.depth == 0.0) continue;
     still.equilibrate(frame.depth);
     EXPECT_NEAR(frame.force, still.force(), (depth == now ? 0.01 : 0.05) * still.force()) << 1e3 * depth;
@@ -50,7 +50,7 @@ TEST(Live, AToolThatIsFollowedByAFewEvaluationsFeelsTheForceOfEquilibrium) {
   EXPECT_GE(held, frames - 1);
 }
 
-TEST(Live, AFrameHasTheForceAcrossThePushAndTheMomentOfEquilibriumToo) {
+TEST(Live, AFrameHasTheForceAcrossTheApproachAndTheMomentOfEquilibriumToo) {
   // The model is ten times as stiff on one side.
   const Model model =
       testing_bodies::averaged_block(6, 0.2, 1.8, [](const Vec3& x) { return x.x() > 17e-3; });
@@ -59,11 +59,11 @@ TEST(Live, AFrameHasTheForceAcrossThePushAndTheMomentOfEquilibriumToo) {
   Wrench last = Wrench::Zero();
   for (const double depth : {0.4e-3, 0.8e-3, 1.2e-3, 1.2e-3, 1.2e-3}) {
     const LiveFrame frame = live.follow(depth, {.evaluations = 30});
-    EXPECT_NEAR(-frame.on_tool.head<3>().dot(model.tool.push), frame.force, 1e-12);
+    EXPECT_NEAR(-frame.on_tool.head<3>().dot(model.tool.approach), frame.force, 1e-12);
     EXPECT_TRUE((frame.force * frame.per_force).isApprox(frame.on_tool, 1e-12));
     still.equilibrate(frame.depth);
     const Wrench true_one = still.on_tool();
-    EXPECT_GT(lateral_share(true_one, model.tool.push), 0.1);
+    EXPECT_GT(lateral_fraction(true_one, model.tool.approach), 0.1);
     EXPECT_LT((frame.on_tool - true_one).head<3>().norm(), 0.02 * true_one.head<3>().norm()) << depth;
     EXPECT_LT((frame.on_tool - true_one).tail<3>().norm(), 0.05 * true_one.tail<3>().norm()) << depth;
     last = frame.per_force;
@@ -74,7 +74,7 @@ TEST(Live, AFrameHasTheForceAcrossThePushAndTheMomentOfEquilibriumToo) {
       << "its direction at the next touch is known";
 }
 
-TEST(Live, AToolThatIsAskedThroughTheBodySaysSo) {
+TEST(Live, AToolThatIsToGoThroughTheBodySaysSo) {
   Session session(testing_bodies::averaged_block(), {tissue});  // 20 mm high
   EXPECT_NE(session.follow(19.9e-3, {.evaluations = 8}).tool, LiveFrame::Tool::beyond);
   EXPECT_EQ(session.follow(20.1e-3, {.evaluations = 8}).tool, LiveFrame::Tool::beyond);
@@ -104,7 +104,7 @@ TEST(Live, AToolThatComesNoNearerHasStoppedWithinABoundedNumberOfFramesAndGoesBa
   EXPECT_NEAR(frame.force, fresh.force(), frame.error);
 }
 
-TEST(Live, TheErrorIsOfTheDepthThatWasAskedForNotOfTheOneThatWasReached) {
+TEST(Live, TheErrorIsOfTheRequestedDepthNotOfTheOneThatWasReached) {
   Session session(testing_bodies::averaged_block(), {tissue}),
       still(testing_bodies::averaged_block(), {tissue});
   still.equilibrate(3e-3);
@@ -116,7 +116,7 @@ TEST(Live, TheErrorIsOfTheDepthThatWasAskedForNotOfTheOneThatWasReached) {
   }
 }
 
-TEST(Live, AToolThatJerksAheadIsLaggedBehindAndReachedWhenItStandsStill) {
+TEST(Live, AToolThatJerksAheadIsLaggedBehindAndReachedWhenItStops) {
   Session session(testing_bodies::averaged_block(), {tissue});
   LiveFrame frame = session.follow(3e-3, {.evaluations = 8});
   EXPECT_EQ(frame.tool, LiveFrame::Tool::lags);
@@ -135,7 +135,7 @@ TEST(Live, AToolThatJerksAheadIsLaggedBehindAndReachedWhenItStandsStill) {
   EXPECT_EQ(session.depth(), 0.5e-3);
 }
 
-TEST(Live, ALiftedToolFeelsNothingAndLeavesNoDent) {
+TEST(Live, ALiftedToolHasNoForceAndLeavesNoDent) {
   Session session(testing_bodies::averaged_block(), {tissue});
   session.follow(1e-3, {.evaluations = 100});
   const double pressed = session.follow(1e-3, {.evaluations = 100}).force;
@@ -148,7 +148,7 @@ TEST(Live, ALiftedToolFeelsNothingAndLeavesNoDent) {
   EXPECT_NEAR(session.follow(1e-3, {.evaluations = 8}).force, pressed, 1e-2 * pressed);
 }
 
-TEST(Live, RandomJerksShowNoStateThatIsNoneAndNeverHoldTheToolOnItsWayBack) {
+TEST(Live, RandomJerksShowNoStateThatIsNoneAndNeverHoldTheToolOnItsPathBack) {
   const Model model = testing_bodies::averaged_block();
   Session session(model, {tissue});
   std::mt19937 random(3);
@@ -165,8 +165,8 @@ TEST(Live, RandomJerksShowNoStateThatIsNoneAndNeverHoldTheToolOnItsWayBack) {
       ASSERT_GE(frame.force, 0.0);
       ASSERT_LT(frame.residual, 0.05);
       ASSERT_LT(session.nodal_parameters().colwise().norm().maxCoeff(), 2.5 * frame.depth + 1e-9);
-      held_back = frame.asked < last - 1e-9 && frame.depth == last ? held_back + 1 : 0;
-      ASSERT_LT(held_back, 3) << "asked for " << 1e3 * frame.asked << " mm, stays at " << 1e3 * last;
+      held_back = frame.requested < last - 1e-9 && frame.depth == last ? held_back + 1 : 0;
+      ASSERT_LT(held_back, 3) << "asked for " << 1e3 * frame.requested << " mm, stays at " << 1e3 * last;
       last = frame.depth;
     }
   }
@@ -208,19 +208,19 @@ TEST(Live, ThePapersSchemeIsRefusedInWords) {
 TEST(Progress, AToolHasStoppedAfterTooManyFramesOrEvaluationsUntilItComesNearer) {
   using State = Progress::State;
   Progress progress;
-  for (int k = 1; k < 100; ++k) progress.come_no_nearer(2);
+  for (int k = 1; k < 100; ++k) progress.stall(2);
   EXPECT_EQ(progress.state, State::advances);
-  progress.come_no_nearer(2);
+  progress.stall(2);
   EXPECT_EQ(progress.state, State::stopped) << "100 frames";
-  progress.come_nearer();
+  progress.advance();
   EXPECT_EQ(progress.state, State::advances);
-  progress.come_no_nearer(299);
+  progress.stall(299);
   EXPECT_EQ(progress.state, State::advances);
-  progress.come_no_nearer(1);
+  progress.stall(1);
   EXPECT_EQ(progress.state, State::stopped) << "300 evaluations";
-  progress.come_nearer();
+  progress.advance();
   progress.stop();
-  progress.come_no_nearer(1);
+  progress.stall(1);
   EXPECT_EQ(progress.state, State::stopped);
 }
 
@@ -259,7 +259,7 @@ TEST(KnownStates, OfTwoNeighboursTheOneNearerToEquilibriumStays) {
 
 LiveFrame frame_at(double depth, double force, double stiffness, double error = 0.0) {
   LiveFrame frame;
-  frame.depth = frame.asked = depth;
+  frame.depth = frame.requested = depth;
   frame.force = force, frame.stiffness = stiffness, frame.error = frame.error_at_depth = error;
   frame.per_force << 0.3, 0.0, 1.0, 0.0, 1e-3, 0.0;
   return frame;
@@ -289,15 +289,15 @@ TEST(BetweenFrames, CorrectionsDoNotMakeTheForceJump) {
   EXPECT_EQ(answer(between, -1e-3, 11.0).force, 0.0);
 }
 
-TEST(BetweenFrames, WhatAFrameChangesIsGivenOutByTheClockWhetherSomethingIsAskedOrNot) {
-  BetweenFrames asked, idle;
-  for (BetweenFrames* b : {&asked, &idle}) {
+TEST(BetweenFrames, WhatAFrameChangesIsGivenOutByTheClockWhetherSomethingIsRequestedOrNot) {
+  BetweenFrames requested, idle;
+  for (BetweenFrames* b : {&requested, &idle}) {
     correct(*b, frame_at(1e-3, 8e-3, 8.0), 0.0);
     correct(*b, frame_at(1e-3, 10e-3, 10.0), 1.0);
   }
-  EXPECT_NEAR(answer(asked, 1e-3, 1.0).force, 8e-3, 1e-12) << "no jump";
-  for (int k = 1; k < 12; ++k) answer(asked, 1e-3 * (k % 3), 1.0 + 0.005 * k);
-  const LiveAnswer said = answer(asked, 1e-3, 1.06), other = answer(idle, 1e-3, 1.06);
+  EXPECT_NEAR(answer(requested, 1e-3, 1.0).force, 8e-3, 1e-12) << "no jump";
+  for (int k = 1; k < 12; ++k) answer(requested, 1e-3 * (k % 3), 1.0 + 0.005 * k);
+  const LiveAnswer said = answer(requested, 1e-3, 1.06), other = answer(idle, 1e-3, 1.06);
   EXPECT_NEAR(said.force, 10e-3 - 2e-3 * std::exp(-1.0), 1e-9);
   EXPECT_NEAR(other.force, said.force, 1e-12);
   EXPECT_NEAR(said.on_tool[2], said.force, 1e-12);
@@ -317,7 +317,7 @@ TEST(BetweenFrames, AForceThatRisesSteeplyIsNeverAPull) {
   for (double d = 0.02e-3; d < 1e-3; d += 0.02e-3) EXPECT_GE(answer(between, d, 0.0).force, 0.0) << d;
 }
 
-TEST(BetweenFrames, TheErrorOfAFirstTouchHoldsWhereTheTissueStiffensWithinARadius) {
+TEST(BetweenFrames, TheErrorOfAFirstContactHoldsWhereTheTissueStiffensWithinARadius) {
   BetweenFrames between;
   correct(between, frame_at(0.0, 0.0, 10.0), 0.0);
   for (double d = 0.02e-3; d <= 1e-3; d += 0.02e-3)
@@ -327,10 +327,10 @@ TEST(BetweenFrames, TheErrorOfAFirstTouchHoldsWhereTheTissueStiffensWithinARadiu
 }
 
 // For F ~ d^1.5 the stiffness at rest is zero, and a secant to the first state is not valid at other depths.
-TEST(BetweenFrames, OfAToolThatTouchesNothingIsToldBeyondAFrameBeforeItHasTouched) {
+TEST(BetweenFrames, OfAContactingToolNothingIsExtrapolatedBeyondAFrameBeforeFirstContact) {
   const auto force = [](double d) { return 1.0 * std::pow(d / 1e-3, 1.5) * 2e-3; };
   for (const double at : {0.0, 0.1e-3, 0.5e-3, 1e-3, 3e-3}) {
-    BetweenFrames between{.touches = true};
+    BetweenFrames between{.has_contact = true};
     correct(between, frame_at(at, force(at), at > 0.0 ? 1.5 * force(at) / at : 1.2), 0.0);
     for (const double d : {0.2e-3, 1e-3, 2e-3, 4e-3}) {
       const LiveAnswer said = answer(between, d, 0.0);
@@ -340,7 +340,7 @@ TEST(BetweenFrames, OfAToolThatTouchesNothingIsToldBeyondAFrameBeforeItHasTouche
   }
 }
 
-TEST(BetweenFrames, TheErrorOfWhatWasAskedForIsInfiniteWhereNoFrameTellsOfIt) {
+TEST(BetweenFrames, TheErrorOfARequestIsInfiniteWhereNoFrameReaches) {
   BetweenFrames between;
   EXPECT_TRUE(std::isinf(answer(between, 1e-3, 0.0).error));
   EXPECT_EQ(answer(between, -1e-3, 0.0).error, 0.0) << "in the air the force is none";
@@ -466,23 +466,24 @@ struct RandomHand {
   std::mt19937 random;
   double deepest, begin = 0.0, end = 0.0, from = 0.0, one = 0.0, other = 0.0, rate = 1.0, each = 0.005,
                   depth = 0.0;
-  int way = 0;
+  int displacement = 0;
   double unit() { return std::uniform_real_distribution<double>(0.0, 1.0)(random); }
   // Sets the depth at a time and returns the time until the next request [s].
   double move(double t) {
     if (t >= end) {
       begin = t, end = t + 0.1 + 1.9 * unit();
       from = std::max(0.0, depth), one = deepest * unit(), other = unit() < 0.5 ? 0.0 : deepest * unit();
-      way = static_cast<int>(6.0 * unit());
+      displacement = static_cast<int>(6.0 * unit());
       rate = 10.0 * unit();
       each = unit() < 0.8 ? 0.005 : 0.001 + 0.03 * unit();
     }
-    if (way == 0) depth = one;
-    if (way == 1) depth = depth == one ? other : one;
-    if (way == 2) depth = from + (t - begin) / (end - begin) * (one - from);
-    if (way == 3) depth = other + 0.5 * (one - other) * (1.0 - std::cos(6.283185307 * rate * (t - begin)));
-    if (way == 4) depth = -1e-3 * unit();
-    return way == 5 ? end - t + 1e-6 : each;
+    if (displacement == 0) depth = one;
+    if (displacement == 1) depth = depth == one ? other : one;
+    if (displacement == 2) depth = from + (t - begin) / (end - begin) * (one - from);
+    if (displacement == 3)
+      depth = other + 0.5 * (one - other) * (1.0 - std::cos(6.283185307 * rate * (t - begin)));
+    if (displacement == 4) depth = -1e-3 * unit();
+    return displacement == 5 ? end - t + 1e-6 : each;
   }
 };
 
@@ -543,8 +544,8 @@ TEST(BetweenFrames, NoAnswerOfARandomMinuteLiesOutsideOfTheEquilibriaOfItsLastTe
   const RandomMinute said = random_minute(model, Equilibria(model, 2.6e-3), 1, 12.0);
   EXPECT_EQ(said.outside, 0) << "the worst " << said.worst << " N";
   EXPECT_EQ(said.off, 0) << "not even the equilibrium of its own depth";
-  const auto error = [&](double share) {
-    return said.relative[static_cast<std::size_t>(share * static_cast<double>(said.relative.size() - 1))];
+  const auto error = [&](double fraction) {
+    return said.relative[static_cast<std::size_t>(fraction * static_cast<double>(said.relative.size() - 1))];
   };
   EXPECT_LT(error(0.5), 0.02) << "an error that is always wide says nothing";
   EXPECT_LT(error(0.95), 0.4);

@@ -17,17 +17,17 @@ PathFrame frame_at(double depth, double force, Tool tool = Tool::there) {
   now.frame.depth = depth;
   now.frame.force = force;
   now.frame.tool = tool;
-  now.half_band = 0.0;
+  now.half_error = 0.0;
   return now;
 }
 
-TEST(LiveWords, OnlyAHandIsToldOfTheMouse) {
+TEST(LiveWords, OnlyAHandIsShownTheMouse) {
   EXPECT_EQ(words_of(frame_at(0.0, 0.0), true),
             "no contact: press the left button on the body and drag inwards");
   EXPECT_EQ(words_of(frame_at(0.0, 0.0), false), "no contact: the tool is at (12.0, -30.0, 45.0) mm");
 }
 
-TEST(LiveWords, AToolInTheTissueIsNeverSaidNotToTouch) {
+TEST(LiveWords, AToolInTheTissueIsNeverSaidToHaveNoContact) {
   for (const double force : {0.012, 0.0, -0.001})  // tissue that relaxes may pull
     for (const bool by_hand : {true, false}) {
       const std::string words = words_of(frame_at(2e-3, force), by_hand);

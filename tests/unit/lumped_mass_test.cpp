@@ -1,4 +1,4 @@
-#include "preprocess/cloud/lumped_mass.hpp"
+#include "preprocess/nodes/lumped_mass.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -18,7 +18,7 @@ TEST(LumpedMass, IsOfEachPointsOwnDensity) {
   EXPECT_NEAR(density.dot(model.volume), 1350.0 * model.volume.sum(), 0.2 * 1350.0 * model.volume.sum());
 }
 
-TEST(LumpedMass, SharesAPointsMassEquallyAmongItsNodes) {
+TEST(LumpedMass, DividesAPointsMassEquallyAmongItsNodes) {
   Model model;
   model.scheme = horton2007;
   model.X = Points::Zero(3, 3);

@@ -368,7 +368,7 @@ std::array<double, 2> work_round_a_loop(const Stress& P, const Mat3& A, const Ma
   return work;
 }
 
-TEST(Material, NoWorkIsGainedOnAClosedWay) {
+TEST(Material, NoWorkIsGainedOnAClosedPath) {
   Random random(17);
   for (const Material& m : laws) {
     const auto P = [&](const Mat3& F) { return pk1_stress(m, F); };

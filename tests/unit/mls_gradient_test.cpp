@@ -9,7 +9,7 @@ namespace dimple {
 namespace {
 
 // A jittered lattice of unit spacing times `unit`, 7 nodes along each axis.
-Points cloud(double unit) {
+Points node_set(double unit) {
   std::mt19937 random(21);
   std::uniform_real_distribution<double> noise(-0.25, 0.25);
   Points X(3, 343);
@@ -42,7 +42,7 @@ Shape shape_at(const Vec3& x, const Points& X, double unit) {
 const Vec3 places[] = {{3.1, 2.9, 3.3}, {0.4, 0.3, 0.6}, {5.9, 3.0, 1.2}, {2.0, 5.5, 4.4}};
 
 TEST(MlsGradient, ShapeFunctionsAreAPartitionOfUnityAndReproduceLinearFields) {
-  const Points X = cloud(1.0);
+  const Points X = node_set(1.0);
   for (const Vec3& x : places) {
     const Shape s = shape_at(x, X, 1.0);
     ASSERT_TRUE(s.mls.ok());
@@ -56,7 +56,7 @@ TEST(MlsGradient, ShapeFunctionsAreAPartitionOfUnityAndReproduceLinearFields) {
 }
 
 TEST(MlsGradient, GradientsAreTheDifferencesOfTheShapeFunctions) {
-  const Points X = cloud(1.0);
+  const Points X = node_set(1.0);
   const double h = 1e-5;
   for (const Vec3& x : places) {
     const Shape s = shape_at(x, X, 1.0);
@@ -72,7 +72,7 @@ TEST(MlsGradient, GradientsAreTheDifferencesOfTheShapeFunctions) {
 }
 
 TEST(MlsGradient, TheUnitOfLengthDoesNotMatter) {
-  const Points X = cloud(1.0), X_mm = cloud(1000.0);
+  const Points X = node_set(1.0), X_mm = node_set(1000.0);
   for (const Vec3& x : places) {
     const Shape m = shape_at(x, X, 1.0), mm = shape_at(1000.0 * x, X_mm, 1000.0);
     EXPECT_LT((m.phi - mm.phi).cwiseAbs().maxCoeff(), 1e-10);
@@ -82,7 +82,7 @@ TEST(MlsGradient, TheUnitOfLengthDoesNotMatter) {
 }
 
 TEST(MlsGradient, ANodeAtThePlaceItselfGivesNumbers) {
-  const Points X = cloud(1.0);
+  const Points X = node_set(1.0);
   const Shape s = shape_at(X.col(171), X, 1.0);
   EXPECT_TRUE(s.mls.ok());
   EXPECT_TRUE(s.dphi.allFinite());

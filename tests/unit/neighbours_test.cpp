@@ -1,4 +1,4 @@
-#include "preprocess/cloud/neighbours.hpp"
+#include "preprocess/nodes/neighbours.hpp"
 
 #include <gtest/gtest.h>
 
@@ -49,7 +49,7 @@ TEST(Neighbours, NearestComeNearestFirst) {
 }
 
 // The eight corners of a lattice cell are equally far from its middle: only their numbers can break the tie.
-TEST(Neighbours, TiesAreDecidedByNumberWhereverTheLastOneWantedFalls) {
+TEST(Neighbours, TiesAreDecidedByNumberWhereverTheLastOneRequestedFalls) {
   const Points points = lattice(6);
   const Neighbours tree(points);
   for (const Vec3& x : {Vec3(2.5, 2.5, 2.5), Vec3(0.5, 4.5, 3.5), Vec3(3, 3, 3)}) {

@@ -69,7 +69,7 @@ TEST(Phantom, BrainHasTwoMirroredHemispheresWithAFissureBetween) {
   EXPECT_EQ(labels[0].voxels, labels[1].voxels);
   for (const LabelMeasure& label : labels) {
     EXPECT_EQ(label.pieces, 1) << label.name;
-    EXPECT_FALSE(label.touches_border) << label.name;
+    EXPECT_FALSE(label.meets_border) << label.name;
   }
   EXPECT_EQ(label_at(brain, {15.5, 0, 10.5}), 1);  // left is +x
   EXPECT_EQ(label_at(brain, {-15.5, 0, 10.5}), 2);
@@ -166,7 +166,7 @@ TEST(Phantom, HasBackgroundAllRoundAndIsTheSameEachTime) {
     const LabelImage once = make_phantom(options), twice = make_phantom(options);
     EXPECT_EQ(every_voxel(once), every_voxel(twice));
     for (const LabelMeasure& label : measure_labels(once)) {
-      EXPECT_FALSE(label.touches_border) << shape;
+      EXPECT_FALSE(label.meets_border) << shape;
       EXPECT_FALSE(label.name.empty()) << shape;
     }
     EXPECT_EQ(once.orientation, "LPS");

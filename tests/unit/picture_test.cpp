@@ -76,7 +76,7 @@ Overview half_ellipsoid() {
         if (inside(q)) points.push_back(q);
         if (!inside(p)) continue;
         nodes.push_back(p);
-        o.node_set.push_back((z == 0.0 ? 1 : 0) | (z > 12.0 && p.head<2>().norm() < 4.0 ? 2 : 0));
+        o.node_flags.push_back((z == 0.0 ? 1 : 0) | (z > 12.0 && p.head<2>().norm() < 4.0 ? 2 : 0));
       }
   const auto pack = [](const std::vector<Vec3>& from) {
     Points to(3, static_cast<Index>(from.size()));
@@ -102,15 +102,15 @@ Overview half_ellipsoid() {
       o.surface_triangles.col(2 * a) << a, b, b + around;
       o.surface_triangles.col(2 * a + 1) << a, b + around, a + around;
     }
-  const auto dented = [&](const Points& rest) {
-    Points u(3, rest.cols());
-    for (Index n = 0; n < rest.cols(); ++n) u.col(n) = dent(rest.col(n));
+  const auto dented = [&](const Points& undeformed) {
+    Points u(3, undeformed.cols());
+    for (Index n = 0; n < undeformed.cols(); ++n) u.col(n) = dent(undeformed.col(n));
     return u;
   };
   o.displacement_mm = dented(o.nodes_mm);
   o.surface_displacement_mm = dented(o.surface_mm);
   o.centre_mm = Vec3(0.0, 0.0, 15.0);
-  o.push = Vec3(0.0, 0.0, -1.0);
+  o.approach = Vec3(0.0, 0.0, -1.0);
   o.radius_mm = 4.0;
   constexpr Index sides = 32;  // of the tool: 8 mm tall, its foot on the skin
   o.tool_mm.resize(3, 2 * sides + 2);
@@ -175,7 +175,7 @@ TEST(Overview, IsAPngOf1600By1200PixelsDrawnWithoutADisplay) {
   expect_drawn(half_ellipsoid());
 }
 
-TEST(Overview, ShowsTheCircleInEveryPanel) {
+TEST(Overview, ShowsThePatchInEveryPanel) {
   const fs::path file = fresh_folder() / "overview.png";
   write_overview(file, half_ellipsoid());
   const auto image = picture_in(file);
@@ -186,7 +186,7 @@ TEST(Overview, ShowsTheCircleInEveryPanel) {
   EXPECT_GT(orange_pixels(*image, 820, 680, 1580, 1060), 40);
 }
 
-TEST(Overview, ShowsTheToolAsASolidThatStandsOnTheTissueAndNamesItInTheLegend) {
+TEST(Overview, ShowsTheToolAsASolidOnTheTissueAndNamesItInTheLegend) {
   const fs::path folder = fresh_folder();
   const Overview with = half_ellipsoid();
   Overview without = with;
@@ -263,7 +263,7 @@ TEST(Overview, IsTheSameFileDrawnByTwoThreads) {
   EXPECT_TRUE(read_file(folder / "one.png") == read_file(folder / "two.png"));
 }
 
-TEST(Overview, LooksAlongThePushHoweverTheBodyLies) {
+TEST(Overview, LooksAlongTheApproachHoweverTheBodyLies) {
   // A rotation of body and press direction moves only the orientation letters: a few pixels in a thousand.
   const fs::path folder = fresh_folder();
   const Overview straight = half_ellipsoid();
@@ -273,7 +273,7 @@ TEST(Overview, LooksAlongThePushHoweverTheBodyLies) {
                          &turned.surface_displacement_mm, &turned.tool_mm})
     *points = turn * *points;
   turned.centre_mm = turn * turned.centre_mm;
-  turned.push = turn * turned.push;
+  turned.approach = turn * turned.approach;
   write_overview(folder / "straight.png", straight);
   write_overview(folder / "turned.png", turned);
   const auto a = picture_in(folder / "straight.png"), b = picture_in(folder / "turned.png");
@@ -289,7 +289,7 @@ TEST(Overview, LooksAlongThePushHoweverTheBodyLies) {
 
 TEST(Overview, DrawsNothingAtAll) {
   Overview nothing;
-  nothing.centre_mm = nothing.push = Vec3::Zero();
+  nothing.centre_mm = nothing.approach = Vec3::Zero();
   expect_drawn(nothing);
 }
 
@@ -297,9 +297,9 @@ TEST(Overview, DrawsASingleNode) {
   Overview one;
   one.nodes_mm = Vec3(1.0, 2.0, 3.0);
   one.displacement_mm = Vec3(0.0, 0.0, -1.0);
-  one.node_set = {3};
+  one.node_flags = {3};
   one.centre_mm = Vec3(1.0, 2.0, 3.0);
-  one.push = -Vec3::UnitZ();
+  one.approach = -Vec3::UnitZ();
   one.radius_mm = 5.0;
   one.depth_mm = {1.0};
   one.force_N = {0.0};
@@ -318,7 +318,7 @@ TEST(Overview, DrawsABodyWithoutDisplacementOrNodeSets) {
   Overview still = half_ellipsoid();
   still.displacement_mm.resize(3, 0);
   still.surface_displacement_mm.resize(3, 0);
-  still.node_set.clear();
+  still.node_flags.clear();
   expect_drawn(still);
 }
 
@@ -359,11 +359,11 @@ TEST(Overview, SurvivesFieldsThatAreNotFinite) {
   expect_drawn(broken);
 }
 
-TEST(Overview, SurvivesACircleThatIsNotFinite) {
+TEST(Overview, SurvivesAPatchThatIsNotFinite) {
   Overview broken = half_ellipsoid();
   const double nan = std::numeric_limits<double>::quiet_NaN();
   broken.centre_mm.setConstant(nan);
-  broken.push.setConstant(nan);
+  broken.approach.setConstant(nan);
   broken.radius_mm = nan;
   expect_drawn(broken);
 }

@@ -104,47 +104,47 @@ TEST(BodySurface, RefusesASpeckAndALabelThatIsNotThere) {
   EXPECT_THROW(make_body_surface(image, {}), ModelError);
 }
 
-TEST(NodeCloud, HasExactlyTheAskedNumberOfEvenlySpacedNodesAndTheCirclesRim) {
+TEST(NodeSet, HasExactlyTheRequestedNumberOfEvenlySpacedNodesAndThePatchEdge) {
   const SegmentedBody body = block_body();
   const Boundary boundary = find_boundary(body.surface, {});
-  const NodeCloud cloud = make_node_cloud(body.surface, boundary, Sizing{}, {.count = 1200});
-  EXPECT_EQ(cloud.X.cols(), 1200);
+  const NodeSet node_set = make_node_set(body.surface, boundary, Sizing{}, {.count = 1200});
+  EXPECT_EQ(node_set.X.cols(), 1200);
   const IntegrationGrid grid = make_integration_grid(body.surface, {}, 1200);
-  const Evenness even = measure_evenness(cloud, grid.point);
+  const Evenness even = measure_evenness(node_set, grid.point);
   EXPECT_NEAR(even.mean, 0.95, 0.1);
   EXPECT_LT(even.spread, 0.1);
   EXPECT_GT(even.minimum, 0.6);
   EXPECT_LT(even.fill, 1.1);
-  int rim = 0;
-  for (Index a = 0; a < cloud.X.cols(); ++a) {
-    const Vec3 d = cloud.X.col(a) - boundary.centre;
-    const double lateral = (d - d.dot(boundary.push) * boundary.push).norm();
-    if (a < cloud.circle_count) rim += std::abs(lateral - 5.0) < 1e-9;
-    if (a >= cloud.circle_count && a < cloud.surface_count && std::abs(d.dot(boundary.push)) < 2.0) {
+  int patch_edge = 0;
+  for (Index a = 0; a < node_set.X.cols(); ++a) {
+    const Vec3 d = node_set.X.col(a) - boundary.centre;
+    const double lateral = (d - d.dot(boundary.approach) * boundary.approach).norm();
+    if (a < node_set.patch_node_count) patch_edge += std::abs(lateral - 5.0) < 1e-9;
+    if (a >= node_set.patch_node_count && a < node_set.surface_count &&
+        std::abs(d.dot(boundary.approach)) < 2.0) {
       EXPECT_GT(lateral, 5.0);
     }
-    if (a < cloud.surface_count) {
-      EXPECT_LT(body.surface.closest(cloud.X.col(a)).distance, 1e-6);
+    if (a < node_set.surface_count) {
+      EXPECT_LT(body.surface.closest(node_set.X.col(a)).distance, 1e-6);
     } else {
-      EXPECT_TRUE(body.surface.contains(cloud.X.col(a)));
+      EXPECT_TRUE(body.surface.contains(node_set.X.col(a)));
     }
   }
-  EXPECT_GE(rim, 6);
+  EXPECT_GE(patch_edge, 6);
 }
 
-TEST(NodeCloud, IsAsDenseAtTheRimAsAskedForAndHasExactlyTheAskedNumber) {
+TEST(NodeSet, IsAsDenseAtThePatchEdgeAsRequestedAndHasExactlyTheRequestedNumber) {
   const SegmentedBody body =
       make_body_surface(make_phantom({.shape = "block", .size_mm = Vec3(40, 40, 20)}), {});
   const Boundary boundary = find_boundary(body.surface, {});
-  const GradingOptions grading = {.rim = 0.2};
+  const GradingOptions grading = {.patch_edge = 0.2};
   const Sizing sizing(body.surface, boundary, grading);
-  const NodeCloud cloud =
-      make_node_cloud(body.surface, boundary, sizing, {.count = 1500, .grading = grading});
-  EXPECT_EQ(cloud.X.cols(), 1500);
-  const Points rim = rim_of_circle(body.surface, boundary, 16);
-  for (const auto& x : rim.colwise()) EXPECT_NEAR(sizing(x), 0.2, 0.01);
+  const NodeSet node_set = make_node_set(body.surface, boundary, sizing, {.count = 1500, .grading = grading});
+  EXPECT_EQ(node_set.X.cols(), 1500);
+  const Points patch_edge = edge_of_patch(body.surface, boundary, 16);
+  for (const auto& x : patch_edge.colwise()) EXPECT_NEAR(sizing(x), 0.2, 0.01);
   EXPECT_EQ(sizing(boundary.centre + Vec3(0.0, 0.0, -18.0)), 1.0);
-  const Evenness evenness = measure_evenness(cloud, cloud.X);
+  const Evenness evenness = measure_evenness(node_set, node_set.X);
   EXPECT_GT(evenness.mean, 0.85);
   EXPECT_LT(evenness.spread, 0.2);
   EXPECT_GT(evenness.minimum, 0.3);
@@ -154,7 +154,7 @@ TEST(IntegrationGrid, ThatFollowsTheNodesHasTheBodysVolumeCentroidAndInertia) {
   const SegmentedBody body =
       make_body_surface(make_phantom({.shape = "block", .size_mm = Vec3(40, 40, 20)}), {});
   const Boundary boundary = find_boundary(body.surface, {});
-  const Sizing sizing(body.surface, boundary, {.rim = 0.2});
+  const Sizing sizing(body.surface, boundary, {.patch_edge = 0.2});
   const double spacing = spacing_for_count(body.surface, 1500, sizing);
   const IntegrationGrid grid = make_graded_grid(body.surface, {.ratio = 7.0}, 1500, sizing, spacing);
   EXPECT_NEAR(static_cast<double>(grid.point.cols()), 7.0 * 1500.0, 0.15 * 7.0 * 1500.0);
@@ -171,7 +171,7 @@ TEST(IntegrationGrid, ThatFollowsTheNodesHasTheBodysVolumeCentroidAndInertia) {
   }
 }
 
-TEST(IntegrationGrid, HasTheBodysVolumeAndCentroidAndAboutTheAskedNumberOfPoints) {
+TEST(IntegrationGrid, HasTheBodysVolumeAndCentroidAndAboutTheRequestedNumberOfPoints) {
   const SegmentedBody body = make_body_surface(make_phantom({.shape = "cut-ellipsoid", .spacing_mm = 2}), {});
   const IntegrationGrid grid = make_integration_grid(body.surface, {.count = 3000}, 2000);
   EXPECT_NEAR(grid.volume.sum(), body.surface.volume(), 0.005 * body.surface.volume());

@@ -22,7 +22,7 @@ class PressureSchurOfABlock : public testing::Test {
   PressureSchur schur{body};
   const Index patches = model.patches.count();
 
-  void at_rest() {
+  void undeformed() {
     const Nodal u = Nodal::Zero(4, model.node_count());
     Nodal f = u;
     body.force_at(u, Eigen::VectorXd::Zero(patches), f);
@@ -32,7 +32,7 @@ class PressureSchurOfABlock : public testing::Test {
 
 TEST_F(PressureSchurOfABlock, ChangesVolumesByTheTraceOfALinearField) {
   EXPECT_FALSE(schur.has_gradient());
-  at_rest();
+  undeformed();
   EXPECT_TRUE(schur.has_gradient());
   Mat3 F = Mat3::Identity();
   F.diagonal() += Vec3(0.02, -0.005, 0.01);
@@ -44,7 +44,7 @@ TEST_F(PressureSchurOfABlock, ChangesVolumesByTheTraceOfALinearField) {
 
 // The work of a pressure on a displacement equals its work on that displacement's change of volume.
 TEST_F(PressureSchurOfABlock, HasForcesThatAreAdjointToTheChangeOfVolume) {
-  at_rest();
+  undeformed();
   const Nodal u = testing_bodies::random_displacement(model, 1e-3);
   const Eigen::VectorXd lambda = some_numbers(patches, 0.4), change = schur.volume_change(u);
   Nodal f = Nodal::Zero(4, model.node_count());

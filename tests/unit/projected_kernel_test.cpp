@@ -127,7 +127,7 @@ TEST(GradientVariance, OfALinearFieldIsNothingAndOfAnyOtherIsPositive) {
   EXPECT_GT(rough.dot(apply(rough)), 0.0);
 }
 
-TEST(PressurePatches, ShareEveryPointWhollyAndTheVolumeOnce) {
+TEST(PressurePatches, DivideEveryPointWhollyAndTheVolumeOnce) {
   const Model model = averaged_block();
   const PressurePatches& p = model.patches;
   EXPECT_NEAR(static_cast<double>(p.count()), static_cast<double>(model.node_count()) / 7.0, 2.0);

@@ -47,7 +47,7 @@ TEST(ReducedSurface, IsTheSurfaceItselfWhereThatIsSmallEnough) {
   for (std::size_t v = 0; v < same.vertex.size(); ++v) EXPECT_EQ(same.vertex[v], static_cast<Index>(v));
 }
 
-TEST(ReducedSurface, HasAtMostAsManyTrianglesAsAskedForAndNotFarFewer) {
+TEST(ReducedSurface, HasAtMostAsManyTrianglesAsRequestedAndNotFarFewer) {
   for (const Index most : {200, 1000, 5000}) {
     const Index triangles = reduced_surface(dome(), tool, most).triangles.cols();
     EXPECT_LE(triangles, most);

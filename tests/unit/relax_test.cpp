@@ -27,17 +27,17 @@ TEST(Relaxation, EndsInEquilibriumWithWhatIsHeldInPlace) {
   System body(system, model, constraints);
   const Relaxed relaxed = Relaxation(body)(u, f, {.tolerance = 1e-6});
   EXPECT_LT(relaxed.residual, 1e-6);
-  double circle = 0.0, base = 0.0, unbalanced = 0.0;
+  double bonded_patch = 0.0, base = 0.0, unbalanced = 0.0;
   for (Index a = 0; a < model.node_count(); ++a) unbalanced += constraints.project(a, f.col(a)).squaredNorm();
-  const Eigen::Vector4d push = padded(model.tool.push);
-  for (const Index a : model.circle) {
-    circle += f.col(a).dot(push);
-    EXPECT_EQ(u.col(a), push * 1e-3);
+  const Eigen::Vector4d approach = padded(model.tool.approach);
+  for (const Index a : model.bonded_patch) {
+    bonded_patch += f.col(a).dot(approach);
+    EXPECT_EQ(u.col(a), approach * 1e-3);
   }
-  for (const Index a : model.base) base -= f.col(a).dot(push);
-  EXPECT_GT(circle, 0.0);
-  EXPECT_NEAR(base, circle, 1e-5 * circle);
-  EXPECT_LT(std::sqrt(unbalanced), 1e-5 * circle);
+  for (const Index a : model.base) base -= f.col(a).dot(approach);
+  EXPECT_GT(bonded_patch, 0.0);
+  EXPECT_NEAR(base, bonded_patch, 1e-5 * bonded_patch);
+  EXPECT_LT(std::sqrt(unbalanced), 1e-5 * bonded_patch);
 }
 
 TEST(Relaxation, OfADeadLoadHangsItOnTheBase) {
@@ -119,7 +119,7 @@ TEST(LoadSlowly, EndsWhereDynamicRelaxationDoes) {
   System body(system, plain, constraints);
   const Relaxed relaxed = Relaxation(body)(u, f, {.tolerance = 1e-5});
   double force = 0.0;
-  for (const Index a : model.circle) force += f.col(a).dot(padded(model.tool.push));
+  for (const Index a : model.bonded_patch) force += f.col(a).dot(padded(model.tool.approach));
   EXPECT_GT(relaxed.evaluations, 2 * mixed.evaluations);
   EXPECT_NEAR(mixed.force.back().force, force, 1e-3 * force);
 }
@@ -260,7 +260,7 @@ TEST(LoadSlowly, EndsWithinItsBoundWhereOneLayerIsAThousandTimesStifferThanTheOt
 }
 
 // From then on every query reports a stop: within the next equilibrium, or step.
-TEST(EveryMarch, AskedToStopKeepsWhatItHas) {
+TEST(EveryMarch, StoppedOnRequestKeepsWhatItHas) {
   const Model model = averaged_block(4);
   const ForceSystem system(model, neo_hookean(210.0, 0.49, 1000.0));
   for (const TimeMode time : {TimeMode::quasi_static, TimeMode::explicit_}) {
@@ -276,7 +276,7 @@ TEST(EveryMarch, AskedToStopKeepsWhatItHas) {
       EXPECT_NO_THROW(
           solve(time, system, model, {.depth = 2e-3, .rate = 4e-3}, {.frames = 8}, observer, history));
       EXPECT_TRUE(history.interrupted);
-      EXPECT_EQ(stop_asked(), after == 0 ? StopReason::interrupted : StopReason::out_of_time);
+      EXPECT_EQ(stop_requested(), after == 0 ? StopReason::interrupted : StopReason::out_of_time);
       EXPECT_LE(history.force.size(), after + 1);
       if (after > 0) {
         EXPECT_GE(history.force.size(), after);
@@ -292,7 +292,7 @@ TEST(EveryMarch, OfABodyUnderGravityEndsAtTheForceOfItsEquilibrium) {
   const ForceSystem system(model, neo_hookean(210.0, 0.49, 1000.0));
   const Loading loading = {
       .depth = 1e-3, .rate = 2e-3, .loads = {.gravity = Vec3(0.0, 0.0, -3.0), .pressure = {}}};
-  double still = 0.0, base = 0.0, at_rest = 0.0;
+  double still = 0.0, base = 0.0, undeformed = 0.0;
   for (const TimeMode time : {TimeMode::quasi_static, TimeMode::explicit_}) {
     History history;
     solve(time, system, model, loading, {.damping = 30.0, .frames = 4}, {}, history);
@@ -304,14 +304,14 @@ TEST(EveryMarch, OfABodyUnderGravityEndsAtTheForceOfItsEquilibrium) {
     // The work of gravity before the run does not count as energy of the run; the energy that it stored does.
     const double stored = history.energy.front().stored;
     EXPECT_GT(stored, 0.0) << name_of(time);
-    if (time == TimeMode::quasi_static) at_rest = stored;
-    EXPECT_NEAR(stored, at_rest, 0.01 * at_rest) << name_of(time);
-    EXPECT_GT(history.settled, 1e-5);
+    if (time == TimeMode::quasi_static) undeformed = stored;
+    EXPECT_NEAR(stored, undeformed, 0.01 * undeformed) << name_of(time);
+    EXPECT_GT(history.preload_displacement, 1e-5);
   }
 }
 
 // A tissue of Poisson's ratio 0 keeps the search from solving for pressures; then none are held.
-TEST(EveryMarch, OfABodyUnderGravityFeelsTheVolumeOfATissueBesideOneThatHoldsNone) {
+TEST(EveryMarch, OfABodyUnderGravityHasTheVolumeOfATissueNextToOneThatHoldsNone) {
   const Model model = averaged_block(4, 0.2, 1.8, [](const Vec3& x) { return x.z() > 10e-3 ? 1 : 0; });
   const ForceSystem system(
       model, Tissues{{neo_hookean(210.0, 0.49, 1000.0), neo_hookean(210.0, 0.0, 1000.0)}, model.label});
@@ -326,7 +326,7 @@ TEST(EveryMarch, OfABodyUnderGravityFeelsTheVolumeOfATissueBesideOneThatHoldsNon
 
 // Gravity along the surface moves the patch sideways before the tool moves. The moment is about its displaced
 // middle, and that of bonded forces about the middle of its nodes.
-TEST(EveryMarch, OfABodyThatGravityCarriesHasTheMomentAboutWhereTheToolTouches) {
+TEST(EveryMarch, OfABodyThatGravityCarriesHasTheMomentAboutTheFirstContact) {
   const Model model = averaged_block(4);
   const ForceSystem tissue(model, neo_hookean(210.0, 0.49, 1000.0));
   const auto body =
@@ -335,14 +335,14 @@ TEST(EveryMarch, OfABodyThatGravityCarriesHasTheMomentAboutWhereTheToolTouches) 
   Eigen::VectorXd lambda = body->step_start().lambda;
   body->set({.depth = 1e-3}, u);
   ASSERT_TRUE(Relaxation(*body)(u, f, {}, &lambda).converged);
-  Vec3 rest = Vec3::Zero(), now = rest, force = rest, moment = rest;
-  for (const Index a : model.circle) {
-    rest += model.X.col(a) / static_cast<double>(model.circle.size());
-    now += (model.X.col(a) + u.col(a).head<3>()) / static_cast<double>(model.circle.size());
+  Vec3 undeformed = Vec3::Zero(), now = undeformed, force = undeformed, moment = undeformed;
+  for (const Index a : model.bonded_patch) {
+    undeformed += model.X.col(a) / static_cast<double>(model.bonded_patch.size());
+    now += (model.X.col(a) + u.col(a).head<3>()) / static_cast<double>(model.bonded_patch.size());
   }
-  ASSERT_GT(std::abs((now - rest).x()), 0.02 * model.tool.radius) << "it is carried";
-  const Vec3 about = model.tool.centre + now - rest;
-  for (const Index a : model.circle) {
+  ASSERT_GT(std::abs((now - undeformed).x()), 0.02 * model.tool.radius) << "it is carried";
+  const Vec3 about = model.tool.centre + now - undeformed;
+  for (const Index a : model.bonded_patch) {
     const Vec3 on_tool = -f.col(a).head<3>();
     force += on_tool;
     moment += (model.X.col(a) + u.col(a).head<3>() - about).cross(on_tool);

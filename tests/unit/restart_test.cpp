@@ -51,20 +51,20 @@ bool same_bits(const std::vector<T>& a, const std::vector<T>& b) {
   return a.size() == b.size() && std::memcmp(a.data(), b.data(), sizeof(T) * a.size()) == 0;
 }
 
-void expect_same_end(const Result& whole, const Result& rest, std::size_t frames_before) {
-  EXPECT_TRUE(same_bits(whole.history.force, rest.history.force));
-  EXPECT_TRUE(same_bits(whole.history.energy, rest.history.energy));
-  EXPECT_EQ(whole.history.evaluations, rest.history.evaluations);
-  EXPECT_EQ(whole.history.extra_evaluations, rest.history.extra_evaluations);
-  EXPECT_EQ(whole.history.J_min, rest.history.J_min);
-  EXPECT_EQ(whole.history.inverted, rest.history.inverted);
-  EXPECT_EQ(whole.history.residual, rest.history.residual);
-  EXPECT_EQ(whole.history.dt_first, rest.history.dt_first);
-  EXPECT_EQ(whole.history.dt_smallest, rest.history.dt_smallest);
-  EXPECT_EQ(whole.history.momentum_error, rest.history.momentum_error);
-  ASSERT_EQ(whole.frame.size(), frames_before + rest.frame.size());
-  for (std::size_t k = 0; k < rest.frame.size(); ++k) {
-    const Kept &a = whole.frame[frames_before + k], &b = rest.frame[k];
+void expect_same_end(const Result& whole, const Result& remaining, std::size_t frames_before) {
+  EXPECT_TRUE(same_bits(whole.history.force, remaining.history.force));
+  EXPECT_TRUE(same_bits(whole.history.energy, remaining.history.energy));
+  EXPECT_EQ(whole.history.evaluations, remaining.history.evaluations);
+  EXPECT_EQ(whole.history.extra_evaluations, remaining.history.extra_evaluations);
+  EXPECT_EQ(whole.history.J_min, remaining.history.J_min);
+  EXPECT_EQ(whole.history.inverted, remaining.history.inverted);
+  EXPECT_EQ(whole.history.residual, remaining.history.residual);
+  EXPECT_EQ(whole.history.dt_first, remaining.history.dt_first);
+  EXPECT_EQ(whole.history.dt_smallest, remaining.history.dt_smallest);
+  EXPECT_EQ(whole.history.momentum_error, remaining.history.momentum_error);
+  ASSERT_EQ(whole.frame.size(), frames_before + remaining.frame.size());
+  for (std::size_t k = 0; k < remaining.frame.size(); ++k) {
+    const Kept &a = whole.frame[frames_before + k], &b = remaining.frame[k];
     EXPECT_EQ(a.number, b.number);
     EXPECT_EQ(a.t, b.t);
     EXPECT_EQ(a.u, b.u);
@@ -103,7 +103,7 @@ TEST(Restart, OfEquilibriumAtEachDepth) {
                   Precision::double_);
 }
 
-TEST(Restart, OfEquilibriumBeforeAndAfterTheTissueGaveWay) {
+TEST(Restart, OfEquilibriumBeforeAndAfterALimitPoint) {
   const Model model = arch_under_a_pad();
   const Tissues tissues{{neo_hookean(2000.0, 0.45, 1000.0), neo_hookean(120.0, 0.45, 1000.0)}, model.label};
   const History history =

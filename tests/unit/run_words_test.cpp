@@ -28,9 +28,9 @@ TEST(RunWords, BelowThePictureAreModuliContactLoadsSupportsAndSteps) {
   EXPECT_EQ(scene_in_words(scene, result),
             (std::vector<std::string>{"material: neo-Hookean, mu 210 Pa, nu 0.49", "contact: bonded"}));
   result.loading.loads.gravity = Vec3(9.81, 0.0, 0.0);
-  result.history.settled = 0.0299;
+  result.history.preload_displacement = 0.0299;
   result.loading.further = {{.name = "r", .node = {1, 2}, .hold = HeldSet::Hold::along}};
-  result.loading.steps = {{.name = "slide", .moves = "", .way = Vec3(0.01, 0.0, 0.0)}};
+  result.loading.steps = {{.name = "slide", .moves = "", .displacement = Vec3(0.01, 0.0, 0.0)}};
   const std::vector<std::string> lines = scene_in_words(scene, result);
   ASSERT_EQ(lines.size(), 5u);
   EXPECT_EQ(lines[2], "loads: gravity 9.81 m/s2 (left); preload: largest displacement 29.90 mm");

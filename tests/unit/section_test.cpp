@@ -23,8 +23,9 @@ Discretisation box(const Eigen::Isometry3d& turned = Eigen::Isometry3d::Identity
       2, 3, 5, 7, 1, 5, 6, 7, 4, 6, 3, 7,                        //
       3, 1, 7, 6, 5, 4, 7, 3, 6, 2, 7, 5;
   body.X = 1e-3 * body.surface.vertex_mm;
-  body.tool = {
-      .centre = 1e-3 * (turned * Vec3(30, 20, 30)), .push = turned.linear() * Vec3(0, 0, -1), .radius = 5e-3};
+  body.tool = {.centre = 1e-3 * (turned * Vec3(30, 20, 30)),
+               .approach = turned.linear() * Vec3(0, 0, -1),
+               .radius = 5e-3};
   return body;
 }
 

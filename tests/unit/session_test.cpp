@@ -33,7 +33,7 @@ TEST(Session, ABodyHasTheSameForceOnAProcessorWithOtherCaches) {
 }
 
 // The tool moves 0.1 mm at a time, like a hand; force and surface are read after each.
-TEST(Session, AToolMovedByATenthOfAMillimetreFeelsTheForceOfTheWholeWay) {
+TEST(Session, AToolMovedByATenthOfAMillimetreHasTheForceOfTheWholePath) {
   const Model model = testing_bodies::averaged_block();
   const History whole = solve(model, {{tissue}, model.tissue}, {.depth = 1e-3, .rate = 1e-4}, {.frames = 4});
 
@@ -73,24 +73,24 @@ TEST(Session, TheForceAndTheMomentOnTheToolAreThoseOfTheBase) {
                     {.contact = contact, .tolerance = 1e-6});
     session.equilibrate(1e-3);
     const Points at = model.X + session.nodal_parameters(), f = session.forces();
-    const Vec3 reference = model.tool.centre + 1e-3 * model.tool.push;
+    const Vec3 reference = model.tool.centre + 1e-3 * model.tool.approach;
     Vec3 force = Vec3::Zero(), moment = Vec3::Zero(), across = force;
     for (const Index a : model.base) {
       force += f.col(a);
       moment += (at.col(a) - reference).cross(f.col(a));
     }
-    for (const Index a : model.circle) across -= f.col(a);
-    const Wrench felt = session.on_tool();
-    EXPECT_LT((felt.head<3>() - force).norm(), 1e-4 * force.norm());
-    EXPECT_LT((felt.tail<3>() - moment).norm(), 1e-4 * moment.norm());
-    EXPECT_NEAR(-felt.head<3>().dot(model.tool.push), session.force(), 1e-12);
-    EXPECT_GT(felt[2], 0.0) << "the tool is pushed back";
+    for (const Index a : model.bonded_patch) across -= f.col(a);
+    const Wrench recorded = session.on_tool();
+    EXPECT_LT((recorded.head<3>() - force).norm(), 1e-4 * force.norm());
+    EXPECT_LT((recorded.tail<3>() - moment).norm(), 1e-4 * moment.norm());
+    EXPECT_NEAR(-recorded.head<3>().dot(model.tool.approach), session.force(), 1e-12);
+    EXPECT_GT(recorded[2], 0.0) << "the tool is pushed back";
     EXPECT_GT(moment.norm(), 1e-2 * force.norm() * model.tool.radius);
     if (contact == Contact::bonded) {
-      EXPECT_GT(lateral_share(felt, model.tool.push), 0.1);
-      EXPECT_LT((felt.head<3>() - across).norm(), 1e-12);
+      EXPECT_GT(lateral_fraction(recorded, model.tool.approach), 0.1);
+      EXPECT_LT((recorded.head<3>() - across).norm(), 1e-12);
     } else {
-      EXPECT_LT(lateral_share(felt, model.tool.push), 1e-12)
+      EXPECT_LT(lateral_fraction(recorded, model.tool.approach), 1e-12)
           << "a tool that slides is pushed along its axis alone";
     }
   }
@@ -109,15 +109,15 @@ TEST(Session, EverySampleOfAMarchHasTheForceVectorOfItsDepth) {
           {.frame = [&](const Frame& frame) { u = frame.u, f = frame.f; }}, whole);
     const ForceSample& last = whole.force.back();
     Vec3 force = Vec3::Zero(), moment = Vec3::Zero();
-    for (const Index a : model.circle) {
+    for (const Index a : model.bonded_patch) {
       const Vec3 on_tool = -f.col(a).head<3>();
       force += on_tool;
       moment += (model.X.col(a) - model.tool.centre).cross(on_tool);  // the patch moves as one
     }
-    const Eigen::Map<const Wrench> felt(last.on_tool.data());
-    EXPECT_LT((felt.head<3>() - force).norm(), 1e-12);
-    EXPECT_LT((felt.tail<3>() - moment).norm(), 1e-12);
-    EXPECT_NEAR(-force.dot(model.tool.push), last.force, 1e-12);
+    const Eigen::Map<const Wrench> recorded(last.on_tool.data());
+    EXPECT_LT((recorded.head<3>() - force).norm(), 1e-12);
+    EXPECT_LT((recorded.tail<3>() - moment).norm(), 1e-12);
+    EXPECT_NEAR(-force.dot(model.tool.approach), last.force, 1e-12);
     EXPECT_GT(force.head<2>().norm(), 0.05 * last.force);
     for (const double value : whole.force.front().on_tool)
       EXPECT_FALSE(std::signbit(value)) << "no -0 in a file";
@@ -155,7 +155,7 @@ TEST(Session, AMoveOfTooManyStepsIsRefusedBeforeTheFirst) {
 }
 
 // After any motion of the tool, and under any loads, later waves depend on the same tissue stiffness.
-TEST(Session, StepsFromAnEquilibriumGoOnWithTheStiffnessOfTheVolume) {
+TEST(Session, StepsFromAnEquilibriumContinueWithTheStiffnessOfTheVolume) {
   const Model model = testing_bodies::averaged_block(4);
   for (const double gravity : {0.0, -3.0}) {
     const SessionOptions options{.loads = {.gravity = Vec3(0.0, 0.0, gravity), .pressure = {}}};
@@ -169,15 +169,15 @@ TEST(Session, StepsFromAnEquilibriumGoOnWithTheStiffnessOfTheVolume) {
 }
 
 // The patch's nodes would hold the tissue: a force of zero at every depth.
-TEST(Session, OfATouchingToolOnAModelWithNodesOfACircleIsRefused) {
+TEST(Session, OfAContactingToolOnAModelWithNodesOfAPatchIsRefused) {
   const Model model = testing_bodies::averaged_block();
-  ASSERT_FALSE(model.circle.empty());
-  const auto touch = std::make_shared<Touch>();
-  touch->shape = sphere_shape(3e-3);
-  touch->surface = contact_surface(model, 9e-3);
-  touch->pose = first_touch(touch->shape, model.tool, touch->surface);
+  ASSERT_FALSE(model.bonded_patch.empty());
+  const auto indenter = std::make_shared<RigidBody>();
+  indenter->shape = sphere_shape(3e-3);
+  indenter->surface = contact_surface(model, 9e-3);
+  indenter->pose = first_contact(indenter->shape, model.tool, indenter->surface);
   expect_error<SolveError>(
-      [&] { const Session session(model, {tissue}, {.touch = touch}); },
+      [&] { const Session session(model, {tissue}, {.indenter = indenter}); },
       {.fact = "nodes of a bonded patch", .remedy = "contact_radius_mm", .code = "no-live"});
 }
 

@@ -39,13 +39,13 @@ std::shared_ptr<const Sheet> flat_sheet(const Vec3& corner, const Vec3& along, c
 }
 
 // Sheet next to the patch of the block of 30 x 30 x 20 mm, from above, 12 mm long and 8 deep.
-std::shared_ptr<const Sheet> beside_circle() {
+std::shared_ptr<const Sheet> next_to_patch() {
   return flat_sheet({21.3e-3, 9e-3, 22e-3}, {0.0, 12e-3, 0.0}, {0.0, 0.0, -10e-3});
 }
 
 std::vector<Index> held_of(const Model& model) {
   std::vector<Index> held = model.base;
-  held.insert(held.end(), model.circle.begin(), model.circle.end());
+  held.insert(held.end(), model.bonded_patch.begin(), model.bonded_patch.end());
   return held;
 }
 
@@ -74,7 +74,7 @@ void expect_none_through(const Sheet& sheet, const Model& now) {
       ASSERT_FALSE(sheet.between(now.X.col(now.support.member[k]), now.point.col(q))) << q;
 }
 
-TEST(ASheet, IsPassedByEveryWayAcrossItAlsoThroughItsEdgesAndCorners) {
+TEST(ASheet, IsPassedByEverySegmentAcrossItAlsoThroughItsEdgesAndCorners) {
   const Vec3 corner(1.0, 2.0, 3.0);
   const auto sheet = flat_sheet(corner, {5.0, 0.0, 0.0}, {0.0, 4.0, 0.0});
   for (int k = 1; k < 40; ++k)  // half of them along a line of corners
@@ -88,7 +88,7 @@ TEST(ASheet, IsPassedByEveryWayAcrossItAlsoThroughItsEdgesAndCorners) {
 }
 
 // A valley z = |x| is as high as its extent along its mean normal.
-TEST(ASheet, ThatIsBentIsPassedWhereverAWayCrossesIt) {
+TEST(ASheet, ThatIsBentIsPassedWhereverASegmentCrossesIt) {
   constexpr int half = 8;
   Points vertex(3, 2 * (2 * half + 1));
   Triangles triangles(3, 4 * half);
@@ -117,7 +117,7 @@ TEST(ASheet, HasAPlaceThatLiesOnItOnOneSideAlone) {
 
 TEST(ABodyThatASheetCuts, KeepsItsVolumeItsMiddleAndItsNodes) {
   const Model before = testing_bodies::averaged_block();
-  const SheetCut cut = cut_of(before, beside_circle());
+  const SheetCut cut = cut_of(before, next_to_patch());
   const Model& now = cut.model;
   EXPECT_GT(cut.divided, 20);
   EXPECT_EQ(now.point_count(), before.point_count() + cut.divided);
@@ -131,7 +131,7 @@ TEST(ABodyThatASheetCuts, KeepsItsVolumeItsMiddleAndItsNodes) {
 }
 
 TEST(ABodyThatASheetCuts, HasTheGradientOfALinearFieldAtEveryPoint) {
-  const SheetCut cut = cut_of(testing_bodies::averaged_block(), beside_circle());
+  const SheetCut cut = cut_of(testing_bodies::averaged_block(), next_to_patch());
   const Model& now = cut.model;
   for (Index q = 0; q < now.point_count(); ++q) {
     Mat3 of_position = Mat3::Zero();
@@ -146,7 +146,7 @@ TEST(ABodyThatASheetCuts, HasTheGradientOfALinearFieldAtEveryPoint) {
 }
 
 // The weights of each point sum to one, and far from the cut they are the same to the bit.
-TEST(ABodyThatASheetCuts, HasPatchesOnEachBankAndTheOldOnesElsewhere) {
+TEST(ABodyThatASheetCuts, HasPatchesOnEachFaceAndTheOldOnesElsewhere) {
   const Model before = testing_bodies::averaged_block(9);
   const auto sheet = flat_sheet({21.3e-3, -1e-3, 22e-3}, {0.0, 32e-3, 0.0}, {0.0, 0.0, -16e-3}, 9, 6);
   const SheetCut cut = cut_of(before, sheet);
@@ -169,8 +169,8 @@ TEST(ABodyThatASheetCuts, IsTheSameToTheBitWhetherOneLooksNearTheSheetOrEverywhe
   for (const bool two_tissues : {false, true}) {
     const Model before = testing_bodies::averaged_block(
         8, 0.2, 1.8, [&](const Vec3& x) { return two_tissues && x.x() > 17e-3 ? 1 : 0; });
-    const SheetCut near = cut_of(before, beside_circle()),
-                   all = cut_of(before, beside_circle(), Looked::everywhere);
+    const SheetCut near = cut_of(before, next_to_patch()),
+                   all = cut_of(before, next_to_patch(), Looked::everywhere);
     EXPECT_EQ(near.changed, all.changed);
     EXPECT_EQ(near.of_patch, all.of_patch);
     EXPECT_EQ(near.model.variance.size(), two_tissues ? 2u : 1u);
@@ -188,7 +188,7 @@ TEST(ABodyThatASheetCuts, HasTheSupportsAndTheVarianceThatAreFoundFromTheStart) 
   for (const double scatter : {0.2, 0.0}) {
     Model before = testing_bodies::averaged_block(8, scatter);
     find_supports(before);  // state before they were made consistent
-    const SheetCut cut = cut_of(before, beside_circle());
+    const SheetCut cut = cut_of(before, next_to_patch());
     Model whole = cut.model;
     find_supports(whole, *cut.model.sight);
     EXPECT_TRUE(whole.support.offset == cut.model.support.offset);
@@ -205,12 +205,12 @@ TEST(ABodyThatASheetCuts, HasNoNodeThroughTheSheetHoweverItsImageIsTurned) {
   places.second_moments = SecondMoments::Zero(6, places.point_count());
   places.second_moments.topRows<3>().setConstant(std::pow(places.volume[0], 2.0 / 3.0) / 12.0);
   const Mat3 R = Eigen::AngleAxisd(0.7, Vec3(0.3, 0.5, 0.8).normalized()).toRotationMatrix();
-  const auto sheet = beside_circle();
+  const auto sheet = next_to_patch();
   const auto turned_sheet = std::make_shared<const Sheet>(R * sheet->vertex(), sheet->triangles());
   places.X = (R * places.X).eval(), places.point = (R * places.point).eval();
   places.second_moments = turned(places.second_moments, R);
   places.surface.vertex_mm = (R * places.surface.vertex_mm).eval();
-  places.tool.centre = R * places.tool.centre, places.tool.push = R * places.tool.push;
+  places.tool.centre = R * places.tool.centre, places.tool.approach = R * places.tool.approach;
   places.axes = R;
   Eigen::VectorXi tissues = places.label;
   const Model before = make_model(std::move(places), converging, std::move(tissues), {1000.0});
@@ -223,7 +223,7 @@ TEST(ABodyThatASheetCuts, HasNoNodeThroughTheSheetHoweverItsImageIsTurned) {
 TEST(ABodyThatASheetCuts, HasRowsForAllNodesAlsoInATissueFarFromTheSheet) {
   const Model before =
       testing_bodies::averaged_block(9, 0.2, 1.8, [](const Vec3& x) { return x.x() < 6e-3 ? 1 : 0; });
-  const SheetCut cut = cut_of(before, beside_circle());
+  const SheetCut cut = cut_of(before, next_to_patch());
   ASSERT_EQ(cut.model.variance.size(), 2u);
   for (const GradientVariance& v : cut.model.variance) {
     ASSERT_EQ(v.rows.rows(), cut.model.node_count());
@@ -248,7 +248,7 @@ TEST(ABodyThatASheetCuts, IsRefusedWhereTheBladeMissesItOrPartsAPieceOff) {
 
 TEST(ABodyThatASheetCuts, IsCutASecondTimeAcrossTheFirst) {
   const Model before = testing_bodies::averaged_block(8);
-  const auto first = beside_circle(),
+  const auto first = next_to_patch(),
              second = flat_sheet({17e-3, 14.2e-3, 22e-3}, {12e-3, 0.0, 0.0}, {0.0, 0.0, -10e-3});
   const SheetCut once = cut_of(before, first), twice = cut_of(once.model, second);
   const Model& now = twice.model;
@@ -270,15 +270,15 @@ Session session_on(const Model& model) {
 
 // A hand may repeat a cut: then no cell is between two sheets, and nothing becomes stiffer.
 TEST(ABodyThatASheetCuts, IsNotCutAgainWhereItIsCut) {
-  const SheetCut first = cut_of(testing_bodies::averaged_block(), beside_circle());
-  const auto beside = [](double off, double down) {
+  const SheetCut first = cut_of(testing_bodies::averaged_block(), next_to_patch());
+  const auto next_to = [](double off, double down) {
     return flat_sheet({21.3e-3 + off, 9e-3, 22e-3}, {0.0, 12e-3, 0.0}, {0.0, 0.0, -down});
   };
   for (const double off : {0.0, 0.1e-3, -0.1e-3})
-    EXPECT_THROW(cut_of(first.model, beside(off, 9e-3)), ModelError) << off;
+    EXPECT_THROW(cut_of(first.model, next_to(off, 9e-3)), ModelError) << off;
   // A deeper cut removes the remainder; one across it is complete.
-  const SheetCut deeper = cut_of(first.model, beside(0.1e-3, 15e-3));
-  const SheetCut at_once = cut_of(testing_bodies::averaged_block(), beside(0.0, 15e-3));
+  const SheetCut deeper = cut_of(first.model, next_to(0.1e-3, 15e-3));
+  const SheetCut at_once = cut_of(testing_bodies::averaged_block(), next_to(0.0, 15e-3));
   EXPECT_GT(deeper.area, 0.0);
   EXPECT_LT(deeper.area + first.area, 1.3 * at_once.area);
   const auto across = flat_sheet({17e-3, 15.3e-3, 22e-3}, {9e-3, 0.0, 0.0}, {0.0, 0.0, -8e-3});
@@ -295,12 +295,12 @@ TEST(ABodyThatASheetCuts, IsNotCutAgainWhereItIsCut) {
 
 TEST(ALiveBodyThatIsCut, ComesToTheForceOfTheBodyThatWasCutFromTheStart) {
   const Model before = testing_bodies::averaged_block(8);
-  const SheetCut cut = cut_of(before, beside_circle());
+  const SheetCut cut = cut_of(before, next_to_patch());
   Session whole = session_on(before), from_start = session_on(cut.model), live = session_on(cut.model);
   const double depth = 1.5e-3;
   for (int k = 1; k <= 15; ++k) whole.follow(1e-4 * k, {.evaluations = 40});
   for (int k = 1; k <= 15; ++k) from_start.follow(1e-4 * k, {.evaluations = 40});
-  live.go_on_from(whole, carried(cut, whole.nodal_parameters()), cut.of_patch);
+  live.continue_from(whole, carried(cut, whole.nodal_parameters()), cut.of_patch);
   EXPECT_EQ(live.depth(), whole.depth());
   EXPECT_TRUE(live.nodal_parameters().leftCols(before.node_count()) == whole.nodal_parameters());
   LiveFrame frame;
@@ -314,10 +314,10 @@ TEST(ALiveBodyThatIsCut, ComesToTheForceOfTheBodyThatWasCutFromTheStart) {
 
 TEST(ALiveBodyThatIsCut, StatesAnErrorAsLargeAsTheForceUntilItHasFoundItsEquilibrium) {
   const Model before = testing_bodies::averaged_block(8);
-  const SheetCut cut = cut_of(before, beside_circle());
+  const SheetCut cut = cut_of(before, next_to_patch());
   Session whole = session_on(before), live = session_on(cut.model);
   for (int k = 1; k <= 15; ++k) whole.follow(1e-4 * k, {.evaluations = 40});
-  live.go_on_from(whole, carried(cut, whole.nodal_parameters()), cut.of_patch);
+  live.continue_from(whole, carried(cut, whole.nodal_parameters()), cut.of_patch);
   const LiveFrame first = live.follow(1.5e-3, {.evaluations = 1});
   EXPECT_EQ(first.tool, LiveFrame::Tool::lags);
   EXPECT_GE(first.error, std::abs(first.force));
@@ -325,9 +325,9 @@ TEST(ALiveBodyThatIsCut, StatesAnErrorAsLargeAsTheForceUntilItHasFoundItsEquilib
 
 TEST(ALiveBodyThatIsCut, LiesAtRestWithoutAToolInIt) {
   const Model before = testing_bodies::averaged_block();
-  const SheetCut cut = cut_of(before, beside_circle());
+  const SheetCut cut = cut_of(before, next_to_patch());
   Session whole = session_on(before), live = session_on(cut.model);
-  live.go_on_from(whole, carried(cut, whole.nodal_parameters()), cut.of_patch);
+  live.continue_from(whole, carried(cut, whole.nodal_parameters()), cut.of_patch);
   EXPECT_EQ(live.follow(0.0, {.evaluations = 5}).force, 0.0);
   EXPECT_EQ(live.nodal_parameters().norm(), 0.0);
 }

@@ -18,7 +18,7 @@ BodySurface slit_block(double width) {
   return slit_block_surface({60.0, 60.0, 30.0}, wall, width, deep);
 }
 
-TEST(Sight, EndsAtASlitHoweverNarrowAndGoesOnBelowIt) {
+TEST(Sight, EndsAtASlitHoweverNarrowAndContinuesBelowIt) {
   for (const double width : {0.1, 0.5, 2.0}) {
     SCOPED_TRACE(width);
     const BodySurface body = slit_block(width);
@@ -109,9 +109,9 @@ TEST(Sight, FindsTheFirstEntryThoughAFartherOneIsInReachBefore) {
 }
 
 // No support has nodes on both faces of the slit, except around its end; every node is in some support.
-TEST(Sight, KeepsTheBanksOfASlitApartInAModel) {
+TEST(Sight, KeepsTheFacesOfASlitApartInAModel) {
   ModelOptions options;
-  options.cloud.count = 1000;
+  options.node_set.count = 1000;
   options.boundary = {.base = "inferior", .indent_at = "0,0,top", .indenter_diameter_mm = 10.0};
   const double width = 1.0;  // a twenty-fifth of a spacing is 0.8 mm far away
   const Model model = build_model(slit_block(width), options).model;

@@ -83,11 +83,11 @@ TEST(Simulate, FindsTheShapeWithoutLoadsFromWhichTheyBringABodyBackToItsImage) {
     EXPECT_LT((vertex - as_it_is.model.surface.vertex_mm).colwise().norm().maxCoeff(), 0.08) << nu;
     EXPECT_GT((model.X - as_it_is.model.X).colwise().norm().maxCoeff(), 0.5e-3) << nu;
     // The centre of the patch moves with its nodes: moments are about it.
-    Vec3 way = Vec3::Zero();
-    for (const Index a : model.circle) way += model.X.col(a) - as_it_is.model.X.col(a);
-    way /= static_cast<double>(model.circle.size());
-    EXPECT_GT(way.norm(), 0.3e-3);
-    EXPECT_LT((model.tool.centre - as_it_is.model.tool.centre - way).norm(), 1e-9);
+    Vec3 displacement = Vec3::Zero();
+    for (const Index a : model.bonded_patch) displacement += model.X.col(a) - as_it_is.model.X.col(a);
+    displacement /= static_cast<double>(model.bonded_patch.size());
+    EXPECT_GT(displacement.norm(), 0.3e-3);
+    EXPECT_LT((model.tool.centre - as_it_is.model.tool.centre - displacement).norm(), 1e-9);
     EXPECT_EQ(unloaded.unloaded->imaged_centre, as_it_is.model.tool.centre);
     EXPECT_GT(model.surface.vertex_mm.row(2).maxCoeff(),
               as_it_is.model.surface.vertex_mm.row(2).maxCoeff() + 0.5);
@@ -152,7 +152,7 @@ TEST(Simulate, ChoosesWhereLoadsActOnTheImageOfABodyThatWasImagedUnderThem) {
             as_it_is.membrane.at(0).patch.triangles.cols());
 }
 
-TEST(Simulate, TellsItsObserverWhatItDoesInOrder) {
+TEST(Simulate, ReportsToItsObserverWhatItDoesInOrder) {
   std::vector<std::string> heard;
   std::vector<int> frames;
   RunObserver observer;
@@ -178,7 +178,7 @@ TEST(Simulate, TellsItsObserverWhatItDoesInOrder) {
             std::find(heard.begin(), heard.end(), "support"));
 }
 
-TEST(Simulate, AskedToStopAmidTheMarchReturnsWhatThereIs) {
+TEST(Simulate, StoppedAmidTheMarchReturnsWhatThereIs) {
   RunObserver observer;
   observer.march.sample = [](const ForceSample& now, const History&) { return now.depth < 0.4e-3; };
   const Result result = simulate(small_case(), observer);
@@ -210,17 +210,17 @@ TEST(Simulate, APlaceBelowTheToolGoesWithItAndOneAboveTheBaseStays) {
   Case given = small_case({{"boundary.base", "inferior"}, {"boundary.indent_at", "0,0,top"}});
   Result built;
   build_case(given, {}, built);
-  const Vec3 centre = built.model.tool.centre, push = built.model.tool.push;
+  const Vec3 centre = built.model.tool.centre, approach = built.model.tool.approach;
   const auto displacement_at = [&](const Vec3& place) {
     given.scene.followed = place;
     const Result result = simulate(given);
     EXPECT_TRUE(result.followed.has_value());
     return result.followed->u;
   };
-  const Vec3 below = displacement_at(centre + 0.5e-3 * push);
-  EXPECT_NEAR(below.dot(push), 1e-3, 0.1e-3);
-  EXPECT_LT((below - below.dot(push) * push).norm(), 0.05e-3);
-  EXPECT_LT(displacement_at(centre + 29.5e-3 * push).norm(), 0.02e-3);
+  const Vec3 below = displacement_at(centre + 0.5e-3 * approach);
+  EXPECT_NEAR(below.dot(approach), 1e-3, 0.1e-3);
+  EXPECT_LT((below - below.dot(approach) * approach).norm(), 0.05e-3);
+  EXPECT_LT(displacement_at(centre + 29.5e-3 * approach).norm(), 0.02e-3);
 }
 
 TEST(Simulate, RefusesAPlaceOutsideOfTheBodyAndAQuantityThatIsNone) {
@@ -237,55 +237,55 @@ Case layered_case(const OptionTexts& options = {}) {
                       return inside ? 1 + static_cast<int>((k - 2) / 4) : 0;
                     }));
   given.scene.image.file = image.string();
-  given.scene.cloud.nodes = 1000;
-  given.band = true;
+  given.scene.node_set.nodes = 1000;
+  given.error_bounds = true;
   return given;
 }
 
 // Other reasons: Run.SaysWhyItsBandIsUnknown and Run.HasNoBandDeeperThanItWasMeasured.
-TEST(Simulate, ShowsNoBandOutsideOfWhatItWasMeasuredFor) {
+TEST(Simulate, ShowsNoErrorBoundsOutsideOfWhatTheyWereMeasuredFor) {
   const auto why = [](auto change) {
     Case given = small_case();
-    given.band = true;
+    given.error_bounds = true;
     change(given.scene);
     const Result result = simulate(given);
-    EXPECT_TRUE(result.band.half.empty());
-    return result.band.unknown;
+    EXPECT_TRUE(result.error_bounds.half.empty());
+    return result.error_bounds.unknown;
   };
   EXPECT_THAT(why([](Scene& s) { s.solver.tolerance = 1e-3; }), HasSubstr("tolerance"));
   EXPECT_THAT(why([](Scene& s) { s.solver.step_radii = 0.5; }), HasSubstr("load steps above 0.2"));
   EXPECT_THAT(why([](Scene& s) { s.boundary.direction = "0.1,0,-1"; }), HasSubstr("oblique"));
 }
 
-TEST(Simulate, ABandIsTheSameHoweverManyFramesAreWritten) {
+TEST(Simulate, ErrorBoundsAreTheSameHoweverManyFramesAreWritten) {
   Case given = small_case({{"cloud.nodes", "1000"}, {"load.depth_mm", "2"}, {"solver.frames", "1"}});
-  given.band = true;
+  given.error_bounds = true;
   const Result few = simulate(given);
-  ASSERT_TRUE(few.band.known()) << few.band.unknown;
+  ASSERT_TRUE(few.error_bounds.known()) << few.error_bounds.unknown;
   given.scene.solver.frames = 7;
   const Result many = simulate(given);
   EXPECT_EQ(few.history.force.back().force, many.history.force.back().force);
-  EXPECT_EQ(few.band.half.back(), many.band.half.back());
-  EXPECT_GT(few.band.half.back(), 0.0);
+  EXPECT_EQ(few.error_bounds.half.back(), many.error_bounds.half.back());
+  EXPECT_GT(few.error_bounds.half.back(), 0.0);
 }
 
-TEST(Simulate, ABandIsTheSameWhetherItsCloudIsMarchedBesideOrAfterwards) {
+TEST(Simulate, ErrorBoundsAreTheSameWhetherTheirNodesAreMarchedInParallelOrAfterwards) {
   Case given = small_case({{"cloud.nodes", "1000"}});
-  given.band = true;
+  given.error_bounds = true;
   const auto with_threads = [&](std::size_t threads) {
     const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
     return simulate(given);
   };
-  const Result afterwards = with_threads(1), beside = with_threads(2);
-  ASSERT_TRUE(beside.band.known()) << beside.band.unknown;
-  EXPECT_EQ(beside.band.half, afterwards.band.half);
-  EXPECT_EQ(beside.history.force.back().force, afterwards.history.force.back().force);
-  EXPECT_EQ(beside.warnings, afterwards.warnings);
+  const Result afterwards = with_threads(1), next_to = with_threads(2);
+  ASSERT_TRUE(next_to.error_bounds.known()) << next_to.error_bounds.unknown;
+  EXPECT_EQ(next_to.error_bounds.half, afterwards.error_bounds.half);
+  EXPECT_EQ(next_to.history.force.back().force, afterwards.history.force.back().force);
+  EXPECT_EQ(next_to.warnings, afterwards.warnings);
 }
 
-TEST(Simulate, AMarchThatFailsDoesNotWaitForTheWholeOfItsBand) {
+TEST(Simulate, AMarchThatFailsDoesNotWaitForAllOfItsErrorBounds) {
   Case given = small_case({{"cloud.nodes", "8000"}});
-  given.band = true;
+  given.error_bounds = true;
   RunObserver observer;
   observer.march.sample = [](const ForceSample&, const History&) -> bool {
     throw std::runtime_error("full");
@@ -293,36 +293,36 @@ TEST(Simulate, AMarchThatFailsDoesNotWaitForTheWholeOfItsBand) {
   Result result;
   const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, 2);
   EXPECT_THROW(simulate(given, observer, result), std::runtime_error);
-  EXPECT_EQ(result.band.unknown, "the run ended first");
+  EXPECT_EQ(result.error_bounds.unknown, "the run ended first");
 }
 
 TEST(Simulate, AnAccuracyIsReachedWithOneFrame) {
   Case given = small_case({{"cloud.nodes", "1500"}, {"solver.frames", "1"}, {"accuracy.goal", "10%"}});
   const Result result = simulate(given);
-  EXPECT_TRUE(result.band.known()) << result.band.unknown;
-  EXPECT_LE(result.band.half.back(), 0.1 * result.history.force.back().force);
+  EXPECT_TRUE(result.error_bounds.known()) << result.error_bounds.unknown;
+  EXPECT_LE(result.error_bounds.half.back(), 0.1 * result.history.force.back().force);
 }
 
-TEST(Simulate, AModelThatIsKeptInMemoryHasTheBandOfItsImage) {
+TEST(Simulate, AModelThatIsKeptInMemoryHasTheErrorBoundsOfItsImage) {
   const Case given = layered_case({{"tissue.2.mu_Pa", "400"}});
   const Result whole = simulate(given);
-  ASSERT_TRUE(whole.band.known()) << whole.band.unknown;
+  ASSERT_TRUE(whole.error_bounds.known()) << whole.error_bounds.unknown;
   Result built;
   build_case({.scene = given.scene}, {}, built);
   ASSERT_TRUE(built.origin);
   Case kept{.scene = given.scene};
   kept.origin = built.origin;
-  kept.band = true;
+  kept.error_bounds = true;
   kept.model = ModelFiles{
       .places = built.model, .scheme = built.model.scheme, .label_names = {}, .provenance = {}, .notes = {}};
   const Result solved = simulate(kept);
-  EXPECT_EQ(solved.band.half, whole.band.half) << solved.band.unknown;
+  EXPECT_EQ(solved.error_bounds.half, whole.error_bounds.half) << solved.error_bounds.unknown;
   kept.origin = nullptr;
-  EXPECT_FALSE(simulate(kept).band.known());
+  EXPECT_FALSE(simulate(kept).error_bounds.known());
 }
 
 // The image has walls of 5 mm with 2.5 mm of air between them, on a slab.
-TEST(Simulate, AFoldedBodyTakesTheNodesThatItsBandNeedsUnlessTheyAreGiven) {
+TEST(Simulate, AFoldedBodyTakesTheNodesThatItsErrorBoundsNeedUnlessTheyAreGiven) {
   Case given = small_case();
   const fs::path image = test_folder() / "folded.nrrd";
   write_label_image(image, image_of({28, 28, 16}, Vec3::Constant(2.5), [](Index i, Index j, Index k) {
@@ -330,28 +330,28 @@ TEST(Simulate, AFoldedBodyTakesTheNodesThatItsBandNeedsUnlessTheyAreGiven) {
                              (k < 7 || i % 3 != 0 || (i > 9 && i < 18));
                     }));
   given.scene.image.file = image.string();
-  given.scene.cloud.nodes = 1500;
+  given.scene.node_set.nodes = 1500;
   given.scene.given.nodes = false;
   std::string said;
   const RunObserver observer{
       .line = [&](RunObserver::Line, const std::string& text) { said += text + "\n"; }};
   Result folded;
   build_case(given, observer, folded);
-  ASSERT_GT(folded.facing_share, most_facing);
-  EXPECT_EQ(folded.nodes_for_band, 4000);
+  ASSERT_GT(folded.facing_fraction, most_facing);
+  EXPECT_EQ(folded.nodes_for_error_bounds, 4000);
   EXPECT_NEAR(static_cast<double>(folded.model.node_count()), 4000.0, 40.0);
   EXPECT_THAT(said, HasSubstr("4000 instead of 1500, as none were given"));
   given.scene.given.nodes = true;
-  Result asked;
-  build_case(given, {}, asked);
-  EXPECT_EQ(asked.nodes_for_band, 0);
-  EXPECT_NEAR(static_cast<double>(asked.model.node_count()), 1500.0, 15.0);
+  Result requested;
+  build_case(given, {}, requested);
+  EXPECT_EQ(requested.nodes_for_error_bounds, 0);
+  EXPECT_NEAR(static_cast<double>(requested.model.node_count()), 1500.0, 15.0);
 }
 
 // Cases on one prepared organ have their own force each, with the same bits as alone.
 TEST(Simulate, OnAnOrganThatWasReadBeforeIsAsAlone) {
   const Case first = small_case();
-  ReadOrgan organ = read_once(first, {});
+  PreparedOrgan organ = read_once(first, {});
   Case on_organ = first;
   on_organ.organ = &organ;
   const Result found = simulate(on_organ);

@@ -53,8 +53,8 @@ Vec3 force_of(const Seen& seen) {
 class Steps : public testing::Test {
  protected:
   const Model model = testing_bodies::averaged_block();
-  const Vec3 push = model.tool.push;
-  const Vec3 side = push.unitOrthogonal();
+  const Vec3 approach = model.tool.approach;
+  const Vec3 side = approach.unitOrthogonal();
 };
 
 TEST_F(Steps, AreMeasuredByAHundredthOfTheForcesThatTheyBeginWith) {
@@ -64,9 +64,9 @@ TEST_F(Steps, AreMeasuredByAHundredthOfTheForcesThatTheyBeginWith) {
   system.set({.depth = 1e-3}, u);
   system.force(u, f);
   const double reactions = system.balance(f, free).reactions;
-  system.measure_by(f);
+  system.set_residual_scale(f);
   EXPECT_DOUBLE_EQ(system.least_reactions(), 0.01 * reactions);
-  system.measure_by(0.1 * f);
+  system.set_residual_scale(0.1 * f);
   EXPECT_DOUBLE_EQ(system.least_reactions(), 0.01 * reactions) << "the largest counts";
 }
 
@@ -92,9 +92,9 @@ TEST(JumpOfACurve, IsWhatNeitherNeighbourLeadsTo) {
   EXPECT_EQ(largest_jump({sample(0, 0, 0), sample(1, 0, 1)}).force, 0.0) << "one piece has no neighbours";
 }
 
-TEST_F(Steps, TwoPushesAreOne) {
+TEST_F(Steps, TwoPressesAreOne) {
   const Seen once = march(model, {}),
-             twice = march(model, {{"a", "", 0.4e-3 * push}, {"b", "", 0.6e-3 * push}});
+             twice = march(model, {{"a", "", 0.4e-3 * approach}, {"b", "", 0.6e-3 * approach}});
   EXPECT_NEAR(twice.history.force.back().depth, 1e-3, 1e-15);
   EXPECT_NEAR(twice.history.force.back().t, once.history.force.back().t, 1e-12);
   EXPECT_NEAR(twice.history.force.back().force, once.history.force.back().force,
@@ -105,10 +105,10 @@ TEST_F(Steps, TwoPushesAreOne) {
   EXPECT_EQ(twice.frame, (std::vector<int>{0, 1, 2, 3, 4}));
 }
 
-TEST_F(Steps, ElasticTissueForgetsOnWhichWayTheToolCame) {
-  const Seen corner = march(model, {{"press", "", 1e-3 * push}, {"slide", "", 0.5e-3 * side}}),
-             straight = march(model, {{"slant", "", 1e-3 * push + 0.5e-3 * side}}),
-             around = march(model, {{"drag", "", 0.5e-3 * side}, {"press", "", 1e-3 * push}});
+TEST_F(Steps, ElasticTissueForgetsOnWhichPathTheToolCame) {
+  const Seen corner = march(model, {{"press", "", 1e-3 * approach}, {"slide", "", 0.5e-3 * side}}),
+             straight = march(model, {{"slant", "", 1e-3 * approach + 0.5e-3 * side}}),
+             around = march(model, {{"drag", "", 0.5e-3 * side}, {"press", "", 1e-3 * approach}});
   const double size = force_of(straight).norm();
   EXPECT_LT((force_of(corner) - force_of(straight)).norm(), 1e-3 * size);
   EXPECT_LT((force_of(around) - force_of(straight)).norm(), 1e-3 * size);
@@ -127,9 +127,9 @@ TEST_F(Steps, ElasticTissueForgetsOnWhichWayTheToolCame) {
 }
 
 TEST_F(Steps, ThereAndBackLeavesNothing) {
-  const Seen seen = march(model, {{"press", "", 1e-3 * push},
+  const Seen seen = march(model, {{"press", "", 1e-3 * approach},
                                   {"slide", "", 0.5e-3 * side},
-                                  {"lift", "", -1e-3 * push},
+                                  {"lift", "", -1e-3 * approach},
                                   {"home", "", -0.5e-3 * side}});
   double largest = 0.0;
   for (const ForceSample& s : seen.history.force) largest = std::max(largest, s.force);
@@ -143,9 +143,9 @@ TEST_F(Steps, ThereAndBackLeavesNothing) {
   EXPECT_LT(std::abs(end.stored), 1e-4 * most);
 }
 
-TEST_F(Steps, ABondedToolPullsAsItPushes) {
-  const Seen pulled = march(model, {{"pull", "", -0.05e-3 * push}}),
-             pressed = march(model, {{"press", "", 0.05e-3 * push}});
+TEST_F(Steps, ABondedToolPullsAsItPresses) {
+  const Seen pulled = march(model, {{"pull", "", -0.05e-3 * approach}}),
+             pressed = march(model, {{"press", "", 0.05e-3 * approach}});
   EXPECT_LT(pulled.history.force.back().force, 0.0);
   EXPECT_NEAR(pulled.history.force.back().force, -pressed.history.force.back().force,
               0.05 * pressed.history.force.back().force);
@@ -164,9 +164,9 @@ TEST_F(Steps, AFurtherPatchMovesWhileTheToolRests) {
   const HeldSet still{.name = "retractor", .node = patch};
   HeldSet together = still;
   together.direction = side;
-  together.share = 0.5;
-  const Seen steps =
-                 march(model, {{"press", "", 1e-3 * push}, {"pull", "retractor", 0.5e-3 * side}}, {still}),
+  together.fraction = 0.5;
+  const Seen steps = march(model, {{"press", "", 1e-3 * approach}, {"pull", "retractor", 0.5e-3 * side}},
+                           {still}),
              at_once = march(model, {}, {together});
   EXPECT_NEAR(steps.history.force.back().depth, 1e-3, 1e-15);
   EXPECT_LT((force_of(steps) - force_of(at_once)).norm(), 1e-3 * force_of(at_once).norm());
@@ -178,26 +178,26 @@ TEST_F(Steps, AFurtherPatchMovesWhileTheToolRests) {
       << "the retractor's work counts";
 }
 
-TEST_F(Steps, ARunThatIsTakenUpAgainInALaterStepGoesOnToTheSameBits) {
-  const std::vector<Step> way = {{"press", "", 0.8e-3 * push}, {"slide", "", 1.2e-3 * side}};
-  const Seen whole = march(model, way, {}, nullptr, 3);
+TEST_F(Steps, ARunThatIsResumedInALaterStepContinuesToTheSameBits) {
+  const std::vector<Step> displacement = {{"press", "", 0.8e-3 * approach}, {"slide", "", 1.2e-3 * side}};
+  const Seen whole = march(model, displacement, {}, nullptr, 3);
   ASSERT_TRUE(whole.kept);
   ASSERT_EQ(whole.kept->step_of_scene, 1) << "of the second step";
-  const Seen rest = march(model, way, {}, &*whole.kept);
-  EXPECT_EQ(rest.history.force.back().on_tool, whole.history.force.back().on_tool);
-  EXPECT_EQ(rest.history.force.size(), whole.history.force.size());
-  EXPECT_EQ(rest.history.energy.back().external, whole.history.energy.back().external);
-  EXPECT_TRUE(rest.u == whole.u);
+  const Seen remaining = march(model, displacement, {}, &*whole.kept);
+  EXPECT_EQ(remaining.history.force.back().on_tool, whole.history.force.back().on_tool);
+  EXPECT_EQ(remaining.history.force.size(), whole.history.force.size());
+  EXPECT_EQ(remaining.history.energy.back().external, whole.history.energy.back().external);
+  EXPECT_TRUE(remaining.u == whole.u);
 }
 
 TEST_F(Steps, AreRefusedWithInertia) {
   const ForceSystem forces(model, {{tissue}, model.tissue});
   History history;
-  const Loading loading{.depth = 1e-3, .rate = 1.0, .steps = {{"press", "", 1e-3 * push}}};
+  const Loading loading{.depth = 1e-3, .rate = 1.0, .steps = {{"press", "", 1e-3 * approach}}};
   EXPECT_THROW(solve(TimeMode::explicit_, forces, model, loading, {}, {}, history), SolveError);
 }
 
-TEST(FramesOfSteps, AreSharedOutByTheWaysAndNoStepHasNone) {
+TEST(FramesOfSteps, AreDividedByTheLengthsOfThePathsAndNoStepHasNone) {
   const std::vector<Step> steps = {{"a", "", {4, 0, 0}}, {"b", "", {0, 4, 0}}, {"c", "", {0, 0, 0.1}}};
   EXPECT_EQ(frames_of_steps(steps, 16), (std::vector<int>{8, 8, 1}));
   EXPECT_EQ(frames_of_steps(steps, 1), (std::vector<int>{1, 1, 1}));

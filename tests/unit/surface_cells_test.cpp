@@ -94,15 +94,15 @@ TEST(BoxTree, OfNoTrianglesMeetsNone) {
   BoxTree(Points(3, 0), Triangles(3, 0)).around(Vec3::Zero(), Visit{});
 }
 
-TEST(SurfaceCells, TellInsideFromOutsideAsThePlanesOfAConvexBodyDo) {
+TEST(SurfaceCells, DistinguishInsideFromOutsideAsThePlanesOfAConvexBodyDo) {
   Body body;
-  int unmarked_asked = 0;
+  int unmarked_queries = 0;
   std::mt19937 random(1);
   for (const bool marked : {false, true}) {
     SCOPED_TRACE(marked);
     if (marked)
       body.cells.mark_clear_cells([&](const Vec3& x) {
-        ++unmarked_asked;
+        ++unmarked_queries;
         return body.contains(x);
       });
     int unsaid = 0;
@@ -117,7 +117,7 @@ TEST(SurfaceCells, TellInsideFromOutsideAsThePlanesOfAConvexBodyDo) {
     }
     EXPECT_LT(unsaid, count / 100);
   }
-  EXPECT_EQ(unmarked_asked, 0);  // lines along the axes decide; they meet no edge here
+  EXPECT_EQ(unmarked_queries, 0);  // lines along the axes decide; they meet no edge here
 }
 
 TEST(SurfaceCells, LeaveAPlaceOnTheSurfaceToAnExactAnswer) {
@@ -130,7 +130,7 @@ TEST(SurfaceCells, LeaveAPlaceOnTheSurfaceToAnExactAnswer) {
   }
 }
 
-TEST(SurfaceCells, NameTheNearestTriangleAmongTheSameCandidatesWhateverWasAskedBefore) {
+TEST(SurfaceCells, NameTheNearestTriangleAmongTheSameCandidatesWhateverWasRequestedBefore) {
   const Body body;
   std::mt19937 random(5);
   std::vector<Index> first, again, elsewhere;

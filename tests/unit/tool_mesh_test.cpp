@@ -80,7 +80,7 @@ TEST(ToolMesh, OfABallHasItsDistancesAndNormals) {
   EXPECT_LT(largest, of_triangles + std::pow(tool.distance.step, 2) / (3.0 * (R - 1e-3)));
 }
 
-TEST(ToolMesh, GoesOnUpwardWhereItIsNotSampledAndFarAwayIsFar) {
+TEST(ToolMesh, ContinuesUpwardWhereItIsNotSampledAndFarAwayIsFar) {
   const BodySurface rod = cylinder_surface(2.0, 40.0, 180);
   const ToolMesh tool = drawn({rod.vertex(), rod.triangles()});
   EXPECT_NEAR(tool.length, 40e-3, 1e-12);
@@ -248,9 +248,9 @@ TEST_F(SurfaceMesh, WhoseNumbersCannotBeReadIsRefusedWithTheLine) {
       {"v 0 1 0\nf 1 2 x\n", "'x' in line 5 is no corner", "by number"},
       {"v 0 1 0\nf 1 2 -4\n", "'-4' in line 5 is no corner", "by number"},
       {"v 0 1 0\nf 1 2\n", "the face in line 5 has 2 corners", "three"}};
-  for (const auto& [rest, fact, why] : refused) {
-    write_file(folder / "bad.obj", first + rest);
-    EXPECT_THAT(refusal("bad.obj"), testing::AllOf(HasSubstr(fact), HasSubstr(why))) << rest;
+  for (const auto& [remaining, fact, why] : refused) {
+    write_file(folder / "bad.obj", first + remaining);
+    EXPECT_THAT(refusal("bad.obj"), testing::AllOf(HasSubstr(fact), HasSubstr(why))) << remaining;
   }
   write_file(folder / "good.obj", "\xef\xbb\xbf" + first + "v +0 1e0 0 0.5 0.5 0.5\r\nf 1/1 2//7 \\\n -1\n");
   EXPECT_EQ(read_surface_mesh(folder / "good.obj").triangles.cols(), 1);

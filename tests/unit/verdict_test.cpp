@@ -26,8 +26,8 @@ Result good_run() {
   result.model.X = Points::Zero(3, 2000);
   result.model.volume = Eigen::VectorXd::Constant(10, 100e-9);
   result.history.force = {{0.0, 0.0, 0.0, 0.0}, {1.0, 1e-3, 0.05, 0.05}};
-  result.band.unknown.clear();
-  result.band.half = {0.0, 0.002};
+  result.error_bounds.unknown.clear();
+  result.error_bounds.half = {0.0, 0.002};
   return result;
 }
 
@@ -65,7 +65,7 @@ TEST(Verdict, AGuardSpeaksToItsOwnQuestionAlone) {
   }
 }
 
-TEST(Verdict, AFewInvertedPointsAtARimAreNoReasonButARetryForThemIs) {
+TEST(Verdict, AFewInvertedPointsAtAPatchEdgeAreNoReasonButARetryForThemIs) {
   Result result = good_run();
   result.findings.push_back(finding("inverted"));
   EXPECT_EQ(words(result), "good good good good good ");
@@ -124,27 +124,27 @@ TEST(Verdict, IntegrationPointsMustFillTheBody) {
   EXPECT_EQ(words(result), "good check good good good ");
 }
 
-TEST(Verdict, ABandIsToBeLookedAtAboveATenthAndBadAboveAQuarterOfTheForce) {
+TEST(Verdict, ErrorBoundsAreToBeLookedAtAboveATenthAndBadAboveAQuarterOfTheForce) {
   Result result = good_run();
-  result.band.half.back() = 0.0049;
+  result.error_bounds.half.back() = 0.0049;
   EXPECT_EQ(words(result), "good good good good good ");
-  result.band.half.back() = 0.0051;
+  result.error_bounds.half.back() = 0.0051;
   EXPECT_EQ(words(result), "good good good good check ");
-  result.band.half.back() = 0.0126;
+  result.error_bounds.half.back() = 0.0126;
   EXPECT_EQ(words(result), "good good good good bad ");
 }
 
-TEST(Verdict, HoldsABandToTheAccuracyAskedForWhereOneWas) {
+TEST(Verdict, HoldsErrorBoundsToTheRequestedAccuracy) {
   Scene scene;
-  scene.goal = Goal{.text = "3%", .share = 0.03};
+  scene.goal = Goal{.text = "3%", .fraction = 0.03};
   EXPECT_EQ(words(good_run(), scene), "good good good good check ");
   scene.goal = Goal{.text = "2.1mN", .absolute = 2.1e-3};
   EXPECT_EQ(words(good_run(), scene), "good good good good good ");
 }
 
-TEST(Verdict, WithoutABandSaysWhyThereIsNone) {
+TEST(Verdict, WithoutErrorBoundsSaysWhyThereAreNone) {
   Result result = good_run();
-  result.band.unknown = "supports are other than the default";
+  result.error_bounds.unknown = "supports are other than the default";
   const Json accuracy = verdict_of({}, result, "finished")["accuracy"];
   EXPECT_EQ(accuracy["word"], "check");
   EXPECT_EQ(accuracy["reasons"], Json::array({"supports are other than the default"}));
@@ -168,7 +168,7 @@ TEST(Verdict, WithoutAnEquilibriumHasNoNumberOfHowFarItWasFromOne) {
 TEST(Verdict, ANumberThatIsNoneIsNeverGood) {
   Result result = good_run();
   result.model.volume[0] = std::nan("");
-  result.band.half.back() = std::nan("");
+  result.error_bounds.half.back() = std::nan("");
   EXPECT_EQ(words(result), "good check good good bad ");
 }
 

@@ -80,11 +80,11 @@ TEST(VoxelSet, CroppedHasTheBoxOfItsOwnVoxelsWhateverWasThereBefore) {
   });
   const Pieces pieces = face_connected(all);
   ASSERT_EQ(pieces.piece.size(), 3u);
-  const VoxelSet wanted = set_of(size, body), part = cropped(selection(all, pieces, {false, true, false}));
-  EXPECT_NE(all.size, wanted.size);
-  for (const VoxelSet& same : {part, cropped(wanted)}) {
-    EXPECT_EQ(same.first, wanted.first);
-    expect_same(same, wanted);
+  const VoxelSet requested = set_of(size, body), part = cropped(selection(all, pieces, {false, true, false}));
+  EXPECT_NE(all.size, requested.size);
+  for (const VoxelSet& same : {part, cropped(requested)}) {
+    EXPECT_EQ(same.first, requested.first);
+    expect_same(same, requested);
   }
 }
 

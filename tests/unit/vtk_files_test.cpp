@@ -229,7 +229,7 @@ TEST(Vtu, RefusesAbsurdNumbersAndADamagedHeader) {
   expect_refused(folder / "bad.vtu", read_vtu, bad);
 }
 
-TEST(Vtu, RefusesATextArrayWhereverItStands) {
+TEST(Vtu, RefusesATextArrayWhereverItIs) {
   // VTK's reader treats unexpectedly terminated words as its own memory.
   const fs::path folder = fresh_folder();
   // The array is beyond the first 64 kB.
@@ -259,7 +259,7 @@ TEST(Vtu, RefusesDamagedCompressedDataAndMoreBlocksThanTheFileCanHold) {
   expect_refused(folder / "bad.vtu", read_vtu, bad);
 }
 
-TEST(Vtu, SeesThroughUnusualWaysToWriteAnAttribute) {
+TEST(Vtu, SeesThroughUnusualFormsOfAnAttribute) {
   const fs::path folder = fresh_folder();
   const std::string content = vtu_of(sample_points());
   const std::string compressor = "compressor=\"vtkLZ4DataCompressor\"";
@@ -316,7 +316,7 @@ TEST(Strips, HoldEachTriangleOnceWithTheSideItShows) {
   EXPECT_EQ(set_of(after), set_of(before));
 }
 
-TEST(Strips, GoOnFromTriangleToTriangle) {
+TEST(Strips, ContinueFromTriangleToTriangle) {
   const Triangles triangles = in_strips(shuffled_lattice(60));
   Index begun = 1;
   for (Index t = 1; t < triangles.cols(); ++t) {
@@ -548,7 +548,7 @@ TEST(TimeSeries, ListsRelativeFilesThatExistAfterEveryFrame) {
   EXPECT_TRUE(fs::exists(folder / "nodes" / "nodes_0002.vtu"));
 }
 
-TEST(TimeSeries, ThatGoesOnFromAnEarlierFrameNeverListsTheRemovedOnes) {
+TEST(TimeSeries, ThatContinuesFromAnEarlierFrameNeverListsTheRemovedOnes) {
   const fs::path folder = fresh_folder();
   TimeSeries first(folder / "nodes.pvd", ".vtu");
   for (int frame = 0; frame < 4; ++frame) {

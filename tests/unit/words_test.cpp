@@ -32,7 +32,7 @@ TEST(Words, AForceHasThreeDigitsAndIsInMillinewtonsBelowATenthOfANewton) {
   }
 }
 
-TEST(Words, WhatIsBesideAForceIsInItsUnit) {
+TEST(Words, WhatIsNextToAForceIsInItsUnit) {
   const Written written = force_written(0.0052);
   EXPECT_EQ(written.number(0.0049) + " to " + written(0.0055), "4.90 to 5.50 mN");
 }
@@ -50,7 +50,7 @@ TEST(Words, AVolumeIsInCubicMillimetresBelowACubicCentimetre) {
   EXPECT_EQ(words(1e-6), "< 0.001 mm3");
 }
 
-TEST(Words, AShareTooSmallToMatterIsSmallAndNotNothing) {
+TEST(Words, AFractionTooSmallToMatterIsSmallAndNotNothing) {
   const auto words = [](double of_hundred) { return percent(0.01 * of_hundred); };
   EXPECT_EQ(words(101.3), "101 %");
   EXPECT_EQ(words(31.26), "31.3 %");

@@ -48,7 +48,7 @@ TEST(Organs, OfPeopleCanBeIndentedWithNoOptionOfTheModelButTheLabel) {
 
 // Default places are anatomically sensible. The brain does not rest on its crown. The tool is not on a vessel
 // of the heart, at the edge of the liver's scan, or at the hilum of a lung.
-TEST(Organs, OfPeopleLieAsThePatientDoesAndTheToolStandsOnThickTissue) {
+TEST(Organs, OfPeopleLieAsThePatientDoesAndTheToolIsOnThickTissue) {
   const char* place = std::getenv("DIMPLE_SHARED_DATA");
   if (!place) GTEST_SKIP() << "skipped: DIMPLE_SHARED_DATA names no folder with label images";
   struct Expected {

@@ -46,12 +46,12 @@ TEST(ToolCone, HasTheDistanceToTheNearestPlaceOfItsProfile) {
       const double r = cone.radius * k / count;
       profile.emplace_back(r, lower_surface(cone, r));
     }
-    const double rim = profile.back().second;
+    const double patch_edge = profile.back().second;
     for (int k = 0; k <= 2 * count; ++k)
-      profile.emplace_back(cone.radius, rim + 4.0 * cone.radius * k / count);
+      profile.emplace_back(cone.radius, patch_edge + 4.0 * cone.radius * k / count);
     for (int k = 0; k < 300; ++k) {
       const double r = 1.8 * cone.radius * std::abs(std::sin(1.7 * k)),
-                   z = (rim + 2.0) * std::sin(2.3 * k) + 0.5;
+                   z = (patch_edge + 2.0) * std::sin(2.3 * k) + 0.5;
       double nearest = 1e9;
       for (const auto& [at_r, at_z] : profile) nearest = std::min(nearest, std::hypot(r - at_r, z - at_z));
       const bool is_inside = r < cone.radius && z > lower_surface(cone, r);
@@ -115,7 +115,7 @@ TEST(ToolCone, HasATipThatIsTangentToItsFlank) {
 }
 
 // Sneddon 1965 for a sharp cone: F = 2/pi E* tan(angle) depth^2, contact radius 2/pi tan(angle) depth.
-TEST(ToolCone, HasTheForceOfSneddonsConeWhereItsTipIsSmallBesideTheDepth) {
+TEST(ToolCone, HasTheForceOfSneddonsConeWhereItsTipIsSmallComparedWithTheDepth) {
   for (const double angle : {20.0 * degree, 45.0 * degree, 70.0 * degree}) {
     const ToolShape shape = cone_shape(angle, 1e-5, 10.0);
     for (const double depth : {0.3, 1.0, 2.0}) {
@@ -127,7 +127,7 @@ TEST(ToolCone, HasTheForceOfSneddonsConeWhereItsTipIsSmallBesideTheDepth) {
   }
 }
 
-TEST(ToolCone, HasTheForceOfASphereWhereItsTipAloneTouches) {
+TEST(ToolCone, HasTheForceOfASphereWhereItsTipAloneIsInContact) {
   const Cone cone{30.0 * degree, 0.4, 2.0};
   const ToolShape shape = cone.shape(), sphere = sphere_shape(cone.tip);
   const double until = sphere.contact_depth(cone.junction());

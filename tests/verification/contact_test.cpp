@@ -66,9 +66,9 @@ struct OnLayer {
         [&](double t) {  // by differences at the midpoints of intervals; 0 at the centre of contact
           const double at = std::min(t / h + 0.5, static_cast<double>(last) - 1e-9);
           const auto i = static_cast<Index>(at);
-          const double share = at - static_cast<double>(i);
+          const double fraction = at - static_cast<double>(i);
           const auto piece = [&](Index k) { return k == 0 ? phi[0] - phi[1] : phi[k] - phi[k - 1]; };
-          return ((1.0 - share) * piece(i) + share * piece(std::min(i + 1, last))) / h;
+          return ((1.0 - fraction) * piece(i) + fraction * piece(std::min(i + 1, last))) / h;
         };
     constexpr int count = 2000;
     const double end = std::sqrt(a * a - r * r), ds = end / count;
@@ -133,7 +133,7 @@ double hertz(double radius, double depth) {
   return 4.0 / 3.0 * std::sqrt(radius) * std::pow(depth, 1.5);
 }
 
-TEST(TouchingTruth, TheIntegralEquationGivesTheTabulatedForcesOfAParaboloidOnABondedAndOnALooseLayer) {
+TEST(ContactTruth, TheIntegralEquationGivesTheTabulatedForcesOfAParaboloidOnABondedAndOnALooseLayer) {
   struct Tabulated {
     Bed bed;
     double chi, ratio;  // of the force to that on a half-space
@@ -154,12 +154,12 @@ TEST(TouchingTruth, TheIntegralEquationGivesTheTabulatedForcesOfAParaboloidOnABo
   }
 }
 
-TEST(TouchingTruth, TheIntegralEquationGivesTheTabulatedForcesOfARoundedPunchOnABondedLayer) {
+TEST(ContactTruth, TheIntegralEquationGivesTheTabulatedForcesOfARoundedPunchOnABondedLayer) {
   for (const auto& [depth, force] : {std::pair{0.01059, 0.01494}, {0.05657, 0.08748}})
     EXPECT_NEAR(force_at(depth, 0.4, {0.5}, rounded_punch(0.4, 0.1)), force, 3e-3 * force);
 }
 
-TEST(TouchingTruth, TheRadiusOfContactOfARingIsTheRings) {
+TEST(ContactTruth, TheRadiusOfContactOfARingIsTheRings) {
   auto mesh = std::make_shared<ToolMesh>();
   const double none = std::numeric_limits<double>::infinity();
   mesh->lower = {none, none, 1e-3, 0.0, 1e-3, none};  // every millimetre, a ring of 3 mm radius
@@ -169,7 +169,7 @@ TEST(TouchingTruth, TheRadiusOfContactOfARingIsTheRings) {
   EXPECT_NEAR(contact_radius(ring, 3e-3), 4e-3, 1e-9);
 }
 
-TEST(TouchingTruth, TheRadiusOfContactIsThatOfSneddon) {
+TEST(ContactTruth, TheRadiusOfContactIsThatOfSneddon) {
   // Reference: F / F_Hertz of the true sphere, by its series.
   const ToolShape sphere = sphere_shape(1.0);
   for (const double depth : {0.01, 0.1, 0.3}) {
@@ -183,7 +183,7 @@ TEST(TouchingTruth, TheRadiusOfContactIsThatOfSneddon) {
   EXPECT_NEAR(contact_radius(punch, 0.71111), 4.5, 1e-4);
 }
 
-TEST(TouchingTruth, TheForceOnAHalfSpaceGrowsByTheDiameterOfItsContactForEachLengthOfDepth) {
+TEST(ContactTruth, TheForceOnAHalfSpaceGrowsByTheDiameterOfItsContactForEachLengthOfDepth) {
   const ToolShape punch = punch_shape(5.0, 1.0);
   EXPECT_NEAR(half_space_force(punch, 0.71111).value(), 6.12052, 1e-3);
   // dF / d depth = 2 a E* for any body of revolution (Sneddon 1965); the punch's contact ends at its side.
@@ -220,7 +220,7 @@ TEST(ToolShape, TheNormalIsTheGradientOfTheDistanceAndOfUnitLength) {
     }
 }
 
-TEST(ToolShape, TheTipTouchesAndTheLowerSurfaceIsAtItsHeight) {
+TEST(ToolShape, TheTipIsInContactAndTheLowerSurfaceIsAtItsHeight) {
   const ToolPose pose{};
   for (const ToolShape& shape : {sphere_shape(5e-3), punch_shape(5e-3, 1e-3), capsule_shape(2e-3, 20e-3)}) {
     EXPECT_NEAR(distance_to_tool(shape, pose, Vec3::Zero()).distance, 0.0, 1e-15);
@@ -253,7 +253,7 @@ TEST(ContactStep, NeitherPullsNorLetsASampleInAndAForceIsOnlyWhereAGapIsClosed) 
     before[s] = std::max(0.0, 0.1 * std::sin(2.0 * x));
   }
   const Eigen::VectorXd change = contact_step(compliance, normal, gap, before);
-  int touching = 0;
+  int in_contact = 0;
   for (Index s = 0; s < count; ++s) {
     double after = gap[s];
     for (Index t = 0; t < count; ++t)
@@ -262,10 +262,10 @@ TEST(ContactStep, NeitherPullsNorLetsASampleInAndAForceIsOnlyWhereAGapIsClosed) 
     EXPECT_GE(force, -1e-12);
     EXPECT_GE(after, -1e-9);
     EXPECT_NEAR(force * after, 0.0, 1e-9);
-    touching += force > 0.0;
+    in_contact += force > 0.0;
   }
-  EXPECT_GT(touching, 5);
-  EXPECT_LT(touching, count - 5);
+  EXPECT_GT(in_contact, 5);
+  EXPECT_LT(in_contact, count - 5);
 }
 
 // The samples are strongly coupled, so that sets of samples in contact repeat.
@@ -289,7 +289,7 @@ TEST(ContactStep, IsFoundHoweverTheSamplesMoveEachOther) {
   }
 }
 
-TEST(FrictionStep, HoldsWhatItCanAndElsewherePushesAgainstTheSlipAsHardAsItMay) {
+TEST(FrictionStep, HoldsWhatItCanAndElsewhereOpposesTheSlipAsMuchAsItMay) {
   constexpr Index count = 40;
   const Eigen::MatrixXd compliance = compliance_of(count);
   Points normal(3, count), slip(3, count), before(3, count);
@@ -297,9 +297,9 @@ TEST(FrictionStep, HoldsWhatItCanAndElsewherePushesAgainstTheSlipAsHardAsItMay) 
   for (Index s = 0; s < count; ++s) {
     const double x = static_cast<double>(s);
     const Vec3 n = normal.col(s) = Vec3(0.3 * std::sin(x), 0.2 * std::cos(x), -1.0).normalized();
-    const Vec3 way(0.2 + 0.1 * std::sin(x), 0.3 * std::cos(0.4 * x), 0.1),
+    const Vec3 displacement(0.2 + 0.1 * std::sin(x), 0.3 * std::cos(0.4 * x), 0.1),
         force(std::sin(3.0 * x), 0.5, -0.3);
-    slip.col(s) = way - n * n.dot(way);
+    slip.col(s) = displacement - n * n.dot(displacement);
     before.col(s) = 0.05 * (force - n * n.dot(force));
     bound[s] = s % 7 == 0 ? 0.0 : 0.003 * x;
   }
@@ -329,9 +329,9 @@ TEST(FrictionStep, HoldsWhatItCanAndElsewherePushesAgainstTheSlipAsHardAsItMay) 
 // The program's solutions
 // ---------------------------------------------------------------------------------------------------------
 
-struct Touched {
+struct ContactSummary {
   History history;
-  std::shared_ptr<const Touch> touch;
+  std::shared_ptr<const RigidBody> indenter;
   Index nodes = 0;
   Eigen::VectorXd pressure = {};  // of the samples, at the end [Pa]
   Points on_body = {};            // their forces [N]
@@ -339,14 +339,14 @@ struct Touched {
 };
 
 // A tool at first contact with that part of the model's surface.
-std::shared_ptr<Touch> touching(const ToolShape& shape, const Model& model, ContactSurface surface,
-                                double friction = 0.0) {
-  auto touch = std::make_shared<Touch>();
-  touch->shape = shape;
-  touch->surface = std::move(surface);
-  touch->pose = first_touch(shape, model.tool, touch->surface);
-  touch->friction = friction;
-  return touch;
+std::shared_ptr<RigidBody> tool_contact(const ToolShape& shape, const Model& model, ContactSurface surface,
+                                        double friction = 0.0) {
+  auto indenter = std::make_shared<RigidBody>();
+  indenter->shape = shape;
+  indenter->surface = std::move(surface);
+  indenter->pose = first_contact(shape, model.tool, indenter->surface);
+  indenter->friction = friction;
+  return indenter;
 }
 
 ForceSystem tissue_of(const Model& model, double ratio = 0.49) {
@@ -364,11 +364,11 @@ void let_slide(Model& model, Loading& loading) {
   model.base.clear();
 }
 
-Touched touched(const BodySurface& body, const ToolShape& shape, double depth_mm, Index nodes, int frames = 1,
-                bool loose = false) {
+ContactSummary contact_summary(const BodySurface& body, const ToolShape& shape, double depth_mm, Index nodes,
+                               int frames = 1, bool loose = false) {
   ModelOptions options;
-  options.cloud.count = nodes;
-  options.cloud.grading.whole_circle = !(shape.edge > 0.0);
+  options.node_set.count = nodes;
+  options.node_set.grading.whole_patch = !(shape.edge > 0.0);
   options.boundary = {.base = "inferior",
                       .indent_at = "0,0,top",
                       .indenter_diameter_mm = 2e3 * shape.radius,
@@ -376,12 +376,12 @@ Touched touched(const BodySurface& body, const ToolShape& shape, double depth_mm
   // Room around the tool is not checked: a shallow sphere may be wider than the block.
   options.boundary.indenter_diameter_mm = std::min(options.boundary.indenter_diameter_mm, 10.0);
   BuiltModel built = build_model(body, options);
-  const auto touch = touching(
+  const auto indenter = tool_contact(
       shape, built.model,
       contact_surface(built.model, std::min(1.5 * shape.radius, 3e-3 * options.boundary.contact_radius_mm)));
-  Touched result{.history = {}, .touch = touch, .nodes = built.model.node_count()};
+  ContactSummary result{.history = {}, .indenter = indenter, .nodes = built.model.node_count()};
   Loading loading{.depth = 1e-3 * depth_mm};
-  loading.touch = touch;
+  loading.indenter = indenter;
   if (loose) let_slide(built.model, loading);
   const Tissues tissues{{neo_hookean(mu, nu, 1000.0)}, built.model.tissue};
   const ForceSystem system(built.model, tissues, Precision::single_);
@@ -399,23 +399,24 @@ double of_layer(double radius_mm, double depth_mm, double thickness_mm, bool loo
          force_at(depth_mm / thickness_mm, 0.0, {nu, loose}, paraboloid(radius_mm / thickness_mm));
 }
 
-void is_true(const Touched& found, double truth, double share) {
+void is_true(const ContactSummary& found, double truth, double fraction) {
   const double ratio = found.force() / truth;
   std::printf(
       "%td nodes: %.4f mN, %+.2f %% of the truth; penetration %.2e radii, %td samples touch, %td "
       "evaluations in %zu equilibria, %zu retries\n",
       found.nodes, 1e3 * found.force(), 100.0 * (ratio - 1.0),
-      found.history.penetration / found.touch->shape.radius, found.history.contact_samples,
+      found.history.penetration / found.indenter->shape.radius, found.history.contact_samples,
       found.history.evaluations, found.history.force.size() - 1, found.history.retries.size());
-  EXPECT_NEAR(ratio, 1.0, share);
+  EXPECT_NEAR(ratio, 1.0, fraction);
   // A penetration of the surface between the samples is reported.
-  bool told = false;
-  for (const Finding& finding : found.history.guards) told = told || finding.report.code == "penetration";
-  EXPECT_EQ(told, found.history.penetration > 1e-3 * found.touch->shape.radius);
+  bool reported = false;
+  for (const Finding& finding : found.history.guards)
+    reported = reported || finding.report.code == "penetration";
+  EXPECT_EQ(reported, found.history.penetration > 1e-3 * found.indenter->shape.radius);
 }
 
 // For a half-space and a sphere the solution phi is known, and so is the pressure: Hertz.
-TEST(TouchingTruth, ThePressureOnAThickLayerIsThatOfHertz) {
+TEST(ContactTruth, ThePressureOnAThickLayerIsThatOfHertz) {
   const double radius = 0.5, a = 0.002;
   const OnLayer thick = on_layer(a, {nu}, paraboloid(radius));
   for (const double r : {0.0, 0.5, 0.9}) {
@@ -432,19 +433,20 @@ TEST(TouchingTruth, ThePressureOnAThickLayerIsThatOfHertz) {
   EXPECT_NEAR(sum, thin.force, 0.003 * thin.force);
 }
 
-// Error of the pressure within `share` of the contact radius, relative to the true pressure in the middle.
+// Error of the pressure within `fraction` of the contact radius, relative to the true pressure in the middle.
 struct PressureError {
   double mean_square = 0.0, largest = 0.0;
   int count = 0;
 };
-PressureError pressure_error(const Touched& found, const OnLayer& truth, double thickness_mm, double share) {
+PressureError pressure_error(const ContactSummary& found, const OnLayer& truth, double thickness_mm,
+                             double fraction) {
   PressureError error;
-  const ContactSurface& surface = found.touch->surface;
+  const ContactSurface& surface = found.indenter->surface;
   const double middle = plane_modulus * truth.pressure(0.0);
   for (Index s = 0; s < surface.count(); ++s) {
-    const Vec3 from = surface.place.col(s) - found.touch->pose.tip;
+    const Vec3 from = surface.place.col(s) - found.indenter->pose.tip;
     const double r = from.head<2>().norm() * 1e3 / thickness_mm;
-    if (r > share * truth.a) continue;
+    if (r > fraction * truth.a) continue;
     const double off = found.pressure[s] / middle - plane_modulus * truth.pressure(r) / middle;
     error.mean_square += off * off;
     error.largest = std::max(error.largest, std::abs(off));
@@ -464,8 +466,8 @@ PressureError pressure_error(const Touched& found, const OnLayer& truth, double 
 // orientation, are not merged.
 TEST(SamplesOfContact, HaveEnoughSurfaceOfTheirOwnAndBetweenThemAllOfIt) {
   for (const Index nodes : {1000, 4000}) {
-    const Model model =
-        standing(cylinder_surface(30, 30), {.nodes = nodes, .contact_radius = 4.0, .whole_circle = false});
+    const Model model = model_with_tool(cylinder_surface(30, 30),
+                                        {.nodes = nodes, .contact_radius = 4.0, .whole_patch = false});
     const ContactSurface surface = contact_surface(model, 8e-3);
     double area = 0.0;
     Index small = 0;
@@ -480,14 +482,14 @@ TEST(SamplesOfContact, HaveEnoughSurfaceOfTheirOwnAndBetweenThemAllOfIt) {
 }
 
 class PressureUnderATool : public testing::TestWithParam<Index> {};
-INSTANTIATE_TEST_SUITE_P(Touching, PressureUnderATool, testing::Values(1000, 4000, 8000));
+INSTANTIATE_TEST_SUITE_P(Contacting, PressureUnderATool, testing::Values(1000, 4000, 8000));
 
 TEST_P(PressureUnderATool, OfASphereIsThatOfTheIntegralEquation) {
   const ToolShape sphere = sphere_shape(40e-3);
   for (const auto& [thickness, depth] : {std::pair{10.0, 0.225}, {5.0, 0.15}}) {
     SCOPED_TRACE(testing::Message() << thickness << " mm thick");
-    const Touched found =
-        touched(block_surface({-30, -30, 0}, {30, 30, thickness}), sphere, depth, GetParam());
+    const ContactSummary found =
+        contact_summary(block_surface({-30, -30, 0}, {30, 30, thickness}), sphere, depth, GetParam());
     const OnLayer truth = at_depth(depth / thickness, 0.0, {nu}, paraboloid(40.0 / thickness));
     const PressureError error = pressure_error(found, truth, thickness, 0.9);
     EXPECT_GT(error.count, 50);
@@ -501,8 +503,9 @@ TEST_P(PressureUnderATool, OfASphereIsThatOfTheIntegralEquation) {
     EXPECT_GE(found.pressure.minCoeff(), 0.0);
     EXPECT_EQ(found.pressure.maxCoeff(), found.history.contact_pressure);
     for (Index s = 0; s < found.pressure.size(); ++s) {
-      const double r = 1e3 * (found.touch->surface.place.col(s) - found.touch->pose.tip).head<2>().norm();
-      if (r > 1.1 * truth.a * thickness + 3e3 * found.touch->surface.spacing[s])
+      const double r =
+          1e3 * (found.indenter->surface.place.col(s) - found.indenter->pose.tip).head<2>().norm();
+      if (r > 1.1 * truth.a * thickness + 3e3 * found.indenter->surface.spacing[s])
         EXPECT_EQ(found.pressure[s], 0.0);
     }
     EXPECT_NEAR(-found.on_body.row(2).sum(), found.force(), 1e-9 * found.force());
@@ -513,7 +516,8 @@ TEST_P(PressureUnderATool, OfASphereIsThatOfTheIntegralEquation) {
 TEST_P(PressureUnderATool, OfAPunchIsThatOfTheIntegralEquation) {
   if (GetParam() < 4000) GTEST_SKIP() << "skipped: a punch takes 4000 nodes";
   const ToolShape punch = punch_shape(5e-3, 1e-3);
-  const Touched found = touched(block_surface({-30, -30, 0}, {30, 30, 10}), punch, 0.1059, GetParam());
+  const ContactSummary found =
+      contact_summary(block_surface({-30, -30, 0}, {30, 30, 10}), punch, 0.1059, GetParam());
   const OnLayer truth = at_depth(0.01059, 0.4, {nu}, rounded_punch(0.4, 0.1));
   const PressureError error = pressure_error(found, truth, 10.0, 0.5);
   EXPECT_GT(error.count, 5);
@@ -523,36 +527,37 @@ TEST_P(PressureUnderATool, OfAPunchIsThatOfTheIntegralEquation) {
 
 // Parameters: the number of nodes, and the largest relative error of the force.
 class OnALayer : public testing::TestWithParam<std::pair<Index, double>> {};
-INSTANTIATE_TEST_SUITE_P(Touching, OnALayer,
+INSTANTIATE_TEST_SUITE_P(Contacting, OnALayer,
                          testing::Values(std::pair<Index, double>{1000, 0.03},
                                          std::pair<Index, double>{4000, 0.015}));
 
 TEST_P(OnALayer, ASphereHasTheForceOfTheIntegralEquation) {
-  const auto [nodes, share] = GetParam();
+  const auto [nodes, fraction] = GetParam();
   for (const auto& [thickness, depth] : {std::pair{10.0, 0.225}, {5.0, 0.15}}) {
     SCOPED_TRACE(testing::Message() << thickness << " mm thick");
     const BodySurface layer = block_surface({-30, -30, 0}, {30, 30, thickness});
-    is_true(touched(layer, sphere_shape(40e-3), depth, nodes), of_layer(40.0, depth, thickness), share);
+    is_true(contact_summary(layer, sphere_shape(40e-3), depth, nodes), of_layer(40.0, depth, thickness),
+            fraction);
   }
 }
 
 TEST_P(OnALayer, APunchHasTheForceOfTheIntegralEquation) {
-  const auto [nodes, share] = GetParam();
+  const auto [nodes, fraction] = GetParam();
   const BodySurface layer = block_surface({-30, -30, 0}, {30, 30, 10});
   const double truth = plane_modulus * 1e-4 * force_at(0.01059, 0.4, {nu}, rounded_punch(0.4, 0.1));
-  is_true(touched(layer, punch_shape(5e-3, 1e-3), 0.1059, nodes), truth, share);
+  is_true(contact_summary(layer, punch_shape(5e-3, 1e-3), 0.1059, nodes), truth, fraction);
 }
 
 // The profile of a sharp cone is pi/2 cot(angle) t. The rounded tip is above it by a thousandth of the depth.
 TEST_P(OnALayer, AConeHasTheForceOfTheIntegralEquation) {
-  const auto [nodes, share] = GetParam();
+  const auto [nodes, fraction] = GetParam();
   constexpr double angle = 85.0 * std::numbers::pi / 180.0, thickness = 10.0, depth = 0.3;
   const auto sharp = [](double t) { return 0.5 * std::numbers::pi / std::tan(angle) * t; };
   const double truth =
       plane_modulus * 1e-6 * thickness * thickness * force_at(depth / thickness, 0.0, {nu}, sharp);
-  is_true(touched(block_surface({-30, -30, 0}, {30, 30, thickness}), cone_shape(angle, 0.1e-3, 10e-3), depth,
-                  nodes),
-          truth, share);
+  is_true(contact_summary(block_surface({-30, -30, 0}, {30, 30, thickness}), cone_shape(angle, 0.1e-3, 10e-3),
+                          depth, nodes),
+          truth, fraction);
 }
 
 // The loop is over chi = sqrt(radius x depth) / thickness.
@@ -564,14 +569,15 @@ TEST_P(OnALayer, ThatIsLooseASphereHasTheForceOfTheIntegralEquation) {
     SCOPED_TRACE(chi);
     const double depth = std::pow(chi * thickness, 2) / 40.0;
     std::printf("chi %.2f, ", chi);
-    is_true(touched(layer, sphere_shape(40e-3), depth, nodes, 1, true),
+    is_true(contact_summary(layer, sphere_shape(40e-3), depth, nodes, 1, true),
             of_layer(40.0, depth, thickness, true), nodes < 4000 ? 0.03 : 0.02);
   }
 }
 
-TEST(TouchingTool, NeverPullsAndItsForceGrowsFromNothingWithTheDepth) {
+TEST(RigidContact, NeverPullsAndItsForceGrowsFromNothingWithTheDepth) {
   const ToolShape sphere = sphere_shape(5e-3);
-  const Touched found = touched(block_surface({-20, -20, 0}, {20, 20, 20}), sphere, 1.5, 1000, 6);
+  const ContactSummary found =
+      contact_summary(block_surface({-20, -20, 0}, {20, 20, 20}), sphere, 1.5, 1000, 6);
   double before = 0.0;
   ASSERT_GT(found.history.force.size(), 4u);
   for (const ForceSample& sample : found.history.force) {
@@ -585,19 +591,19 @@ TEST(TouchingTool, NeverPullsAndItsForceGrowsFromNothingWithTheDepth) {
 }
 
 // The tool is near an edge, so that it is drawn sideways and rotated.
-class ToolBesideAnEdge : public testing::TestWithParam<double> {};
-INSTANTIATE_TEST_SUITE_P(Touching, ToolBesideAnEdge, testing::Values(0.0, 0.2, 1e9));
+class ToolNextToAnEdge : public testing::TestWithParam<double> {};
+INSTANTIATE_TEST_SUITE_P(Contacting, ToolNextToAnEdge, testing::Values(0.0, 0.2, 1e9));
 
-TEST_P(ToolBesideAnEdge, HasTheForceAndTheMomentOfTheBase) {
+TEST_P(ToolNextToAnEdge, HasTheForceAndTheMomentOfTheBase) {
   const ToolShape sphere = sphere_shape(5e-3);
-  const Model model = standing(block_surface({-15, -15, 0}, {15, 15, 20}),
-                               {.nodes = 1000, .contact_radius = 3.0, .at = "8,3,top"});
-  const auto touch = touching(sphere, model, contact_surface(model, 1.5 * sphere.radius), GetParam());
+  const Model model = model_with_tool(block_surface({-15, -15, 0}, {15, 15, 20}),
+                                      {.nodes = 1000, .contact_radius = 3.0, .at = "8,3,top"});
+  const auto indenter = tool_contact(sphere, model, contact_surface(model, 1.5 * sphere.radius), GetParam());
   const ForceSystem system = tissue_of(model);
   Loading loading{.depth = 2e-3};
-  loading.touch = touch;
+  loading.indenter = indenter;
   Vec3 force = Vec3::Zero(), moment = force;
-  const Vec3 tip = touch->pose.tip + loading.depth * touch->pose.points_at;
+  const Vec3 tip = indenter->pose.tip + loading.depth * indenter->pose.points_at;
   Observer observer;
   observer.frame = [&](const Frame& frame) {
     force.setZero(), moment.setZero();
@@ -618,14 +624,14 @@ TEST_P(ToolBesideAnEdge, HasTheForceAndTheMomentOfTheBase) {
 }
 
 // Makes one node much stiffer than its neighbourhood, like a node whose shape function has few neighbours.
-void stiffen_one_node(Model& model, Index node, double share) {
+void stiffen_one_node(Model& model, Index node, double fraction) {
   GradientVariance& v = model.variance.front();
   const auto entry = [&](Index a, Index b) -> double& {
     int k = v.rows.offset[a];
     while (v.rows.member[k] != b) ++k;
     return v.K[k];
   };
-  const double more = share * entry(node, node) / static_cast<double>(v.rows.count(node));
+  const double more = fraction * entry(node, node) / static_cast<double>(v.rows.count(node));
   for (int k = v.rows.offset[node]; k < v.rows.offset[node + 1]; ++k) {
     const Index b = v.rows.member[k];
     if (b == node) continue;
@@ -636,33 +642,38 @@ void stiffen_one_node(Model& model, Index node, double share) {
   }
 }
 
-TEST(TouchingTool, FindsItsFirstTouchOfANodeThatIsManyTimesAsStiffAsItsNeighbours) {
+TEST(RigidContact, FindsItsFirstContactWithANodeThatIsManyTimesAsStiffAsItsNeighbours) {
   const ToolShape sphere = sphere_shape(5e-3);
-  Model model = standing(block_surface({-15, -15, 0}, {15, 15, 20}), {.nodes = 600, .contact_radius = 1.5});
+  Model model =
+      model_with_tool(block_surface({-15, -15, 0}, {15, 15, 20}), {.nodes = 600, .contact_radius = 1.5});
   Index at_tip = 0;
   (model.X.colwise() - model.tool.centre).colwise().squaredNorm().minCoeff(&at_tip);
   stiffen_one_node(model, at_tip, 1000.0);
-  const auto touch = touching(sphere, model, contact_surface(model, 1.5 * sphere.radius));
-  const History history = marched(tissue_of(model, nu), model, {.depth = 0.5e-3, .touch = touch});
+  const auto indenter = tool_contact(sphere, model, contact_surface(model, 1.5 * sphere.radius));
+  const History history = marched(tissue_of(model, nu), model, {.depth = 0.5e-3, .indenter = indenter});
   EXPECT_TRUE(history.retries.empty());
   EXPECT_LT(history.evaluations, 100) << "58 were seen; 143 where the node was as soft as its surroundings";
   EXPECT_GT(history.force.back().force, 0.0);
 }
 
 // Forces on a tool on a block at the end of each step, along one axis.
-std::vector<Vec3> forces_after(const std::vector<Vec3>& ways, double friction, const Vec3& place, Index nodes,
-                               History* whole = nullptr, double step_radii = 0.1,
+std::vector<Vec3> forces_after(const std::vector<Vec3>& directions, double friction, const Vec3& place,
+                               Index nodes, History* whole = nullptr, double step_radii = 0.1,
                                Eigen::VectorXd* slid = nullptr) {
   Vec3 come = Vec3::Zero();
   std::vector<Vec3> along, along_mm;
-  for (const Vec3& way : ways) along.push_back(come += way), along_mm.push_back(1e3 * come);
+  for (const Vec3& displacement : directions)
+    along.push_back(come += displacement), along_mm.push_back(1e3 * come);
   const std::string begins = std::to_string(place.x()) + "," + std::to_string(place.y()) + ",top";
-  const Model model = standing(block_surface({-20, -20, 0}, {20, 20, 20}),
-                               {.nodes = nodes, .contact_radius = 2.7, .at = begins, .way = along_mm});
-  const auto touch = touching(sphere_shape(5e-3), model, contact_surface(model, 7e-3, along), friction);
+  const Model model =
+      model_with_tool(block_surface({-20, -20, 0}, {20, 20, 20}),
+                      {.nodes = nodes, .contact_radius = 2.7, .at = begins, .displacement = along_mm});
+  const auto indenter =
+      tool_contact(sphere_shape(5e-3), model, contact_surface(model, 7e-3, along), friction);
   Loading loading;
-  loading.touch = touch;
-  for (const Vec3& way : ways) loading.steps.push_back({.name = "", .moves = "", .way = way});
+  loading.indenter = indenter;
+  for (const Vec3& displacement : directions)
+    loading.steps.push_back({.name = "", .moves = "", .displacement = displacement});
   Observer observer;
   observer.frame = [&](const Frame& frame) {
     if (slid) *slid = frame.tool->slid_along();
@@ -671,8 +682,8 @@ std::vector<Vec3> forces_after(const std::vector<Vec3>& ways, double friction, c
       marched(tissue_of(model), model, loading, {.frames = 1, .step_radii = step_radii}, observer);
   std::vector<Vec3> result;
   double until = 0.0;
-  for (const Vec3& way : ways) {
-    until += way.norm() / loading.rate;
+  for (const Vec3& displacement : directions) {
+    until += displacement.norm() / loading.rate;
     const auto at = std::find_if(history.force.begin(), history.force.end(),
                                  [&](const ForceSample& s) { return s.t > until * (1.0 - 1e-9); });
     EXPECT_NE(at, history.force.end());
@@ -682,7 +693,7 @@ std::vector<Vec3> forces_after(const std::vector<Vec3>& ways, double friction, c
   return result;
 }
 
-TEST(ToolInSteps, WithoutFrictionFeelsWhereItIsAndNotHowItCame) {
+TEST(ToolInSteps, WithoutFrictionDependsOnWhereItIsAndNotHowItCame) {
   const Vec3 down(0, 0, -1.5e-3), aside(5e-3, 0, 0);
   const Vec3 slid = forces_after({down, aside}, 0.0, Vec3(-2, 0, 20), 1500).back(),
              early = forces_after({0.2 * down, aside, 0.8 * down}, 0.0, Vec3(-2, 0, 20), 1500).back(),
@@ -717,11 +728,11 @@ TEST(ToolInSteps, IsDraggedBackByFrictionAndLosesItsForceAsItIsLifted) {
 // Under a constant normal force, after a reversal: the law of Masing (1926) for yielding metal. It also holds
 // for Coulomb friction on an elastic body. Residuals of the equilibria must not count as slip from much
 // earlier places.
-TEST(ToolInSteps, DrawnBackFeelsTwiceWhatHalfOfTheWayHadMadeAtFirst) {
+TEST(ToolInSteps, DrawnBackHasTwiceTheForceThatHalfOfThePathHadMadeAtFirst) {
   const Vec3 down(0, 0, -1.5e-3), aside(3e-3, 0, 0), back(-1.5e-3, 0, 0);
   History history;
   forces_after({down, aside}, 0.3, Vec3(-2, 0, 20), 1500, &history);
-  EXPECT_LT(history.contact_sticks, 0.05 * history.contact_area) << "all of it slides";
+  EXPECT_LT(history.no_slip_area, 0.05 * history.contact_area) << "all of it slides";
   forces_after({down, aside, back}, 0.3, Vec3(-2, 0, 20), 1500, &history, 0.05);
   const Loading usual;
   const double pressed = down.norm() / usual.rate, drawn = pressed + aside.norm() / usual.rate;
@@ -729,18 +740,19 @@ TEST(ToolInSteps, DrawnBackFeelsTwiceWhatHalfOfTheWayHadMadeAtFirst) {
     const auto after = std::find_if(history.force.begin() + 1, history.force.end(),
                                     [&](const ForceSample& s) { return s.t > t * (1.0 - 1e-9); });
     const ForceSample &to = *after, &from = *(after - 1);
-    const double share = (t - from.t) / (to.t - from.t);
-    return from.on_tool[0] + share * (to.on_tool[0] - from.on_tool[0]);
+    const double fraction = (t - from.t) / (to.t - from.t);
+    return from.on_tool[0] + fraction * (to.on_tool[0] - from.on_tool[0]);
   };
-  for (const double way : {0.5e-3, 1e-3}) {
-    const double first = at(pressed + 0.5 * way / usual.rate) - at(pressed);
-    EXPECT_NEAR(at(drawn + way / usual.rate), at(drawn) - 2.0 * first, 0.04 * std::abs(at(drawn))) << way;
+  for (const double displacement : {0.5e-3, 1e-3}) {
+    const double first = at(pressed + 0.5 * displacement / usual.rate) - at(pressed);
+    EXPECT_NEAR(at(drawn + displacement / usual.rate), at(drawn) - 2.0 * first, 0.04 * std::abs(at(drawn)))
+        << displacement;
   }
 }
 
 // After a large displacement the whole contact slides by that displacement minus that of the tissue, for any
 // load steps.
-TEST(ToolInSteps, SlidesAlongTheTissueByItsWayButForWhatThatGoesAlong) {
+TEST(ToolInSteps, SlidesAlongTheTissueByItsPathButForWhatThatGoesAlong) {
   const Vec3 down(0, 0, -1.5e-3), aside(4e-3, 0, 0);
   std::vector<double> farthest, sum;
   for (const double step_radii : {0.1, 0.05}) {
@@ -763,16 +775,16 @@ TEST(ToolInSteps, SlidesAlongTheTissueByItsWayButForWhatThatGoesAlong) {
 // No-slip samples have not slid. A tool with friction holds none before its first accepted state.
 TEST(ToolInSteps, HoldsNothingBeforeItsFirstIncrementEndsAndWhatItHoldsDoesNotSlide) {
   const ToolShape sphere = sphere_shape(5e-3);
-  const Model model = standing(block_surface({-15, -15, 0}, {15, 15, 15}),
-                               {.nodes = 800, .contact_radius = 3.0, .whole_circle = false});
-  const auto touch =
-      touching(sphere, model, contact_surface(model, 7e-3), std::numeric_limits<double>::infinity());
+  const Model model = model_with_tool(block_surface({-15, -15, 0}, {15, 15, 15}),
+                                      {.nodes = 800, .contact_radius = 3.0, .whole_patch = false});
+  const auto indenter =
+      tool_contact(sphere, model, contact_surface(model, 7e-3), std::numeric_limits<double>::infinity());
   Observer observer;
   int frames = 0;
   observer.frame = [&](const Frame& frame) {
     int held = 0;
     for (Index s = 0; s < frame.tool->count(); ++s) {
-      held += frame.tool->contact(s) == TouchingTool::Contact::sticks;
+      held += frame.tool->contact(s) == RigidContact::Contact::no_slip;
       EXPECT_GE(frame.tool->forces()[s], 0.0) << "nothing pulls, between two equilibria either";
       EXPECT_LT(frame.tool->slid_along()[s], 0.02e-3) << "all but what comes to touch, which may slip once";
     }
@@ -780,17 +792,17 @@ TEST(ToolInSteps, HoldsNothingBeforeItsFirstIncrementEndsAndWhatItHoldsDoesNotSl
     EXPECT_EQ(held > 0, frame.depth > 0.5e-3 / 7.0 + 1e-9) << frame.depth;
     ++frames;
   };
-  marched(tissue_of(model), model, {.depth = 2e-3, .touch = touch}, {.frames = 28}, observer);
+  marched(tissue_of(model), model, {.depth = 2e-3, .indenter = indenter}, {.frames = 28}, observer);
   EXPECT_EQ(frames, 29);
 }
 
 // Frictional dissipation is summed over load steps, so the energy error decreases with their length.
 TEST(ToolInSteps, LosesByFrictionWhatTheToolHasDoneMoreThanTheTissueGivesBack) {
-  const std::vector<Vec3> ways = {{0, 0, -1.5e-3}, {3e-3, 0, 0}};
+  const std::vector<Vec3> directions = {{0, 0, -1.5e-3}, {3e-3, 0, 0}};
   std::vector<double> missing;
   for (const double step_radii : {0.1, 0.05}) {
     History history;
-    forces_after(ways, 0.3, Vec3(-2, 0, 20), 1000, &history, step_radii);
+    forces_after(directions, 0.3, Vec3(-2, 0, 20), 1000, &history, step_radii);
     const EnergySample& end = history.energy.back();
     EXPECT_GT(end.dissipated, 0.3 * end.external);
     missing.push_back(std::abs(end.error()) / end.external);
@@ -810,7 +822,7 @@ TEST(ToolInSteps, LosesByFrictionNoMoreThanTheToolHasDoneWhereItComesDownAslant)
 
 // A sample that comes into contact slips from its predicted place, which depends on the accepted states. The
 // dissipation on one discretisation therefore differs by some 2 %, in either direction.
-TEST(ToolInSteps, WithFrictionGoesOnAfterAStepAsIfThereWereNone) {
+TEST(ToolInSteps, WithFrictionContinuesAfterAStepAsIfThereWereNone) {
   const Vec3 down(0, 0, -0.75e-3), aside(0.5e-3, 0, 0), place(-2, 0, 20);
   double mean = 0.0;
   for (const Index nodes : {1000, 1500, 2000}) {
@@ -826,10 +838,12 @@ TEST(ToolInSteps, WithFrictionGoesOnAfterAStepAsIfThereWereNone) {
   EXPECT_LT(std::abs(mean), 0.01);
 }
 
-TEST(ToolInSteps, HasNodesAsFineAlongItsWayAsWhereItBegins) {
-  const Model model = standing(
-      block_surface({-20, -20, 0}, {20, 20, 20}),
-      {.nodes = 1500, .contact_radius = 2.7, .at = "-2,0,top", .way = {Vec3(0, 0, -1.5), Vec3(6, 0, -1.5)}});
+TEST(ToolInSteps, HasNodesAsFineAlongItsPathAsWhereItBegins) {
+  const Model model = model_with_tool(block_surface({-20, -20, 0}, {20, 20, 20}),
+                                      {.nodes = 1500,
+                                       .contact_radius = 2.7,
+                                       .at = "-2,0,top",
+                                       .displacement = {Vec3(0, 0, -1.5), Vec3(6, 0, -1.5)}});
   const auto spacing_at = [&](const Vec3& x) {
     Index nearest = 0;
     (model.X.colwise() - 1e-3 * x).colwise().squaredNorm().minCoeff(&nearest);
@@ -840,11 +854,11 @@ TEST(ToolInSteps, HasNodesAsFineAlongItsWayAsWhereItBegins) {
   EXPECT_GT(spacing_at({-2, 10, 20}), 2.0 * begins) << "beside the way they are not";
 }
 
-TEST(TouchingTool, FrictionLiesInTheTangentPlaneAndIsNeverMoreThanItsShareOfTheNormalForce) {
-  const Model model = standing(block_surface({-15, -15, 0}, {15, 15, 20}),
-                               {.nodes = 600, .contact_radius = 3.0, .whole_circle = false});
-  const Touch touch = *touching(sphere_shape(5e-3), model, contact_surface(model, 7e-3), 0.3);
-  TouchingTool tool(touch);
+TEST(RigidContact, FrictionLiesInTheTangentPlaneAndIsNeverMoreThanItsFractionOfTheNormalForce) {
+  const Model model = model_with_tool(block_surface({-15, -15, 0}, {15, 15, 20}),
+                                      {.nodes = 600, .contact_radius = 3.0, .whole_patch = false});
+  const RigidBody indenter = *tool_contact(sphere_shape(5e-3), model, contact_surface(model, 7e-3), 0.3);
+  RigidContact tool(indenter);
   Nodal u = Nodal::Zero(4, model.node_count()), f = u;
   Eigen::VectorXd force = Eigen::VectorXd::Constant(tool.unknowns(), 1e-3);
   tool.set_forces(force);
@@ -863,7 +877,7 @@ TEST(TouchingTool, FrictionLiesInTheTangentPlaneAndIsNeverMoreThanItsShareOfTheN
   }
   EXPECT_GT(largest, 0.2e-3);
   // Another tool continues from the accepted state.
-  TouchingTool other(touch);
+  RigidContact other(indenter);
   other.restore_past(tool.past());
   other.set_forces(force);
   other.add_force(u, {.depth = 2e-4}, f);
@@ -872,16 +886,16 @@ TEST(TouchingTool, FrictionLiesInTheTangentPlaneAndIsNeverMoreThanItsShareOfTheN
 }
 
 // A body at rest before first contact lacks all contact forces. No tolerance may accept that state.
-TEST(TouchingTool, IsFoundByTheSearchUnderStrictTolerancesToo) {
+TEST(RigidContact, IsFoundByTheSearchUnderStrictTolerancesToo) {
   const Model model =
-      standing(block_surface({-20, -20, 0}, {20, 20, 20}), {.nodes = 600, .contact_radius = 2.2});
-  const auto touch = touching(sphere_shape(5e-3), model, contact_surface(model, 5e-3));
+      model_with_tool(block_surface({-20, -20, 0}, {20, 20, 20}), {.nodes = 600, .contact_radius = 2.2});
+  const auto indenter = tool_contact(sphere_shape(5e-3), model, contact_surface(model, 5e-3));
   const ForceSystem system = tissue_of(model);
   double usual = 0.0;
   for (const double tolerance : {1e-4, 1e-6, 1e-7}) {
     SCOPED_TRACE(tolerance);
     const History history =
-        marched(system, model, {.depth = 1e-3, .touch = touch}, {.frames = 1, .tolerance = tolerance});
+        marched(system, model, {.depth = 1e-3, .indenter = indenter}, {.frames = 1, .tolerance = tolerance});
     if (usual == 0.0) usual = history.force.back().force;
     EXPECT_NEAR(history.force.back().force, usual, 1e-3 * usual);
     EXPECT_EQ(history.energy.back().dissipated, 0.0) << "nothing rubs";
@@ -893,70 +907,73 @@ TEST(ToolShape, TwoAreInOnePlaceWhereTheirSurfacesAreDeepInEachOther) {
   const ToolShape small = sphere_shape(4e-3), large = sphere_shape(5e-3), rod = capsule_shape(2e-3, 20e-3),
                   punch = punch_shape(5e-3, 1e-3);
   const double deep = 0.05e-3;
-  const auto beside = [](const ToolShape& of, double x, double z) {  // middle of its lowest ball
+  const auto lowest_ball = [](const ToolShape& of, double x, double z) {  // middle of its lowest ball
     return ToolPose{Vec3(x, 1e-3, z - (of.edge > 0.0 ? 0.0 : of.radius)), -Vec3::UnitZ()};
   };
   // Two balls overlap if their centres are nearer than both radii, less the depth in each.
   for (const double apart : {0.0, 3e-3, 8.85e-3, 8.95e-3, 12e-3})
-    EXPECT_EQ(
-        place_in_both(small, beside(small, 0.0, 0.0), large, beside(large, apart, 0.0), deep).has_value(),
-        apart < 9e-3 - 2.0 * deep)
+    EXPECT_EQ(place_in_both(small, lowest_ball(small, 0.0, 0.0), large, lowest_ball(large, apart, 0.0), deep)
+                  .has_value(),
+              apart < 9e-3 - 2.0 * deep)
         << apart;
   // A ball is next to a rod at half its height, and next to a punch, which has no end.
   for (const double apart : {6.85e-3, 6.95e-3})
-    EXPECT_EQ(place_in_both(rod, beside(rod, 0.0, 0.0), large, beside(large, apart, 8e-3), deep).has_value(),
+    EXPECT_EQ(place_in_both(rod, lowest_ball(rod, 0.0, 0.0), large, lowest_ball(large, apart, 8e-3), deep)
+                  .has_value(),
               apart < 7e-3 - 2.0 * deep)
         << apart;
   for (const double apart : {8.85e-3, 8.95e-3})
     EXPECT_EQ(
-        place_in_both(punch, beside(punch, 0.0, 0.0), small, beside(small, apart, 10e-3), deep).has_value(),
+        place_in_both(punch, lowest_ball(punch, 0.0, 0.0), small, lowest_ball(small, apart, 10e-3), deep)
+            .has_value(),
         apart < 9e-3 - 2.0 * deep)
         << apart;
   // A punch, which has no end, counts only near the body: tilted punches meet far above it.
   const ToolPose leaning{Vec3(25e-3, 1e-3, 0.0), Vec3(0.5, 0.0, -1.0).normalized()};
-  EXPECT_FALSE(place_in_both(punch, beside(punch, 0.0, 0.0), punch, leaning, deep).has_value());
-  EXPECT_TRUE(
-      place_in_both(punch, beside(punch, 0.0, 0.0), punch, {Vec3(12e-3, 1e-3, 0.0), leaning.points_at}, deep)
-          .has_value());
+  EXPECT_FALSE(place_in_both(punch, lowest_ball(punch, 0.0, 0.0), punch, leaning, deep).has_value());
+  EXPECT_TRUE(place_in_both(punch, lowest_ball(punch, 0.0, 0.0), punch,
+                            {Vec3(12e-3, 1e-3, 0.0), leaning.points_at}, deep)
+                  .has_value());
   // The reported common point is inside both tools.
-  const auto place = place_in_both(rod, beside(rod, 0.0, 0.0), large, beside(large, 6e-3, 8e-3), deep);
+  const auto place =
+      place_in_both(rod, lowest_ball(rod, 0.0, 0.0), large, lowest_ball(large, 6e-3, 8e-3), deep);
   ASSERT_TRUE(place.has_value());
-  EXPECT_LT(distance_to_tool(rod, beside(rod, 0.0, 0.0), *place).distance, -0.98 * deep);
-  EXPECT_LT(distance_to_tool(large, beside(large, 6e-3, 8e-3), *place).distance, -0.98 * deep);
+  EXPECT_LT(distance_to_tool(rod, lowest_ball(rod, 0.0, 0.0), *place).distance, -0.98 * deep);
+  EXPECT_LT(distance_to_tool(large, lowest_ball(large, 6e-3, 8e-3), *place).distance, -0.98 * deep);
 }
 
 // A wide tool draws a compressible layer sideways, which slips.
-TEST(TouchingTool, FrictionTakesEnergyInEveryStepAndNeverGivesAny) {
+TEST(RigidContact, FrictionTakesEnergyInEveryStepAndNeverGivesAny) {
   const Model model =
-      standing(block_surface({-15, -15, 0}, {15, 15, 6}), {.nodes = 1000, .contact_radius = 3.0});
-  const auto touch = touching(sphere_shape(5e-3), model, contact_surface(model, 7e-3));
+      model_with_tool(block_surface({-15, -15, 0}, {15, 15, 6}), {.nodes = 1000, .contact_radius = 3.0});
+  const auto indenter = tool_contact(sphere_shape(5e-3), model, contact_surface(model, 7e-3));
   std::vector<double> force;
   for (const double friction : {0.0, 0.05, 0.2}) {
-    touch->friction = friction;
-    const History history = marched(tissue_of(model), model, {.depth = 2.5e-3, .touch = touch});
+    indenter->friction = friction;
+    const History history = marched(tissue_of(model), model, {.depth = 2.5e-3, .indenter = indenter});
     force.push_back(history.force.back().force);
-    double heat = 0.0;
+    double dissipation = 0.0;
     for (const EnergySample& e : history.energy) {
-      EXPECT_GE(e.dissipated, heat);
-      heat = e.dissipated;
+      EXPECT_GE(e.dissipated, dissipation);
+      dissipation = e.dissipated;
     }
     const EnergySample& end = history.energy.back();
     EXPECT_NEAR(end.stored + end.dissipated, end.external, 0.02 * end.external);
-    if (friction == 0.05) EXPECT_GT(heat, 1e-3 * end.external);
+    if (friction == 0.05) EXPECT_GT(dissipation, 1e-3 * end.external);
     std::printf("friction %g: %.4f mN, heat %.3g of the work\n", friction, 1e3 * force.back(),
-                heat / end.external);
-    if (friction == 0.0) EXPECT_EQ(heat, 0.0);
+                dissipation / end.external);
+    if (friction == 0.0) EXPECT_EQ(dissipation, 0.0);
   }
   EXPECT_GT(force[1], force[0]);
   EXPECT_GT(force[2], force[1]);
 }
 
-TEST(TouchingTool, WithFrictionGoesOnFromAStateThatWasKeptToTheSameBits) {
+TEST(RigidContact, WithFrictionContinuesFromAStateThatWasKeptToTheSameBits) {
   const Model model =
-      standing(block_surface({-15, -15, 0}, {15, 15, 6}), {.nodes = 600, .contact_radius = 3.0});
-  const auto touch = touching(sphere_shape(5e-3), model, contact_surface(model, 7e-3), 0.1);
+      model_with_tool(block_surface({-15, -15, 0}, {15, 15, 6}), {.nodes = 600, .contact_radius = 3.0});
+  const auto indenter = tool_contact(sphere_shape(5e-3), model, contact_surface(model, 7e-3), 0.1);
   const ForceSystem system = tissue_of(model);
-  const Loading loading{.depth = 2e-3, .touch = touch};
+  const Loading loading{.depth = 2e-3, .indenter = indenter};
   std::vector<MarchState> kept;
   Observer observer;
   observer.between_steps = [&](const std::function<MarchState()>& state) { kept.push_back(state()); };

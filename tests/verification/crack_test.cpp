@@ -57,13 +57,13 @@ Pulled pulled(Discretisation places, std::vector<HeldSet> held, const Vec3& stra
   const Model model = make_model(std::move(places), converging, std::move(tissue), {1000.0});
   const ForceSystem forces(model, {{neo_hookean(mu, nu, 1000.0)}, model.tissue});
   System system(forces, model, Constraints(model.node_count(), std::move(held)));
-  Rest rest = system.step_start();
-  rest.u.topRows<3>() = strains.asDiagonal() * model.X;
-  Nodal f = rest.u;
+  EquilibriumState state = system.step_start();
+  state.u.topRows<3>() = strains.asDiagonal() * model.X;
+  Nodal f = state.u;
   // Dynamic relaxation is needed for scattered nodes: the mixed iteration fails near a penny.
   const Relaxation relax(system);
-  relax(rest.u, f, {.tolerance = 1e-5}, &rest.lambda);  // throws if there is none
-  return {rest.u, system.stored_energy(rest.u).tissue};
+  relax(state.u, f, {.tolerance = 1e-5}, &state.lambda);  // throws if there is none
+  return {state.u, system.stored_energy(state.u).tissue};
 }
 
 double young(double nu) {
@@ -96,13 +96,13 @@ double released_by_penny(double per_spacing, double nu, bool scattered) {
 
 // Ratio to Sneddon's energy in this cube, whose fixed walls reduce the opening, by finite elements:
 // reference/crack.csv, front 0. In a cube of 20 a it is 0.999.
-double known_of_penny(double nu) {
+double exact_for_penny(double nu) {
   return nu == 0.3 ? 0.8572 : 0.6756;
 }
 
 // Reference: Sneddon, Proc. R. Soc. A 187 (1946) 229: 8 (1 - nu^2) stress^2 a^3 / (3 E).
 void expect_sneddons_energy(double per_spacing, double nu, bool scattered) {
-  const double expected = known_of_penny(nu);
+  const double expected = exact_for_penny(nu);
   EXPECT_NEAR(released_by_penny(per_spacing, nu, scattered), expected, 0.03 * expected) << nu;
 }
 
@@ -128,7 +128,7 @@ TEST(APennyShapedCrack, ActsAsOneLargerByAPartOfASpacingAndFinerOnesComeToSneddo
     std::array<double, 2> ratio;
     for (std::size_t k = 0; k < 2; ++k) {
       const double per_spacing = k == 0 ? 6.0 : 12.0;
-      ratio[k] = released_by_penny(per_spacing, nu, false) / known_of_penny(nu);
+      ratio[k] = released_by_penny(per_spacing, nu, false) / exact_for_penny(nu);
       const double larger = per_spacing * (std::cbrt(ratio[k]) - 1.0);
       EXPECT_GT(larger, 0.0) << nu << " " << per_spacing;
       EXPECT_LT(larger, 0.25) << nu << " " << per_spacing;
@@ -159,16 +159,16 @@ Edge opened_from_the_face(int rows, double nu) {
   const HeldSet walls = set_of(places.X, "walls", HeldSet::Hold::all, Vec3::Zero(),
                                [&](const Vec3& x) { return std::abs(x.x()) > wide - 1e-9 || x.z() < 1e-9; });
   const Points X = places.X;
-  const Pulled rest =
+  const Pulled state =
       pulled(std::move(places), {plane, walls}, strain * Vec3(1.0, 0.0, -nu / (1.0 - nu)), nu);
   const double thick = 2.0 * h, whole = 0.5 * stress * strain * 2.0 * wide * wide * thick;
-  Edge edge{(whole - rest.energy) / (stress * strain * a * a * thick), {}};
+  Edge edge{(whole - state.energy) / (stress * strain * a * a * thick), {}};
   // Opening of the faces, extrapolated from the two nodes on either side, at the middle of y.
   Eigen::VectorXd of_row = Eigen::VectorXd::Zero(n + 1);
   for (Index b = 0; b < X.cols(); ++b) {
-    const double x = X(0, b), share = std::abs(x) < box.spacing().x() ? 1.5 : -0.5;
+    const double x = X(0, b), fraction = std::abs(x) < box.spacing().x() ? 1.5 : -0.5;
     if (std::abs(x) < 2.0 * box.spacing().x() && std::abs(X(1, b)) < 0.5 * h)
-      of_row[std::lround((wide - X(2, b)) / h)] += (x > 0.0 ? share : -share) * rest.u(0, b);
+      of_row[std::lround((wide - X(2, b)) / h)] += (x > 0.0 ? fraction : -fraction) * state.u(0, b);
   }
   for (std::size_t k = 0; k < edge.opening.size(); ++k) {
     const double at = places_of_opening[k] * (rows + 0.5);

@@ -24,9 +24,9 @@ Model slit_strip(double depth) {
   places.spacing.setConstant(strip.x() / 19);
   for (Index a = 0; a < places.X.cols(); ++a) {
     if (places.X(0, a) < lower.x() + 1e-9) places.base.push_back(a);
-    if (places.X(0, a) > -lower.x() - 1e-9) places.circle.push_back(a);
+    if (places.X(0, a) > -lower.x() - 1e-9) places.bonded_patch.push_back(a);
   }
-  places.tool.push = Vec3::UnitX();
+  places.tool.approach = Vec3::UnitX();
   const BodySurface surface = slit_block_surface(1e3 * strip, -0.05, 0.1, 1e3 * depth);
   places.surface = {surface.vertex(), surface.triangles()};
   Eigen::VectorXi tissue = places.label;
@@ -41,19 +41,19 @@ std::array<double, 3> energies_of(double depth) {
   const ForceSystem tissue(model, {{neo_hookean(mu, nu, 1000.0)}, model.tissue});
   const std::unique_ptr<System> system = make_system(tissue, model, Contact::bonded, {});
   const Relaxation relax(*system);
-  Rest rest = system->step_start();
-  Nodal f = rest.u;
+  EquilibriumState state = system->step_start();
+  Nodal f = state.u;
   std::array<double, 3> energy{};
   double now = 1.0;
   for (std::size_t k = 0; k < stretches.size(); ++k) {
     while (now < stretches[k] - 1e-9) {
       const double next = std::min(now + 0.15, stretches[k]);
-      rest.u *= (next - 1.0) / std::max(now - 1.0, 1e-9);  // zero at first
-      system->set({.depth = (next - 1.0) * strip.x()}, rest.u);
-      EXPECT_TRUE(relax.from_near(rest.u, rest.lambda, f, {}).converged) << next;
+      state.u *= (next - 1.0) / std::max(now - 1.0, 1e-9);  // zero at first
+      system->set({.depth = (next - 1.0) * strip.x()}, state.u);
+      EXPECT_TRUE(relax.from_near(state.u, state.lambda, f, {}).converged) << next;
       now = next;
     }
-    energy[k] = system->stored_energy(rest.u).tissue;
+    energy[k] = system->stored_energy(state.u).tissue;
   }
   return energy;
 }

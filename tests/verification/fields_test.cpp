@@ -90,9 +90,9 @@ TEST(Fields, OfALargeUniformStrainInATurnedFrameAreThoseOfTheLaw) {
 // Patch test on the product's discretisation: curved, graded, with its number of points. For a uniform stress
 // P every node has the force P times the sum of V dphi. This is zero inside the body, and V P summed over all
 // nodes.
-TEST(Fields, OfAUniformStrainOnTheGradedCloudOfACurvedBodyLeaveNoForceWithinIt) {
+TEST(Fields, OfAUniformStrainOnTheGradedNodesOfACurvedBodyLeaveNoForceWithinIt) {
   ModelOptions options;
-  options.cloud.count = 2000;
+  options.node_set.count = 2000;
   const BodySurface body = cut_ellipsoid_surface({46.0, 31.0, 27.0}, -10.0);
   const Model model = build_model(body, options).model;
   const Material sponge = neo_hookean(210.0, 0.3, 1000.0);
@@ -126,10 +126,11 @@ TEST(Fields, OfAUniformStrainOnTheGradedCloudOfACurvedBodyLeaveNoForceWithinIt) 
 // (2 x)); here for nu = 1/2, by the trapezium rule, whose integrand falls as exp(-x z).
 struct UnderPunch {
   double radial, hoop, axial, shear;
-  Mat3 in(const Vec3& out, const Vec3& push) const {  // `out`: unit vector away from the axis
-    const Vec3 around = push.cross(out);
+  Mat3 in(const Vec3& out, const Vec3& approach) const {  // `out`: unit vector away from the axis
+    const Vec3 around = approach.cross(out);
     return radial * out * out.transpose() + hoop * around * around.transpose() +
-           axial * push * push.transpose() + shear * (out * push.transpose() + push * out.transpose());
+           axial * approach * approach.transpose() +
+           shear * (out * approach.transpose() + approach * out.transpose());
   }
 };
 UnderPunch under_punch(double r, double z) {
@@ -148,7 +149,7 @@ UnderPunch under_punch(double r, double z) {
   return s;
 }
 
-TEST(Fields, KnownBesideAPunchAreThoseOfTheHalfSpaceFarFromTheBase) {
+TEST(Fields, NextToAPunchAreThoseOfTheHalfSpaceFarFromTheBase) {
   const PunchOnLayer far(0.001, 0.5);
   for (const double r : {1.05, 1.5, 3.0})
     EXPECT_NEAR(far.sinks(r), 2.0 / std::numbers::pi * std::asin(1.0 / r), 2e-3) << r;
@@ -167,7 +168,7 @@ struct Pressed {
 Pressed pressed(double cylinder_mm, double height_mm) {
   const fs::path folder = fresh_folder();
   ModelOptions options;
-  options.cloud.count = 4250;
+  options.node_set.count = 4250;
   options.boundary = {.base = "inferior", .indent_at = "0,0,top", .indenter_diameter_mm = 2.0 * radius_mm};
   const Model model = build_model(cylinder_surface(cylinder_mm, height_mm), options).model;
   const ForceSystem system(model, neo_hookean(210.0, nu, 1000.0), Precision::double_);
@@ -216,7 +217,7 @@ TEST(UnderThePunch, StressesAreThoseThatSneddonFound) {
 }
 
 // There are four radii of tissue below, and three heights of it on each side.
-TEST(UnderThePunch, TheSurfaceBesideItSinksAsTheLayerOfHayesDoes) {
+TEST(UnderThePunch, TheSurfaceNextToItSinksAsTheLayerOfHayesDoes) {
   constexpr double height_mm = 20.0;
   const Pressed found = pressed(radius_mm + 3.0 * height_mm, height_mm);
   const PunchOnLayer known(radius_mm / height_mm, nu);
@@ -247,7 +248,7 @@ TEST(UnderThePunch, TheSurfaceBesideItSinksAsTheLayerOfHayesDoes) {
 TEST(Fields, ABodyWithAStiffCoreIsAsStiffAsFiniteElementsSay) {
   const LabelImage image = make_phantom({.two_labels = true});
   ModelOptions options;
-  options.cloud.count = 2000;
+  options.node_set.count = 2000;
   const BuiltModel built =
       build_model(image, {}, options, {.of_label = {{3, 1}}, .density = {1000.0, 1000.0}});
   const History history =

@@ -110,28 +110,29 @@ Pinched pinched(const Case& given) {
   return found;
 }
 
-TEST(AFissureThatIsPressedShut, HasBanksThatReachIntoEachOtherByLessThanAHundredthOfTheSpacing) {
+TEST(AFissureThatIsPressedShut, HasFacesThatPenetrateEachOtherByLessThanAHundredthOfTheSpacing) {
   const LabelImage image = make_phantom({});
   std::vector<Index> sizes = {1500};
   if (std::getenv("DIMPLE_ALL_SCENES")) sizes.insert(sizes.end(), {2500, 3000, 4000, 5000, 6000});
   for (const Index nodes : sizes) {
     const Pinched passing = pinched(pinch(image, "off", nodes)),
-                  touching = pinched(pinch(image, "on", nodes));
-    const FoldContact::Audit& folds = touching.result.history.folds;
+                  in_contact = pinched(pinch(image, "on", nodes));
+    const FoldContact::Audit& folds = in_contact.result.history.folds;
     std::printf(
         "%td nodes %.2f mm apart: banks that pass reach %.3f mm into each other, banks that touch %.4f mm, "
         "and %.5f mm where contact is looked for\n",
-        nodes, touching.spacing_mm, passing.reach.deepest, touching.reach.deepest, 1e3 * folds.penetration);
-    EXPECT_GT(touching.reach.facing, 500);
-    EXPECT_GT(passing.reach.deepest, 0.05 * touching.spacing_mm) << "else nothing is shut";
-    EXPECT_LT(touching.reach.deepest, 0.01 * touching.spacing_mm);
-    EXPECT_LT(1e3 * folds.penetration, 0.001 * touching.spacing_mm);
-    EXPECT_GT(folds.touching, 1);
-    EXPECT_GT(touching.result.history.force.back().force, passing.result.history.force.back().force);
+        nodes, in_contact.spacing_mm, passing.reach.deepest, in_contact.reach.deepest,
+        1e3 * folds.penetration);
+    EXPECT_GT(in_contact.reach.facing, 500);
+    EXPECT_GT(passing.reach.deepest, 0.05 * in_contact.spacing_mm) << "else nothing is shut";
+    EXPECT_LT(in_contact.reach.deepest, 0.01 * in_contact.spacing_mm);
+    EXPECT_LT(1e3 * folds.penetration, 0.001 * in_contact.spacing_mm);
+    EXPECT_GT(folds.in_contact, 1);
+    EXPECT_GT(in_contact.result.history.force.back().force, passing.result.history.force.back().force);
   }
 }
 
-TEST(AFissureThatIsPressedShut, GoesOnFromAStateThatWasKeptToTheSameBits) {
+TEST(AFissureThatIsPressedShut, ContinuesFromAStateThatWasKeptToTheSameBits) {
   const LabelImage image = make_phantom({});
   Case given = pinch(image, "on", 1500);  // with 800 the fissure stays open
   const Pinched whole = pinched(given);

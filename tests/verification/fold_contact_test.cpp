@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "preprocess/supports/contact_surface.hpp"
-#include "preprocess/supports/fold_banks.hpp"
+#include "preprocess/supports/fold_faces.hpp"
 #include "solver/equilibrium/relax.hpp"
 #include "tests/helpers/block.hpp"
 #include "tests/helpers/marched.hpp"
@@ -45,8 +45,8 @@ Model two_bodies(const Discretisation& below, const Discretisation& above, std::
   const Triangles further =
       above.surface.triangles.array() + static_cast<int>(below.surface.vertex_mm.cols());
   join(both.surface.triangles, below.surface.triangles, further);
-  both.circle = std::move(moved);
-  for (Index& a : both.circle) a += below.node_count();
+  both.bonded_patch = std::move(moved);
+  for (Index& a : both.bonded_patch) a += below.node_count();
   Eigen::VectorXi tissue = Eigen::VectorXi::Zero(both.point_count());
   return make_model(std::move(both), converging, std::move(tissue), {1000.0});
 }
@@ -94,7 +94,7 @@ std::vector<HeldSet> all_slide(const Model& model) {  // only up and down
 // down by `depth` into the lower one.
 struct Pressed {
   std::unique_ptr<System> system;
-  Rest rest;
+  EquilibriumState state;
   double force = 0.0;
 };
 
@@ -102,23 +102,23 @@ Pressed pressed_together(const ForceSystem& tissue, const Model& model, Index pa
                          const std::vector<HeldSet>& further, double depth,
                          Contact contact = Contact::bonded) {
   Pressed pressed;
-  auto banks = std::make_shared<const FoldBanks>(fold_banks(model, 2.0 * depth));
-  pressed.system = make_system(tissue, model, contact, further, {}, 1e-4, nullptr, banks);
-  pressed.rest = pressed.system->step_start();
+  auto fold_faces = std::make_shared<const FoldFaces>(find_fold_faces(model, 2.0 * depth));
+  pressed.system = make_system(tissue, model, contact, further, {}, 1e-4, nullptr, fold_faces);
+  pressed.state = pressed.system->step_start();
   for (Index a = 0; a < model.node_count(); ++a)
-    if (a >= parting) pressed.rest.u(2, a) = -depth;
-  pressed.system->set({.depth = depth}, pressed.rest.u);
-  Nodal f = pressed.rest.u;
+    if (a >= parting) pressed.state.u(2, a) = -depth;
+  pressed.system->set({.depth = depth}, pressed.state.u);
+  Nodal f = pressed.state.u;
   const Relaxation relax(*pressed.system);
-  EXPECT_TRUE(relax.from_near(pressed.rest.u, pressed.rest.lambda, f, {}).converged);
-  pressed.force = pressed.system->along_push(f);
+  EXPECT_TRUE(relax.from_near(pressed.state.u, pressed.state.lambda, f, {}).converged);
+  pressed.force = pressed.system->along_approach(f);
   // Opposing faces are paired, and gaps measured, when a state is accepted. The pairs are constant once they
   // are those of the full depth.
   for (const double within : {0.02, 0.002}) {
-    pressed.system->accept_step(pressed.rest.u);
-    EXPECT_TRUE(relax.from_near(pressed.rest.u, pressed.rest.lambda, f, {}).converged);
-    EXPECT_NEAR(pressed.system->along_push(f), pressed.force, within * pressed.force);
-    pressed.force = pressed.system->along_push(f);
+    pressed.system->accept_step(pressed.state.u);
+    EXPECT_TRUE(relax.from_near(pressed.state.u, pressed.state.lambda, f, {}).converged);
+    EXPECT_NEAR(pressed.system->along_approach(f), pressed.force, within * pressed.force);
+    pressed.force = pressed.system->along_approach(f);
   }
   return pressed;
 }
@@ -142,30 +142,30 @@ TEST(FoldsThatClose, CarryTheStressOfAConfinedColumnAsIfNothingParted) {
     const double z = model.X(2, a), expected_z = z > height + 1e-9
                                                      ? -depth + (1.0 - stretch) * (2.0 * height + gap - z)
                                                      : -(1.0 - stretch) * z;
-    EXPECT_NEAR(pressed.rest.u(2, a), expected_z, 0.03 * depth) << model.X.col(a).transpose();
+    EXPECT_NEAR(pressed.state.u(2, a), expected_z, 0.03 * depth) << model.X.col(a).transpose();
   }
 }
 
 // Two domes of a radius of 20 mm meet at their tops.
 TEST(FoldsThatClose, OfTwoEqualDomesPressEachOtherAsAPlatePressesOneByHalf) {
-  const double gap = 0.2e-3, way = 2e-3;
+  const double gap = 0.2e-3, displacement = 2e-3;
   const Model one =
-      standing(cut_ellipsoid_surface({20, 20, 20}, 0.0), {.nodes = 1500, .contact_radius = 4.0});
+      model_with_tool(cut_ellipsoid_surface({20, 20, 20}, 0.0), {.nodes = 1500, .contact_radius = 4.0});
   const Material material = neo_hookean(1000.0, 0.49, 1000.0);
 
-  auto plate = std::make_shared<Touch>();
+  auto plate = std::make_shared<RigidBody>();
   plate->shape = punch_shape(30e-3, 3e-3);
   plate->surface = contact_surface(one, 12e-3);
-  plate->pose = first_touch(plate->shape, one.tool, plate->surface);
-  Loading loading{.depth = 0.5 * (way - gap)};
-  loading.touch = plate;
+  plate->pose = first_contact(plate->shape, one.tool, plate->surface);
+  Loading loading{.depth = 0.5 * (displacement - gap)};
+  loading.indenter = plate;
   const ForceSystem tissue_of_one(one, {{material}, one.tissue});
   const History history = marched(tissue_of_one, one, loading);
 
   const Discretisation above = mirrored(one, 0.5 * (2.0 * one.tool.centre.z() + gap));
   const Model both = two_bodies(one, above, one.base);
   const ForceSystem tissue(both, {{material}, both.tissue});
-  const Pressed pressed = pressed_together(tissue, both, one.node_count(), {}, way);
+  const Pressed pressed = pressed_together(tissue, both, one.node_count(), {}, displacement);
   const double expected = history.force.back().force;
   EXPECT_NEAR(pressed.force, expected, 0.02 * expected);
   EXPECT_LT(pressed.system->folds()->audit().penetration, 0.01 * both.spacing.minCoeff());
@@ -181,10 +181,11 @@ double halves(const Discretisation& below, double radius, double mu, double nu, 
       .name = "still", .node = below.base, .hold = HeldSet::Hold::along, .direction = Vec3::UnitZ()};
   std::erase(still.node, centre);
   further.insert(further.begin(), still);
-  further.push_back({.name = "centre", .node = {count + centre}, .direction = -Vec3::UnitZ(), .share = 1.0});
+  further.push_back(
+      {.name = "centre", .node = {count + centre}, .direction = -Vec3::UnitZ(), .fraction = 1.0});
   Discretisation fixed = below;
   fixed.base = {centre};
-  fixed.tool = {.centre = Vec3(0.0, 0.0, 2.0 * radius + gap), .push = -Vec3::UnitZ(), .radius = radius};
+  fixed.tool = {.centre = Vec3(0.0, 0.0, 2.0 * radius + gap), .approach = -Vec3::UnitZ(), .radius = radius};
   const Model model = two_bodies(fixed, mirrored(below, 0.5 * (2.0 * radius + gap)), still.node);
   const ForceSystem tissue(model, {{neo_hookean(mu, nu, 1000.0)}, model.tissue});
   return pressed_together(tissue, model, count, further, 2.0 * approach + gap, Contact::frictionless).force;
@@ -250,7 +251,8 @@ TEST(FoldsThatClose, OfTwoParallelCylindersPressEachOtherAsHertzFound) {
   // The whole line of contact needs nodes as fine as at a sphere's pole, so more are needed.
   const auto [nodes, within] =
       std::getenv("DIMPLE_ALL_SCENES") ? hertz::Fineness{6000, 0.02} : hertz::Fineness{3000, 0.04};
-  const Discretisation below = standing(cylinders::upper_half(), {.nodes = nodes, .contact_radius = 2.5});
+  const Discretisation below =
+      model_with_tool(cylinders::upper_half(), {.nodes = nodes, .contact_radius = 2.5});
   const Index count = below.node_count();
   HeldSet ends{.name = "ends", .node = {}, .hold = HeldSet::Hold::along, .direction = Vec3::UnitY()};
   for (Index a = 0; a < count; ++a)
@@ -266,23 +268,24 @@ TEST(FoldsThatClose, OfTwoParallelCylindersPressEachOtherAsHertzFound) {
   EXPECT_NEAR(force, expected, within * expected);
 }
 
-Model pushed_on_one_side(const BodySurface& body) {
+Model pressed_on_one_side(const BodySurface& body) {
   ModelOptions options;
-  options.cloud.count = 800;
+  options.node_set.count = 800;
   options.boundary = {.base = "inferior", .indent_at = "-6,0,top", .indenter_diameter_mm = 8.0};
   return build_model(body, options).model;
 }
 
 // A block with a slit from its top, 5 mm from the tool's middle, pressed down on that side.
-struct BesideASlit {
+struct NextToASlit {
   Model model;
   Material material = neo_hookean(1000.0, 0.49, 1000.0);
   ForceSystem tissue;
   Loading loading{.depth = 3e-3};
-  explicit BesideASlit(bool touch)
-      : model(pushed_on_one_side(slit_block_surface({30, 30, 20}, 0.0, 0.3, 12.0))),
+  explicit NextToASlit(bool indenter)
+      : model(pressed_on_one_side(slit_block_surface({30, 30, 20}, 0.0, 0.3, 12.0))),
         tissue(model, {{material}, model.tissue}) {
-    if (touch) loading.folds = std::make_shared<const FoldBanks>(fold_banks(model, 2.0 * loading.depth));
+    if (indenter)
+      loading.folds = std::make_shared<const FoldFaces>(find_fold_faces(model, 2.0 * loading.depth));
   }
   History solved(const Observer& observer = {}, const MarchState* from = nullptr) const {
     return marched(tissue, model, loading, {.frames = 1}, observer, from);
@@ -290,16 +293,16 @@ struct BesideASlit {
 };
 
 // Displacements of only the lobe on the left of the slit.
-Nodal left_moved(const BesideASlit& scene, const Vec3& way) {
+Nodal left_moved(const NextToASlit& scene, const Vec3& displacement) {
   Nodal u = Nodal::Zero(4, scene.model.node_count());
   for (Index a = 0; a < u.cols(); ++a)
-    if (scene.model.X(0, a) < 0.15e-3) u.col(a).head<3>() = way;
+    if (scene.model.X(0, a) < 0.15e-3) u.col(a).head<3>() = displacement;
   return u;
 }
 
 // Displacements of a rigid motion.
-Nodal rigid(const Model& model, const Mat3& turn, const Vec3& way) {
-  return to_nodal(((turn - Mat3::Identity()) * model.X).colwise() + way);
+Nodal rigid(const Model& model, const Mat3& turn, const Vec3& displacement) {
+  return to_nodal(((turn - Mat3::Identity()) * model.X).colwise() + displacement);
 }
 
 // Gaps in a state that is not accepted, and those after it is.
@@ -315,18 +318,18 @@ Eigen::VectorXd gaps_after(FoldContact& folds, const Nodal& u) {
 }
 
 TEST(FoldsThatClose, MakeABlockWithASlitStifferThanItsOpenSlitAndSofterThanTheWholeBlock) {
-  const History open = BesideASlit(false).solved(), touching = BesideASlit(true).solved();
-  const Model whole = pushed_on_one_side(block_surface({-15, -15, 0}, {15, 15, 20}));
+  const History open = NextToASlit(false).solved(), in_contact = NextToASlit(true).solved();
+  const Model whole = pressed_on_one_side(block_surface({-15, -15, 0}, {15, 15, 20}));
   const ForceSystem tissue(whole, {{neo_hookean(1000.0, 0.49, 1000.0)}, whole.tissue});
   const History of_whole = marched(tissue, whole, {.depth = 3e-3});
-  EXPECT_GT(touching.force.back().force, 1.003 * open.force.back().force);
-  EXPECT_LT(touching.force.back().force, 1.01 * of_whole.force.back().force);
-  EXPECT_GT(touching.folds.touching, 2);
-  EXPECT_TRUE(touching.retries.empty());
+  EXPECT_GT(in_contact.force.back().force, 1.003 * open.force.back().force);
+  EXPECT_LT(in_contact.force.back().force, 1.01 * of_whole.force.back().force);
+  EXPECT_GT(in_contact.folds.in_contact, 2);
+  EXPECT_TRUE(in_contact.retries.empty());
 }
 
-TEST(FoldsThatClose, GoOnFromAStateThatWasKeptToTheSameBits) {
-  const BesideASlit scene(true);
+TEST(FoldsThatClose, ContinueFromAStateThatWasKeptToTheSameBits) {
+  const NextToASlit scene(true);
   std::vector<MarchState> kept;
   Observer observer;
   observer.between_steps = [&](const std::function<MarchState()>& state) { kept.push_back(state()); };
@@ -339,7 +342,7 @@ TEST(FoldsThatClose, GoOnFromAStateThatWasKeptToTheSameBits) {
 }
 
 // A wedge of air of 25 degrees between two blocks: the direction to the opposing face is normal to neither.
-TEST(FoldsThatClose, OfBanksThatAreNotParallelMeetTheSamePlacesAsLongAsNothingSlides) {
+TEST(FoldsThatClose, OfFacesThatAreNotParallelMeetTheSamePlacesAsLongAsNothingSlides) {
   const Discretisation below = block_of(6, 7);
   Discretisation above = block_of(7, 11);
   const Vec3 edge(side, 0.0, 0.0), lift(0.0, 0.0, height + 0.5e-3);
@@ -352,61 +355,64 @@ TEST(FoldsThatClose, OfBanksThatAreNotParallelMeetTheSamePlacesAsLongAsNothingSl
   above.surface.vertex_mm = 1e3 * open(1e-3 * above.surface.vertex_mm);
   const Model model = two_bodies(below, above, {0});
   const ForceSystem tissue(model, {{neo_hookean(1000.0, 0.49, 1000.0)}, model.tissue});
-  const auto banks = std::make_shared<const FoldBanks>(fold_banks(model, 12e-3));
-  ASSERT_GT(banks->count(), 20);
-  FoldContact folds(banks, tissue);
+  const auto fold_faces = std::make_shared<const FoldFaces>(find_fold_faces(model, 12e-3));
+  ASSERT_GT(fold_faces->count(), 20);
+  FoldContact folds(fold_faces, tissue);
   Nodal u = Nodal::Zero(4, model.node_count()), f = u;
-  const auto moved_along = [&](double way) {
-    for (Index a = below.node_count(); a < model.node_count(); ++a) u.col(a).head<3>() = way * Vec3::UnitY();
+  const auto moved_along = [&](double displacement) {
+    for (Index a = below.node_count(); a < model.node_count(); ++a)
+      u.col(a).head<3>() = displacement * Vec3::UnitY();
     folds.add_force(u, {}, f);
     folds.accept(u, {});
     const std::vector<double> past = folds.past();  // part opposite to each sample; -1: that at rest
     return std::any_of(past.begin(), past.begin() + folds.count(), [](double one) { return one != -1.0; });
   };
   EXPECT_FALSE(moved_along(0.0));
-  EXPECT_FALSE(moved_along(0.3 * banks->spacing.minCoeff()));
-  EXPECT_TRUE(moved_along(0.7 * banks->spacing.maxCoeff()));
+  EXPECT_FALSE(moved_along(0.3 * fold_faces->spacing.minCoeff()));
+  EXPECT_TRUE(moved_along(0.7 * fold_faces->spacing.maxCoeff()));
 }
 
 // Two domes, top to top: at a place off the tops, the part nearer to them is nearer to the other dome.
-TEST(FoldsThatClose, OfBanksThatBulgeHaveThePartsThatAreNearest) {
-  const Model one = standing(cut_ellipsoid_surface({20, 20, 20}, 0.0),
-                             {.nodes = 400, .contact_radius = 4.0, .whole_circle = false});
+TEST(FoldsThatClose, OfFacesThatBulgeHaveThePartsThatAreNearest) {
+  const Model one = model_with_tool(cut_ellipsoid_surface({20, 20, 20}, 0.0),
+                                    {.nodes = 400, .contact_radius = 4.0, .whole_patch = false});
   const Discretisation above = mirrored(one, 20e-3 + 0.1e-3);
   const Model model = two_bodies(one, above, one.base);
   const ForceSystem tissue(model, {{neo_hookean(1000.0, 0.49, 1000.0)}, model.tissue});
-  const auto banks = std::make_shared<const FoldBanks>(fold_banks(model, 12e-3));
-  ASSERT_GT(banks->part_end.back(), banks->count());
-  FoldContact folds(banks, tissue);
-  const Nodal at_rest = Nodal::Zero(4, model.node_count());
-  const Eigen::VectorXd wholes = gaps_in(folds, at_rest), parts = gaps_after(folds, at_rest);
+  const auto fold_faces = std::make_shared<const FoldFaces>(find_fold_faces(model, 12e-3));
+  ASSERT_GT(fold_faces->part_end.back(), fold_faces->count());
+  FoldContact folds(fold_faces, tissue);
+  const Nodal undeformed = Nodal::Zero(4, model.node_count());
+  const Eigen::VectorXd wholes = gaps_in(folds, undeformed), parts = gaps_after(folds, undeformed);
   Index nearer = 0;
   for (Index s = 0; s < parts.size(); ++s) {
     EXPECT_LE(parts[s], wholes[s]) << s;
-    nearer += parts[s] < wholes[s] - 0.02 * banks->spacing[s];
+    nearer += parts[s] < wholes[s] - 0.02 * fold_faces->spacing[s];
   }
   EXPECT_GT(nearer, 10);
   const Mat3 turn = Eigen::AngleAxisd(1.0, Vec3(1.0, 2.0, -1.0).normalized()).toRotationMatrix();
   EXPECT_LT((gaps_in(folds, rigid(model, turn, {0.01, -0.02, 0.03})) - parts).cwiseAbs().maxCoeff(), 1e-9)
       << "no rigid motion changes them";
-  FoldContact again(banks, tissue);
+  FoldContact again(fold_faces, tissue);
   again.restore_past(folds.past());
-  EXPECT_EQ(gaps_in(again, at_rest), parts);
+  EXPECT_EQ(gaps_in(again, undeformed), parts);
 }
 
 TEST(FoldsThatClose, AreWatchedWhereTheSurfaceFacesItselfAndNowhereElse) {
-  const BesideASlit scene(true);
-  const FoldBanks& banks = *scene.loading.folds;
-  EXPECT_GT(banks.count(), 20);
-  EXPECT_LT((banks.sample.place.row(0).cwiseAbs()).maxCoeff(), 1e-3) << "the walls lie at 0 and 0.3 mm";
-  EXPECT_LT((banks.opposite - banks.sample.place).colwise().norm().maxCoeff(), 1e-3);
-  EXPECT_LT((banks.opposite_normal.array() * banks.sample.normal.array()).colwise().sum().maxCoeff(), -0.9);
-  EXPECT_EQ(fold_banks(scene.model, 0.2e-3).count(), 0) << "no gap is as narrow";
+  const NextToASlit scene(true);
+  const FoldFaces& fold_faces = *scene.loading.folds;
+  EXPECT_GT(fold_faces.count(), 20);
+  EXPECT_LT((fold_faces.sample.place.row(0).cwiseAbs()).maxCoeff(), 1e-3) << "the walls lie at 0 and 0.3 mm";
+  EXPECT_LT((fold_faces.opposite - fold_faces.sample.place).colwise().norm().maxCoeff(), 1e-3);
+  EXPECT_LT(
+      (fold_faces.opposite_normal.array() * fold_faces.sample.normal.array()).colwise().sum().maxCoeff(),
+      -0.9);
+  EXPECT_EQ(find_fold_faces(scene.model, 0.2e-3).count(), 0) << "no gap is as narrow";
 }
 
 // The left wall is displaced by a spacing along the other and by a tenth of one into it.
-TEST(FoldsThatClose, DoNotBeginToTouchDeepInsideAnotherBankUnlessTheyTouchedBefore) {
-  const BesideASlit scene(true);
+TEST(FoldsThatClose, DoNotBeginContactDeepInsideAnotherFaceUnlessTheyHadItBefore) {
+  const NextToASlit scene(true);
   const auto deepest_after = [&](double force) {
     FoldContact folds(scene.loading.folds, scene.tissue);
     folds.set_forces(Eigen::VectorXd::Constant(folds.count(), force));
@@ -419,17 +425,17 @@ TEST(FoldsThatClose, DoNotBeginToTouchDeepInsideAnotherBankUnlessTheyTouchedBefo
 }
 
 TEST(FoldsThatClose, HaveGapsThatNoRigidMotionChanges) {
-  const BesideASlit scene(true);
+  const NextToASlit scene(true);
   FoldContact folds(scene.loading.folds, scene.tissue);
-  const Eigen::VectorXd at_rest = gaps_in(folds, Nodal::Zero(4, scene.model.node_count()));
+  const Eigen::VectorXd undeformed = gaps_in(folds, Nodal::Zero(4, scene.model.node_count()));
   const Mat3 turn = Eigen::AngleAxisd(1.0, Vec3(1.0, 2.0, -1.0).normalized()).toRotationMatrix();
   const Nodal moved = rigid(scene.model, turn, {0.01, -0.02, 0.03});
-  EXPECT_LT((gaps_in(folds, moved) - at_rest).cwiseAbs().maxCoeff(), 1e-9);
-  EXPECT_NEAR(at_rest.minCoeff(), 0.3e-3, 1e-6);
+  EXPECT_LT((gaps_in(folds, moved) - undeformed).cwiseAbs().maxCoeff(), 1e-9);
+  EXPECT_NEAR(undeformed.minCoeff(), 0.3e-3, 1e-6);
 }
 
-TEST(FoldsThatClose, PushBothBanksApartWithForcesThatSumToNothing) {
-  const BesideASlit scene(true);
+TEST(FoldsThatClose, PressBothFacesApartWithForcesThatSumToNothing) {
+  const NextToASlit scene(true);
   FoldContact folds(scene.loading.folds, scene.tissue);
   folds.set_forces(Eigen::VectorXd::Constant(folds.count(), 1e-3));
   Nodal f = Nodal::Zero(4, scene.model.node_count());
@@ -443,8 +449,8 @@ TEST(FoldsThatClose, PushBothBanksApartWithForcesThatSumToNothing) {
 
 // One lobe is displaced along the slit and rotated, so that a sample and its pair are no longer opposite.
 // Equal and opposite forces there would then have a moment, and not correspond to the change of the gap.
-TEST(FoldsThatClose, PushBothBanksAlongOneLineAndAsTheGapChanges) {
-  const BesideASlit scene(true);
+TEST(FoldsThatClose, PressBothFacesAlongOneLineAndAsTheGapChanges) {
+  const NextToASlit scene(true);
   FoldContact folds(scene.loading.folds, scene.tissue);
   const double spacing = scene.loading.folds->spacing.maxCoeff();
   const Mat3 turn = Eigen::AngleAxisd(0.2, Vec3(0.3, 1.0, 0.5).normalized()).toRotationMatrix();
@@ -488,11 +494,11 @@ TEST(FoldsThatClose, PushBothBanksAlongOneLineAndAsTheGapChanges) {
 }
 
 TEST(FoldsThatClose, MeetTheNextPartOfTheWallThatTheySlideAlong) {
-  const BesideASlit scene(true);
+  const NextToASlit scene(true);
   const auto open_after =
-      [&](double way) {  // fraction of places with the gap of rest after the left lobe slid along y
+      [&](double displacement) {  // fraction of places with the gap of rest after the left lobe slid along y
         FoldContact folds(scene.loading.folds, scene.tissue);
-        const Eigen::VectorXd gaps = gaps_after(folds, left_moved(scene, way * Vec3::UnitY()));
+        const Eigen::VectorXd gaps = gaps_after(folds, left_moved(scene, displacement * Vec3::UnitY()));
         return static_cast<double>(((gaps.array() - 0.3e-3).abs() < 1e-5).count()) /
                static_cast<double>(folds.count());
       };

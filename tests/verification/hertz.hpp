@@ -74,8 +74,8 @@ inline Fineness fineness() {
 // Upper half of the sphere, fine at its top; its middle plane is the base.
 inline Discretisation half_sphere(Index nodes) {
   ModelOptions options;
-  options.cloud.count = nodes;
-  options.cloud.grading.whole_circle = true;
+  options.node_set.count = nodes;
+  options.node_set.grading.whole_patch = true;
   options.boundary = {.base = "inferior", .indent_at = "0,0,top", .contact_radius_mm = 2.5};
   return build_model(cut_ellipsoid_surface(Vec3::Constant(1e3 * radius), 0.0, 480), options).model;
 }

@@ -29,16 +29,16 @@ TEST(Hertz, HasTheForceOfASphereThatIsPressedOnARigidPlane) {
   const auto [nodes, within] = hertz::fineness();
   Discretisation places = hertz::half_sphere(nodes);
   const Index centre = hertz::centre_of(places);
-  places.circle = places.base;
-  std::erase(places.circle, centre);
+  places.bonded_patch = places.base;
+  std::erase(places.bonded_patch, centre);
   places.base.clear();
-  places.tool = {.centre = Vec3::Zero(), .push = Vec3::UnitZ(), .radius = hertz::radius};
+  places.tool = {.centre = Vec3::Zero(), .approach = Vec3::UnitZ(), .radius = hertz::radius};
   Eigen::VectorXi of_point = Eigen::VectorXi::Zero(places.point_count());
   const Model model = make_model(std::move(places), converging, std::move(of_point), {1000.0});
   const ForceSystem tissue(model, {{neo_hookean(hertz::mu, hertz::nu, 1000.0)}, model.tissue});
   const double top = hertz::radius, depth = 0.3e-3;
   Loading loading{.depth = depth, .contact = Contact::frictionless};
-  loading.further = {{.name = "centre", .node = {centre}, .direction = Vec3::UnitZ(), .share = 1.0}};
+  loading.further = {{.name = "centre", .node = {centre}, .direction = Vec3::UnitZ(), .fraction = 1.0}};
   loading.walls = {
       {.shape = plane_shape(hertz::radius),
        .pose = {Vec3(0.0, 0.0, top), -Vec3::UnitZ()},
@@ -50,7 +50,7 @@ TEST(Hertz, HasTheForceOfASphereThatIsPressedOnARigidPlane) {
   History history;
   solve(TimeMode::quasi_static, tissue, model, loading, {.frames = 3}, {}, history);
   ASSERT_EQ(history.walls.size(), 1u);
-  const TouchingTool::Touched& wall = history.walls.front();
+  const RigidContact::ContactSummary& wall = history.walls.front();
   const double expected = hertz::force_at(depth);
   std::printf("%td nodes: %+.2f %% of the truth\n", nodes, 100.0 * (wall.force.z() / expected - 1.0));
   EXPECT_NEAR(wall.force.z(), expected, within * expected);

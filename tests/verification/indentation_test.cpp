@@ -23,7 +23,7 @@ namespace {
 std::vector<double> forces(const BodySurface& body, double diameter_mm, double depth_mm, int count,
                            Index nodes = 2000) {
   ModelOptions options;
-  options.cloud.count = nodes;
+  options.node_set.count = nodes;
   options.boundary = {.base = "inferior", .indent_at = "0,0,top", .indenter_diameter_mm = diameter_mm};
   const BuiltModel built = build_model(body, options);
   std::vector<double> result;
@@ -36,7 +36,7 @@ std::vector<double> forces(const BodySurface& body, double diameter_mm, double d
   return result;
 }
 
-TEST(Indentation, BesideASlitIsAsSoftAsFiniteElementsSay) {
+TEST(Indentation, NextToASlitIsAsSoftAsFiniteElementsSay) {
   const Table known = read_csv(DIMPLE_REFERENCE_DIR "/slits.csv");
   int compared = 0;
   for (const auto& [width, gap] : {std::pair{0.5, 1.0}, {1.0, 3.0}, {2.0, 8.0}}) {
@@ -84,7 +84,7 @@ TEST(Indentation, OfABlockThatIsCutIsThatOfTheBlockWithTheSlitFromTheStart) {
 
 // The whole width of the base bears load: without nodes along its outline the force was 9 % too small. With
 // them it is within 1 %.
-TEST(Indentation, OfASlenderBlockFeelsTheEdgeOfItsBase) {
+TEST(Indentation, OfASlenderBlockDependsOnTheEdgeOfItsBase) {
   const Table known = read_csv(DIMPLE_REFERENCE_DIR "/blocks.csv");
   const auto ours = forces(block_surface({-20, -20, 0}, {20, 20, 40}), 20.0, 2.0, 1);
   double reference = 0.0;
@@ -103,7 +103,7 @@ TEST(Indentation, IsTheSameHoweverManyFramesAreLookedAt) {
     const RandomBody body = random_body(number);
     SCOPED_TRACE("random body " + std::to_string(number) + ", " + body.name + " mm");
     ModelOptions options;
-    options.cloud.count = 600;
+    options.node_set.count = 600;
     options.boundary = body.boundary;
     const Model model = build_model(body.image, {}, options).model;
     const ForceSystem system(model, neo_hookean(210.0, body.nu, 1000.0), Precision::single_);

@@ -65,7 +65,7 @@ struct LoadedBox {
                       Nodal::Zero(4, statics.model().node_count())};
     Eigen::VectorXd lambda = Eigen::VectorXd::Zero(statics.model().patches.count());
     for (int k = 1; k <= steps; ++k) {
-      body.set({.share = static_cast<double>(k) / steps});
+      body.set({.fraction = static_cast<double>(k) / steps});
       if (k > 1) found.u *= static_cast<double>(k) / (k - 1), lambda *= static_cast<double>(k) / (k - 1);
       relax(found.u, found.f, {.tolerance = tolerance, .evaluations = 20000}, &lambda);
     }
@@ -253,8 +253,8 @@ TEST(Pressure, DeadAndFollowingPressesACubeAsItsClosedFormsSay) {
     Index on_top = 0, on_side = 0;
     for (Index a = 0; a < cube.model().node_count(); ++a) {
       const Vec3 X = cube.model().X.col(a);
-      const Vec3 exact_way(wider * X.x() / size, wider * X.y() / size, -shorter * X.z() / size);
-      off = std::max(off, (found.u.col(a).head<3>() - exact_way).norm());
+      const Vec3 exact_displacement(wider * X.x() / size, wider * X.y() / size, -shorter * X.z() / size);
+      off = std::max(off, (found.u.col(a).head<3>() - exact_displacement).norm());
       if (cube.statics.body().on_face(a, 2, 1.0)) top += found.u(2, a), ++on_top;
       if (cube.statics.body().on_face(a, 0, 1.0)) side += found.u(0, a), ++on_side;
     }
@@ -269,7 +269,7 @@ TEST(Pressure, DeadAndFollowingPressesACubeAsItsClosedFormsSay) {
 }
 
 // One point in the middle of each small triangle suffices: it is as accurate as the surface.
-TEST(Pressure, OnAllSidesOfABodyPushesItNowhereAndDoesTheWorkOfItsChangeOfVolume) {
+TEST(Pressure, OnAllSidesOfABodyMovesItNowhereAndDoesTheWorkOfItsChangeOfVolume) {
   const LoadedBox cube(box_lattice(Vec3::Constant(10e-3), 8, 0.1), {.at = {}, .clamped = {}},
                        neo_hookean(210.0, 0.45, 1000.0));
   const Model& model = cube.model();
@@ -279,11 +279,11 @@ TEST(Pressure, OnAllSidesOfABodyPushesItNowhereAndDoesTheWorkOfItsChangeOfVolume
   const auto terms =
       make_terms(model, {.gravity = Vec3::Zero(),
                          .pressure = {{.name = "all", .patch = all, .pressure = 50.0, .follows = true}}});
-  Nodal u = Nodal::Zero(4, model.node_count()), way = u, f = u;
+  Nodal u = Nodal::Zero(4, model.node_count()), displacement = u, f = u;
   for (Index a = 0; a < model.node_count(); ++a) {
     const Vec3 X = model.X.col(a) * 100.0;
     u.col(a).head<3>() = 1e-3 * Vec3(X.x() * X.y(), std::sin(2.0 * X.y()), X.z() * X.x());
-    way.col(a).head<3>() = Vec3(X.y() * X.z(), std::sin(2.0 * X.z()), X.x() - X.y());
+    displacement.col(a).head<3>() = Vec3(X.y() * X.z(), std::sin(2.0 * X.z()), X.x() - X.y());
   }
   const auto volume = [&](const Nodal& v) {
     const Points x = all.corner + all.at_corner(v.topRows<3>());
@@ -293,8 +293,8 @@ TEST(Pressure, OnAllSidesOfABodyPushesItNowhereAndDoesTheWorkOfItsChangeOfVolume
     return sum;
   };
   terms.front()->add_force(u, {}, f);
-  const double e = 1e-6, slope = (volume(u + e * way) - volume(u - e * way)) / (2.0 * e);
-  EXPECT_NEAR(f.cwiseProduct(way).sum(), 50.0 * slope, 0.005 * std::abs(50.0 * slope));
+  const double e = 1e-6, slope = (volume(u + e * displacement) - volume(u - e * displacement)) / (2.0 * e);
+  EXPECT_NEAR(f.cwiseProduct(displacement).sum(), 50.0 * slope, 0.005 * std::abs(50.0 * slope));
   EXPECT_LT(f.rowwise().sum().norm(), 1e-12) << "a closed surface is pushed nowhere";
   // For a homogeneous motion, in steps from rest, the energy is the pressure times the increase of volume.
   for (Index a = 0; a < model.node_count(); ++a)
@@ -312,17 +312,19 @@ TEST(ForceTerms, OfLoadsThatDoNotFollowAreTheSlopeOfTheirEnergy) {
   const LoadedBox cube(box_lattice(Vec3::Constant(10e-3), 4, 0.1), {.at = {}, .clamped = {}},
                        neo_hookean(210.0, 0.45, 1000.0));
   const Model& model = cube.model();
-  const Nodal u = Nodal::Random(4, model.node_count()) * 1e-3, way = Nodal::Random(4, model.node_count());
-  const Instant half{.share = 0.5};
+  const Nodal u = Nodal::Random(4, model.node_count()) * 1e-3,
+              displacement = Nodal::Random(4, model.node_count());
+  const Instant half{.fraction = 0.5};
   for (const auto& term : make_terms(
            model,
            {.gravity = Vec3(1.0, -2.0, 9.0),
            .pressure = {{.name = "side", .patch = top_of(model), .pressure = 50.0, .follows = false}}})) {
     Nodal f = Nodal::Zero(4, model.node_count());
     term->add_force(u, half, f);
-    const double e = 1e-4,
-                 slope = (term->energy(u + e * way, half) - term->energy(u - e * way, half)) / (2.0 * e);
-    EXPECT_NEAR(f.cwiseProduct(way).sum(), slope, 1e-9 * std::abs(slope));
+    const double e = 1e-4, slope = (term->energy(u + e * displacement, half) -
+                                    term->energy(u - e * displacement, half)) /
+                                   (2.0 * e);
+    EXPECT_NEAR(f.cwiseProduct(displacement).sum(), slope, 1e-9 * std::abs(slope));
   }
 }
 
@@ -339,7 +341,7 @@ class Springs : public ForceTerm {
       f.col(e.a) += pull;
       f.col(e.b) -= pull;
     }
-    f -= now.share * pull_;
+    f -= now.fraction * pull_;
   }
   double energy(const Nodal&, const Instant&) override { return 0.0; }
   void add_stiffness_bound(StiffnessBound& bound) const override {

@@ -22,7 +22,7 @@ namespace {
 const Model& block_model() {
   static const Model model = [] {
     ModelOptions options;
-    options.cloud.count = 800;
+    options.node_set.count = 800;
     options.boundary.indenter_diameter_mm = 10.0;
     return build_model(block_surface(Vec3::Zero(), Vec3(30.0, 30.0, 20.0)), options).model;
   }();
@@ -64,7 +64,7 @@ TEST(Membrane, BlownUpEvenlyResistsAsABalloonToPastItsLargestPressure) {
   EXPECT_NEAR(at, 1.383, 0.01);
 }
 
-TEST(Membrane, StretchedOneWayKeepsItsVolumeAndPullsByItsLaw) {
+TEST(Membrane, StretchedInOneDirectionKeepsItsVolumeAndPullsByItsLaw) {
   const Model& model = block_model();
   const Membrane film = film_on(model, 7.0);
   const auto term = membrane(film);
@@ -87,16 +87,17 @@ TEST(Membrane, HasTheForceThatIsTheDerivativeOfItsEnergyAndTurnsWithTheBody) {
     Membrane film = film_on(model, 3.0);
     film.wrinkles = wrinkles;
     const auto term = membrane(film);
-    Nodal u = Nodal::Zero(4, model.node_count()), way = u, f = u;
+    Nodal u = Nodal::Zero(4, model.node_count()), displacement = u, f = u;
     for (Index a = 0; a < model.node_count(); ++a) {
       const Vec3 X = model.X.col(a) * 100.0;
       u.col(a).head<3>() = 1e-3 * Vec3(X.x() * X.y(), std::sin(2.0 * X.y()), X.z() * X.x());
-      way.col(a).head<3>() = Vec3(X.y() * X.z(), std::sin(2.0 * X.z()), X.x() - X.y());
+      displacement.col(a).head<3>() = Vec3(X.y() * X.z(), std::sin(2.0 * X.z()), X.x() - X.y());
     }
     term->add_force(u, {}, f);
     const double e = 1e-7;
-    const double slope = (term->energy(u + e * way, {}) - term->energy(u - e * way, {})) / (2.0 * e);
-    EXPECT_NEAR(f.cwiseProduct(way).sum(), slope, 1e-6 * std::abs(slope));
+    const double slope =
+        (term->energy(u + e * displacement, {}) - term->energy(u - e * displacement, {})) / (2.0 * e);
+    EXPECT_NEAR(f.cwiseProduct(displacement).sum(), slope, 1e-6 * std::abs(slope));
     EXPECT_LT(f.rowwise().sum().norm(), 1e-9 * f.norm()) << "it pushes the body nowhere";
     const Mat3 R = Eigen::AngleAxisd(0.7, Vec3(1.0, 2.0, -1.0).normalized()).toRotationMatrix();
     EXPECT_NEAR(term->energy(linear(model, R - Mat3::Identity()), {}), 0.0, 1e-12);
@@ -111,7 +112,7 @@ TEST(Membrane, HasTheForceThatIsTheDerivativeOfItsEnergyAndTurnsWithTheBody) {
 // |F|^2 - |F n|^2, det C = (det F |F^-T n|)^2.
 TEST(Membrane, OnACurvedBodyHasTheEnergyOfTheStretchInEachPlaceOfItsSurface) {
   ModelOptions options;
-  options.cloud.count = 1200;
+  options.node_set.count = 1200;
   options.boundary.indenter_diameter_mm = 10.0;
   const Model model = build_model(cut_ellipsoid_surface(Vec3(30.0, 24.0, 20.0), -8.0), options).model;
   const Membrane film = film_on(model, 3.0);
@@ -175,22 +176,22 @@ TEST(Membrane, IsAtRestNoStifferThanFourTimesWhatThePreconditionerTakesItFor) {
   StiffnessBound bound;
   bound.node = Eigen::VectorXd::Zero(model.node_count());
   term->add_stiffness_bound(bound);
-  const Nodal rest = Nodal::Zero(4, model.node_count());
+  const Nodal state = Nodal::Zero(4, model.node_count());
   for (const double waves : {0.0, 1.0, 5.0, 30.0, 200.0}) {
-    Nodal way = rest, f0 = rest, f = rest;
+    Nodal displacement = state, f0 = state, f = state;
     for (Index a = 0; a < model.node_count(); ++a) {
       const Vec3 X = model.X.col(a) * 100.0;
-      way.col(a).head<3>() = waves == 0.0 ? Vec3(X.y(), X.z(), 2.0 * X.x())
-                                          : Vec3(std::sin(waves * X.y()), std::cos(waves * X.x()),
-                                                 std::sin(waves * X.x() * X.y()));
+      displacement.col(a).head<3>() = waves == 0.0 ? Vec3(X.y(), X.z(), 2.0 * X.x())
+                                                   : Vec3(std::sin(waves * X.y()), std::cos(waves * X.x()),
+                                                          std::sin(waves * X.x() * X.y()));
     }
     const double e = 1e-8;
-    term->add_force(rest, {}, f0);
-    term->add_force(e * way, {}, f);
-    const double stiff = (f - f0).cwiseProduct(way).sum() / e;
+    term->add_force(state, {}, f0);
+    term->add_force(e * displacement, {}, f);
+    const double stiff = (f - f0).cwiseProduct(displacement).sum() / e;
     double most = 0.0;
     for (const auto& edge : bound.directed)
-      most += edge.weight * (way.col(edge.a) - way.col(edge.b)).squaredNorm();
+      most += edge.weight * (displacement.col(edge.a) - displacement.col(edge.b)).squaredNorm();
     EXPECT_LT(stiff, 4.0 * most) << waves;
     EXPECT_GT(stiff, 0.02 * most) << waves;
   }
@@ -213,7 +214,7 @@ double force_under(const Model& model, const Membrane* film, double depth,
     body.set({.depth = at}, u);
     found = iteration(u, lambda, f, {.tolerance = 1e-4}, true);
     if (!found.converged) return -1.0;
-    if (at == depth) return along_push(model, model.circle, f);
+    if (at == depth) return along_approach(model, model.bonded_patch, f);
     u *= std::min(at + step, depth) / at;
     lambda *= std::min(at + step, depth) / at;
   }
@@ -262,9 +263,9 @@ TEST(Membrane, ThatBearsCompressionResistsALittleMoreThanOneThatWrinkles) {
 
 // On a large body of nu = 0.5 a small indentation moves the surface only normal to itself. This does not
 // strain a bonded film without tension. A deep one stretches it.
-TEST(Membrane, OnALargeIncompressibleBodyIsFeltByADeepPushAndHardlyByAShallowOne) {
+TEST(Membrane, OnALargeIncompressibleBodyChangesADeepIndentationAndHardlyAShallowOne) {
   ModelOptions options;
-  options.cloud.count = 1500;
+  options.node_set.count = 1500;
   options.boundary.indenter_diameter_mm = 6.0;
   const Model model = build_model(block_surface(Vec3::Zero(), Vec3(80.0, 80.0, 40.0)), options).model;
   Membrane film{.patch = surface_patch(model, triangles_facing(model, Vec3::UnitZ())),
@@ -281,15 +282,16 @@ TEST(Membrane, OnALargeIncompressibleBodyIsFeltByADeepPushAndHardlyByAShallowOne
 }
 
 // A taut film held at its outer edge, far away from the load.
-class HeldAtItsRim : public ForceTerm {
+class HeldAtItsEdge : public ForceTerm {
  public:
-  HeldAtItsRim(const Membrane& film, Index nodes) : film_(membrane(film)), at_rest_(Nodal::Zero(4, nodes)) {
-    const Nodal rest = at_rest_;
-    film_->add_force(rest, {}, at_rest_);
+  HeldAtItsEdge(const Membrane& film, Index nodes)
+      : film_(membrane(film)), undeformed_(Nodal::Zero(4, nodes)) {
+    const Nodal state = undeformed_;
+    film_->add_force(state, {}, undeformed_);
   }
   void add_force(const Nodal& u, const Instant& now, Nodal& f) override {
     film_->add_force(u, now, f);
-    f -= at_rest_;
+    f -= undeformed_;
   }
   double energy(const Nodal&, const Instant&) override { return 0.0; }
   void add_stiffness_bound(StiffnessBound& bound) const override { film_->add_stiffness_bound(bound); }
@@ -300,7 +302,7 @@ class HeldAtItsRim : public ForceTerm {
 
  private:
   std::unique_ptr<ForceTerm> film_;
-  Nodal at_rest_;
+  Nodal undeformed_;
 };
 
 // Forces [4xN] N of a pressure q [Pa] on the patch, downwards, within c of the middle.
@@ -327,7 +329,7 @@ Nodal pressed(const Model& model, const SurfacePatch& patch, const Vec3& middle,
 // compared.
 TEST(Membrane, TautOnAHalfSpaceBearsOfAPressureWhatItsClosedFormSays) {
   ModelOptions options;
-  options.cloud.count = 3000;
+  options.node_set.count = 3000;
   options.boundary.indenter_diameter_mm = 10.0;
   const double c = 5e-3, mu = 210.0, q = 0.02 * mu;
   const Model model = build_model(block_surface(Vec3::Zero(), Vec3(160.0, 160.0, 80.0)), options).model;
@@ -336,16 +338,16 @@ TEST(Membrane, TautOnAHalfSpaceBearsOfAPressureWhatItsClosedFormSays) {
   HeldSet held{.name = "far", .node = model.base};
   for (Index a = 0; a < model.node_count(); ++a)
     if ((model.X.col(a) - middle).norm() > 14.4 * c) held.node.push_back(a);
-  const Index under = *std::min_element(model.circle.begin(), model.circle.end(), [&](Index a, Index b) {
-    return (model.X.col(a) - middle).norm() < (model.X.col(b) - middle).norm();
-  });
+  const Index under = *std::min_element(
+      model.bonded_patch.begin(), model.bonded_patch.end(),
+      [&](Index a, Index b) { return (model.X.col(a) - middle).norm() < (model.X.col(b) - middle).norm(); });
   const ForceSystem tissue(model, neo_hookean(mu, 0.4999, 1000.0));
   const auto sinks = [&](double eta) {
     ForceTerms terms;
     terms.push_back(dead_load(pressed(model, patch, middle, c, q)));
     if (eta > 0.0)
-      terms.push_back(std::make_unique<HeldAtItsRim>(Membrane{.patch = patch, .tension = eta * 2.0 * mu * c},
-                                                     model.node_count()));
+      terms.push_back(std::make_unique<HeldAtItsEdge>(Membrane{.patch = patch, .tension = eta * 2.0 * mu * c},
+                                                      model.node_count()));
     System body(tissue, model, Constraints(model.node_count(), {held}), std::move(terms));
     Nodal u = Nodal::Zero(4, model.node_count()), f = u;
     body.set({}, u);

@@ -58,7 +58,7 @@ inline Pressed pressed(const Pressing& scene) {
   const ForceSystem tissue(result.model, {{neo_hookean(210.0, scene.nu, 1000.0)}, result.model.tissue},
                            Precision::single_);
   Loading loading{.depth = 1e-3 * run.depth_mm};
-  loading.touch = touch_of(run, result.model);
+  loading.indenter = indenter_of(run, result.model);
   result.history = marched(tissue, result.model, loading, {.frames = 8});
   return result;
 }

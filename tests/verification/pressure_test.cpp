@@ -16,7 +16,7 @@ namespace {
 
 Eigen::VectorXi places_of_free_nodes(const Model& model) {
   Eigen::VectorXi place = Eigen::VectorXi::Zero(model.node_count());
-  for (const auto* held : {&model.base, &model.circle})
+  for (const auto* held : {&model.base, &model.bonded_patch})
     for (const Index a : *held) place[a] = -1;
   int next = 0;
   for (int& p : place)
@@ -71,13 +71,13 @@ double inf_sup(const Model& model) {
 
 ModelOptions with_nodes(Index count) {
   ModelOptions options;
-  options.cloud.count = count;
+  options.node_set.count = count;
   return options;
 }
 
 // The whole body is tested, held at its base and under the patch. One patch per node would give 0.004 to
 // 0.05.
-TEST(PressurePatches, LeaveNoPressureThatTheNodesDoNotFeelHoweverFineTheCloudIs) {
+TEST(PressurePatches, LeaveNoPressureWithoutAForceOnTheNodesHoweverFineTheseAre) {
   const LabelImage brain = make_phantom({.spacing_mm = 1.5});
   for (const Index nodes : {300, 1000}) {
     EXPECT_GT(inf_sup(build_model(block_surface({-30, -30, 0}, {30, 30, 30}), with_nodes(nodes)).model),

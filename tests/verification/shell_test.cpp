@@ -66,26 +66,26 @@ std::shared_ptr<const DistanceGrid> drawn_shell_of(double inner_radius) {
 // Sphere with uniform nodes, none of them held.
 Model loose_sphere(Index nodes) {
   ModelOptions options;
-  options.cloud.count = nodes;
-  options.cloud.grading = {};
+  options.node_set.count = nodes;
+  options.node_set.grading = {};
   options.boundary = {.base = "inferior", .indent_at = "0,0,top", .contact_radius_mm = 2.5};
   Model model =
       build_model(cut_ellipsoid_surface(Vec3::Constant(1e3 * radius), -19.999, sides), options).model;
   model.base.clear();
-  model.circle.clear();
+  model.bonded_patch.clear();
   return model;
 }
 
 // Fraction of the shell's upward force that acts within an angle [degrees] from its lowest point. A sample's
 // force is spread over the pieces that it averages.
 double carried_within(const System& system, double degrees) {
-  const TouchingTool& shell = *system.walls().front();
-  const ContactSurface& surface = shell.touch().surface;
+  const RigidContact& shell = *system.walls().front();
+  const ContactSurface& surface = shell.body().surface;
   const Points place = surface.between + surface.at_between(system.step_start().u.topRows<3>());
   double within = 0.0, all = 0.0;
   for (Index k = 0; k < place.cols(); ++k) {
     const int s = surface.sample_of[k];
-    const double up = surface.share[k] * shell.forces()[s] * shell.normals()(2, s);
+    const double up = surface.fraction[k] * shell.forces()[s] * shell.normals()(2, s);
     all += up;
     const double angle = 180.0 / std::numbers::pi * std::atan2(place.col(k).head<2>().norm(), -place(2, k));
     within += std::clamp((degrees - angle) / (360.0 / sides) + 0.5, 0.0, 1.0) * up;
@@ -99,7 +99,7 @@ struct Scene {
 };
 class SoftSphere : public testing::TestWithParam<Scene> {};
 
-TEST_P(SoftSphere, SettlesInARigidShellAsDeepAsFiniteElementsSay) {
+TEST_P(SoftSphere, SinksInARigidShellAsDeepAsFiniteElementsSay) {
   const auto [nu, gap_mm, drawn] = GetParam();
   const std::map<std::string, double> truth = reference(nu, gap_mm);
   ASSERT_FALSE(truth.empty());
@@ -107,16 +107,16 @@ TEST_P(SoftSphere, SettlesInARigidShellAsDeepAsFiniteElementsSay) {
   const Model model = loose_sphere(nodes);
   const ForceSystem tissue(model, {{neo_hookean(mu, nu, density)}, model.tissue});
   const double inner = radius + 1e-3 * gap_mm;
-  const Touch shell{.shape = field_shape(drawn ? drawn_shell_of(inner) : shell_of(inner), radius),
-                    .pose = {Vec3::Zero(), -Vec3::UnitZ()},
-                    .surface = wall_surface(
-                        model, [](const Vec3&, const Vec3&) { return true; }, 1500),
-                    .motion = Vec3::Zero().eval(),
-                    .name = "shell"};
+  const RigidBody shell{.shape = field_shape(drawn ? drawn_shell_of(inner) : shell_of(inner), radius),
+                        .pose = {Vec3::Zero(), -Vec3::UnitZ()},
+                        .surface = wall_surface(
+                            model, [](const Vec3&, const Vec3&) { return true; }, 1500),
+                        .motion = Vec3::Zero().eval(),
+                        .name = "shell"};
   const auto system =
       make_system(tissue, model, Contact::bonded, {}, {.gravity = Vec3(0.0, 0.0, -gravity), .pressure = {}},
                   1e-4, nullptr, nullptr, {shell});
-  const TouchingTool& wall = *system->walls().front();
+  const RigidContact& wall = *system->walls().front();
   const double weight = model.mass.sum() * gravity,
                sinks = -1e3 * system->step_start().u.row(2).dot(model.mass) / model.mass.sum(),
                sag = truth.at("mean_mm") - gap_mm, pressed = wall.forces().sum() / weight;
@@ -132,7 +132,7 @@ TEST_P(SoftSphere, SettlesInARigidShellAsDeepAsFiniteElementsSay) {
   std::printf(" of the weight\n");
   EXPECT_NEAR(sinks - gap_mm, sag, 0.02 * sag);
   EXPECT_NEAR(pressed, truth.at("pressed_over_weight"), 0.02 * pressed);
-  const Vec3 force = wall.touched().force / weight;
+  const Vec3 force = wall.contact_summary().force / weight;
   EXPECT_NEAR(force.z(), -1.0, 1e-3) << "contact alone carries it";
   EXPECT_LT(force.head<2>().norm(), 1e-3);
 }

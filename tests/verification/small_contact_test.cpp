@@ -30,8 +30,8 @@ std::map<double, double> errors(const SmallContact& known, double tilt) {
   return result;
 }
 
-void print(double share, int radii, const std::map<double, double>& error) {
-  std::printf("depth/R %.2f, %2d contact radii thick:", share, radii);
+void print(double fraction, int radii, const std::map<double, double>& error) {
+  std::printf("depth/R %.2f, %2d contact radii thick:", fraction, radii);
   for (const auto& [depth, off] : error) std::printf(" %+.2f", 100.0 * off);
   std::printf(" %%\n");
 }
@@ -39,10 +39,10 @@ void print(double share, int radii, const std::map<double, double>& error) {
 class SmallContactOf : public testing::TestWithParam<std::pair<double, int>> {};
 
 TEST_P(SmallContactOf, HasTheForceOfFiniteElementsWithTheNodesThatAreTakenByItself) {
-  const auto [share, radii] = GetParam();
+  const auto [fraction, radii] = GetParam();
   const SmallContact known = small_contacts().at(GetParam());
   const std::map<double, double> error = errors(known, 0.0);
-  print(share, radii, error);
+  print(fraction, radii, error);
   ASSERT_EQ(error.size(), 8u);
   for (const auto& [depth, off] : error)  // the contact at the first eighth is a third as wide as at the last
     EXPECT_NEAR(off, 0.0, depth > 0.2 * known.scene().depth_mm ? 0.02 : 0.05) << depth << " mm";
@@ -56,7 +56,7 @@ INSTANTIATE_TEST_SUITE_P(Spheres, SmallContactOf, testing::ValuesIn([] {
                            return all;
                          }()));
 
-TEST(SmallContactOnASlope, IsFollowedWhereTheSphereTouchesAndNotOnItsAxis) {
+TEST(SmallContactOnASlope, IsFollowedWhereTheSphereHasContactAndNotOnItsAxis) {
   const std::map<double, double> error = errors(small_contacts().at({0.1, 40}), 20.0);
   print(0.1, 40, error);
   ASSERT_EQ(error.size(), 8u);

@@ -130,10 +130,10 @@ TEST(Verification, ABlockPressedBetweenFacesFindsTheHomogeneousStateByItself) {
   for (std::size_t a = 0; a < held.size(); ++a)
     if (held[a]) faces.node.push_back(static_cast<Index>(a));
   const Constraints constraints(model.node_count(), {faces});
-  const Nodal rest = Nodal::Zero(4, model.node_count());
+  const Nodal state = Nodal::Zero(4, model.node_count());
   const double dt =
-      0.5 * testing_bodies::stable_step(forces.system(), model, model.mass, constraints, rest).dt;
-  Nodal u = goal, v = rest, f = rest;
+      0.5 * testing_bodies::stable_step(forces.system(), model, model.mass, constraints, state).dt;
+  Nodal u = goal, v = state, f = state;
   for (Index a = 0; a < u.cols(); ++a)
     if (!held[static_cast<std::size_t>(a)]) u.col(a) *= 0.9;  // not the solution
   for (int step = 0; step < 6000; ++step) {
@@ -188,21 +188,22 @@ TEST(Verification, ToolAndBaseGiveTheTissueTheMotionThatItHas) {
                                    moved = 0.0;
                                    for (Index a = 0; a < model.node_count(); ++a)
                                      if (constraints.is_free(a))
-                                       moved += model.mass[a] * frame.u.col(a).head<3>().dot(model.tool.push);
+                                       moved +=
+                                           model.mass[a] * frame.u.col(a).head<3>().dot(model.tool.approach);
                                  },
                              .sample = {}};
   History history;
   solve(TimeMode::explicit_, system, model, {.depth = 2e-3, .rate = 10e-3}, {.frames = 1, .sample_rate = 1e9},
         observer, history);
-  double momentum = 0.0, way = 0.0;
+  double momentum = 0.0, displacement = 0.0;
   ASSERT_EQ(history.force.size(), static_cast<std::size_t>(history.evaluations) + 1);
   for (std::size_t k = 0; k + 1 < history.force.size(); ++k) {
     const double dt = history.force[k + 1].t - history.force[k].t;
     momentum += (k == 0 ? 0.5 : 1.0) * dt * (history.force[k].force - history.force[k].base_force);
-    way += dt * momentum;
+    displacement += dt * momentum;
   }
   EXPECT_GT(moved, 0.0);
-  EXPECT_NEAR(way, moved, 1e-9 * moved);
+  EXPECT_NEAR(displacement, moved, 1e-9 * moved);
 }
 
 TEST(Verification, TheBaseCarriesWhatTheIndenterGives) {
@@ -229,7 +230,7 @@ TEST(Verification, TheRunIsTheSameForAnyNumberOfThreads) {
   }
 }
 
-TEST(Verification, AFrictionlessCircleFeelsNoSidewaysForceOnceItHasSettled) {
+TEST(Verification, AFrictionlessPatchHasNoLateralForceInEquilibrium) {
   const Model model = block();
   const ForceSystem system(model, neo_hookean(210.0, 0.49, 1000.0));
   ForceState forces(system);
@@ -238,7 +239,7 @@ TEST(Verification, AFrictionlessCircleFeelsNoSidewaysForceOnceItHasSettled) {
   const Observer observer = {.frame =
                                  [&](const Frame& frame) {
                                    sideways = along = 0.0;
-                                   for (const Index a : model.circle) {
+                                   for (const Index a : model.bonded_patch) {
                                      sideways = std::max(sideways, frame.f.col(a).head<2>().norm());
                                      along = std::max(along, std::abs(frame.f(2, a)));
                                    }
@@ -257,11 +258,11 @@ TEST(Verification, TheStableStepIsTheOneOfTheHighestFrequency) {
   ForceState forces(system);
   const Constraints constraints = make_constraints(model, Contact::bonded);
   const Index n = model.node_count();
-  Nodal rest = Nodal::Zero(4, n), plus = rest, minus = rest;
+  Nodal state = Nodal::Zero(4, n), plus = state, minus = state;
   Eigen::MatrixXd K(3 * n, 3 * n);
   for (Index a = 0; a < n; ++a)
     for (int i = 0; i < 3; ++i) {
-      Nodal u = rest;
+      Nodal u = state;
       u(i, a) = 1e-8;
       forces.internal_force(u, plus);
       u(i, a) = -1e-8;
@@ -275,7 +276,7 @@ TEST(Verification, TheStableStepIsTheOneOfTheHighestFrequency) {
     }
   const double omega2 =
       Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(0.5 * (K + K.transpose())).eigenvalues().maxCoeff();
-  const StableStep step = testing_bodies::stable_step(forces.system(), model, model.mass, constraints, rest);
+  const StableStep step = testing_bodies::stable_step(forces.system(), model, model.mass, constraints, state);
   EXPECT_TRUE(step.converged);
   EXPECT_NEAR(step.dt, 2.0 / std::sqrt(omega2), 2e-3 * step.dt);
   EXPECT_LE(step.dt, 2.0 / std::sqrt(omega2) * (1.0 + 1e-6));
@@ -370,7 +371,7 @@ TEST(Verification, PressureAndShearWavesTravelAtTheirSpeeds) {
   EXPECT_NEAR(shear, shear_wave_speed(material), 0.03 * shear_wave_speed(material));
 }
 
-TEST(Verification, ASlowPushGivesTheSameForceWithHalfTheTimeStep) {
+TEST(Verification, ASlowPressGivesTheSameForceWithHalfTheTimeStep) {
   const Model model = block(5);
   const Loading slow = {.depth = 1e-3, .rate = 1e-3};
   const double whole = indent(model, slow, {.safety = 0.8, .damping = 60.0, .frames = 2}).force.back().force;
@@ -393,7 +394,7 @@ TEST(Verification, EnergyErrorFallsWithTheStep) {
   EXPECT_LT(quarter, 0.5 * whole);
 }
 
-TEST(Verification, APushThroughTheBlockStopsAndSaysWhereAndWhatToDo) {
+TEST(Verification, APressThroughTheBlockStopsAndSaysWhereAndWhatToDo) {
   const Model model = block(6);
   expect_error<SolveError>(
       [&] { indent(model, {.depth = 60e-3, .rate = 1.0}, {.frames = 4}); },  // thrice the block's height

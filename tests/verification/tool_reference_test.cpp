@@ -65,9 +65,9 @@ TEST_P(ToolOnACylinder, HasTheForceOfFiniteElements) {
        built.model.tissue},
       Precision::single_);
   Loading loading{.depth = 1e-3 * scene.depth_mm};
-  loading.touch = touch_of(run, built.model);
+  loading.indenter = indenter_of(run, built.model);
   loading.loads = loads_of(scene, built.model);
-  rest_under_loads(tissue, built.model, loading);
+  equilibrium_under_loads(tissue, built.model, loading);
   const History history =
       marched(tissue, built.model, loading, {.frames = static_cast<int>(std::lround(2.0 * scene.depth_mm))});
   EXPECT_EQ(history.force.back().depth, loading.depth);
@@ -135,7 +135,7 @@ TEST(ACylinderUnderItsWeight, SinksAsFarAsFiniteElementsSay) {
   const Table known = read_csv(DIMPLE_REFERENCE_DIR "/sag.csv");
   const double expected = 1e-3 * known.find("sunk_mm")->back();
   ModelOptions options;
-  options.cloud.count = 1500;
+  options.node_set.count = 1500;
   options.boundary = {.base = "inferior", .indent_at = "0,0,top", .indenter_diameter_mm = 10.0};
   const Model model = build_model(cylinder_surface(15.0, 30.0), options).model;
   const ForceSystem tissue(model, {{neo_hookean(1000.0, 0.499, 1000.0)}, model.tissue});
@@ -161,13 +161,16 @@ INSTANTIATE_TEST_SUITE_P(UnderFilmAndWeight, ToolOnACylinder,
 
 // With 4000 nodes the layer, where friction matters most; the costlier others with DIMPLE_ALL_SCENES=1.
 std::vector<Compared> scenes_with_friction() {
-  const auto sticks = [](Index nodes) { return sphere("sphere_sticks", nodes, 0.499, "stick"); };
-  const auto rubs = [](Index nodes) { return sphere("sphere_friction_0.3", nodes, 0.499, "0.3"); };
-  const auto layer_rubs = [](Index nodes) { return layer("sphere_layer_friction_0.3", nodes, "0.3"); };
-  const auto layer_sticks = [](Index nodes) { return layer("sphere_layer_sticks", nodes, "stick"); };
-  std::vector<Compared> all = {sticks(1500), rubs(1500), layer_rubs(1500), layer_rubs(4000)};
+  const auto no_slip = [](Index nodes) { return sphere("sphere_sticks", nodes, 0.499, "stick"); };
+  const auto frictional = [](Index nodes) { return sphere("sphere_friction_0.3", nodes, 0.499, "0.3"); };
+  const auto layer_with_friction = [](Index nodes) {
+    return layer("sphere_layer_friction_0.3", nodes, "0.3");
+  };
+  const auto layer_no_slip = [](Index nodes) { return layer("sphere_layer_sticks", nodes, "stick"); };
+  std::vector<Compared> all = {no_slip(1500), has_friction(1500), layer_with_friction(1500),
+                               layer_with_friction(4000)};
   if (std::getenv("DIMPLE_ALL_SCENES"))
-    all.insert(all.end(), {layer_sticks(1500), sticks(4000), rubs(4000), layer_sticks(4000),
+    all.insert(all.end(), {layer_no_slip(1500), no_slip(4000), has_friction(4000), layer_no_slip(4000),
                            under_gravity(4000), on_film(4000)});
   return all;
 }

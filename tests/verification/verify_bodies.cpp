@@ -43,8 +43,8 @@ std::map<int, Part> parts_of_cell(const Lattice& lattice, const Vec3& lower, con
     // Points just inside of the corners, so that an interface at its boundary does not split a cell.
     tissue = lattice.tissue(lattice.place(lower + 0.5 * size));
     for (int corner = 0; corner < 8; ++corner) {
-      const Vec3 share(corner & 1 ? 0.999 : 0.001, corner & 2 ? 0.999 : 0.001, corner & 4 ? 0.999 : 0.001);
-      mixed = mixed || lattice.tissue(lattice.place(lower + share.cwiseProduct(size))) != tissue;
+      const Vec3 fraction(corner & 1 ? 0.999 : 0.001, corner & 2 ? 0.999 : 0.001, corner & 4 ? 0.999 : 0.001);
+      mixed = mixed || lattice.tissue(lattice.place(lower + fraction.cwiseProduct(size))) != tissue;
     }
   }
   const auto each = [&](const auto& place, const auto& weight, bool boxes) {
@@ -178,12 +178,14 @@ Lattice box_lattice(const Vec3& size, int intervals, double jitter) {
 }
 
 // Dead loads that need not be proportional to the fraction of the load.
-class ShareOfLoad : public ForceTerm {
+class FractionOfLoad : public ForceTerm {
  public:
-  explicit ShareOfLoad(std::function<Points(double)> force) : force_(std::move(force)) {}
-  void add_force(const Nodal&, const Instant& now, Nodal& f) override { f.topRows<3>() -= force_(now.share); }
+  explicit FractionOfLoad(std::function<Points(double)> force) : force_(std::move(force)) {}
+  void add_force(const Nodal&, const Instant& now, Nodal& f) override {
+    f.topRows<3>() -= force_(now.fraction);
+  }
   double energy(const Nodal& u, const Instant& now) override {
-    return -force_(now.share).cwiseProduct(u.topRows<3>()).sum();
+    return -force_(now.fraction).cwiseProduct(u.topRows<3>()).sum();
   }
 
  private:
@@ -203,16 +205,16 @@ Statics::Statics(LatticeBody body, std::vector<HeldSet> held, std::vector<Materi
 Equilibrium Statics::solve(const Load& load, int steps, double tolerance) const {
   const Index n = model().node_count();
   ForceTerms loads;
-  if (load.force) loads.push_back(std::make_unique<ShareOfLoad>(load.force));
+  if (load.force) loads.push_back(std::make_unique<FractionOfLoad>(load.force));
   System body(*system_, model(), constraints_, std::move(loads));
   const Relaxation relax(body);
   Equilibrium result{guess * to_nodal(load.displacement(1.0 / steps)), Nodal::Zero(4, n)};
   for (int step = 1; step <= steps; ++step) {
-    const double share = static_cast<double>(step) / steps;
+    const double fraction = static_cast<double>(step) / steps;
     if (step > 1) result.u *= static_cast<double>(step) / (step - 1);
-    const Nodal wanted = to_nodal(load.displacement(share));
-    constraints_.take_held(result.u, wanted);
-    body.set({.share = share});
+    const Nodal requested = to_nodal(load.displacement(fraction));
+    constraints_.apply_dirichlet(result.u, requested);
+    body.set({.fraction = fraction});
     relax(result.u, result.f, {.tolerance = tolerance, .evaluations = 60000});
   }
   body.tissue().internal_force(result.u, result.f);

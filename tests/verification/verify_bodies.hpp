@@ -42,8 +42,8 @@ Lattice box_lattice(const Vec3& size, int intervals, double jitter = 0.2);
 /// only the component along the press direction counts for sliding ones; and nodal forces [3xN] N, or none.
 /// Free nodes start near these displacements.
 struct Load {
-  std::function<Points(double share)> displacement;
-  std::function<Points(double share)> force = {};
+  std::function<Points(double fraction)> displacement;
+  std::function<Points(double fraction)> force = {};
 };
 
 struct Equilibrium {

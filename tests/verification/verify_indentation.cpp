@@ -8,7 +8,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "apps/run/band.hpp"
+#include "apps/run/error_bounds.hpp"
 #include "apps/scene/option.hpp"
 #include "io/stop.hpp"
 #include "io/table.hpp"
@@ -25,7 +25,7 @@ class Indentation {
  public:
   Indentation(const BodySurface& body, Index nodes) {
     ModelOptions options;
-    options.cloud.count = nodes;
+    options.node_set.count = nodes;
     options.boundary = {.base = "inferior", .indent_at = "0,0,top", .indenter_diameter_mm = 10.0};
     model_ = build_model(body, options).model;
   }
@@ -34,7 +34,7 @@ class Indentation {
     History history;
     solve(TimeMode::quasi_static, system, model_, {.depth = 1e-3 * depth_mm, .contact = contact},
           {.frames = count}, {}, history);
-    if (history.interrupted) throw Stopped(stop_asked());
+    if (history.interrupted) throw Stopped(stop_requested());
     std::vector<double> depths;
     for (int k = 1; k <= count; ++k) depths.push_back(1e-3 * depth_mm * k / count);
     return forces_between(history.force, depths);

@@ -43,13 +43,13 @@ Statics held_cube(const Material& material, int intervals = 6) {
 std::function<Points(double)> growing(const Statics& body, const std::function<Vec3(const Vec3&)>& u) {
   Points all = body.model().X;
   for (auto x : all.colwise()) x = u(x);
-  return [all](double share) { return Points(share * all); };
+  return [all](double fraction) { return Points(fraction * all); };
 }
 
 // Mean stress of a cube whose whole boundary moves by F; the inside finds its equilibrium.
 Mat3 stress_inside(const Statics& held, const Mat3& F) {
-  const Equilibrium found = held.solve({.displacement = [&](double share) {
-    return affine_displacement(held.model(), Mat3::Identity() + share * (F - Mat3::Identity()));
+  const Equilibrium found = held.solve({.displacement = [&](double fraction) {
+    return affine_displacement(held.model(), Mat3::Identity() + fraction * (F - Mat3::Identity()));
   }});
   return mean_stress(held.model(), found.f);
 }
@@ -66,8 +66,8 @@ Statics free_bar(const Material& material, int intervals = 4) {
 double stretched(const Statics& bar, double stretch) {
   const Equilibrium found = bar.solve(
       {.displacement =
-           [&](double share) {
-             return affine_displacement(bar.model(), stretches(1.0, 1.0, 1.0 + share * (stretch - 1.0)));
+           [&](double fraction) {
+             return affine_displacement(bar.model(), stretches(1.0, 1.0, 1.0 + fraction * (stretch - 1.0)));
            }},
       5);
   return mean_stress(bar.model(), found.f)(2, 2);
@@ -150,9 +150,10 @@ void verify_cook(Rows& rows, Index) {
     for (int k = 0; k < across; ++k)
       places.col(j * across + k) = lattice.place(Vec3(1.0, (j + 0.5) / along, (k + 0.5) / across));
   const Interpolation edge = make_interpolation(panel.model(), converging.support, places);
-  const double share = traction * 16e-3 * thickness / (along * across);
+  const double fraction = traction * 16e-3 * thickness / (along * across);
   Points load = Points::Zero(3, panel.model().node_count());
-  for (Index m = 0; m < edge.rows.member.size(); ++m) load(1, edge.rows.member[m]) += edge.weight[m] * share;
+  for (Index m = 0; m < edge.rows.member.size(); ++m)
+    load(1, edge.rows.member[m]) += edge.weight[m] * fraction;
 
   const Equilibrium found =
       panel.solve({.displacement = [&](double) { return Points(0.0 * panel.model().X); },
@@ -185,10 +186,10 @@ void verify_torsion(Rows& rows, Index) {
   const Statics rod(std::move(body), {std::move(ends)}, {neo_hookean(mu, 0.499, 1000.0)});
   const Equilibrium found =
       rod.solve({.displacement =
-                     [&](double share) {
+                     [&](double fraction) {
                        Points u = rod.model().X;
                        for (auto x : u.colwise())
-                         x = Eigen::AngleAxisd(share * twist * x.z(), Vec3::UnitZ()) * x - x;
+                         x = Eigen::AngleAxisd(fraction * twist * x.z(), Vec3::UnitZ()) * x - x;
                        return u;
                      }},
                 4);
@@ -262,9 +263,10 @@ void verify_manufactured(Rows& rows, Index) {
         for (int k = to_places.rows.offset[m]; k < to_places.rows.offset[m + 1]; ++k)
           load.col(to_places.rows.member[k]) += to_places.weight[k] * force;
       }
-      const Equilibrium found = statics.solve({.displacement = growing(statics, solution),
-                                               .force = [&](double share) { return Points(share * load); }},
-                                              1, 1e-6);
+      const Equilibrium found =
+          statics.solve({.displacement = growing(statics, solution),
+                         .force = [&](double fraction) { return Points(fraction * load); }},
+                        1, 1e-6);
       const Points u = to_places(found.u).topRows<3>();
       double value = 0.0, slope = 0.0;
       for (Index m = 0; m < places.cols(); ++m)

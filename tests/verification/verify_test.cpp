@@ -73,8 +73,8 @@ TEST(Verify, SwappingTheNumbersOfTwoTissuesChangesNothing) {
     const Mat3 F = (Mat3() << 1.0, 0.2, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0).finished();
     const Equilibrium found = cube.solve(
         {.displacement =
-             [&](double share) {
-               return affine_displacement(cube.model(), Mat3::Identity() + share * (F - Mat3::Identity()));
+             [&](double fraction) {
+               return affine_displacement(cube.model(), Mat3::Identity() + fraction * (F - Mat3::Identity()));
              }},
         1, 1e-8);
     return mean_stress(cube.model(), found.f);

@@ -40,11 +40,11 @@ struct Swing {
 // Vibration from the mode's shape, a hundred micrometres at most; no tool is in contact with the rod.
 Swing swing(double damping) {
   ModelOptions options;
-  options.cloud.count = 2500;
-  options.cloud.grading = {};  // even
+  options.node_set.count = 2500;
+  options.node_set.grading = {};  // even
   options.boundary = {.base = "inferior", .indent_at = "0,0,top", .indenter_diameter_mm = 8.0};
   Model model = build_model(cylinder_surface(radius_mm, height_mm), options).model;
-  model.circle.clear();
+  model.bonded_patch.clear();
   const ForceSystem system(model, tissue, Precision::double_);
   MarchState start;
   const Index n = model.node_count();

@@ -22,7 +22,7 @@ namespace {
 const Vec3 size(30e-3, 30e-3, 20e-3);  // of the block [m]
 
 // Half-space behind a plane through `at`, and the part of the body that faces it.
-Touch plane(const Model& model, const std::string& name, const Vec3& at, const Vec3& normal) {
+RigidBody plane(const Model& model, const std::string& name, const Vec3& at, const Vec3& normal) {
   return {.shape = plane_shape(10e-3),
           .pose = {at, normal},
           .surface = wall_surface(
@@ -32,14 +32,14 @@ Touch plane(const Model& model, const std::string& name, const Vec3& at, const V
 }
 
 // Walls at the sides of the block.
-std::vector<Touch> four_sides(const Model& model) {
+std::vector<RigidBody> four_sides(const Model& model) {
   return {plane(model, "-x", Vec3::Zero(), Vec3::UnitX()), plane(model, "+x", size, -Vec3::UnitX()),
           plane(model, "-y", Vec3::Zero(), Vec3::UnitY()), plane(model, "+y", size, -Vec3::UnitY())};
 }
 
-std::unique_ptr<System> at_rest(const ForceSystem& tissue, const Model& model, const Loads& loads,
-                                const std::vector<Touch>& walls, double tolerance = 1e-4,
-                                const std::vector<HeldSet>& held = {}) {
+std::unique_ptr<System> undeformed(const ForceSystem& tissue, const Model& model, const Loads& loads,
+                                   const std::vector<RigidBody>& walls, double tolerance = 1e-4,
+                                   const std::vector<HeldSet>& held = {}) {
   return make_system(tissue, model, Contact::bonded, held, loads, tolerance, nullptr, nullptr, walls);
 }
 Loads downwards(double g) {
@@ -72,38 +72,39 @@ TEST(SeveralRigidContacts, PressABlockBetweenTwoPlatesAsAUniaxialTestDoes) {
   model.base.clear();
   const Material material = neo_hookean(1000.0, 0.45, 1000.0);
   const ForceSystem tissue(model, {{material}, model.tissue});
-  Touch above = plane(model, "above", Vec3(0.0, 0.0, size.z()), -Vec3::UnitZ());
+  RigidBody above = plane(model, "above", Vec3(0.0, 0.0, size.z()), -Vec3::UnitZ());
   above.motion.reset();
-  std::vector<std::unique_ptr<TouchingTool>> rigid;
-  Touch below = plane(model, "below", Vec3::Zero(), Vec3::UnitZ());
+  std::vector<std::unique_ptr<RigidContact>> rigid;
+  RigidBody below = plane(model, "below", Vec3::Zero(), Vec3::UnitZ());
   below.motion = Vec3::UnitZ();
-  rigid.push_back(std::make_unique<TouchingTool>(below));
-  rigid.push_back(std::make_unique<TouchingTool>(above));
+  rigid.push_back(std::make_unique<RigidContact>(below));
+  rigid.push_back(std::make_unique<RigidContact>(above));
   System system(tissue, model, Constraints(model.node_count(), symmetry(model)), {}, std::move(rigid));
   ASSERT_EQ(system.walls().size(), 1u);
-  EXPECT_EQ(system.touching()->touch().name, "above")
+  EXPECT_EQ(system.tool_contact()->body().name, "above")
       << "the one that is measured, whichever was named first";
   const Relaxation relax(system);
-  Rest rest = system.step_start();
-  Nodal f = rest.u;
+  EquilibriumState state = system.step_start();
+  Nodal f = state.u;
   const double depth = 2e-3, l = 1.0 - 2.0 * depth / size.z();
-  for (const double way : {1e-3, depth}) {
-    system.set({.depth = way}, rest.u);
-    const Relaxed found = relax.from_near(rest.u, rest.lambda, f, {});
-    ASSERT_TRUE(found.converged) << way << ' ' << found.residual << ' ' << found.evaluations;
-    system.accept_step(rest.u);
+  for (const double displacement : {1e-3, depth}) {
+    system.set({.depth = displacement}, state.u);
+    const Relaxed found = relax.from_near(state.u, state.lambda, f, {});
+    ASSERT_TRUE(found.converged) << displacement << ' ' << found.residual << ' ' << found.evaluations;
+    system.accept_step(state.u);
   }
   const auto F = [&](double wide) { return Mat3(Vec3(wide, wide, l).asDiagonal()); };
   const double wide =
       root([&](double w) { return pk1_stress(material, F(w))(0, 0); }, 1.0, 1.0 / std::sqrt(l) + 0.1);
   const double expected = -size.x() * size.y() * pk1_stress(material, F(wide))(2, 2);
-  const Vec3 on_tool = system.touching()->touched().force, on_wall = system.walls().front()->touched().force;
+  const Vec3 on_tool = system.tool_contact()->contact_summary().force,
+             on_wall = system.walls().front()->contact_summary().force;
   EXPECT_NEAR(on_tool.z(), expected, 2e-3 * expected);
   EXPECT_NEAR(on_wall.z(), -expected, 2e-3 * expected);
   EXPECT_LT((on_tool + on_wall).norm(), 1e-3 * expected);
-  EXPECT_NEAR(system.along_push(f), expected, 2e-3 * expected);
+  EXPECT_NEAR(system.along_approach(f), expected, 2e-3 * expected);
   for (Index a = 0; a < model.node_count(); ++a) {
-    const Vec3 X = model.X.col(a), u = rest.u.col(a).head<3>();
+    const Vec3 X = model.X.col(a), u = state.u.col(a).head<3>();
     EXPECT_LT((u - Vec3(wide - 1.0, wide - 1.0, l - 1.0).cwiseProduct(X - 0.5 * size)).norm(), 0.01 * depth)
         << X.transpose();
   }
@@ -143,9 +144,9 @@ TEST(Walls, ConfineAColumnThatItsOwnWeightShortens) {
   const double g = 9.81, H = size.z();
   const Material sponge = neo_hookean(210.0, 0.3, 1000.0);
   const ForceSystem tissue(model, {{sponge}, model.tissue});
-  const auto system = at_rest(tissue, model, downwards(g), four_sides(model));
+  const auto system = undeformed(tissue, model, downwards(g), four_sides(model));
   const Nodal& u = system->step_start().u;
-  const auto held = at_rest(tissue, model, downwards(g), {}, 1e-4, sides_held(model));
+  const auto held = undeformed(tissue, model, downwards(g), {}, 1e-4, sides_held(model));
   const auto stretch = [&](double Z) { return confined_stretch(sponge, 1000.0 * g * (H - Z)); };
   const auto sinks = [&](double Z) { return sunk(stretch, Z); };
   double top = 0.0, count = 0.0;
@@ -158,14 +159,15 @@ TEST(Walls, ConfineAColumnThatItsOwnWeightShortens) {
   }
   EXPECT_NEAR(top / count, sinks(H), 0.01 * std::abs(sinks(H)));
   ASSERT_EQ(system->walls().size(), 4u);
-  const ContactSurface& face = system->walls()[1]->touch().surface;
+  const ContactSurface& face = system->walls()[1]->body().surface;
   EXPECT_GT(face.area.sum(), 0.9 * size.y() * H) << "all but what the base holds";
   double covered = 0.0, all = 0.0;
   for (Index s = 0; s < face.count(); ++s)
     covered -= confined_stress(sponge, stretch(face.place(2, s)))(0, 0) * face.area[s];
   for (int k = 0; k < parts; ++k)
     all -= confined_stress(sponge, stretch(H * (k + 0.5) / parts))(0, 0) * H * size.y() / parts;
-  const Vec3 left = system->walls()[0]->touched().force, right = system->walls()[1]->touched().force;
+  const Vec3 left = system->walls()[0]->contact_summary().force,
+             right = system->walls()[1]->contact_summary().force;
   EXPECT_GT(right.x(), 0.99 * covered);
   EXPECT_LT(right.x(), 1.01 * all);
   EXPECT_NEAR(left.x(), -right.x(), 0.01 * all);
@@ -180,7 +182,7 @@ TEST(FluidLost, ShortensAConfinedColumnByTheBuoyancyOfWhatIsAboveItsLevel) {
   const ForceSystem tissue(model, {{sponge}, model.tissue});
   Loads loads;
   loads.fluid = FluidLost{.up = Vec3::UnitZ(), .level = level, .density = 1100.0};
-  const auto system = at_rest(tissue, model, loads, {}, 1e-4, sides_held(model));
+  const auto system = undeformed(tissue, model, loads, {}, 1e-4, sides_held(model));
   const auto stretch = [&](double Z) {
     return confined_stretch(sponge, 1100.0 * 9.81 * (H - std::max(Z, level)));
   };
@@ -199,38 +201,38 @@ TEST(FluidLost, ShortensAConfinedColumnByTheBuoyancyOfWhatIsAboveItsLevel) {
 }
 
 // Walls overlap the body at rest, as surfaces of neighbouring labels do.
-TEST(Walls, ThatLieInTheBodyAtRestAndAreSetBackByAsMuchTouchItAndPushNothing) {
+TEST(Walls, ThatLieInTheBodyAtRestAndAreSetBackByAsMuchHaveContactAndPressNothing) {
   const Model model = testing_bodies::averaged_block(4, 0.1);
   const ForceSystem tissue(model, {{neo_hookean(210.0, 0.3, 1000.0)}, model.tissue});
-  const auto settled = [&](double in, double back) {
-    std::vector<Touch> walls = {plane(model, "-x", Vec3(in, 0.0, 0.0), Vec3::UnitX()),
-                                plane(model, "+x", size - Vec3(in, 0.0, 0.0), -Vec3::UnitX())};
-    for (Touch& wall : walls) {
-      wall.set_back.setConstant(wall.surface.count(), back);
-      wall.set_back_between.setConstant(wall.surface.between.cols(), back);
+  const auto preloaded = [&](double in, double back) {
+    std::vector<RigidBody> walls = {plane(model, "-x", Vec3(in, 0.0, 0.0), Vec3::UnitX()),
+                                    plane(model, "+x", size - Vec3(in, 0.0, 0.0), -Vec3::UnitX())};
+    for (RigidBody& wall : walls) {
+      wall.gap_offset.setConstant(wall.surface.count(), back);
+      wall.gap_offset_between.setConstant(wall.surface.between.cols(), back);
     }
-    return at_rest(tissue, model, downwards(5.0), walls, 1e-5);
+    return undeformed(tissue, model, downwards(5.0), walls, 1e-5);
   };
-  const auto beside = settled(0.0, 0.0), overlapping = settled(0.4e-3, 0.4e-3);
-  const double sinks = beside->step_start().u.colwise().norm().maxCoeff();
-  EXPECT_LT((overlapping->step_start().u - beside->step_start().u).cwiseAbs().maxCoeff(), 0.005 * sinks);
-  const TouchingTool& wall = *overlapping->walls().front();
-  EXPECT_GT(wall.touched().samples, 10);
+  const auto next_to = preloaded(0.0, 0.0), overlapping = preloaded(0.4e-3, 0.4e-3);
+  const double sinks = next_to->step_start().u.colwise().norm().maxCoeff();
+  EXPECT_LT((overlapping->step_start().u - next_to->step_start().u).cwiseAbs().maxCoeff(), 0.005 * sinks);
+  const RigidContact& wall = *overlapping->walls().front();
+  EXPECT_GT(wall.contact_summary().samples, 10);
   EXPECT_LT(wall.audit(overlapping->step_start().u, overlapping->now()).penetration, 0.1e-3);
 }
 
-TEST(Walls, LetGoOfAColumnThatHangsAndNeverPullAtIt) {
+TEST(Walls, SeparateFromAColumnThatHangsAndNeverPullAtIt) {
   const Model model = testing_bodies::averaged_block(4, 0.1);
   const ForceSystem tissue(model, {{neo_hookean(210.0, 0.45, 1000.0)}, model.tissue});
-  const std::vector<Touch> walls = {plane(model, "-x", Vec3::Zero(), Vec3::UnitX()),
-                                    plane(model, "+x", size, -Vec3::UnitX())};
-  const auto between = at_rest(tissue, model, downwards(-4.0), walls, 1e-5);
-  const auto alone = at_rest(tissue, model, downwards(-4.0), {}, 1e-5);
+  const std::vector<RigidBody> walls = {plane(model, "-x", Vec3::Zero(), Vec3::UnitX()),
+                                        plane(model, "+x", size, -Vec3::UnitX())};
+  const auto between = undeformed(tissue, model, downwards(-4.0), walls, 1e-5);
+  const auto alone = undeformed(tissue, model, downwards(-4.0), {}, 1e-5);
   const double longest = alone->step_start().u.colwise().norm().maxCoeff();
   EXPECT_GT(longest, 0.5e-3);
   EXPECT_LT((between->step_start().u - alone->step_start().u).cwiseAbs().maxCoeff(), 0.01 * longest);
   double all = 0.0;
-  for (const TouchingTool* wall : between->walls()) {
+  for (const RigidContact* wall : between->walls()) {
     EXPECT_GE(wall->forces().minCoeff(), 0.0);
     all += wall->forces().sum();
   }
@@ -243,11 +245,11 @@ TEST(Walls, BelowABodyThatNothingElseHoldsAreAsABaseThatSlides) {
   const HeldSet slides{
       .name = "slides", .node = model.base, .hold = HeldSet::Hold::along, .direction = Vec3::UnitZ()};
   model.base.clear();
-  model.circle.clear();
+  model.bonded_patch.clear();
   for (Index a = 0; a < model.node_count(); ++a)
-    if (model.X(2, a) > size.z() - 1e-9) model.circle.push_back(a);
+    if (model.X(2, a) > size.z() - 1e-9) model.bonded_patch.push_back(a);
   model.tool = {.centre = Vec3(0.5 * size.x(), 0.5 * size.y(), size.z()),
-                .push = -Vec3::UnitZ(),
+                .approach = -Vec3::UnitZ(),
                 .radius = 0.5 * size.x()};
   const ForceSystem tissue(model, {{neo_hookean(1000.0, 0.45, 1000.0)}, model.tissue});
   const auto pressed = [&](bool on_bed) {
@@ -272,13 +274,13 @@ TEST(Walls, CarryTheWeightOfABlockThatNothingElseHolds) {
   const HeldSet slides{
       .name = "slides", .node = model.base, .hold = HeldSet::Hold::along, .direction = Vec3::UnitZ()};
   model.base.clear();
-  model.circle.clear();
+  model.bonded_patch.clear();
   const ForceSystem tissue(model, {{neo_hookean(1000.0, 0.45, 1000.0)}, model.tissue});
   const auto on_bed =
-      at_rest(tissue, model, downwards(9.81), {plane(model, "bed", Vec3::Zero(), Vec3::UnitZ())});
-  const auto sliding = at_rest(tissue, model, downwards(9.81), {}, 1e-4, {slides});
+      undeformed(tissue, model, downwards(9.81), {plane(model, "bed", Vec3::Zero(), Vec3::UnitZ())});
+  const auto sliding = undeformed(tissue, model, downwards(9.81), {}, 1e-4, {slides});
   const double newtons = 9.81 * model.mass.sum();
-  const TouchingTool::Touched bed = on_bed->walls().front()->touched();
+  const RigidContact::ContactSummary bed = on_bed->walls().front()->contact_summary();
   EXPECT_NEAR(bed.force.z(), -newtons, 1e-3 * newtons);
   EXPECT_LT(bed.force.head<2>().norm(), 1e-9 * newtons) << "without friction";
   const auto sinks = [&](const System& system) {  // on average
@@ -288,14 +290,14 @@ TEST(Walls, CarryTheWeightOfABlockThatNothingElseHolds) {
   EXPECT_NEAR(sinks(*on_bed), sinks(*sliding), 0.01 * sinks(*sliding));
 }
 
-TEST(Walls, ThatStickHoldTheSidesOfAColumnThatSinks) {
+TEST(Walls, WithoutSlipHoldTheSidesOfAColumnThatSinks) {
   const Model model = testing_bodies::averaged_block(5, 0.1);
   const ForceSystem tissue(model, {{neo_hookean(210.0, 0.4, 1000.0)}, model.tissue});
-  std::vector<Touch> walls = four_sides(model);
+  std::vector<RigidBody> walls = four_sides(model);
   // Mean sinking along the walls, at half their height, where they are pressed.
-  const auto sinks_beside = [&](double friction) {
-    for (Touch& wall : walls) wall.friction = friction;
-    const auto system = at_rest(tissue, model, downwards(9.81), walls);
+  const auto sinks_next_to = [&](double friction) {
+    for (RigidBody& wall : walls) wall.friction = friction;
+    const auto system = undeformed(tissue, model, downwards(9.81), walls);
     double sum = 0.0, count = 0.0;
     for (const HeldSet& set : sides_held(model))
       for (const Index a : set.node)
@@ -303,45 +305,45 @@ TEST(Walls, ThatStickHoldTheSidesOfAColumnThatSinks) {
           sum -= system->step_start().u(2, a);
           ++count;
         }
-    for (const TouchingTool* wall : system->walls())
+    for (const RigidContact* wall : system->walls())
       for (Index s = 0; s < wall->count(); ++s)
         if (friction > 0.0 && std::isfinite(friction)) {
           EXPECT_LE(wall->friction_forces().col(s).norm(), 1.001 * friction * wall->forces()[s]);
         }
     return sum / count;
   };
-  const double slides = sinks_beside(0.0);
+  const double slides = sinks_next_to(0.0);
   EXPECT_GT(slides, 0.5e-3);
-  const double rubs = sinks_beside(0.2);
-  EXPECT_LT(rubs, 0.9 * slides);
-  EXPECT_LT(sinks_beside(std::numeric_limits<double>::infinity()), std::min(0.15 * slides, rubs));
+  const double frictional = sinks_next_to(0.2);
+  EXPECT_LT(frictional, 0.9 * slides);
+  EXPECT_LT(sinks_next_to(std::numeric_limits<double>::infinity()), std::min(0.15 * slides, frictional));
 }
 
 // A ball of 5 mm is pressed on a layer.
 TEST(Walls, ThatAreMovedPressAsTheToolThatIsMeasuredDoes) {
   const Model model =
-      standing(block_surface({-20, -20, 0}, {20, 20, 20}), {.nodes = 800, .contact_radius = 2.7});
+      model_with_tool(block_surface({-20, -20, 0}, {20, 20, 20}), {.nodes = 800, .contact_radius = 2.7});
   const ForceSystem tissue(model, {{neo_hookean(210.0, 0.49, 1000.0)}, model.tissue}, Precision::double_);
   const Vec3 top(0.0, 0.0, 20e-3);
-  Touch ball{.shape = sphere_shape(5e-3), .pose = {top, -Vec3::UnitZ()}, .surface = {}};
+  RigidBody ball{.shape = sphere_shape(5e-3), .pose = {top, -Vec3::UnitZ()}, .surface = {}};
   ball.surface = wall_surface(
       model, [&](const Vec3& x, const Vec3& n) { return n.z() > 0.5 && (x - top).norm() < 7e-3; }, 2000);
-  const auto force = [&](const Touch& touch) {
-    std::vector<std::unique_ptr<TouchingTool>> rigid;
-    rigid.push_back(std::make_unique<TouchingTool>(touch));
+  const auto force = [&](const RigidBody& indenter) {
+    std::vector<std::unique_ptr<RigidContact>> rigid;
+    rigid.push_back(std::make_unique<RigidContact>(indenter));
     System system(tissue, model, make_constraints(model, Contact::bonded, {}), {}, std::move(rigid));
-    Rest rest = system.step_start();
-    Nodal f = rest.u;
+    EquilibriumState state = system.step_start();
+    Nodal f = state.u;
     const Relaxation relax(system);
     for (const double depth : {0.5e-3, 1e-3, 1.5e-3}) {
-      system.set({.depth = depth}, rest.u);
-      EXPECT_TRUE(relax.from_near(rest.u, rest.lambda, f, {}).converged) << depth;
-      system.accept_step(rest.u);
+      system.set({.depth = depth}, state.u);
+      EXPECT_TRUE(relax.from_near(state.u, state.lambda, f, {}).converged) << depth;
+      system.accept_step(state.u);
     }
-    return system.contacts().front().rigid->touched().force.z();
+    return system.contacts().front().rigid->contact_summary().force.z();
   };
   const double measured = force(ball);
-  Touch moved = ball;
+  RigidBody moved = ball;
   moved.motion = -Vec3::UnitZ();
   EXPECT_NEAR(force(moved), measured, 0.005 * measured);
   // The ball is also given by a distance field, like a wall.
@@ -357,38 +359,39 @@ TEST(Walls, ThatAreMovedPressAsTheToolThatIsMeasuredDoes) {
 class ABodyUnderLoads : public testing::TestWithParam<bool> {};
 
 TEST_P(ABodyUnderLoads, IsPressedByTheSameBitsWhetherItComesToRestOnceOrTwice) {
-  const Model model = standing(block_surface({-20, -20, 0}, {20, 20, 20}),
-                               {.nodes = 500, .contact_radius = 2.7, .whole_circle = false});
+  const Model model = model_with_tool(block_surface({-20, -20, 0}, {20, 20, 20}),
+                                      {.nodes = 500, .contact_radius = 2.7, .whole_patch = false});
   Material material = neo_hookean(2100.0, 0.49, 1000.0);
   if (GetParam()) material.prony = {{.g = 0.4, .tau = 0.5}};
   const ForceSystem tissue(model, {{material}, model.tissue}, Precision::double_);
-  Touch ball{
+  RigidBody ball{
       .shape = sphere_shape(5e-3),
       .pose = {Vec3(0.0, 0.0, 20e-3), -Vec3::UnitZ()},
       .surface = wall_surface(
           model, [](const Vec3& x, const Vec3& n) { return n.z() > 0.5 && x.head<2>().norm() < 9e-3; }, 2000),
       .friction = 0.3};
-  Touch beside = plane(model, "beside", Vec3(20e-3, 0.0, 0.0), -Vec3::UnitX());
-  beside.friction = 0.2;
+  RigidBody next_to = plane(model, "beside", Vec3(20e-3, 0.0, 0.0), -Vec3::UnitX());
+  next_to.friction = 0.2;
   Loading loading{.depth = 1.5e-3};
-  loading.touch = std::make_shared<const Touch>(ball);
-  loading.walls = {beside};
+  loading.indenter = std::make_shared<const RigidBody>(ball);
+  loading.walls = {next_to};
   loading.loads.gravity = {2.0, 0.0, -9.81};
   loading.loads.pressure = {{.patch = surface_patch(model, triangles_facing(model, -Vec3::UnitY())),
                              .pressure = 50.0,
                              .follows = true}};
-  rest_under_loads(tissue, model, loading);
-  ASSERT_TRUE(loading.settled);
-  Loading anew = loading;
-  anew.settled = nullptr;
+  equilibrium_under_loads(tissue, model, loading);
+  ASSERT_TRUE(loading.preloaded);
+  Loading fresh = loading;
+  fresh.preloaded = nullptr;
   const History once = marched(tissue, model, loading, {.frames = 2}),
-                twice = marched(tissue, model, anew, {.frames = 2});
-  EXPECT_GT(once.settled, 1e-4) << "they do move it";
+                twice = marched(tissue, model, fresh, {.frames = 2});
+  EXPECT_GT(once.preloaded, 1e-4) << "they do move it";
   EXPECT_GT(once.walls.front().samples, 0);
-  const double heat = once.contact_heat + once.walls.front().heat;
-  EXPECT_GT(once.walls.front().heat, 0.0);
+  const double dissipation = once.contact_dissipation + once.walls.front().dissipation;
+  EXPECT_GT(once.walls.front().dissipation, 0.0);
   if (!GetParam())
-    EXPECT_NEAR(heat, once.energy.back().dissipated, 1e-9 * heat) << "that of the loads is told nowhere";
+    EXPECT_NEAR(dissipation, once.energy.back().dissipated, 1e-9 * dissipation)
+        << "that of the loads is told nowhere";
   EXPECT_EQ(once.evaluations, twice.evaluations);
   ASSERT_EQ(once.force.size(), twice.force.size());
   for (std::size_t k = 0; k < once.force.size(); ++k) {

@@ -42,9 +42,9 @@ using ElementMatrix = Eigen::Matrix<double, 18, 18>;
 constexpr double pi = std::numbers::pi;
 
 struct Options {
-  std::string tool = "sphere";  // sphere | paraboloid | punch (flat, with a rounded edge)
-  std::string base = "bonded";  // bonded | loose (slides on its bed)
-  std::string touch = "slip";   // slip | stick | coulomb
+  std::string tool = "sphere";    // sphere | paraboloid | punch (flat, with a rounded edge)
+  std::string base = "bonded";    // bonded | loose (slides on its bed)
+  std::string indenter = "slip";  // slip | stick | coulomb
   std::map<std::string, double> named = {
       {"radius", 5},   // of the tool; of a paraboloid that at its tip
       {"edge", 1},     // radius of the punch's edge
@@ -366,7 +366,7 @@ struct State {
   VectorXd u;
   std::vector<char> active, slips;
   std::vector<int> side;
-  std::vector<Vector2d> force, stuck_at;
+  std::vector<Vector2d> force, no_slip_at;
 };
 
 struct Result {
@@ -390,7 +390,7 @@ class Scene {
     }
   }
 
-  State at_rest() const {
+  State undeformed() const {
     const std::size_t tops = mesh_.top.size();
     return {VectorXd::Zero(static_cast<Eigen::Index>(2 * mesh_.X.size())),
             std::vector<char>(tops, 0),
@@ -400,7 +400,7 @@ class Scene {
             std::vector<Vector2d>(tops, Vector2d::Zero())};
   }
   // Sinking of the middle of the top under the body's weight.
-  double rest_under_weight(State& s) {
+  double equilibrium_under_weight(State& s) {
     for (int k = 1; k <= 16; ++k) {
       weight_ = options_["weight"] * k / 16.0;
       if (!solve(s, -1e3).converged) return std::nan("");
@@ -415,8 +415,8 @@ class Scene {
     const std::vector<Gap> gap = gaps(s.u, depth);
     for (std::size_t i = 0; i < gap.size(); ++i) {
       if (!s.active[i] || !s.slips[i]) continue;
-      s.stuck_at[i] = place(s.u, i, depth) - gap[i].value * gap[i].normal;
-      s.slips[i] = options_.touch == "slip" || s.side[i] != 0;
+      s.no_slip_at[i] = place(s.u, i, depth) - gap[i].value * gap[i].normal;
+      s.slips[i] = options_.indenter == "slip" || s.side[i] != 0;
     }
   }
 
@@ -428,7 +428,7 @@ class Scene {
       if (options_["film"] > 0.0) add_film(mesh_, options_["film"], s.u, tissue);
       if (weight_ > 0.0) add_weight(mesh_, points_, weight_, tissue);
       const std::vector<Gap> gap = gaps(s.u, depth);
-      const bool changed = choose_active(s, gap, depth, k >= settled_after);
+      const bool changed = choose_active(s, gap, depth, k >= single_changes_after);
       const std::vector<Row> row = rows(s, gap, depth);
       VectorXd residual = tissue.force;
       double force = 0.0, worst = 0.0;
@@ -447,7 +447,7 @@ class Scene {
   }
 
  private:
-  static constexpr int settled_after = 8;  // Newton steps; then only one node at a time changes
+  static constexpr int single_changes_after = 8;  // Newton steps; then only one node at a time changes
   Options options_;
   std::array<Law, 2> laws_;
   double layer_from_, weight_ = 0.0;
@@ -459,13 +459,13 @@ class Scene {
   struct Row {
     std::size_t i;
     Vector2d direction;
-    Vector2d pushes;  // force of a unit multiplier
+    Vector2d unit_forces;  // force of a unit multiplier
     double open;
   };
-  double friction() const { return options_.touch == "coulomb" ? options_["friction"] : 0.0; }
+  double friction() const { return options_.indenter == "coulomb" ? options_["friction"] : 0.0; }
 
   // Nodes on the axis represent no part of the surface.
-  bool may_touch(std::size_t i) const {
+  bool may_contact(std::size_t i) const {
     const double r = mesh_.X[static_cast<std::size_t>(mesh_.top[i])].x();
     return r > 1e-9 && r < options_["body"] - 1e-9;
   }
@@ -485,33 +485,33 @@ class Scene {
     const double stiffness = laws_[0].mu * options_["fine"];
     std::vector<std::pair<double, std::size_t>> wrong;  // by how much
     for (std::size_t i = 0; i < gap.size(); ++i) {
-      const double wanted = s.force[i].dot(gap[i].normal) - stiffness * gap[i].value;
-      if (may_touch(i) && (wanted > 0.0) != static_cast<bool>(s.active[i]))
-        wrong.emplace_back(-std::abs(wanted), i);
+      const double requested = s.force[i].dot(gap[i].normal) - stiffness * gap[i].value;
+      if (may_contact(i) && (requested > 0.0) != static_cast<bool>(s.active[i]))
+        wrong.emplace_back(-std::abs(requested), i);
     }
-    const std::size_t of_touch = wrong.size();
-    if (options_.touch == "coulomb")
+    const std::size_t of_contact = wrong.size();
+    if (options_.indenter == "coulomb")
       for (std::size_t i = 0; i < gap.size(); ++i) {
         if (!s.active[i]) continue;
         const Vector2d along = turned(gap[i].normal);
         const double T = s.force[i].dot(along),
                      beyond = std::abs(T) - friction() * s.force[i].dot(gap[i].normal);
-        const double pushed = s.side[i] * along.dot(place(s.u, i, depth) - s.stuck_at[i]);
+        const double pressed = s.side[i] * along.dot(place(s.u, i, depth) - s.no_slip_at[i]);
         if (!s.slips[i] && beyond > 1e-12) wrong.emplace_back(-beyond, i);
-        if (s.slips[i] && pushed > 1e-9) wrong.emplace_back(-stiffness * pushed, i);
+        if (s.slips[i] && pressed > 1e-9) wrong.emplace_back(-stiffness * pressed, i);
       }
-    const std::vector<std::pair<double, std::size_t>> touches(
-        wrong.begin(), wrong.begin() + static_cast<std::ptrdiff_t>(of_touch));
+    const std::vector<std::pair<double, std::size_t>> has_contact(
+        wrong.begin(), wrong.begin() + static_cast<std::ptrdiff_t>(of_contact));
     std::sort(wrong.begin(), wrong.end());
     if (one && wrong.size() > 1) wrong.resize(1);
     for (const auto& one_wrong : wrong) {
       const std::size_t i = one_wrong.second;
-      if (std::find(touches.begin(), touches.end(), one_wrong) != touches.end()) {
+      if (std::find(has_contact.begin(), has_contact.end(), one_wrong) != has_contact.end()) {
         s.active[i] = !s.active[i];
         s.slips[i] = 1;
         s.side[i] = 0;
         s.force[i].setZero();
-        s.stuck_at[i] = place(s.u, i, depth) - gap[i].value * gap[i].normal;
+        s.no_slip_at[i] = place(s.u, i, depth) - gap[i].value * gap[i].normal;
       } else if (s.active[i]) {
         const Vector2d n = gap[i].normal, along = turned(n);
         s.slips[i] = !s.slips[i];
@@ -531,7 +531,7 @@ class Scene {
         row.push_back({i, n, n + friction() * s.side[i] * turned(n), gap[i].value});
         continue;
       }
-      const Vector2d open = place(s.u, i, depth) - s.stuck_at[i];
+      const Vector2d open = place(s.u, i, depth) - s.no_slip_at[i];
       row.push_back({i, Vector2d::UnitX(), Vector2d::UnitX(), open[0]});
       row.push_back({i, Vector2d::UnitY(), Vector2d::UnitY(), open[1]});
     }
@@ -562,7 +562,7 @@ class Scene {
       right[n + j] = one.open;
       for (int a = 0; a < 2; ++a)
         if (free(dof + a)) {
-          entry.emplace_back(dof + a, static_cast<int>(n + j), -one.pushes[a]);
+          entry.emplace_back(dof + a, static_cast<int>(n + j), -one.unit_forces[a]);
           entry.emplace_back(static_cast<int>(n + j), dof + a, -one.direction[a]);
         }
       if (!s.slips[one.i]) continue;
@@ -580,19 +580,19 @@ class Scene {
     if (factor.info() != Eigen::Success) return false;
     const VectorXd all = factor.solve(right);
     if (!all.allFinite()) return false;
-    const double share =
+    const double fraction =
         std::min(1.0, 2.0 * options_["fine"] / std::max(all.head(n).cwiseAbs().maxCoeff(), 1e-300));
-    s.u += share * all.head(n);
+    s.u += fraction * all.head(n);
     for (const Row& one : row) {
       const Eigen::Index j = &one - row.data();
       if (!s.slips[one.i]) {
-        s.force[one.i] += share * all[n + j] * one.direction;
+        s.force[one.i] += fraction * all[n + j] * one.direction;
         continue;
       }
       const double size = s.force[one.i].dot(one.direction);
-      const Vector2d moved = all.segment<2>(2 * mesh_.top[one.i]) * share;
+      const Vector2d moved = all.segment<2>(2 * mesh_.top[one.i]) * fraction;
       s.force[one.i] =
-          (size + share * all[n + j]) * with_friction(s, one.i) *
+          (size + fraction * all[n + j]) * with_friction(s, one.i) *
           (one.direction + gap[one.i].curvature * moved).normalized();  // it rotates with the normal
     }
     return true;
@@ -620,15 +620,15 @@ int main(int count, char** word) {
     const std::string text = word[k], name = text.substr(0, text.find('=')),
                       value = text.substr(text.find('=') + 1);
     if (name == "tool" || name == "base" || name == "touch")
-      (name == "tool" ? o.tool : name == "base" ? o.base : o.touch) = value;
+      (name == "tool" ? o.tool : name == "base" ? o.base : o.indenter) = value;
     else if (o.named.count(name))
       o.named[name] = std::atof(value.c_str());
     else
       return std::fprintf(stderr, "no option is called %s\n", name.c_str()), 2;
   }
   Scene scene(o);
-  State state = scene.at_rest();
-  const double sunk = o["weight"] > 0.0 ? scene.rest_under_weight(state) : 0.0;
+  State state = scene.undeformed();
+  const double sunk = o["weight"] > 0.0 ? scene.equilibrium_under_weight(state) : 0.0;
   if (std::isnan(sunk)) return std::fprintf(stderr, "the body does not carry its weight\n"), 1;
   if (sunk > 0.0) std::fprintf(stderr, "sunk by %.5g mm\n", sunk);
   std::printf("depth_mm,force_N,contact_radius_mm,J_min,penetration_between_nodes_mm,nodes\n");

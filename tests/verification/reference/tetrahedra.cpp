@@ -52,7 +52,7 @@ using Eigen::Matrix3d, Eigen::VectorXd;
 
 struct Options {
   std::string body = "block";
-  double rim = 1.2, depth = 4;
+  double patch_edge = 1.2, depth = 4;
   int levels = 4;
   std::map<std::string, double> named = {
       {"label", -1},        // of the image; -1: all foreground
@@ -91,7 +91,7 @@ Options read_options(int count, char** text) {
       options.named.at(word.substr(0, equals)) = std::stod(word.substr(equals + 1));
       continue;
     }
-    if (position == 0) options.rim = std::stod(word);
+    if (position == 0) options.patch_edge = std::stod(word);
     if (position == 1) options.depth = std::stod(word);
     if (position == 2) options.levels = std::stoi(word);
     ++position;
@@ -161,9 +161,9 @@ Scene analytic_scene(const Options& options) {
 // Scene of the ellipsoids in tests/bench/organs.cpp.
 Scene ellipsoid_scene(const Options& options) {
   BodySurface surface = dimple::cut_ellipsoid_surface({46.25, 31.25, 16.7647}, -11.7353);
-  const dimple::BoundaryOptions wanted{.base = "inferior",
-                                       .indent_at = std::to_string(options["x"]) + ",0,top"};
-  const Boundary boundary = dimple::find_boundary(surface, wanted);
+  const dimple::BoundaryOptions requested{.base = "inferior",
+                                          .indent_at = std::to_string(options["x"]) + ",0,top"};
+  const Boundary boundary = dimple::find_boundary(surface, requested);
   return {std::move(surface), boundary, true};
 }
 
@@ -172,15 +172,15 @@ Scene image_scene(const Options& options) {
   std::vector<int> labels;
   if (options["label"] >= 0) labels.push_back(static_cast<int>(options["label"]));
   dimple::SegmentedBody body = dimple::make_body_surface(image, labels);
-  dimple::BoundaryOptions wanted{.base = "organ"};  // the organ's own flat or broadest side
+  dimple::BoundaryOptions requested{.base = "organ"};  // the organ's own flat or broadest side
   if (std::isfinite(options["z"]))
-    wanted.indent_at = std::to_string(options["x"]) + "," + std::to_string(options["y"]) + "," +
-                       std::to_string(options["z"]);
-  wanted.voxel_mm = image.spacing().maxCoeff();
-  Boundary boundary = dimple::find_boundary(body.surface, wanted);
+    requested.indent_at = std::to_string(options["x"]) + "," + std::to_string(options["y"]) + "," +
+                          std::to_string(options["z"]);
+  requested.voxel_mm = image.spacing().maxCoeff();
+  Boundary boundary = dimple::find_boundary(body.surface, requested);
   const Vec3 centre = body.surface.to_world() * boundary.centre;
   std::fprintf(stderr, "base: %s\ncircle at %.1f, %.1f, %.1f: %s\n", boundary.base_reason.c_str(), centre.x(),
-               centre.y(), centre.z(), boundary.circle_reason.c_str());
+               centre.y(), centre.z(), boundary.patch_reason.c_str());
   Scene scene{std::move(body.surface), boundary, false};
   if (options["stiff"] >= 0)
     scene.stiffness = [label_at = dimple::label_finder(image, scene.surface), stiff = options["stiff"],
@@ -196,7 +196,7 @@ struct Mesh {
   std::vector<Vec3> nodes;  // corners, then middles of edges
   int corners = 0;
   std::vector<std::array<int, 10>> elements;
-  std::vector<char> on_base, on_circle, on_outside;
+  std::vector<char> on_base, on_patch, on_outside;
   double volume = 0;
 };
 
@@ -227,18 +227,18 @@ Mesh make_mesh(const Scene& scene, const Options& options) {
   CGAL::get_default_random() = CGAL::Random(0);
   Domain domain(surface, &CGAL::get_default_random());
   if (scene.sharp) domain.detect_features(60);
-  const Points rim = dimple::rim_of_circle(body, boundary, 120);
+  const Points patch_edge = dimple::edge_of_patch(body, boundary, 120);
   std::vector<std::vector<Kernel::Point_3>> lines(1);
-  for (Eigen::Index k = 0; k <= rim.cols(); ++k) {
-    const Vec3 x = rim.col(k % rim.cols());
+  for (Eigen::Index k = 0; k <= patch_edge.cols(); ++k) {
+    const Vec3 x = patch_edge.col(k % patch_edge.cols());
     lines[0].emplace_back(x.x(), x.y(), x.z());
   }
   domain.add_features(lines.begin(), lines.end());
 
-  const double first = options.rim, growth = options["growth"], far = options["far"];
+  const double first = options.patch_edge, growth = options["growth"], far = options["far"];
   const Sizes sizes = [&](const Vec3& x) {
     // edges have the patch edge's length up to one of them away from it
-    const double squared = (rim.colwise() - x).colwise().squaredNorm().minCoeff();
+    const double squared = (patch_edge.colwise() - x).colwise().squaredNorm().minCoeff();
     return std::min(far, first + growth * std::max(0.0, std::sqrt(squared) - first));
   };
   // The bounds of the circumradii are 0.7 of the required edge: equilateral ones have 0.58 and 0.61.
@@ -290,7 +290,7 @@ Mesh make_mesh(const Scene& scene, const Options& options) {
   }
 
   const size_t total = mesh.nodes.size();
-  mesh.on_base.assign(total, 0), mesh.on_circle.assign(total, 0), mesh.on_outside.assign(total, 0);
+  mesh.on_base.assign(total, 0), mesh.on_patch.assign(total, 0), mesh.on_outside.assign(total, 0);
   for (const auto& [sorted, about] : faces) {
     const auto& [times, f] = about;
     if (times != 1) continue;
@@ -298,10 +298,10 @@ Mesh make_mesh(const Scene& scene, const Options& options) {
         f[0], f[1], f[2], middle(f[0], f[1]), middle(f[1], f[2]), middle(f[2], f[0])};
     const Vec3 normal =
         (mesh.nodes[f[1]] - mesh.nodes[f[0]]).cross(mesh.nodes[f[2]] - mesh.nodes[f[0]]).normalized();
-    bool held = true, pressed = normal.dot(boundary.push) < 0;
+    bool held = true, pressed = normal.dot(boundary.approach) < 0;
     for (int k = 0; k < 3; ++k) {
       const Vec3 from = mesh.nodes[f[k]] - boundary.centre;
-      const double along = from.dot(boundary.push), square = boundary.radius * boundary.radius;
+      const double along = from.dot(boundary.approach), square = boundary.radius * boundary.radius;
       held = held && dimple::on_base(boundary, mesh.nodes[f[k]], normal);
       pressed = pressed && from.squaredNorm() - along * along <= square * (1 + 1e-3) &&
                 std::abs(along) <= 2 * boundary.radius;
@@ -309,7 +309,7 @@ Mesh make_mesh(const Scene& scene, const Options& options) {
     for (const int node : all) {
       mesh.on_outside[node] = 1;
       if (held) mesh.on_base[node] = 1;
-      if (pressed) mesh.on_circle[node] = 1;
+      if (pressed) mesh.on_patch[node] = 1;
     }
   }
   // An image's base ends inside a triangle, so each node is tested itself, with the surface's normal.
@@ -590,11 +590,11 @@ Body make_body(const Scene& scene, const Options& options) {
     for (int i = 0; i < 3; ++i) {
       const int at = 3 * node + i;
       const bool held =
-          patch ? bool(body.mesh.on_outside[node]) : body.mesh.on_base[node] || body.mesh.on_circle[node];
+          patch ? bool(body.mesh.on_outside[node]) : body.mesh.on_base[node] || body.mesh.on_patch[node];
       if (patch && held)
         body.direction[at] = patch_stretch().row(i).dot(body.mesh.nodes[node]), body.driven[at] = 1;
-      if (!patch && body.mesh.on_circle[node])
-        body.direction[at] = scene.boundary.push[i], body.driven[at] = 1;
+      if (!patch && body.mesh.on_patch[node])
+        body.direction[at] = scene.boundary.approach[i], body.driven[at] = 1;
       if (!held) body.unknown_of[at] = body.unknowns++;
     }
   for (int corner = 0; corner < body.mesh.corners; ++corner)
@@ -824,7 +824,7 @@ void run_scene(const Body& body, const Options& options) {
            const double seconds =
                std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
            // of the last factors: a stable equilibrium has as many negative pivots as pressures
-           std::printf("%s,%g,%g,%g,%zu,%d,%g,%.7f,%.3f,%d,%.0f\n", name.c_str(), options.rim,
+           std::printf("%s,%g,%g,%g,%zu,%d,%g,%.7f,%.3f,%d,%.0f\n", name.c_str(), options.patch_edge,
                        options["growth"], options["far"], body.elements.size(), body.unknowns, load,
                        driven_force(body, response), response.smallest_J,
                        solver.negative_pivots() - body.mesh.corners, seconds);
