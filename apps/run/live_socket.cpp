@@ -130,7 +130,7 @@ struct ForceServer::Parts {
   Parts(const LiveTool& live, const fs::path& at) : path(at), organ(*live.organ), tool(live.session->tool()) {
     tip = tool.centre;
     between.radius = tool.radius;
-    between.contact_count = organ.shape.has_value();
+    between.has_contact = organ.shape.has_value();
     contact_count = live.contact_count;
     listen_at(path, listening);
     thread = std::thread([this] { serve(); });

@@ -207,7 +207,7 @@ std::unique_ptr<ForceSystem> march_cut(const Scene& scene, const SolverOptions& 
     std::unique_ptr<ForceSystem> system = force_system(scene, result);
     {
       Watched watched(scene, k == 0 ? observer : later, k == 0 ? from : nullptr, result);
-      part.has_joined = [&] { cuts.report(part, log, result); };
+      part.has_joined = [&] { cuts.report_to(part, log, result); };
       const Stopwatch solving;
       try {
         solve(result.time, *system, result.model, result.loading, options, watched.hears(), result.history,

@@ -359,7 +359,7 @@ namespace {
 void refuse_patch_over_cut(const BodySurface& before, const BodySurface& body, const Boundary& at,
                            double gap) {
   const double step = std::max(0.5 * gap, at.radius / 200.0);
-  const auto indenter = [&](const BodySurface& of, const Vec3& x) {
+  const auto contact_along = [&](const BodySurface& of, const Vec3& x) {
     const std::vector<double> t = of.crossings(x - 2.0 * at.radius * at.approach, at.approach);
     const auto first = std::find_if(t.begin(), t.end(), [](double s) { return s > 0.0; });
     return first == t.end() ? std::numeric_limits<double>::infinity() : *first;
@@ -370,7 +370,8 @@ void refuse_patch_over_cut(const BodySurface& before, const BodySurface& body, c
     for (int k = -most; k <= most; ++k) {
       const Vec3 x = at.centre + step * (i * e + k * g);
       if ((x - at.centre).norm() > at.radius) continue;
-      if (const double whole = session_of(before, x); !(session_of(body, x) > whole + 0.01 * gap)) continue;
+      if (const double whole = contact_along(before, x); !(contact_along(body, x) > whole + 0.01 * gap))
+        continue;
       throw ModelError({.fact = "a cut passes under the bonded patch",
                         .where = "--cut (image.cut) and --indent-at (boundary.indent_at)",
                         .why = fmt::format("the nodes of the patch would hold both faces of the cut at {}",

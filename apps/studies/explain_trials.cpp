@@ -154,8 +154,8 @@ void add_folds(std::vector<Trial>& trials, const Unchanged& u) {
   const bool folds_in_contact = u.found.loading.folds != nullptr;
   add(trials, u, "walls of folds", "",
       folds_in_contact ? "pass through each other" : "come into contact where they close, without friction",
-      Kind::doubt, [indenter](Case& c) {
-        c.scene.self_contact = indenter ? Scene::SelfContact::off : Scene::SelfContact::on;
+      Kind::doubt, [folds_in_contact](Case& c) {
+        c.scene.self_contact = folds_in_contact ? Scene::SelfContact::off : Scene::SelfContact::on;
       });
 }
 
