@@ -167,10 +167,10 @@ std::vector<Compared> scenes_with_friction() {
     return layer("sphere_layer_friction_0.3", nodes, "0.3");
   };
   const auto layer_no_slip = [](Index nodes) { return layer("sphere_layer_sticks", nodes, "stick"); };
-  std::vector<Compared> all = {no_slip(1500), has_friction(1500), layer_with_friction(1500),
+  std::vector<Compared> all = {no_slip(1500), frictional(1500), layer_with_friction(1500),
                                layer_with_friction(4000)};
   if (std::getenv("DIMPLE_ALL_SCENES"))
-    all.insert(all.end(), {layer_no_slip(1500), no_slip(4000), has_friction(4000), layer_no_slip(4000),
+    all.insert(all.end(), {layer_no_slip(1500), no_slip(4000), frictional(4000), layer_no_slip(4000),
                            under_gravity(4000), on_film(4000)});
   return all;
 }
