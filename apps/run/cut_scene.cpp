@@ -132,7 +132,7 @@ void CutScene::make_again(const RunLog& log, Result& result) {
     const LabelImage& image = result.origin->image;
     const Organ organ = cut_by_steps(given_.scene, whole_, image, done_, quiet, result);
     ModelOptions options = organ.options;
-    if (result.nodes_for_error_bounds > 0) options.node_set.count = result.nodes_for_error_bounds;
+    if (result.required_nodes > 0) options.node_set.count = result.required_nodes;
     NodePlacement placed{place_nodes(given_.scene, organ, options, image, quiet, result), options.scheme,
                          organ.label_names};
     make_ready(given_, std::move(placed), quiet, result);

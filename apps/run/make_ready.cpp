@@ -139,6 +139,8 @@ void report_damping(const Scene& scene, const RunLog& log, TimeMode mode) {
                     "nothing damps (--time explicit does)",
                     plain(scene.solver.damping_per_s)));
 }
+
+// Adds the walls of the scene, from the image where they are labels.
 void place_walls(const Case& given, const RunLog& log, LoadedModel& result) {
   if (given.scene.walls.empty()) return;
   log.doing("walls");

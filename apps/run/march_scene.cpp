@@ -11,6 +11,7 @@
 #include "apps/run/rocking.hpp"
 #include "apps/run/run_words.hpp"
 #include "apps/run/stopwatch.hpp"
+#include "apps/run/supports.hpp"
 #include "apps/run/unless_stopped.hpp"
 #include "apps/run/walls.hpp"
 #include "apps/run/words.hpp"
@@ -124,12 +125,14 @@ std::optional<Interpolation> to_followed(const Result& result) {
 Vec3 displacement_at(const Interpolation& place, const ForceSystem::Nodal& u) {
   return place(u.topRows<3>()).col(0);
 }
+
 // Records reactions of the supports at a depth of the tool [m].
 void record_support_reactions(const ForceSystem::Nodal& f, double depth, Result& result) {
   result.on_support.clear();
   for (const HeldSet& support : result.loading.further) result.on_support.push_back(force_on(support, f));
   result.on_support_at = depth;
 }
+
 // Observes the march of one body: tracked point, supports, bending, rocking, cut faces.
 class Watched {
  public:
@@ -153,8 +156,9 @@ class Watched {
     FoldContact::Audit& folds = result_.history.folds;
     const bool folds_in_contact = result_.loading.folds != nullptr;
     folds.penetration = std::max(folds.penetration, folds_in_contact ? closing_.deepest() : 0.0);
-    const std::string bends = bending_.warning(), rocks = bends.empty() ? rocking_.warning() : bends;
-    for (const std::string& warning : {rocks, folds_in_contact ? std::string() : closing_.warning()})
+    std::string of_part = bending_.warning();
+    if (of_part.empty()) of_part = rocking_.warning();
+    for (const std::string& warning : {of_part, folds_in_contact ? std::string() : closing_.warning()})
       if (!warning.empty()) log.warn(warning);
     if (result_.loading.loads.move_the_body()) report_preload(log);
   }

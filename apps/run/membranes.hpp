@@ -7,7 +7,6 @@ namespace dimple {
 
 /// Throws UsageError before anything is built: a membrane is not understood, has neither stiffness nor
 /// tension, or names no part of the surface. ModelError: there is no surface.
-void check_membranes(const Scene& scene);
 void check_membranes(const Scene& scene, const Surface& surface);
 
 /// All membranes by name; that of --membrane is called "surface". Their parts are as in loads_of(). Throws as

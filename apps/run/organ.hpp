@@ -19,7 +19,7 @@ Work work_of(const Scene& scene, const LoadedModel& result);
 /// Lines and warnings for the observer; warnings are kept in the result too.
 struct RunLog {
   const RunObserver& observer;
-  Result& result;
+  LoadedModel& result;
   void line(RunObserver::Line kind, const std::string& text) const {
     if (observer.line) observer.line(kind, text);
   }

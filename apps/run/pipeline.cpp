@@ -19,8 +19,7 @@ namespace dimple {
 namespace {
 
 // Without --nodes, a folded body gets as many as its error bounds need, and a punch as its edge needs.
-void take_nodes_for_error_bounds(const Scene& scene, const RunLog& log, ModelOptions& options,
-                                 LoadedModel& result) {
+void raise_node_count(const Scene& scene, const RunLog& log, ModelOptions& options, LoadedModel& result) {
   const Index of_tool = fewest_nodes_under_tool(scene),
               of_body = fewest_nodes_with_error_bounds(result.facing_fraction),
               fewest = std::max(of_tool, of_body);
@@ -28,7 +27,7 @@ void take_nodes_for_error_bounds(const Scene& scene, const RunLog& log, ModelOpt
   log.say(of_tool >= of_body
               ? nodes_for_edge_in_words(fewest, options.node_set.count)
               : nodes_for_error_bounds_in_words(fewest, options.node_set.count, result.facing_fraction));
-  options.node_set.count = result.nodes_for_error_bounds = fewest;
+  options.node_set.count = result.required_nodes = fewest;
 }
 
 template <class Named, class Same>
@@ -42,7 +41,7 @@ bool move_alike(const Scene::Step& a, const Scene::Step& b) {
 }
 
 // All that a place for the tool and the base depends on. How deep the tool goes says how much of it touches;
-// a circle does whole.
+// a bonded patch is in contact with all of its area.
 bool asks_for_same_site(const Scene& a, const Scene& b) {
   ModelChoices::Image image = a.image;
   image.file = b.image.file;
@@ -125,7 +124,7 @@ NodePlacement place(const Case& given, const std::optional<Organ>& organ, const 
     return {given.model->places, given.model->scheme, given.model->label_names};
   }
   ModelOptions options = organ->options;
-  take_nodes_for_error_bounds(given.scene, log, options, result);
+  raise_node_count(given.scene, log, options, result);
   const PreparedOrgan::Made* made = given.organ ? given.organ->made.get() : nullptr;
   if (made && !(organ->site == made->site && asks_for_same_places(made->scene, given.scene) &&
                 made->nodes == options.node_set.count))
@@ -134,8 +133,8 @@ NodePlacement place(const Case& given, const std::optional<Organ>& organ, const 
       place_nodes(given.scene, *organ, options, result.image, log, result, made ? &made->at : nullptr),
       options.scheme, organ->label_names};
   if (made) result.build_s += made->places_s;
-  if (result.nodes_for_error_bounds > 0)
-    result.chosen["cloud.nodes"] += result.nodes_for_error_bounds == fewest_nodes_under_tool(given.scene)
+  if (result.required_nodes > 0)
+    result.chosen["cloud.nodes"] += result.required_nodes == fewest_nodes_under_tool(given.scene)
                                         ? ", as the tool's edge needs them and none were given"
                                         : ", as the body is folded and none were given";
   return placed;

@@ -305,8 +305,8 @@ Recorder::End Recorder::end_of(const std::exception_ptr& failure, const Report& 
 // Writes the options of the run and the choices for them. A run of that file uses the same nodes.
 std::string Recorder::write_options() const {
   Description taken = how_.options;
-  if (result.nodes_for_error_bounds > 0)
-    put_numbers(taken, "cloud.nodes", {static_cast<double>(result.nodes_for_error_bounds)});
+  if (result.required_nodes > 0)
+    put_numbers(taken, "cloud.nodes", {static_cast<double>(result.required_nodes)});
   std::string options = to_toml(taken, result.chosen);
   write_file(how_.folder / "config.resolved.toml", options);
   return options;

@@ -58,7 +58,7 @@ struct PointStress {
 };
 PointStress stress_at_points(const Frame& frame);
 
-/// Writer of a run's results: frames during the march, tables and the summary at its end.
+/// Writer of a run's results: frames during the march, then tables, the picture and the data of report.html.
 ///
 /// A thread of its own packs and writes each frame, one at a time and in order, while the march continues.
 /// With one thread allowed, or little memory, the frame is written at once. The bytes are the same.
@@ -145,7 +145,7 @@ class ResultWriter {
 
   std::filesystem::path folder_;
   const Model& model_;
-  std::shared_ptr<const RigidBody> indenter_;  // null: the circle
+  std::shared_ptr<const RigidBody> indenter_;  // null: the bonded indenter
   Requested requested_;
   bool over_time_ = false;
   bool in_parallel_;  // frames are written while the march goes on
@@ -158,8 +158,8 @@ class ResultWriter {
   SurfaceFile tool_;  // at rest
   Interpolation to_nodes_, to_points_, to_section_;
   PointMeans on_section_;
-  Skin skin_;                  // of pictures, of the report, and of files where no finer one is asked for
-  std::optional<Skin> whole_;  // the surface as it was drawn, where that is finer and asked for
+  Skin skin_;                  // for pictures, the report, and files unless a finer one is requested
+  std::optional<Skin> whole_;  // the extracted surface, if finer and requested
   double within_mm_ = 0.0;     // how far the body's surface is from skin_ at most
   Points nodes_mm_, points_mm_;
   Eigen::MatrixXd node_flags_;

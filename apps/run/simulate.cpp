@@ -31,8 +31,8 @@
 namespace dimple {
 namespace {
 
-// The case's own cloud, and of an image what other clouds are made from. `before_cuts` gets the body as it is
-// before anything is cut, for a scene whose later steps cut it again.
+// The case's own nodes, and for an image the source of further node sets. `before_cuts` gets the body as it
+// is before anything is cut, for a scene whose later steps cut it again.
 std::pair<NodePlacement, std::shared_ptr<Origin>> placed_by(const Case& given, const RunObserver& observer,
                                                             const RunLog& log, Result& result,
                                                             std::optional<Organ>* before_cuts = nullptr) {
@@ -45,7 +45,7 @@ std::pair<NodePlacement, std::shared_ptr<Origin>> placed_by(const Case& given, c
   return {std::move(placed), std::move(of_image)};
 }
 
-// The band is the error of the result by its discretisation, from a march on a coarser cloud, which begins
+// Error bounds of the result by its discretisation come from a march on coarser nodes, which begins
 // here beside the finer one. Null: there can be none, and the result says why.
 std::unique_ptr<CoarserMarch> begin_error_bounds(const Case& given, Result& result) {
   const Scene scene = given.origin ? with_model_of(given.scene, given.origin->choices) : given.scene;
@@ -117,7 +117,7 @@ void report_how_it_ended(const Scene& scene, const Goal& goal, Refinement& found
   } else if (found.stopped_short) {
     log.say("refine   " + why);
   }
-  // More nodes narrow a band down to a floor: so well two clouds agree by chance.
+  // More nodes narrow the error bounds down to a floor: so well two node sets agree by chance.
   const Index more = nodes_for_half_the_error(finest.model.node_count(), error_floor(scene));
   const bool would_fail = found.failed && more >= found.failed->nodes;
   if (known && !would_fail && more <= most_nodes_for_accuracy) log.say(next_half_in_words(found, more));
@@ -135,7 +135,7 @@ void simulate_to(const Goal& goal, const Case& given, const RunObserver& observe
   const std::shared_ptr<Origin> origin = origin_of_levels(given, log, result);
   result.followed = followed_in(scene, origin->organ);  // a structure whose displacement is wanted too
   const bool follows = result.followed.has_value();
-  // Marches finer and finer clouds until the band is as narrow as the goal, or time or the clouds run out.
+  // Marches finer node sets until the error bounds are as narrow as the goal, or time or node sets run out.
   Refinement found = refine(
       given, goal, *origin, result, whole,
       {.marched = [&](int number,
@@ -146,15 +146,15 @@ void simulate_to(const Goal& goal, const Case& given, const RunObserver& observe
   report_how_it_ended(scene, goal, found, observer);
   Result& finest = found.finest->result;
   finest.levels = std::move(found.levels);
-  // Further clouds of this origin take their tissues from the image, if there are several, and their base and
-  // circle from the boundary.
+  // Further node sets of this origin take their tissues from the image, if there are several, and their base
+  // and bonded patch from the boundary.
   finest.image = scene.tissues.empty() ? std::move(origin->image) : origin->image;
   origin->boundary = finest.report.boundary;
   finest.origin = origin;
   const double others_s = found.seconds - found.finest->seconds;
   // The result becomes the finest level's, and the observer hears of it as if it had been the only one.
   replay(std::move(*found.finest), observer, result);
-  result.error_bounds.seconds = others_s;  // the other levels are what the band has cost
+  result.error_bounds.seconds = others_s;  // the cost of the error bounds: the other levels
   find_image_error(scene, RunLog{observer, result}, result);
 }
 
@@ -175,7 +175,7 @@ void list_cuts_of_undeformed_body(const Scene& scene, Result& result) {
 
 void build_case(const Case& given, const RunObserver& observer, Result& result) {
   const RunLog log{observer, result};
-  // A model's files hold the nodes under one bonded circle, and no tool that touches.
+  // The files of a model hold the nodes under one bonded patch, and no contacting tool.
   check_pairs(given.scene, Feature::model_in_memory);
   auto [placed, of_image] = placed_by(given, observer, log, result);
   complete(given.scene, std::move(placed), log, result);
@@ -197,8 +197,8 @@ void simulate(const Case& given, const RunObserver& observer, Result& result) {
            .why = "the model's files do not mark the surface opened by the cut, which has no membrane",
            .remedy = "begin with the image: dimple run IMAGE --cut ... --membrane ..."});
   }
-  if (const Case refined = with_origin(given); const std::optional<Goal> goal = refined.scene.goal)
-    return simulate_to(*goal, refined, observer, result);
+  if (const std::optional<Goal>& goal = given.scene.goal)
+    return simulate_to(*goal, with_origin(given), observer, result);
   const RunLog log{observer, result};
   const Scene& scene = given.scene;
   std::optional<Organ> before_cuts;
@@ -216,7 +216,7 @@ void simulate(const Case& given, const RunObserver& observer, Result& result) {
   if (observer.begin) observer.begin(result);
   std::optional<CutScene> cuts;
   if (before_cuts && !cuts_after_moves(scene).empty()) cuts.emplace(given, std::move(*before_cuts));
-  // Models after cuts, and further clouds of several tissues, ask the image what a point is made of.
+  // Models after cuts, and further node sets of several tissues, read the tissue of a point from the image.
   if (of_image && (cuts || !scene.tissues.empty())) of_image->image = std::move(result.image);
   result.image = {};  // the march does not
   const std::unique_ptr<CoarserMarch> coarser =

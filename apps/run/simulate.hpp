@@ -37,13 +37,13 @@ struct PreparedOrgan;  // organ.hpp
 struct Case {
   Scene scene;
   std::optional<ModelFiles> model = {};       ///< instead of an image
-  std::shared_ptr<const Origin> origin = {};  ///< of `model`, where it is known, for its other clouds
+  std::shared_ptr<const Origin> origin = {};  ///< origin of `model`, if known, for further node sets
   const LabelImage* image = nullptr;          ///< instead of the file that scene.image.file names
   /// Instead of an image, one that was read before with the same options of the image and the same width of
-  /// the circle, which its surface follows; all others may differ.
+  /// the bonded patch, which its surface follows; all others may differ.
   const PreparedOrgan* organ = nullptr;
   const MarchState* from = nullptr;  ///< where an earlier run of the same case stood
-  bool error_bounds = false;         ///< of the force is wanted: by a coarser cloud, after the march
+  bool error_bounds = false;         ///< requested, from a coarser node set
   BodyModification change = {};
 };
 
@@ -53,8 +53,8 @@ inline constexpr double narrow_gap_mm = 4.0;
 /// One node set of the refinement for a requested accuracy.
 struct RefinementLevel {
   Index nodes = 0;
-  double force = 0.0, half = 0.0;  ///< at the load's depth, and half its band's width; 0: not known [N]
-  double length = 0.0, half_length = 0.0;  ///< of the displacement that was asked for, likewise [m]
+  double force = 0.0, half = 0.0;  ///< at the last depth, and half-width of its bounds; 0: not known [N]
+  double length = 0.0, half_length = 0.0;  ///< of the requested displacement, likewise [m]
   double seconds = 0.0;
 };
 
@@ -83,7 +83,7 @@ struct CutMade {
   double toughness_J_m2 = 0.0;                 ///< 0: not known
   std::vector<TriangleMesh> sheets = {};       ///< as they lie in the body at rest [mm, LPS]
   double area_mm2 = 0.0, removed_mm3 = 0.0;    ///< of this one, at rest, as of ImageFacts::Cut
-  Index nodes = 0;                             ///< of the cloud from then on
+  Index nodes = 0;                             ///< of the model from then on
   double t = 0.0, depth = 0.0;                 ///< [s], [m]
   double force_before = 0.0, force = 0.0;      ///< on the tool, along its push [N]
   double stored_before = 0.0, released = 0.0;  ///< the stored energy, and by how much it falls [J]
@@ -100,13 +100,13 @@ struct Unloaded {
   double taken_back = 0.0;      ///< of a node, from the image to the shape without loads, at most [m]
   double within = 0.0;          ///< how far from the image the loads bring the body back to, at most [m]
   Surface imaged_surface = {};  ///< as the image has it
-  Vec3 imaged_centre = Vec3::Zero();  ///< of the circle, likewise [m]
+  Vec3 imaged_centre = Vec3::Zero();  ///< of the bonded patch, as imaged [m]
 };
 
 /// The model under its load, and all that is known of how both were made.
 struct LoadedModel : ImageFacts {
   LabelImage image;                      ///< until the march begins, where the case began with one
-  Index nodes_for_error_bounds = 0;      ///< required by the body's folds where none were given; 0: not so
+  Index required_nodes = 0;              ///< required by folds or the tool's edge if none were given; 0: none
   std::shared_ptr<const Origin> origin;  ///< of the model, where it is known
   ModelReport report;
   std::map<std::string, std::string> chosen;      ///< option key -> value chosen for it
@@ -118,8 +118,10 @@ struct LoadedModel : ImageFacts {
   Loading loading;
   TimeMode time = TimeMode::quasi_static;
   std::optional<Unloaded> unloaded;  ///< where the body was imaged under its loads
-  double spread = 0.0;               ///< relative spread of the force by its material, +-; 0: none requested
-  StageTimes stages;                 ///< of the preprocessing [s]
+  std::vector<std::string> warnings;
+  /// Number of warnings about the image, and of those before the march.
+  std::size_t image_warnings = 0, model_warnings = 0;
+  StageTimes stages;  ///< of the preprocessing [s]
   /// [s] Reading the image, making the model from it, completing it; without the observer's part.
   double read_s = 0.0, build_s = 0.0, complete_s = 0.0;
 };
@@ -136,19 +138,16 @@ struct Solution {
   double solve_s = 0.0;              ///< [s] without the error estimate
 };
 
-/// Errors of the force, and the warnings.
-struct Judgement {
+/// Errors of the force.
+struct ErrorEstimates {
   ErrorBounds error_bounds;
   ImageError image_error;
-  std::vector<RefinementLevel>
-      levels;  ///< where an accuracy is requested: all node sets, the last is this one
-  std::vector<std::string> warnings;
-  /// Number of warnings about the image, and of those before the march.
-  std::size_t image_warnings = 0, model_warnings = 0;
+  double spread = 0.0;                  ///< relative, by the material, +-; 0: none requested
+  std::vector<RefinementLevel> levels;  ///< node sets of a requested accuracy; the last is the result's
 };
 
 /// The outcome of a case. Each part is there as soon as it is known: also when simulate() throws later.
-struct Result : LoadedModel, Solution, Judgement {};
+struct Result : LoadedModel, Solution, ErrorEstimates {};
 
 /// Callbacks of a run. All may be empty.
 struct RunObserver {
@@ -170,18 +169,18 @@ struct RunObserver {
   Observer march = {};
 };
 
-/// From the case to its force curve. Prints nothing, writes no file, minds no signal; asked to stop
+/// Computes the force curve of a case. Prints nothing, writes no file, handles no signal; requested to stop
 /// (io/stop.hpp), it throws Stopped, or, once the march has begun, returns what there is.
 ///
-/// Where the configuration asks for an accuracy, clouds of more and more nodes are marched until the band of
-/// one is as narrow as that, and the result is this one's: its frames come after the march.
+/// With a goal, finer node sets are marched until the error bounds of one are as narrow. That one is the
+/// result, and its frames follow its march.
 ///
 /// Throws UsageError, InputError, ModelError: what is wrong with the case; SolveError: why the march ended,
 /// and `result` holds everything up to there.
 Result simulate(const Case& given, const RunObserver& observer = {});
 void simulate(const Case& given, const RunObserver& observer, Result& result);
 
-/// The first half alone: up to the complete model, and the origin by which a Case of it gets a band.
+/// First half of simulate(): the complete model, and the origin that error bounds of a later Case need.
 void build_case(const Case& given, const RunObserver& observer, Result& result);
 
 }  // namespace dimple

@@ -61,7 +61,7 @@ Json model_json(const LoadedModel& p) {
           {"closed_volume_mm3", p.closed_mm3},
           {"cut", cut_json(p.cut)},
           {"facing_share", p.facing_fraction},
-          {"nodes_for_band", p.nodes_for_error_bounds},
+          {"nodes_for_band", p.required_nodes},
           {"cavities", cavities_json(p.segment.cavities)},
           {"surface_step_mm", p.segment.step_mm},
           {"smoothing_mm", p.segment.smoothing_mm},

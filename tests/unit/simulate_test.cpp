@@ -338,13 +338,13 @@ TEST(Simulate, AFoldedBodyTakesTheNodesThatItsErrorBoundsNeedUnlessTheyAreGiven)
   Result folded;
   build_case(given, observer, folded);
   ASSERT_GT(folded.facing_fraction, most_facing);
-  EXPECT_EQ(folded.nodes_for_error_bounds, 4000);
+  EXPECT_EQ(folded.required_nodes, 4000);
   EXPECT_NEAR(static_cast<double>(folded.model.node_count()), 4000.0, 40.0);
   EXPECT_THAT(said, HasSubstr("4000 instead of 1500, as none were given"));
   given.scene.given.nodes = true;
   Result requested;
   build_case(given, {}, requested);
-  EXPECT_EQ(requested.nodes_for_error_bounds, 0);
+  EXPECT_EQ(requested.required_nodes, 0);
   EXPECT_NEAR(static_cast<double>(requested.model.node_count()), 1500.0, 15.0);
 }
 
