@@ -7,7 +7,7 @@ Writes contact_peer.csv and contact_peer.svg. Dimple computes from a label image
 know the exact cylinder. GetFEM: gmsh's tetrahedra, quadratic displacement and linear pressure, contact by an augmented Lagrangian with a
 multiplier on the surface, Newton, MUMPS, from one depth to the next along the line through the last two.
 The reference is axisymmetric (tests/verification/reference/contact.csv, known to 0.1 to 0.4 %). Both run in turn; the machine
-must be otherwise idle.
+must be otherwise idle. tests/benchmark compares more scenes.
 """
 
 import csv
@@ -37,10 +37,10 @@ def other(mesh, folder):
 def one(fine, growth, far, folder):
     """Runs the other program; prints the number of its unknowns and the forces."""
     import getfem
-    import numpy as np
 
-    getfem.util_trace_level(0)
-    getfem.util_warning_level(0)
+    sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "benchmark"))
+    from run_getfem import Body
+
     geometry, file = os.path.join(folder, "cylinder.geo"), os.path.join(folder, "cylinder.msh")
     with open(geometry, "w") as text:
         text.write(f'''SetFactory("OpenCASCADE");
@@ -53,42 +53,10 @@ Background Field = 2;
 Mesh.MeshSizeExtendFromBoundary = 0; Mesh.MeshSizeFromPoints = 0; Mesh.MshFileVersion = 2.2;
 ''')
     subprocess.run(["gmsh", "-3", "-v", "0", geometry, "-o", file], check=True)
-    mesh = getfem.Mesh("import", "gmsh", file)
-    place, faces = mesh.pts(), mesh.outer_faces()
-    corners = [place[:, mesh.pid_in_faces(faces[:, [k]])] for k in range(faces.shape[1])]
-    height = np.array([c[2].mean() for c in corners])
-    away = np.array([np.hypot(c[0], c[1]).max() for c in corners])
-    base, touched = 1, 2
-    mesh.set_region(base, faces[:, height < 1e-6])
-    mesh.set_region(touched, faces[:, (height > HEIGHT - 1e-6) & (away < 1.3 * SPHERE)])
-    quadratic, linear, on_surface = getfem.MeshFem(mesh, 3), getfem.MeshFem(mesh, 1), getfem.MeshFem(mesh, 1)
-    quadratic.set_classical_fem(2)
-    linear.set_classical_fem(1)
-    on_surface.set_classical_fem(1)
-    points = getfem.MeshIm(mesh, 4)
-    model = getfem.Model("real")
-    model.add_fem_variable("u", quadratic)
-    model.add_fem_variable("p", linear)
-    model.add_filtered_fem_variable("l", on_surface, touched)
-    bulk = 2 * MU * (1 + NU) / (3 * (1 - 2 * NU))
-    for name, value in {"mu": MU, "bulk": bulk, "R": SPHERE, "at": HEIGHT + SPHERE, "r": 20 * MU / fine}.items():
-        model.add_initialized_data(name, [value])
-    F, gap = "(Id(3)+Grad_u)", "(Norm(X+u-[0;0;at])-R)"
-    model.add_nonlinear_term(points, f"mu/2*(pow(Det{F},-2/3)*Norm_sqr{F}-3)+p*(Det{F}-1)-sqr(p)/(2*bulk)")
-    model.add_nonlinear_term(points, f"1/(2*r)*(sqr(neg_part(l+r*{gap}))-sqr(l))", touched)
-    model.add_Dirichlet_condition_with_simplification("u", base)
-    forces, states = [], []
-    for depth in DEPTHS:
-        model.set_variable("at", [HEIGHT + SPHERE - depth])
-        if len(states) > 1:
-            for name, last, before in zip("upl", states[-1], states[-2]):
-                model.set_variable(name, 2 * last - before)
-        within = 1e-7  # N, 1e-5 of the force
-        model.solve("max_iter", 40, "max_res", within, "lsearch", "simplest", "alpha min", 0.3, "lsolver", "mumps")
-        states.append([model.variable(name).copy() for name in "upl"])
-        push = f"neg_part(l+r*{gap})*(at-X(3)-u(3))/Norm(X+u-[0;0;at])"
-        forces.append(getfem.asm_generic(points, 0, push, touched, model))
-    print(model.nbdof(), *(f"{f:.6g}" for f in forces))
+    scene = {"body": {"height_mm": HEIGHT}, "tool": {"shape": "sphere", "radius_mm": SPHERE}, "mu_Pa": 1e6 * MU, "nu": NU, "film_N_per_m": 0,
+             "gravity_m_per_s2": 0, "density_kg_per_m3": 0}
+    body = Body(getfem, getfem.Mesh("import", "gmsh", file), scene, fine, 4)
+    print(body.model.nbdof(), *(f"{f:.6g}" for f in body.forces(DEPTHS)))
 
 
 def measure(build, out):
