@@ -7,6 +7,7 @@ DIMPLE_PROGRAM names the program.
 import os
 import pathlib
 import re
+import shutil
 import subprocess
 
 project = "Dimple"
@@ -52,11 +53,16 @@ how-to/*
 :caption: Reference
 
 method
+validation
+performance
 files
 reference
 glossary
 ```
 """
+
+# Pages that are kept with their tests: name here, file in the repository.
+ELSEWHERE = {"validation": "tests/verification/README.md", "performance": "tests/bench/README.md"}
 
 
 def printed(*words):
@@ -91,15 +97,27 @@ def write_reference(app):
     (HERE / "reference.md").write_text("\n".join(lines))
 
 
+def copy_pages(app):
+    root = HERE.parent.parent
+    for page, file in ELSEWHERE.items():
+        shutil.copy(root / file, HERE / f"{page}.md")
+        for picture in (root / file).parent.glob("results/*.svg"):
+            (HERE / "results").mkdir(exist_ok=True)
+            shutil.copy(picture, HERE / "results")
+
+
 def for_the_site(app, page, source):
     """Adds the contents to the first page, and replaces links that leave the guide by paths."""
     if page == "index":
         source[0] += CONTENTS
+    if page in ELSEWHERE:
+        source[0] = re.sub(r"(?<!!)\[([^\]]*)\]\((?!https?:|#)([^)]*)\)", r"\1", source[0])
     source[0] = re.sub(r"(?<!!)\[([^\]]*)\]\((?:\.\./)*\.\./\.\./([^)#]*)(#[^)]*)?\)", r"\1 (`\2`)", source[0])
 
 
 def setup(app):
     app.connect("builder-inited", write_reference)
+    app.connect("builder-inited", copy_pages)
     app.connect("source-read", for_the_site)
 
 
