@@ -139,7 +139,7 @@ void add_common(CLI::App& command, Invocation& shared) {
   command.add_flag("-q,--quiet", shared.quiet, "errors only");
   command.add_flag("-v,--verbose", shared.verbose, "more detail");
   command.add_flag("--json", shared.json, "print the result as JSON on stdout");
-  command.add_option("--threads", shared.threads, "largest number of threads; results are the same [all]")
+  command.add_option("--threads", shared.threads, "largest number; results are the same [all]")
       ->check(CLI::Range(1, 1024));
   add_time_limit(command, shared);
 }
@@ -153,8 +153,7 @@ void add_time_limit(CLI::App& command, Invocation& shared) {
 }
 
 void add_over_results(CLI::App& command, Invocation& shared, bool resumable) {
-  CLI::Option* rerun =
-      command.add_flag("--force", shared.force, "replace the results of an earlier run in the folder");
+  CLI::Option* rerun = command.add_flag("--force", shared.force, "replace the results of an earlier run");
   if (resumable)
     command.add_flag("--resume", shared.resume, "continue a stopped run from its last checkpoint")
         ->excludes(rerun);

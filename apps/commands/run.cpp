@@ -22,9 +22,7 @@ Command add_run(CLI::App& app, Invocation& shared) {
   command->add_option("IMAGE", shared.image, "label image");
   command->add_option("-o,--out,--output", shared.out, "folder for the results")->required();
   add_over_results(*command, shared, true);
-  command->add_flag(
-      "--explain", options->explain,
-      "then repeat the run with one choice changed at a time, to show what the force depends on");
+  command->add_flag("--explain", options->explain, "then show what the force depends on, choice by choice");
   command->add_flag(slicer_flag, shared.slicer, "as 3D Slicer gives options and reads progress")->group("");
   command->add_option("--returnparameterfile", options->return_parameters)->group("");
   options->flags.add(*command, "run");

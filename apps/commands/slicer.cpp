@@ -112,8 +112,8 @@ std::string slicer_xml() {
                 fmt::format(fmt::runtime(channel), "input") + "      <index>0</index>\n") +
       parameter("directory", "", "out", "--out", "Results folder",
                 "a folder of its own for the force curve, the pictures and the files for ParaView", output) +
-      parameter("boolean", "", "force", "--force", "Replace results",
-                "replace the results of an earlier run in the folder", "      <default>true</default>\n") +
+      parameter("boolean", "", "force", "--force", "Replace results", "replace the results of an earlier run",
+                "      <default>true</default>\n") +
       parameter("boolean", " hidden=\"true\"", "slicer", slicer_flag, "Progress for 3D Slicer",
                 "write progress to stdout, and treat default values as not given",
                 "      <default>true</default>\n");

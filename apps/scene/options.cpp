@@ -155,7 +155,7 @@ std::vector<Option> load_options(Config& c) {
        .most = 1e5, .least_excluded = true, .stage = "solve", .common = true, .help = "speed of the tool"},
       {.key = "load.contact", .flag = "--contact", .value = &c.load.contact,
        .choices = {"bonded", "frictionless"}, .stage = "solve", .common = true,
-       .help = "bonded: the tissue moves with the contact patch; frictionless: it slides under the patch"},
+       .help = "bonded: the tissue moves with the patch; frictionless: it slides"},
       {.key = "load.self_contact", .flag = "--self-contact", .value = &c.load.self_contact,
        .choices = {"auto", "off", "on"}, .stage = "solve",
        .help = "on: folds and cuts that close come into contact without friction, in equilibrium; off: their "

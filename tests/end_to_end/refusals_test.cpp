@@ -204,7 +204,7 @@ TEST_F(Refusal, OfAMaterialThatCannotBe) {
   run(2, "--set material.ogden_mu_Pa=-5 --set material.ogden_alpha=2", {"add up to -5"});
   run(2, "--set material.mooney_c01=106Pa", {"c01 is 106 Pa, more than mu/2, 105"});
   run(2, "--set material.mooney_c01=50Pa --set material.ogden_mu_Pa=100 --set material.ogden_alpha=2",
-      {"with another law"});
+      {"numbers of two laws"});
   run(2, "--preset nobody_1999", {"nobody_1999", "miller_chinzei_2002"});
   run(2, "--scheme horton2007 --stress printed --set material.mooney_c01=50Pa",
       {"the printed stress is of a neo-Hookean tissue", "Mooney-Rivlin"});

@@ -145,7 +145,7 @@ TEST_F(Run, SaysWhyItsErrorBoundsAreUnknown) {
       {"--nodes 999", "not calibrated below 1000 nodes"},
       {"--nodes 1000 --rim 0.1", "default --rim"},
       {"--nodes 1000 --time explicit --rate 20mm/s", "not calibrated for dynamics"},
-      {"--nodes 1000 --contact frictionless", "bonded"},
+      {"--nodes 1000 --contact frictionless", "frictionless contact patch"},
       {"--nodes 1000 --preset miller_chinzei_2002", "viscoelastic tissue"},
       {"--nodes 1000 --nu 0.4", "nu outside 0.45 to 0.499"}};
   for (const auto& [options, reason] : why) {
@@ -179,7 +179,7 @@ TEST_F(Run, TooFastForEquilibriumIsSampledAndWarnsWhereTheBaseDoesNotBearTheForc
 
 TEST_F(Run, AsksForTheUnitOfNumbersThatLookLikeMetresOrKilopascals) {
   const std::string scene = "run brain.nrrd -o out --force --nodes 400 --frames 1 --write force --band off ";
-  const std::string question = "are the units of ";
+  const std::string question = "check the units of ";
   for (const auto& [numbers, of] : std::vector<std::pair<std::string, std::string>>{
            {"--depth 0.008", "--depth"},
            {"--depth 1mm --mu 0.21", "the material"},

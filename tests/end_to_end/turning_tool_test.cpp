@@ -140,20 +140,21 @@ TEST(SceneWithATurn, AboutAPlaceSinksAndGoesAsideAsThatSays) {
 TEST(SceneWithATurn, WhatMakesNoTurnIsRefusedInWords) {
   const fs::path folder = with_block();
   const std::string run = scene + " -o out --write force", turn = "--set step.t.turn=0,9,0 ";
-  expect_refusals(folder, run + rod,
-                  {{2, "--set step.t.turn=0,91,0", {"step.t.turn_deg", "91 degrees", "90 degrees at most"}},
-                   {2, "--set step.t.turn=60,0,70", {"92.2 degrees"}},
-                   {2, "--set step.t.turn=20deg", {"1 numbers", "rotation vector"}},
-                   {2, "--set step.t.turn=0,nan,0", {"turn_deg", "finite"}},
-                   {2, "--set step.t.turn=0,20mm,0", {"turn_deg", "deg, rad"}},
-                   {2, "--set step.t.turn=0,0,0", {"turns by zero"}},
-                   {2, "--set step.t.about=0,0,40", {"step.t.about_mm", "does not turn"}},
-                   {2, turn + "--set step.t.about=0,40", {"step.t.about_mm", "2 numbers"}},
-                   {2, turn + "--set step.t.about=1e9,0,0", {"step 't'", "the body's size"}},
-                   {2, turn + "--set support.r.on=15,0,20,5 --set step.t.moves=r", {"turns 'r'", "straight"}},
-                   {2,
-                    turn + "--set tool.b.shape=sphere:3mm --set tool.b.at=15,0,20 --set step.t.moves=b",
-                    {"turns 'b'", "straight"}}});
+  expect_refusals(
+      folder, run + rod,
+      {{2, "--set step.t.turn=0,91,0", {"step.t.turn_deg", "91 degrees", "90 degrees at most"}},
+       {2, "--set step.t.turn=60,0,70", {"92.2 degrees"}},
+       {2, "--set step.t.turn=20deg", {"1 numbers", "rotation vector"}},
+       {2, "--set step.t.turn=0,nan,0", {"turn_deg", "finite"}},
+       {2, "--set step.t.turn=0,20mm,0", {"turn_deg", "deg, rad"}},
+       {2, "--set step.t.turn=0,0,0", {"turns by zero"}},
+       {2, "--set step.t.about=0,0,40", {"step.t.about_mm", "does not turn"}},
+       {2, turn + "--set step.t.about=0,40", {"step.t.about_mm", "2 numbers"}},
+       {2, turn + "--set step.t.about=1e9,0,0", {"step 't'", "the body's size"}},
+       {2, turn + "--set support.r.on=15,0,20,5 --set step.t.moves=r", {"turns 'r'", "translate"}},
+       {2,
+        turn + "--set tool.b.shape=sphere:3mm --set tool.b.at=15,0,20 --set step.t.moves=b",
+        {"turns 'b'", "translate"}}});
   expect_refusals(
       folder, run + " --tool capsule:3mm,length=6mm",
       {{2, "--set step.more.move=3.5mm --set step.t.turn=0,60,0", {"along its axis", "longer tool"}}});

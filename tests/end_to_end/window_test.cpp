@@ -569,7 +569,7 @@ TEST(Poke, RefusesAPathThatIsNone) {
   const fs::path folder = folder_with_brain();
   for (const auto& [csv, word] : {std::pair{"time_s,force_N\n0,1\n1,2\n", "depth_mm"},
                                   {"time_s,depth_mm\n0,1\n", "1 row"},
-                                  {"time_s,depth_mm\n0,1\n0,2\n", "rises"},
+                                  {"time_s,depth_mm\n0,1\n0,2\n", "increase"},
                                   {"time_s,depth_mm\n0,1\n9000,2\n", "9000 s"}}) {
     write_file(folder / "path.csv", csv);
     ends_with(folder, 3, "poke brain.nrrd --script path.csv -q", {word});
