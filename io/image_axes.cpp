@@ -33,16 +33,16 @@ Mat3 nearest_rotation(const Mat3& m) {
 
 }  // namespace
 
-AxisOrder nearest_to_LPS(const Mat3& linear) {
+StoredAxes nearest_to_LPS(const Mat3& linear) {
   const Mat3 unit = linear.colwise().normalized();
   constexpr double equal = 1e-4;  // headers of one image differ by less
-  AxisOrder best;
+  StoredAxes best;
   Mat3 best_axes = Mat3::Zero();
   bool found = false;
   std::array<int, 3> stored{0, 1, 2};
   do {
     for (int signs = 0; signs < 8; ++signs) {
-      AxisOrder order{stored, {(signs & 1) != 0, (signs & 2) != 0, (signs & 4) != 0}};
+      StoredAxes order{stored, {(signs & 1) != 0, (signs & 2) != 0, (signs & 4) != 0}};
       Mat3 axes;
       for (int c = 0; c < 3; ++c) {
         const auto a = static_cast<std::size_t>(c);
@@ -57,7 +57,7 @@ AxisOrder nearest_to_LPS(const Mat3& linear) {
   return best;
 }
 
-std::string letters(const AxisOrder& order) {
+std::string letters(const StoredAxes& order) {
   std::string text(3, '?');
   for (std::size_t c = 0; c < 3; ++c)
     text[static_cast<std::size_t>(order.stored[c])] = (order.flipped[c] ? "RAI" : "LPS")[c];

@@ -226,7 +226,7 @@ void take_rows(LabelImage& image, const StoredImage& stored, const Walk& walk, c
 LabelImage canonical(const StoredImage& stored, const fs::path& file) {
   check_geometry(stored.to_world, file);
   const double rounded = check_voxels(stored, file);
-  const AxisOrder order = nearest_to_LPS(stored.to_world.linear());
+  const StoredAxes order = nearest_to_LPS(stored.to_world.linear());
   const Mat3& linear = stored.to_world.linear();
 
   LabelImage image;
