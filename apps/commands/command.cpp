@@ -147,8 +147,7 @@ void add_common(CLI::App& command, Invocation& shared) {
 void add_time_limit(CLI::App& command, Invocation& shared) {
   command
       .add_option("--time-limit", shared.time_limit,
-                  "end after this time, as Ctrl-C does, with the best state so far and exit code 130, for "
-                  "instance 60s, 5min, 2h [none]")
+                  "end after this time, as Ctrl-C does, with exit code 130: 60s, 5min, 2h [none]")
       ->type_name("TIME");
 }
 
