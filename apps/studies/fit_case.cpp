@@ -135,7 +135,8 @@ std::vector<std::vector<FitParameter>> searches_of(const std::string& of, const 
     return {{negative}, {positive}};
   }
   if (of == "mu,limit")
-    return {{{.name = "limit", .unit = "", .start = 2.0, .least = 0.05, .most = 200.0, .logarithmic = true}}};
+    return {
+        {{.name = "limit", .unit = "", .start = 2.0, .least = 0.005, .most = 200.0, .logarithmic = true}}};
   const double duration = curve.depth.back() / ramp_rate(curve);
   return {{{.name = "g", .unit = "", .start = 0.5, .least = 0.01, .most = 0.99},
            {.name = "tau",

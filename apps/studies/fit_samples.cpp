@@ -33,7 +33,7 @@
 namespace dimple {
 namespace {
 
-constexpr int grid_size = 13;
+constexpr int grid_size = 17;
 constexpr int most_looks = 200;
 constexpr double none = std::numeric_limits<double>::quiet_NaN();
 
