@@ -16,7 +16,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Largest depth, the same as in the options [mm].
+// Largest depth [m], the same as in the options.
 constexpr double deepest_m = 1.0;
 
 [[noreturn]] void refuse_run(const fs::path& file, const std::string& fact, const std::string& why,
@@ -105,7 +105,7 @@ MeasuredCurve loading_in(const fs::path& file, const std::vector<double>& depth,
   if (const std::size_t after = depth.size() - last - 1; after > 0)
     curve.left_out =
         fmt::format("{} of {} rows, after the largest depth of {:g} mm, are left out: they are not loading",
-                    after, depth.size(), *deepest);
+                    after, depth.size(), 1e3 * *deepest);
   double sum = 0.0;
   for (const double f : curve.force) sum += f;
   if (!(sum > 0.0))

@@ -63,7 +63,7 @@ void report_first_contact(const RunLog& log, const Scene& scene, const Model& mo
       (contact_radius(indenter.shape, middle) < radius ? low : until) = middle;
     }
   }
-  if (until < 0.01 * depth) return;  // a flat end touches with all of it at once
+  if (until < 0.01 * depth) return;  // a flat end is in contact with all of its area at once
   if (until < 0.2 * depth)
     return log.say(
         fmt::format("contact  up to a depth of {} the contact radius is less than {:g} node spacings; the "
@@ -101,10 +101,10 @@ TimeMode time_of(const Scene& scene, const RunLog& log, const LoadedModel& resul
     check_without_equilibrium(scene);
     return TimeMode::explicit_;
   }
-  Loading at_the_rate = result.loading;  // without what says how long it lasts
+  Loading at_the_rate = result.loading;  // without steps of a given duration
   std::erase_if(at_the_rate.steps, [](const Step& step) { return step.duration > 0.0; });
   TimeMode mode = choose_time(result.model, result.tissues, at_the_rate);
-  // Whoever names no speed asks for the force of equilibrium.
+  // Without a given speed, the force is that of equilibrium.
   if (!scene.given.rate || (!result.loading.steps.empty() && at_the_rate.steps.empty()))
     mode = TimeMode::quasi_static;
   if (mode != TimeMode::quasi_static && result.loading.indenter)

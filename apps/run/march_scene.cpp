@@ -27,8 +27,8 @@ namespace {
 std::unique_ptr<ForceSystem> force_system(const Scene& scene, LoadedModel& result) {
   const Stopwatch readying;
   auto system = std::make_unique<ForceSystem>(result.model, result.tissues, scene.solver.precision);
-  result.model.dphi.resize(
-      3, 0);  // the system has them in a layout of its own; twice is 0.4 GB at 100,000 nodes
+  // The system has the gradients in a layout of its own; both would take 0.4 GB at 100,000 nodes.
+  result.model.dphi.resize(3, 0);
   give_back_memory();
   stop_if_requested();
   result.complete_s += readying.seconds();
@@ -40,7 +40,7 @@ void report_lost_contact(const RunLog& log, const Result& result) {
   constexpr double nothing = 1e-6;  // of the largest force: the search for equilibrium has a tolerance
   const std::vector<ForceSample>& force = result.history.force;
   if (!result.loading.indenter || force.empty()) return;
-  const auto size = [](const ForceSample& sample) {  // one that sticks may pull, and across its push
+  const auto size = [](const ForceSample& sample) {  // without slip it may pull, also laterally
     return Eigen::Map<const Wrench>(sample.on_tool.data()).head<3>().norm();
   };
   double largest = 0.0;
@@ -145,7 +145,7 @@ class Watched {
         rocking_(result.model),
         closing_(result.model, 1e-3 * scene.image.cut_gap_mm) {
     if (place_ && from && from->u.cols() > 0)
-      result.followed->u = displacement_at(*place_, from->u);  // no frame may be left
+      result.followed->u = displacement_at(*place_, from->u);  // there may be no further frame
     hears_.frame = [this](const Frame& frame) { see(frame); };
   }
   Watched(const Watched&) = delete;

@@ -297,7 +297,7 @@ constexpr auto all_clashes = std::to_array<Clash>({
 constexpr auto all_needs = std::to_array<Need>({
     {F::fit, F::proportional_force, "the modulus of this case cannot be fitted to a force", "dimple fit",
      "the fit needs a force that is proportional to the modulus: ",
-     "fit one tissue of neo-Hookean or Ogden's law in equilibrium (--time quasi-static)"},
+     "fit one tissue of neo-Hookean, Ogden's or Gent's law in equilibrium (--time quasi-static)"},
     {F::uncertain_mu, F::proportional_force, mu_in_words, "--mu (material.mu_spread_percent)", "", two_runs},
     {F::accuracy, F::error_bounds, "the accuracy of this run cannot be estimated",
      "--accuracy (accuracy.goal) or --budget (accuracy.budget_s)",

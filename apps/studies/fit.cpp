@@ -30,12 +30,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Multiplies all constants of the law by a factor.
-void multiply(Scene& scene, double factor) {
-  scene.material.mu_Pa *= factor;
-  for (double& mu : scene.material.ogden_mu_Pa) mu *= factor;
-}
-
 std::optional<HalfSpaceCheck> half_space_check(const LoadedModel& result, const MeasuredCurve& curve,
                                                double first_contact_at, double nu) {
   if (!result.loading.indenter || !result.origin) return std::nullopt;
@@ -93,7 +87,8 @@ std::vector<double> unit_forces(Runs& runs, const MeasuredCurve& curve, const st
     runs.progress(
         fmt::format("run {:>3}  {} {:.4g}", runs.count, runs.of.substr(3), fmt::join(numbers, ", ")));
   const double contact_mm = runs.of == mu_and_contact ? numbers[0] : 0.0;
-  return scaled(forces_later(runs.last, curve.depth, 1e-3 * contact_mm), 1.0 / material_of(one).mu);
+  return scaled(forces_later(force_curve_of(runs.last), curve.depth, 1e-3 * contact_mm),
+                1.0 / material_of(one).mu);
 }
 
 // Fits from each start, the best first. A start without equilibrium is skipped if another has one.
@@ -117,19 +112,6 @@ std::vector<CurveFit> fits_of(Runs& runs, const MeasuredCurve& curve) {
   std::stable_sort(fits.begin(), fits.end(),
                    [](const CurveFit& a, const CurveFit& b) { return a.sum2 < b.sum2; });
   return fits;
-}
-
-// Refuses a fit in which inertia matters; that depends on the modulus, which is available only after the fit.
-void require_no_inertia(const Scene& given, const FoundFit& found) {
-  const Result& result = found.result;
-  // A contacting tool is slow unless its rate is given.
-  if (given.solver.time != Scene::Numerics::Time::automatic ||
-      (result.loading.indenter && !found.scene.given.rate) ||
-      choose_time(result.model, {materials_of(found.scene), result.tissues.of_point}, result.loading) ==
-          TimeMode::quasi_static)
-    return;
-  require_proportional(fmt::format("with the fitted {} the load is so short that inertia is not negligible",
-                                   stress_in_words(found.fit.number[0].value)));
 }
 
 // Case and run with the numbers of the best fit.
@@ -164,8 +146,9 @@ void add_errors(FoundFit& found, const MeasuredCurve& curve, const std::string& 
   add_discretisation(found.fit, curve.depth, fraction_of_error_bounds(result, curve, found.fit));
   if (of == mu_and_contact) return;
   const double off = off_first_contact(curve.depth.back());
-  add_first_contact(found.fit, curve.force, scaled(forces_later(result, curve.depth, -off), found.stiffer),
-                    scaled(forces_later(result, curve.depth, off), found.stiffer));
+  add_first_contact(found.fit, curve.force,
+                    scaled(forces_later(force_curve_of(result), curve.depth, -off), found.stiffer),
+                    scaled(forces_later(force_curve_of(result), curve.depth, off), found.stiffer));
 }
 
 void warn_of_residuals(FoundFit& found, const MeasuredCurve& curve, const std::string& of) {
@@ -208,7 +191,7 @@ Outcome fit(const Description& described, const FitOptions& options, const fs::p
   Runs runs{.own = scene, .of = options.of, .progress = progress, .warnings = warnings_of(curve, scene)};
   const std::vector<CurveFit> fits = fits_of(runs, curve);
   FoundFit found = found_with(own, runs, fits.front());
-  require_no_inertia(given, found);
+  require_no_inertia(given, found.scene, found.result);
   add_errors(found, curve, options.of);
   const double first_contact_at = first_contact_of(found, options.of);
   if (options.of == mu_and_contact) found.scene.depth_mm = 1e3 * (curve.depth.back() - first_contact_at);

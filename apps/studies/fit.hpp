@@ -17,11 +17,12 @@ inline constexpr Index nodes_for_one_run = 4000;
 inline constexpr const char* mu_and_contact = "mu,touch";
 
 struct FitOptions {
-  std::string of = "mu";        ///< "mu", mu_and_contact, "mu,alpha", "mu,g,tau"
+  std::string of = "mu";        ///< see fit_numbers()
   std::filesystem::path curve;  ///< see read_measured_curve()
 };
 
-/// Fits a material's numbers to a measured curve: fit.csv, fit.png, fit.svg, fitted.toml, summary.json.
+/// Fits a material's numbers to a measured curve: fit.csv, fit.png, fit.svg, fitted.toml, summary.json; to a
+/// file of many curves by fit_samples().
 /// `described`: the image and all options except these numbers and the depth, and the rate if the curve has
 /// no times. Throws UsageError: the force is not proportional to one modulus, or a number that follows from
 /// the curve is given; InputError: the curve; what simulate() throws; Stopped.

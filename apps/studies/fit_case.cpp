@@ -41,6 +41,15 @@ void require_long_tool(const std::optional<ToolShape>& tool, double depth_mm, co
          .code = "bad-curve"});
 }
 
+[[noreturn]] void refuse_fit(const std::string& why) {
+  throw UsageError(
+      {.fact = "the modulus of this case cannot be fitted to a force",
+       .where = "dimple fit",
+       .why = "the fit needs a force that is proportional to the modulus: " + why,
+       .remedy =
+           "fit one tissue of neo-Hookean, Ogden's or Gent's law in equilibrium (--time quasi-static)"});
+}
+
 }  // namespace
 
 // A row for each set; its search stands in searches_of(), its member of the scene in with_numbers().
@@ -71,22 +80,10 @@ void refuse_paper_values(const std::filesystem::path& curve) {
                     .remedy = "dimple run IMAGE -o OUT --compare horton2007"});
 }
 
-void require_proportional(const std::string& why) {
-  if (why.empty()) return;
-  throw UsageError(
-      {.fact = "the modulus of this case cannot be fitted to a force",
-       .where = "dimple fit",
-       .why = "the fit needs a force that is proportional to the modulus: " + why,
-       .remedy = "fit one tissue of neo-Hookean or Ogden's law in equilibrium (--time quasi-static)"});
-}
-
-// The place of the first touch is looked for in the forces of one run, as the modulus is.
 bool takes_one_run(const std::string& of) {
   return of == "mu" || of == mu_and_contact;
 }
 
-// The options of the case that the curve belongs to, but for the numbers that are sought. `given`: the scene
-// of `described`.
 Description case_of(const Description& described, const Scene& given, const FitOptions& options,
                     const MeasuredCurve& curve) {
   check_pairs(given, Feature::fit);
@@ -111,6 +108,22 @@ Description case_of(const Description& described, const Scene& given, const FitO
   return own;
 }
 
+void multiply(Scene& scene, double factor) {
+  scene.material.mu_Pa *= factor;
+  for (double& mu : scene.material.ogden_mu_Pa) mu *= factor;
+}
+
+void require_no_inertia(const Scene& given, const Scene& found, const Result& result) {
+  // A contacting tool is slow unless its rate is given.
+  if (given.solver.time != Scene::Numerics::Time::automatic ||
+      (result.loading.indenter && !found.given.rate) ||
+      choose_time(result.model, {materials_of(found), result.tissues.of_point}, result.loading) ==
+          TimeMode::quasi_static)
+    return;
+  refuse_fit(fmt::format("with the fitted {} the load is so short that inertia is not negligible",
+                         stress_in_words(material_of(found).mu)));
+}
+
 Scene with_numbers(Scene scene, const std::string& of, const std::vector<double>& numbers) {
   auto& m = scene.material;
   if (of == "mu,alpha") m.ogden_mu_Pa = {m.mu_Pa}, m.ogden_alpha = {numbers[0]};
@@ -119,8 +132,6 @@ Scene with_numbers(Scene scene, const std::string& of, const std::vector<double>
   return scene;
 }
 
-// Parameters sought in addition to mu; for alpha one search for each sign, because the energy has no alpha
-// between.
 std::vector<std::vector<FitParameter>> searches_of(const std::string& of, const MeasuredCurve& curve) {
   if (of == "mu") return {{}};
   if (of == mu_and_contact) {
@@ -147,7 +158,7 @@ std::vector<std::vector<FitParameter>> searches_of(const std::string& of, const 
             .logarithmic = true}}};
 }
 
-// `auto` is decided when the modulus is known.
+// `auto` is quasi-static here: require_no_inertia() decides once the modulus is known.
 Result march(Scene scene, bool error_bounds) {
   using Time = Scene::Numerics::Time;
   if (scene.solver.time == Time::automatic) scene.solver.time = Time::quasi_static;
@@ -166,11 +177,13 @@ void add_new(std::vector<std::string>& list, const std::vector<std::string>& mor
     if (std::find(list.begin(), list.end(), line) == list.end()) list.push_back(line);
 }
 
-// Forces at the depths of the curve, for a first contact `later` [m] than their zero.
-std::vector<double> forces_later(const Result& result, std::vector<double> depth, double later) {
+std::vector<double> forces_later(const ForceCurve& curve, std::vector<double> depth, double later) {
   for (double& d : depth) d = std::max(0.0, d - later);
-  return result.loading.indenter ? contact_forces(result.history.force, depth)
-                                 : forces_between(result.history.force, depth);
+  return curve.contacting ? contact_forces(curve.force, depth) : forces_between(curve.force, depth);
+}
+
+ForceCurve force_curve_of(const Result& result) {
+  return {.contacting = result.loading.indenter != nullptr, .force = result.history.force};
 }
 
 // Relative half-width of the force's error bounds, as it affects the fit. For the bonded patch, the largest

@@ -22,8 +22,9 @@ struct FitNumbers {
 const FitNumbers& fit_numbers(const std::string& of);
 /// Throws UsageError: the curve is the word for the paper's values.
 void refuse_paper_values(const std::filesystem::path& curve);
-/// Throws UsageError with that reason; empty: the force is proportional to one modulus.
-void require_proportional(const std::string& why);
+/// Refuses a fit in which inertia matters; that depends on the modulus, which is known only after the fit.
+/// `given`, `found`: the scene before the fit and with its modulus. Throws UsageError.
+void require_no_inertia(const Scene& given, const Scene& found, const Result& result);
 
 /// True if the numbers are found from the forces of one run: the modulus, and the position of first contact.
 bool takes_one_run(const std::string& of);
@@ -36,10 +37,18 @@ Scene with_numbers(Scene scene, const std::string& of, const std::vector<double>
 /// Parameters sought in addition to mu; for alpha two searches, one for each sign, as the energy has no alpha
 /// between them.
 std::vector<std::vector<FitParameter>> searches_of(const std::string& of, const MeasuredCurve& curve);
+/// Multiplies all constants of the law by a factor.
+void multiply(Scene& scene, double factor);
 /// Runs a scene in equilibrium. Throws what simulate() throws, and Stopped.
 Result march(Scene scene, bool error_bounds);
-/// Forces of the model at the curve's depths [N], where the tool first touches `later` [m] after their zero.
-std::vector<double> forces_later(const Result& result, std::vector<double> depth, double later);
+/// Forces of a run, and whether they are those of a contacting tool, which interpolate differently.
+struct ForceCurve {
+  bool contacting = false;
+  std::vector<ForceSample> force;
+};
+ForceCurve force_curve_of(const Result& result);
+/// Forces of the model at these depths [N], for a first contact `later` [m] than their zero.
+std::vector<double> forces_later(const ForceCurve& curve, std::vector<double> depth, double later);
 /// Relative half-width of the force's error bounds, as the fit weighs it.
 double fraction_of_error_bounds(const Result& result, const MeasuredCurve& curve, const CurveFit& fit);
 

@@ -1,13 +1,15 @@
 // Fits of many curves that were measured in one scene.
 //
-// 1. The run is as deep as the deepest curve. Its force is proportional to mu; a further number of the law
-// has a run for
-//    each value of a grid, even in its logarithm (Ogden's exponent one grid for each sign).
-// 2. Forces at a curve's depths come from each run; between two values of the grid they follow the cubic
+// 1. The run is as deep as the deepest curve, and as fast. Its force is proportional to mu. A further number
+// of the
+//    law has a run for each value of a grid, even in its logarithm; Ogden's exponent has a grid for each
+//    sign.
+// 2. Each run gives forces at the depths of a curve. Between values of the grid they follow the cubic
 // polynomial
 //    through the four nearest, in the logarithm.
 // 3. Each curve is fitted by fit_curve(), as a single one is.
-// 4. The half-width by discretisation is that of the run with a neo-Hookean tissue.
+// 4. The half-width by discretisation is that of the run with a neo-Hookean tissue, weighed as by the deepest
+// curve.
 
 #include "apps/studies/fit_samples.hpp"
 
@@ -37,52 +39,64 @@ constexpr int grid_size = 17;
 constexpr int most_looks = 200;
 constexpr double none = std::numeric_limits<double>::quiet_NaN();
 
-// Runs of one search: of the scene, or of each value of its parameter for which there is an equilibrium.
+// Forces of one search: of one run, or of a run for each value of its parameter that has an equilibrium.
 struct Library {
-  std::vector<FitParameter> sought;  // none, or one
-  std::vector<double> at;            // logarithm of the parameter's amount, rising
-  std::vector<Result> run;
-  double mu = 0.0;  // [Pa] that the runs were made with
+  std::vector<FitParameter> sought = {};  // none, or one
+  std::vector<double> at = {};            // logarithm of the parameter's amount, rising
+  std::vector<ForceCurve> run = {};
+  double mu = 0.0;  // [Pa] of the runs
 };
 
 double log_amount(double number) {
   return std::log(std::abs(number));
 }
 
-Library library_of(const Scene& own, const std::string& of, const std::vector<FitParameter>& sought,
+Library library_of(const Scene& own, const std::string& of, const FitParameter& s,
                    const std::function<void(const std::string&)>& progress,
                    std::vector<std::string>& warnings) {
-  Library library;
-  library.sought = sought;
-  library.mu = own.material.mu_Pa;
-  if (takes_one_run(of)) {
-    library.run.push_back(march(own, own.error_bounds));
-    add_new(warnings, library.run.front().warnings);
-    return library;
-  }
-  const FitParameter& s = sought.front();
+  Library library{.sought = {s}, .mu = own.material.mu_Pa};
   const double least = log_amount(s.least), most = log_amount(s.most);
   for (int k = 0; k < grid_size; ++k) {
     const double at = least + (most - least) * k / (grid_size - 1);
     const double number = std::copysign(std::exp(at), s.start);
     try {
-      library.run.push_back(march(with_numbers(own, of, {number}), false));
+      const Result result = march(with_numbers(own, of, {number}), false);
+      library.run.push_back(force_curve_of(result));
       library.at.push_back(at);
-      add_new(warnings, library.run.back().warnings);
+      add_new(warnings, result.warnings);
       progress(fmt::format("run      {} {:.4g}", s.name, number));
     } catch (const SolveError& error) {
       progress(fmt::format("run      {} {:.4g} is left out: {}", s.name, number, error.report.fact));
     }
   }
-  if (library.at.size() < 4) library = {};
   return library;
+}
+
+// `one`: the run with a neo-Hookean tissue. A grid with fewer than four runs is left out.
+std::vector<Library> libraries_of(const Scene& own, const std::string& of, const MeasuredCurve& deepest,
+                                  const Result& one, const std::function<void(const std::string&)>& progress,
+                                  std::vector<std::string>& warnings) {
+  std::vector<Library> libraries;
+  for (const std::vector<FitParameter>& sought : searches_of(of, deepest)) {
+    if (takes_one_run(of))
+      libraries.push_back({.sought = sought, .run = {force_curve_of(one)}, .mu = own.material.mu_Pa});
+    else if (Library library = library_of(own, of, sought.front(), progress, warnings);
+             library.at.size() >= 4)
+      libraries.push_back(std::move(library));
+  }
+  if (libraries.empty())
+    throw SolveError({.fact = "fewer than four values of the number sought have an equilibrium",
+                      .where = "--of " + of,
+                      .why = "the fits interpolate between runs",
+                      .remedy = "fit shallower curves, or use more --nodes"});
+  return libraries;
 }
 
 // Forces at a curve's depths with a modulus of 1 Pa, as fit_curve() requests them.
 class ForcesOf {
  public:
   ForcesOf(const Library& library, const MeasuredCurve& curve) : library_(library), curve_(curve) {
-    for (const Result& run : library.run) of_run_.push_back(at_depths(run, 0.0));
+    for (const ForceCurve& run : library.run) of_run_.push_back(at_depths(run, 0.0));
   }
 
   std::vector<double> operator()(const std::vector<double>& numbers) const {
@@ -92,7 +106,7 @@ class ForcesOf {
   }
 
  private:
-  std::vector<double> at_depths(const Result& run, double later) const {
+  std::vector<double> at_depths(const ForceCurve& run, double later) const {
     return scaled(forces_later(run, curve_.depth, later), 1.0 / library_.mu);
   }
 
@@ -117,10 +131,11 @@ class ForcesOf {
   std::vector<std::vector<double>> of_run_;
 };
 
-// The best fit of one curve over all searches; nothing where it has none.
-std::optional<CurveFit> best_fit(const std::vector<Library>& libraries, const Result& neo_hookean,
-                                 double fraction, const MeasuredCurve& curve) {
-  std::optional<CurveFit> best;
+// The best fit of one curve over all searches; nothing where it has none. `fraction`: relative half-width of
+// the force by discretisation; none: not known.
+std::optional<CurveFit> best_fit(const std::vector<Library>& libraries, std::optional<double> fraction,
+                                 const MeasuredCurve& curve) {
+  std::vector<CurveFit> fits;
   for (const Library& library : libraries) try {
       const ForcesOf forces(library, curve);
       std::vector<FitParameter> sought = library.sought;
@@ -128,14 +143,16 @@ std::optional<CurveFit> best_fit(const std::vector<Library>& libraries, const Re
         sought[0].least = std::copysign(std::exp(library.at.front()), sought[0].start);
         sought[0].most = std::copysign(std::exp(library.at.back()), sought[0].start);
       }
-      CurveFit fit = fit_curve(curve.depth, curve.force, sought, forces, most_looks);
-      if (!best || fit.sum2 < best->sum2) best = std::move(fit);
+      fits.push_back(fit_curve(curve.depth, curve.force, sought, forces, most_looks));
     } catch (const InputError&) {  // no positive modulus
     }
-  if (!best) return best;
-  const bool known = neo_hookean.error_bounds.known();
-  if (known) add_discretisation(*best, curve.depth, fraction);
-  conclude(*best, known);
+  if (fits.empty()) return std::nullopt;
+  std::stable_sort(fits.begin(), fits.end(),
+                   [](const CurveFit& a, const CurveFit& b) { return a.sum2 < b.sum2; });
+  CurveFit& best = fits.front();
+  if (fraction) add_discretisation(best, curve.depth, *fraction);
+  conclude(best, fraction.has_value());
+  if (fits.size() > 1 && alike(best, fits[1])) best.number[1].determined = false;  // the sign of alpha
   return best;
 }
 
@@ -150,13 +167,19 @@ double quantile(std::vector<double> list, double q) {
                                  : list.back();
 }
 
+double median_of(const Table& table, const std::string& column) {
+  return quantile(*table.find(column), 0.5);
+}
+
+std::string column_of(const FitParameter& s, const std::string& limit = "") {
+  return s.name + limit + (s.unit.empty() ? "" : "_" + s.unit);
+}
+
 Table table_of(const std::vector<std::optional<CurveFit>>& fits, const std::vector<MeasuredCurve>& curves,
                const std::vector<FitParameter>& sought) {
   Table table{.header = {"sample", "mu_Pa", "mu_low_Pa", "mu_high_Pa"}, .column = {}};
-  for (const FitParameter& s : sought) {
-    const std::string unit = s.unit.empty() ? "" : "_" + s.unit;
-    table.header.insert(table.header.end(), {s.name + unit, s.name + "_low" + unit, s.name + "_high" + unit});
-  }
+  for (const FitParameter& s : sought)
+    table.header.insert(table.header.end(), {column_of(s), column_of(s, "_low"), column_of(s, "_high")});
   table.header.insert(table.header.end(), {"determined", "rms_N", "rms_of_largest_force"});
   table.column.resize(table.header.size());
   for (std::size_t k = 0; k < fits.size(); ++k) {
@@ -178,7 +201,7 @@ Table table_of(const std::vector<std::optional<CurveFit>>& fits, const std::vect
   return table;
 }
 
-// Share of the samples whose number is below x, as a curve.
+// Fraction of the samples whose number is below x, as a curve.
 ChartSeries distribution(std::vector<double> list) {
   std::erase_if(list, [](double x) { return !std::isfinite(x); });
   std::sort(list.begin(), list.end());
@@ -222,10 +245,10 @@ std::vector<Chart> charts_of(const std::string& name, const Table& table,
     charts.push_back({.title = s.name,
                       .x_label = s.unit.empty() ? s.name : fmt::format("{} [{}]", s.name, s.unit),
                       .y_label = "fraction of samples below",
-                      .series = {distribution(table.column[4])}});
+                      .series = {distribution(*table.find(column_of(s)))}});
   charts.push_back({.title = "mean residual",
                     .subtitle = {fmt::format("measured - model; median rms {:.2f} % of the largest force",
-                                             100.0 * quantile(*table.find("rms_of_largest_force"), 0.5))},
+                                             100.0 * median_of(table, "rms_of_largest_force"))},
                     .x_label = "indentation / largest indentation",
                     .y_label = "residual [% of the largest force]",
                     .series = {mean_residual(fits, curves)}});
@@ -245,6 +268,68 @@ Json spread_of(const std::vector<double>& list) {
   return json;
 }
 
+// Warnings about the curves, once for all samples.
+std::vector<std::string> warnings_of(const std::vector<MeasuredCurve>& curves, const MeasuredCurve& deepest,
+                                     const Scene& own) {
+  std::vector<std::string> warnings;
+  const auto count = [&](auto member) {
+    return std::count_if(curves.begin(), curves.end(),
+                         [&](const MeasuredCurve& curve) { return !(curve.*member).empty(); });
+  };
+  if (const auto some = count(&MeasuredCurve::left_out); some > 0)
+    warnings.push_back(
+        fmt::format("rows after the largest depth are left out in {} of {} samples: they are not loading",
+                    some, curves.size()));
+  if (const auto some = count(&MeasuredCurve::averaged); some > 0)
+    warnings.push_back(
+        fmt::format("means of successive rows are used in {} of {} samples", some, curves.size()));
+  if (!own.material.prony_g.empty())
+    warnings.push_back(fmt::format("the tissue relaxes: all samples use {} mm/s, the speed of {}",
+                                   plain(own.rate_mm_per_s),
+                                   deepest.time.empty() ? "the options" : deepest.name));
+  return warnings;
+}
+
+Json summary_of(const FitOptions& options, const Scene& scene, const Table& table,
+                const std::vector<FitParameter>& sought, std::optional<double> fraction) {
+  const std::vector<double>&mu = *table.find("mu_Pa"), &determined = *table.find("determined");
+  Json summary;
+  summary["image"] = scene.image.file;
+  summary["curve"] = options.curve.string();
+  summary["curve_sha256"] = sha256_of_file(options.curve);
+  summary["status"] = "finished";
+  summary["version"] = DIMPLE_VERSION;
+  summary["of"] = options.of;
+  summary["samples"] = table.rows();
+  summary["samples_without_fit"] =
+      std::count_if(mu.begin(), mu.end(), [](double x) { return std::isnan(x); });
+  summary["samples_determined"] = std::count(determined.begin(), determined.end(), 1.0);
+  summary["mu_Pa"] = spread_of(mu);
+  for (const FitParameter& s : sought) summary["numbers"][s.name] = spread_of(*table.find(column_of(s)));
+  summary["rms_of_largest_force"] = spread_of(*table.find("rms_of_largest_force"));
+  summary["discretisation_share"] = fraction ? Json(*fraction) : Json();
+  return summary;
+}
+
+std::string headline_of(const Table& table, const std::vector<FitParameter>& sought) {
+  const std::vector<double>& mu = *table.find("mu_Pa");
+  std::string headline = fmt::format("{} samples: median mu {}, half of them {} to {}", table.rows(),
+                                     stress_in_words(quantile(mu, 0.5)), stress_in_words(quantile(mu, 0.25)),
+                                     stress_in_words(quantile(mu, 0.75)));
+  for (const FitParameter& s : sought)
+    headline += fmt::format("; median {} {}", s.name, plain(median_of(table, column_of(s)), 3));
+  return headline + fmt::format("; median rms {:.2f} % of the largest force",
+                                100.0 * median_of(table, "rms_of_largest_force"));
+}
+
+// Inertia matters most for the softest sample, whose waves are slowest.
+void require_slow_for_softest(const Scene& given, Scene found, const Table& table, const Result& result) {
+  const double softest = quantile(*table.find("mu_Pa"), 0.0);
+  if (!std::isfinite(softest)) return;
+  multiply(found, softest / material_of(found).mu);
+  require_no_inertia(given, found, result);
+}
+
 }  // namespace
 
 Outcome fit_samples(const Description& described, const FitOptions& options,
@@ -260,71 +345,38 @@ Outcome fit_samples(const Description& described, const FitOptions& options,
       *std::max_element(curves.begin(), curves.end(),
                         [](const auto& a, const auto& b) { return a.depth.back() < b.depth.back(); });
   const Scene given = resolve(described);
-  const Description own = case_of(described, given, options, deepest);
-  const Scene scene = resolve(own);
-  std::vector<std::string> warnings;
-  std::vector<Library> libraries;
-  for (const std::vector<FitParameter>& sought : searches_of(options.of, deepest)) {
-    Library library = library_of(scene, options.of, sought, progress, warnings);
-    if (!library.run.empty()) libraries.push_back(std::move(library));
+  const Scene scene = resolve(case_of(described, given, options, deepest));
+  std::vector<std::string> warnings = warnings_of(curves, deepest, scene);
+  const Result one = march(scene, scene.error_bounds);
+  add_new(warnings, one.warnings);
+  const std::vector<Library> libraries = libraries_of(scene, options.of, deepest, one, progress, warnings);
+
+  std::optional<double> fraction;
+  if (one.error_bounds.known()) {
+    CurveFit of_run;
+    of_run.force = forces_later(force_curve_of(one), deepest.depth, 0.0);
+    fraction = fraction_of_error_bounds(one, deepest, of_run);
   }
-  if (libraries.empty())
-    throw SolveError({.fact = "fewer than four values of the number sought have an equilibrium",
-                      .where = "--of " + options.of,
-                      .why = "the fits interpolate between runs",
-                      .remedy = "fit shallower curves, or use more --nodes"});
-  std::optional<Result> own_run;
-  if (!takes_one_run(options.of)) own_run = march(scene, scene.error_bounds);
-  const Result& neo_hookean = own_run ? *own_run : libraries.front().run.front();
-  double fraction = 0.0;
   std::vector<std::optional<CurveFit>> fits;
   for (const MeasuredCurve& curve : curves) {
     stop_if_requested();
-    if (fraction == 0.0) {  // of the deepest, by the forces of the run
-      CurveFit of_run;
-      of_run.force = forces_later(neo_hookean, deepest.depth, 0.0);
-      fraction = fraction_of_error_bounds(neo_hookean, deepest, of_run);
-    }
-    fits.push_back(best_fit(libraries, neo_hookean, fraction, curve));
+    fits.push_back(best_fit(libraries, fraction, curve));
   }
   const std::vector<FitParameter>& sought = libraries.front().sought;
   const Table table = table_of(fits, curves, sought);
-  const std::vector<double>& determined = *table.find("determined");
-  const auto without = std::count(fits.begin(), fits.end(), std::nullopt);
+  require_slow_for_softest(given, scene, table, one);
 
   results.prepare();
   write_csv(folder / "fits.csv", table);
-  const std::string name = options.curve.filename().string();
-  for (const char* file : {"fits.png", "fits.svg"})
-    write_chart(folder / file, charts_of(name, table, sought, fits, curves));
-  Json summary;
-  summary["image"] = scene.image.file;
-  summary["curve"] = options.curve.string();
-  summary["curve_sha256"] = sha256_of_file(options.curve);
-  summary["status"] = "finished";
-  summary["version"] = DIMPLE_VERSION;
-  summary["of"] = options.of;
-  summary["samples"] = curves.size();
-  summary["samples_without_fit"] = without;
-  summary["samples_determined"] = std::count(determined.begin(), determined.end(), 1.0);
-  summary["mu_Pa"] = spread_of(*table.find("mu_Pa"));
-  for (const FitParameter& s : sought) summary["numbers"][s.name] = spread_of(table.column[4]);
-  summary["rms_of_largest_force"] = spread_of(*table.find("rms_of_largest_force"));
-  summary["discretisation_share"] = neo_hookean.error_bounds.known() ? Json(fraction) : Json();
-  summary["nodes"] = neo_hookean.model.node_count();
+  const std::vector<Chart> charts = charts_of(options.curve.filename().string(), table, sought, fits, curves);
+  for (const char* file : {"fits.png", "fits.svg"}) write_chart(folder / file, charts);
+  Json summary = summary_of(options, scene, table, sought, fraction);
+  summary["nodes"] = one.model.node_count();
   summary["warnings"] = warnings;
   const std::string text = as_text(summary);
   write_file(folder / "summary.json", text);
   for (const std::string& warning : warnings) progress("warning: " + warning);
-  std::string headline = fmt::format("{} samples: median mu {}, half of them {} to {}", curves.size(),
-                                     stress_in_words(quantile(*table.find("mu_Pa"), 0.5)),
-                                     stress_in_words(quantile(*table.find("mu_Pa"), 0.25)),
-                                     stress_in_words(quantile(*table.find("mu_Pa"), 0.75)));
-  for (const FitParameter& s : sought)
-    headline += fmt::format("; median {} {}", s.name, plain(quantile(table.column[4], 0.5), 3));
-  headline += fmt::format("; median rms {:.2f} % of the largest force",
-                          100.0 * quantile(*table.find("rms_of_largest_force"), 0.5));
-  return {.summary_json = text, .headline = headline};
+  return {.summary_json = text, .headline = headline_of(table, sought)};
 }
 
 }  // namespace dimple

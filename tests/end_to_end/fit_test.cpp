@@ -156,10 +156,12 @@ TEST_F(Fit, OfManySamplesGivesEachItsModulusAndTheLimitOfGentsLaw) {
     for (std::size_t k = 0; k < rows; ++k)
       curves << sample << ',' << 1e3 * (*made.find("indentation_mm"))[k] << ','
              << 1e3 * factor * (*made.find("force_N"))[k] << '\n';
+  curves << "9,100,0\n";  // its tool goes back
   curves.close();
   const Ran ran =
       good("fit " + block + " -o gent --curve curves.csv --of mu,limit --set accuracy.band=off" + scene);
   EXPECT_THAT(ran.out, HasSubstr("3 samples: median mu"));
+  EXPECT_THAT(ran.err, HasSubstr("left out in 1 of 3 samples"));
   const Table fits = read_csv(folder / "gent" / "fits.csv");
   ASSERT_EQ(fits.rows(), 3u);
   EXPECT_THAT(*fits.find("sample"), testing::ElementsAre(7.0, 8.0, 9.0));
@@ -179,9 +181,18 @@ TEST_F(Fit, OfManySamplesGivesEachItsModulusAndTheLimitOfGentsLaw) {
   EXPECT_NEAR((*plain.find("mu_Pa"))[1], 2.0 * (*plain.find("mu_Pa"))[0], 1e-6 * (*plain.find("mu_Pa"))[1]);
   EXPECT_GT((*plain.find("rms_of_largest_force"))[1], 3.0 * (*fits.find("rms_of_largest_force"))[1]);
   EXPECT_EQ(summary("plain")["samples_without_fit"], 0);
+  // One sample alone is fitted as a curve is; the row after its largest depth is named in millimetres.
+  write("back.csv", "indentation_mm,force_N\n1,0.01\n2,0.03\n3,0.06\n1,0\n");
+  EXPECT_THAT(good("fit " + block + " -o back --curve back.csv --set accuracy.band=off" + scene).err,
+              HasSubstr("after the largest depth of 3 mm"));
   refused(2, "fit " + block + " -o no --curve curves.csv --of mu,g,tau" + scene,
           {"a Prony term is sought for many"});
   refused(3, "run " + block + " -o no --compare curves.csv" + scene, {"the file holds 3 curves"});
+  refused(2,
+          "fit " + block +
+              " -o no --curve curves.csv --set accuracy.band=off --nodes 400 --tool sphere:8mm --rate 2m/s",
+          {"inertia is not negligible", "Gent's law"});
+  EXPECT_FALSE(fs::exists(folder / "no" / "fits.csv"));
 }
 
 TEST_F(Fit, AsksForTheUnitsWhereItsModulusIsOfNoSoftTissue) {
