@@ -136,15 +136,16 @@ def draw(file, grid, mean, drawn):
         axes[0, 1].hist(fits["mu_Pa"][np.isfinite(fits["mu_Pa"])], bins=np.linspace(0, 2500, 51), histtype="step", color=hue, label=law)
         axes[1, 0].hist(100 * fits["rms_of_largest_force"], bins=np.linspace(0, 10, 51), histtype="step", color=hue, label=law)
         axes[1, 1].plot(at, brain, color=hue, label=law)
-    for name, force in PAPER.items():
+    for (name, force), up in zip(PAPER.items(), (0, -6, 4)):
         axes[1, 1].plot([8.0], [force], "s", markersize=4, color="#5a6068")
-        axes[1, 1].annotate(name, (8.0, force), (-4, 4), textcoords="offset points", ha="right", fontsize=7)
+        axes[1, 1].annotate(f"{name}, {force} N", (8.0, force), (-6, up), textcoords="offset points", ha="right", va="center", fontsize=7)
+    axes[1, 1].set_ylim(0, 0.3)
     for axis, title, x, y in zip(axes.flat, ("mean curve of the slices", "shear modulus", "residual", "phantom brain, 210 Pa"),
                                  ("indentation [um]", "mu [Pa]", "rms [% of the largest force]", "indentation [mm]"),
                                  ("force [nN]", "samples", "samples", "force [N]")):
         axis.set(title=title, xlabel=x, ylabel=y)
-        axis.legend(frameon=False, fontsize=7)
-    figure.savefig(file, dpi=150)
+        axis.legend(frameon=False, fontsize=7, loc="upper left" if axis in (axes[0, 0], axes[1, 1]) else "upper right")
+    figure.savefig(file, dpi=110)
 
 
 if __name__ == "__main__":
