@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <vector>
 
 #include "io/stop.hpp"
 #include "preprocess/side_by_side.hpp"
@@ -60,6 +61,18 @@ View::View(const BodySurface& the_body, const Moments& moments, const Vec3& alon
   place.row(2) = -approach.transpose() * body->vertex();
   low = place.topRows<2>().rowwise().minCoeff();
   high = place.topRows<2>().rowwise().maxCoeff();
+  const Triangles& triangles = body->triangles();
+  block.resize(4, (triangles.cols() + in_block - 1) / in_block);
+  for (Index b = 0; b < block.cols(); ++b) {
+    Eigen::Vector2d least = high, greatest = low;
+    for (Index t = in_block * b; t < std::min(in_block * (b + 1), triangles.cols()); ++t)
+      for (int k = 0; k < 3; ++k) {
+        const auto corner = place.col(triangles(k, t)).head<2>();
+        least = least.cwiseMin(corner);
+        greatest = greatest.cwiseMax(corner);
+      }
+    block.col(b) << least, greatest;
+  }
 }
 
 double HeightMap::between(const Eigen::Vector2d& p) const {
@@ -76,11 +89,24 @@ double HeightMap::between(const Eigen::Vector2d& p) const {
 
 namespace {
 
-// Highest crossing of the lines along the approach direction, on entry (`met`) or on exit.
-void highest(const View& view, bool met, const HeightMap& map, Eigen::ArrayXXd& sheet) {
+// Blocks of triangles that meet the map, or nearly.
+std::vector<Index> blocks_under(const View& view, const HeightMap& map) {
+  const Eigen::Array2d low = map.corner.array() - map.step,
+                       high = map.place(map.height.rows(), map.height.cols());
+  std::vector<Index> blocks;
+  for (Index b = 0; b < view.block.cols(); ++b)
+    if ((view.block.col(b).tail<2>().array() >= low).all() &&
+        (view.block.col(b).head<2>().array() <= high).all())
+      blocks.push_back(b);
+  return blocks;
+}
+
+// Highest crossing of the lines along the approach direction by one of these triangles, on entry (`met`) or
+// on exit.
+void highest(const View& view, Index first_triangle, Index end, bool met, const HeightMap& map,
+             Eigen::ArrayXXd& sheet) {
   const Triangles& triangles = view.body->triangles();
-  for (Index t = 0; t < triangles.cols(); ++t) {
-    if (t % 8192 == 0) stop_if_requested();
+  for (Index t = first_triangle; t < end; ++t) {
     if (met != (view.body->normal().col(t).dot(view.approach) < 0.0)) continue;
     const Vec3 a = view.place.col(triangles(0, t)), b = view.place.col(triangles(1, t)),
                c = view.place.col(triangles(2, t));
@@ -118,7 +144,15 @@ HeightMap height_map(const View& view, const Eigen::Vector2d& corner, double ste
   HeightMap map{corner, step, Eigen::ArrayXXd::Constant(rows, columns, none),
                 Eigen::ArrayXXd::Constant(rows, columns, none)};
   Eigen::ArrayXXd& leaves = map.thickness;  // first the height at which the line leaves the body
-  side_by_side([&] { highest(view, true, map, map.height); }, [&] { highest(view, false, map, leaves); });
+  const std::vector<Index> blocks = blocks_under(view, map);
+  const auto fill = [&](bool met, Eigen::ArrayXXd& sheet) {
+    for (const Index b : blocks) {
+      stop_if_requested();
+      highest(view, View::in_block * b, std::min(View::in_block * (b + 1), view.body->triangles().cols()),
+              met, map, sheet);
+    }
+  };
+  side_by_side([&] { fill(true, map.height); }, [&] { fill(false, leaves); });
   map.thickness = (map.height - leaves).max(0.0);
   return map;
 }

@@ -24,6 +24,8 @@ struct View {
   Vec3 approach, u, v;
   Points place;               ///< [3xV] the vertices as (u, v, w) [mm]
   Eigen::Vector2d low, high;  ///< of its outline
+  Eigen::Matrix4Xd block;     ///< [4xB] of each `in_block` triangles in turn: least u and v, greatest u and v
+  static constexpr Index in_block = 64;
   Eigen::Vector2d flat(const Vec3& x) const { return {x.dot(u), x.dot(v)}; }
   Vec3 at(const Eigen::Vector2d& p, double w) const { return p.x() * u + p.y() * v - w * approach; }
 };
@@ -43,7 +45,8 @@ struct HeightMap {
   double outline() const { return step * step * static_cast<double>(height.isFinite().count()); }
 };
 
-/// The map of `rows` x `columns` places from `corner` on. Visits each triangle, and each place in it, once.
+/// The map of `rows` x `columns` places from `corner` on. Visits the triangles of the blocks that it meets, and
+/// each place in them, once.
 HeightMap height_map(const View& view, const Eigen::Vector2d& corner, double step, Index rows, Index columns);
 /// The map of the whole outline.
 HeightMap height_map(const View& view, double step);
