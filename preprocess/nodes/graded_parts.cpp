@@ -13,20 +13,22 @@ namespace dimple {
 namespace {
 
 // Subdivides a triangle until the spacing is nearly constant on each part.
-void subdivide(const SmallTriangle& t, const Sizing& sizing, double far_spacing, std::size_t room,
-               GradedFacets& result) {
-  if (result.triangle.size() > room) return;
+// `of`: the surface's triangle; `whole`: t is all of it.
+void subdivide(const SmallTriangle& t, int of, bool whole, const Sizing& sizing, double far_spacing,
+               std::size_t room, GradedFacets& result) {
+  if (result.facet.size() > room) return;
   const double longest = std::max({(t.b - t.a).norm(), (t.c - t.b).norm(), (t.a - t.c).norm()});
   const Vec3 middle = (t.a + t.b + t.c) / 3.0;
   // No corner is farther from the middle than two thirds of a median, which is shorter than the longest edge.
-  const auto [here, least] = sizing.around(middle, 0.67 * longest);
+  const auto [here, least, distance, finer] = sizing.around(middle, 0.67 * longest);
   // The spacing at a corner may be much less than in the middle.
   const auto small_enough = [&](double s) { return longest <= 0.7 * far_spacing * s; };
   if (sizing.even() || (small_enough(here) &&
                         (small_enough(least) || (small_enough(sizing(t.a)) && small_enough(sizing(t.b)) &&
                                                  small_enough(sizing(t.c)))))) {
-    result.triangle.push_back(t);
-    result.sizing.push_back(here);
+    result.facet.push_back(
+        {of, whole ? -1 : static_cast<int>(result.part.size()), t.area, here, distance, finer});
+    if (!whole) result.part.push_back(t);
     return;
   }
   // A sliver, as fans of triangles have them, is cut across: its quarters would be as slim, and many.
@@ -36,7 +38,7 @@ void subdivide(const SmallTriangle& t, const Sizing& sizing, double far_spacing,
     const Vec3 across = 0.5 * (turned.a + turned.b);
     for (const SmallTriangle& part : {SmallTriangle{turned.a, across, turned.c, t.normal, 0.5 * t.area},
                                       SmallTriangle{across, turned.b, turned.c, t.normal, 0.5 * t.area}})
-      subdivide(part, sizing, far_spacing, room, result);
+      subdivide(part, of, false, sizing, far_spacing, room, result);
     return;
   }
   const Vec3 ab = 0.5 * (t.a + t.b), bc = 0.5 * (t.b + t.c), ca = 0.5 * (t.c + t.a);
@@ -44,10 +46,21 @@ void subdivide(const SmallTriangle& t, const Sizing& sizing, double far_spacing,
   for (const SmallTriangle& part :
        {SmallTriangle{t.a, ab, ca, t.normal, quarter}, SmallTriangle{ab, t.b, bc, t.normal, quarter},
         SmallTriangle{ca, bc, t.c, t.normal, quarter}, SmallTriangle{ab, bc, ca, t.normal, quarter}})
-    subdivide(part, sizing, far_spacing, room, result);
+    subdivide(part, of, false, sizing, far_spacing, room, result);
+}
+
+SmallTriangle whole_triangle(const BodySurface& body, Index t) {
+  const auto corner = [&](int k) { return body.vertex().col(body.triangles()(k, t)); };
+  return {corner(0), corner(1), corner(2), body.normal().col(t), body.triangle_area()[t]};
 }
 
 }  // namespace
+
+SmallTriangle triangle_of(const BodySurface& body, const GradedFacets& facets, std::size_t k) {
+  const GradedFacets::Facet& facet = facets.facet[k];
+  return facet.part < 0 ? whole_triangle(body, facet.triangle)
+                        : facets.part[static_cast<std::size_t>(facet.part)];
+}
 
 std::optional<GradedFacets> facets_of(const BodySurface& body, const Sizing& sizing, double far_spacing,
                                       std::size_t most) {
@@ -61,16 +74,19 @@ std::optional<GradedFacets> facets_of(const BodySurface& body, const Sizing& siz
     if (all > room) return;
     const Index first = block * static_cast<Index>(part);
     for (Index t = first; t < std::min(first + block, count); ++t)
-      subdivide({body.vertex().col(body.triangles()(0, t)), body.vertex().col(body.triangles()(1, t)),
-                 body.vertex().col(body.triangles()(2, t)), body.normal().col(t), body.triangle_area()[t]},
-                sizing, far_spacing, room, parts[part]);
-    all += parts[part].triangle.size();
+      subdivide(whole_triangle(body, t), static_cast<int>(t), true, sizing, far_spacing, room, parts[part]);
+    all += parts[part].facet.size();
   });
   if (all > room) return std::nullopt;
   GradedFacets result;
+  result.facet.reserve(all);
   for (const GradedFacets& part : parts) {
-    result.triangle.insert(result.triangle.end(), part.triangle.begin(), part.triangle.end());
-    result.sizing.insert(result.sizing.end(), part.sizing.begin(), part.sizing.end());
+    const auto before = static_cast<int>(result.part.size());
+    for (GradedFacets::Facet facet : part.facet) {
+      if (facet.part >= 0) facet.part += before;
+      result.facet.push_back(facet);
+    }
+    result.part.insert(result.part.end(), part.part.begin(), part.part.end());
   }
   return result;
 }

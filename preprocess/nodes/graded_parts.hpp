@@ -13,11 +13,17 @@ struct SmallTriangle {
   double area;  ///< [mm^2]
 };
 
-/// Triangles with nearly constant spacing, and the sizing in the middle of each.
+/// Triangles with nearly constant spacing: the surface's own, and parts of large ones.
 struct GradedFacets {
-  std::vector<SmallTriangle> triangle;
-  std::vector<double> sizing;
+  struct Facet {
+    int triangle, part;              ///< of the surface; of `part`, or -1
+    double area;                     ///< [mm^2]
+    double sizing, distance, finer;  ///< in its middle
+  };
+  std::vector<Facet> facet;
+  std::vector<SmallTriangle> part;
 };
+SmallTriangle triangle_of(const BodySurface& body, const GradedFacets& facets, std::size_t k);
 
 /// Nothing if more than `most` triangles are necessary in addition to the surface's own. Throws Stopped.
 std::optional<GradedFacets> facets_of(const BodySurface& body, const Sizing& sizing, double far_spacing,

@@ -121,17 +121,10 @@ Measured measure(const BodySurface& body, const Sizing& sizing, double rough_spa
     const auto facets = facets_of(body, sizing, rough_spacing, most);
     if (!facets) continue;
     Measured result;
-    result.boxes.resize(boxes->leaf.size());
-    tbb::parallel_for(std::size_t{0}, result.boxes.size(), [&](std::size_t k) {
-      const Vec3& x = boxes->leaf[k].centre;
-      result.boxes[k] = {boxes->size[k], sizing.distance(x), sizing.finer(x)};
-    });
-    result.facets.resize(facets->triangle.size());
-    tbb::parallel_for(std::size_t{0}, result.facets.size(), [&](std::size_t k) {
-      const SmallTriangle& t = facets->triangle[k];
-      const Vec3 x = (t.a + t.b + t.c) / 3.0;
-      result.facets[k] = {t.area, sizing.distance(x), sizing.finer(x)};
-    });
+    for (std::size_t k = 0; k < boxes->leaf.size(); ++k)
+      result.boxes.push_back({boxes->size[k], boxes->leaf[k].distance, boxes->leaf[k].finer});
+    for (const GradedFacets::Facet& facet : facets->facet)
+      result.facets.push_back({facet.area, facet.distance, facet.finer});
     return result;
   }
   throw patch_edge_too_fine(sizing);
@@ -140,19 +133,17 @@ Measured measure(const BodySurface& body, const Sizing& sizing, double rough_spa
 std::vector<Vec3> surface_candidates(const BodySurface& body, const GradedFacets& facets,
                                      const Boundary& boundary, Index count, const Sizing& sizing,
                                      double far_spacing, std::mt19937_64& random) {
-  const std::vector<SmallTriangle>& triangles = facets.triangle;
   std::vector<Vec3> result;
-  std::vector<double> cumulated(triangles.size());
+  std::vector<double> cumulated;
   double area = 0.0;
-  for (std::size_t t = 0; t < triangles.size(); ++t) {
-    const double s = facets.sizing[t];
-    cumulated[t] = area += triangles[t].area / (s * s);
-  }
+  for (const GradedFacets::Facet& facet : facets.facet)
+    cumulated.push_back(area += facet.area / (facet.sizing * facet.sizing));
   for (Index k = 0; k < count; ++k) {
     if (k % 4096 == 0) stop_if_requested();
     const double at = (static_cast<double>(k) + uniform(random)) / static_cast<double>(count) * area;
     const auto found = std::upper_bound(cumulated.begin(), cumulated.end(), at) - cumulated.begin();
-    const SmallTriangle& t = triangles[std::min(static_cast<std::size_t>(found), triangles.size() - 1)];
+    const SmallTriangle t =
+        triangle_of(body, facets, std::min(static_cast<std::size_t>(found), cumulated.size() - 1));
     double u = uniform(random), v = uniform(random);
     if (u + v > 1.0) u = 1.0 - u, v = 1.0 - v;
     const Vec3 x = t.a + u * (t.b - t.a) + v * (t.c - t.a);
@@ -177,7 +168,8 @@ std::vector<Vec3> inner_candidates(const BodySurface& body, Index count, const S
     boxes = std::move(*found);
     double sum = 0.0;
     for (std::size_t k = 0; k < boxes.leaf.size(); ++k)
-      worth.push_back(sum += boxes.size[k] / std::pow(sizing(boxes.leaf[k].centre), 3));
+      worth.push_back(sum +=
+                      boxes.size[k] / std::pow(sizing.at(boxes.leaf[k].distance, boxes.leaf[k].finer), 3));
   }
   const auto anywhere = [&]() -> Vec3 {
     if (!in_boxes) return lower + in_unit_box().cwiseProduct(size);
@@ -364,9 +356,9 @@ double free_area_of(const BodySurface& body, const Boundary& boundary, const Siz
   if (sizing.even())
     return std::max(body.area() - std::numbers::pi * std::pow(boundary.radius + 0.5 * h, 2), 0.0);
   double area = 0.0;
-  for (std::size_t k = 0; k < facets.triangle.size(); ++k) {
-    const SmallTriangle& t = facets.triangle[k];
-    const double s = facets.sizing[k];
+  for (std::size_t k = 0; k < facets.facet.size(); ++k) {
+    const SmallTriangle t = triangle_of(body, facets, k);
+    const double s = facets.facet[k].sizing;
     if (!near_patch(body, boundary, (t.a + t.b + t.c) / 3.0, t.normal, 0.5 * h * s)) area += t.area / (s * s);
   }
   return area;

@@ -4,7 +4,9 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
+#include <cstdint>
 #include <cstring>
 #include <limits>
 #include <numbers>
@@ -50,19 +52,59 @@ DIMPLE_CLONES double corner_distances2(const Vec3& x, const double* corner, doub
   return std::min(std::min(least[0], least[1]), std::min(least[2], least[3]));
 }
 
+// Bits of the edges of which an end is nearer than the limit; `distance2`: of the corners, with the first one
+// repeated at the end.
+DIMPLE_CLONES std::uint64_t near_edges(const double* distance2, double limit2) {
+  using Four = double __attribute__((vector_size(32)));
+  using Bits = std::int64_t __attribute__((vector_size(32)));
+  Bits near = {0, 0, 0, 0}, place = {1, 2, 4, 8};
+  for (Index k = 0; k < patch_edge_corners; k += 4) {
+    Four from, to;
+    std::memcpy(&from, distance2 + k, sizeof from);
+    std::memcpy(&to, distance2 + k + 1, sizeof to);
+    near |= ((from < limit2) | (to < limit2)) & place;
+    place <<= 4;
+  }
+  return static_cast<std::uint64_t>(near[0] | near[1] | near[2] | near[3]);
+}
+
+// Sizings from which on a box is not too large, and surely small.
+struct Limits {
+  double enough, ample;
+};
+
+// The least sizing from which on `holds`, which holds for all larger ones; infinite if not even for 1.
+template <class Holds>
+double least_with(const Holds& holds) {
+  if (!holds(1.0)) return std::numeric_limits<double>::infinity();
+  auto low = std::bit_cast<std::uint64_t>(0.0), high = std::bit_cast<std::uint64_t>(1.0);
+  while (high - low > 1) {
+    const std::uint64_t middle = low + (high - low) / 2;
+    (holds(std::bit_cast<double>(middle)) ? high : low) = middle;
+  }
+  return std::bit_cast<double>(high);
+}
+
+// Limits for boxes of one volume: the requested one, which is costly, is then needed for none of them.
+Limits limits_for(double volume, const std::function<double(double)>& requested) {
+  return {least_with([&](double s) { return volume <= too_large * requested(s); }),
+          least_with([&](double s) { return volume < 0.3 * requested(s); })};
+}
+
 // Is the box larger than `too_large` times the least volume requested in its middle and towards its corners?
 // For most boxes the sizing's slope decides that from the middle alone.
-bool must_halve(const Leaf& box, const Sizing& sizing, const std::function<double(double)>& requested) {
+bool must_halve(Leaf& box, const Sizing& sizing, const Limits& limits) {
   constexpr double towards = 0.7;  // of the distance to the corners
-  const double volume = box.volume(), reach = towards * box.half.norm();
+  const double reach = towards * box.half.norm();
   const Sizing::Bounds s = sizing.around(box.centre, reach);
-  const double middle = requested(s.here);
-  if (volume > too_large * middle) return true;
-  if (volume < 0.3 * middle || volume <= too_large * requested(s.least)) return false;
+  box.distance = s.distance;
+  box.finer = s.finer;
+  if (s.here < limits.enough) return true;
+  if (s.here >= limits.ample || s.least >= limits.enough) return false;
   for (int corner = 0; corner < 8; ++corner) {
     const Vec3 sign(corner & 1 ? towards : -towards, corner & 2 ? towards : -towards,
                     corner & 4 ? towards : -towards);
-    if (volume > too_large * requested(sizing(box.centre + sign.cwiseProduct(box.half)))) return true;
+    if (sizing(box.centre + sign.cwiseProduct(box.half)) < limits.enough) return true;
   }
   return false;
 }
@@ -112,12 +154,10 @@ double Sizing::distance_to_one(const Vec3& x, double farthest) const {
   corner2[patch_edge_corners] = corner2[0];
   if (nearest2 > square(1.000001 * (farthest + longest_edge_))) return beyond;
   const double limit2 = 1.000001 * (nearest2 + 0.25 * square(longest_edge_));
-  for (std::size_t k = 0; k < patch_edge_corners; ++k)
-    if (std::min(corner2[k], corner2[k + 1]) < limit2) {
-      const auto c = static_cast<Index>(k);
-      nearest2 = std::min(nearest2, distance2_to_segment(x, patch_edge_.col(c),
-                                                         patch_edge_.col((c + 1) % patch_edge_corners)));
-    }
+  for (std::uint64_t edges = near_edges(corner2.data(), limit2); edges != 0; edges &= edges - 1) {
+    const Index c = std::countr_zero(edges), next = c + 1 < patch_edge_corners ? c + 1 : 0;
+    nearest2 = std::min(nearest2, distance2_to_segment(x, patch_edge_.col(c), patch_edge_.col(next)));
+  }
   return std::sqrt(nearest2);
 }
 
@@ -148,14 +188,14 @@ Sizing Sizing::with_edge_spacing(double patch_edge) const {
 }
 
 Sizing::Bounds Sizing::around(const Vec3& x, double radius) const {
-  if (even()) return {1.0, 1.0};
+  if (even()) return {1.0, 1.0, std::numeric_limits<double>::infinity(), 1.0};
   const double distance = distance_to_patch_edge(x, reach_ + radius);
   const double f = finer(x);
   // A little less than the slopes allow, for rounding. Between lattice points f is linear: sqrt(3) times its
   // slope.
   const double steepest = path_ ? std::numbers::sqrt3 * path_->slope() : 0.0;
   const double least = std::max(0.0, f - 1.000001 * steepest * radius);
-  return {at(distance, f), at(distance - 1.000001 * radius, least) - 1e-9};
+  return {at(distance, f), at(distance - 1.000001 * radius, least) - 1e-9, distance, f};
 }
 
 std::optional<std::vector<Leaf>> bisect(const BodySurface& body, double edge, const Sizing& sizing,
@@ -180,6 +220,7 @@ std::optional<std::vector<Leaf>> bisect(const BodySurface& body, double edge, co
   // Level by level, so that the costly distances to the surface are computed in parallel.
   while (!level.empty()) {
     if (level.size() + leaves.size() > most) return std::nullopt;
+    const Limits limits = limits_for(level.front().volume(), requested);  // all of one size
     enum Fate : char { outside, done, halve };
     std::vector<Fate> fate(level.size());
     tbb::parallel_for(std::size_t{0}, level.size(), [&](std::size_t k) {
@@ -192,7 +233,7 @@ std::optional<std::vector<Leaf>> bisect(const BodySurface& body, double edge, co
         }
         box.cut = false;
       }
-      fate[k] = must_halve(box, sizing, requested) ? halve : done;
+      fate[k] = must_halve(box, sizing, limits) ? halve : done;
     });
     std::vector<Leaf> next;
     for (std::size_t k = 0; k < level.size(); ++k) {

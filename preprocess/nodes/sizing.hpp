@@ -41,9 +41,9 @@ class Sizing {
   double patch_edge_length() const;           ///< [mm]; 0 if even
 
   struct Bounds {
-    double here, least;
+    double here, least, distance, finer;
   };
-  /// Value at x, and a lower bound within the radius [mm].
+  /// Value at x, a lower bound within the radius [mm], and what the value at x is made of.
   Bounds around(const Vec3& x, double radius) const;
 
  private:
@@ -65,8 +65,9 @@ class Sizing {
 
 /// Part of a body: a box of the background grid.
 struct Leaf {
-  Vec3 centre, half;  ///< [mm]
-  bool cut = false;   ///< the surface may pass through it; otherwise it is inside
+  Vec3 centre, half;                   ///< [mm]
+  bool cut = false;                    ///< the surface may pass through it; otherwise it is inside
+  double distance = 0.0, finer = 1.0;  ///< of the sizing, in the centre
   double volume() const { return 8.0 * half.prod(); }
 };
 
