@@ -201,15 +201,22 @@ std::vector<Vec3> inner_candidates(const BodySurface& body, Index count, const S
 // Neighbour lists of the nodes, valid as long as no node has moved far.
 class Company {
  public:
-  explicit Company(double reach) : reach_(reach) {}
+  // `steepest`: largest change of the spacing per length.
+  Company(double reach, double steepest) : reach_(reach), steepest_(steepest) {}
 
   void follow(const NodeSet& node_set) {
     if (around_.size() == static_cast<std::size_t>(node_set.X.cols())) {
       const auto moved = (node_set.X - X_).colwise().norm().transpose().eval();
-      const double most = moved.maxCoeff();
-      bool close = true;  // may two within reach be missing in the list?
-      for (Index a = node_set.fixed_count; a < node_set.X.cols() && close; ++a)
-        close = reach_ * node_set.spacing[a] + moved[a] + most < radius_[a];
+      const double most = moved.maxCoeff(),
+                   most_spacings = (moved.array() / node_set.spacing.array()).maxCoeff();
+      bool close = true;  // false: two within reach may be missing in the list
+      for (Index a = node_set.fixed_count; a < node_set.X.cols() && close; ++a) {
+        const double within = reach_ * node_set.spacing[a];
+        // Another node that is within reach has hardly a larger spacing, and has moved no farther than this.
+        const double other =
+            std::min(most, 1.000001 * most_spacings * (node_set.spacing[a] + steepest_ * within));
+        close = within + moved[a] + other < radius_[a];
+      }
       if (close) return;
     }
     X_ = node_set.X;
@@ -229,18 +236,19 @@ class Company {
 
  private:
   static constexpr double margin = 0.5;  // spacings
-  double reach_;
+  double reach_, steepest_;
   Points X_;
   Eigen::VectorXd radius_;
   std::vector<std::vector<int>> around_;
 };
 
 // Jacobi sweeps of a soft repulsion that ends at 1.7 spacings; surface nodes are projected onto the surface.
-void spread_out(const BodySurface& body, const Boundary& boundary, const Spacing& spacing,
+// `steepest`: largest change of the spacing per length.
+void spread_out(const BodySurface& body, const Boundary& boundary, const Spacing& spacing, double steepest,
                 NodeSet& node_set) {
   constexpr double reach = 1.7;
   Eigen::VectorXd& h = node_set.spacing;
-  Company company(far_enough * reach);
+  Company company(far_enough * reach, steepest);
   Eigen::VectorXd depth =
       Eigen::VectorXd::Zero(node_set.X.cols());  // of inner nodes: lower bound of the distance to the surface
   // Position after the part of `move` that keeps the node inside, or x.
@@ -481,7 +489,7 @@ NodeSet make_node_set(const BodySurface& body, const Boundary& boundary, const S
   node_set.X = to_points(placed);
   node_set.spacing.resize(node_set.X.cols());
   for (Index a = 0; a < node_set.X.cols(); ++a) node_set.spacing[a] = spacing(node_set.X.col(a));
-  spread_out(body, boundary, spacing, node_set);
+  spread_out(body, boundary, spacing, h * sizing.steepest(), node_set);
   if (options.jitter > 0.0) shake(body, options.jitter, random, node_set);
 
   mark_base(body, boundary, node_set);

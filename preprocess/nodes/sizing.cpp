@@ -198,6 +198,11 @@ Sizing::Bounds Sizing::around(const Vec3& x, double radius) const {
   return {at(distance, f), at(distance - 1.000001 * radius, least) - 1e-9, distance, f};
 }
 
+double Sizing::steepest() const {
+  if (whole_patch_) return std::numeric_limits<double>::infinity();  // at the rim of the cylinder above it
+  return even() ? 0.0 : slope_ + (path_ ? std::numbers::sqrt3 * path_->slope() : 0.0);
+}
+
 std::optional<std::vector<Leaf>> bisect(const BodySurface& body, double edge, const Sizing& sizing,
                                         const std::function<double(double)>& requested, std::size_t most) {
   if (!(edge > 0.0)) return std::nullopt;

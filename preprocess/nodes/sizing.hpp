@@ -40,6 +40,9 @@ class Sizing {
   double least() const { return fraction_; }  ///< at the edge of the patch
   double patch_edge_length() const;           ///< [mm]; 0 if even
 
+  /// Largest change per length [1/mm]; infinite if unknown.
+  double steepest() const;
+
   struct Bounds {
     double here, least, distance, finer;
   };
