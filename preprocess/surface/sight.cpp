@@ -23,6 +23,12 @@ double distance_to_surface(const SurfaceCells& surface, const Vec3& x) {
   return surface.nearest(x, nearest);
 }
 
+// Is x farther from the surface than `depth`? The search ends at the first triangle that is surely nearer.
+bool is_deeper(const SurfaceCells& surface, const Vec3& x, double depth) {
+  if (const std::optional<bool> answer = surface.farther(x, depth)) return *answer;
+  return distance_to_surface(surface, x) > depth;
+}
+
 // Outward normal of the wall that a segment crosses; at an end without a crossing, of the nearest wall.
 Vec3 outer_normal(const SurfaceCells& surface, const Vec3& x, std::optional<Index> triangle,
                   const Vec3& segment) {
@@ -44,11 +50,11 @@ bool sees(const SurfaceCells& surface, const Vec3& x, const Vec3& y, double spac
   const auto at = [&](double t) { return Vec3(from + t * whole); };
   const auto divided = [&](double out, std::optional<Index> left, double in, std::optional<Index> entered) {
     if ((in - out) * length < 2.0 * narrowest * spacing) return false;
-    const double depth = distance_to_surface(surface, at(0.5 * (out + in)));
     const double cosine =
         outer_normal(surface, at(out), left, segment).dot(outer_normal(surface, at(in), entered, -segment));
-    if (cosine < facing) return depth > narrowest * spacing;
-    return depth > std::max(shallow * spacing, slope * (in - out) * length);
+    const double deepest =
+        cosine < facing ? narrowest * spacing : std::max(shallow * spacing, slope * (in - out) * length);
+    return is_deeper(surface, at(0.5 * (out + in)), deepest);
   };
   // An end on an edge of the body can leave it with no crossing: it then leaves at the start of the segment.
   double out = 0.0;

@@ -314,17 +314,26 @@ void SurfaceCells::pass(const Vec3& from, const Vec3& to, std::vector<Crossing>&
   while (t <= 1.0) {
     const Vec3 x = from + t * segment;
     const Cell at = cell_of(x);
-    int free = 0;  // rings of cells without a triangle around this one
-    if (in_grid(at)) {
+    // Rings of cells without a triangle around this one, and the exit of the segment from them.
+    const bool known = in_grid(at);
+    const int free = known ? std::max(static_cast<int>(clear_[number(at)]) - 1, 0) : 0;
+    const Vec3 low = origin_ + edge_ * (at - free).cast<double>().matrix(),
+               high = origin_ + edge_ * (at + free + 1).cast<double>().matrix();
+    double next = 2.0;
+    for (int d = 0; d < 3; ++d)
+      if (segment[d] != 0.0)
+        next = std::min(next, ((segment[d] > 0.0 ? high[d] : low[d]) - from[d]) / segment[d]);
+    if (known) {
       const std::size_t c = number(at);
-      free = std::max(static_cast<int>(clear_[c]) - 1, 0);
       for (int m = offset_[c]; m < offset_[c + 1]; ++m) {
         const int triangle = member_[static_cast<std::size_t>(m)];
         const Corners& corner = corner_[static_cast<std::size_t>(triangle)];
-        // For most triangles both ends are surely on one side of the plane.
+        // Most triangles have this part of the segment surely on one side of their plane. Another part may
+        // cross it: in a cell that has the triangle too.
         const Vec3 normal = normal_.col(triangle);
-        const double above = normal.dot(from - corner.a), later = above + normal.dot(segment);
-        if (above * later > 0.0 && std::min(std::abs(above), std::abs(later)) > one_side * size_) continue;
+        const double above = normal.dot(from - corner.a), rise = normal.dot(segment);
+        const double here = above + t * rise, later = above + next * rise;
+        if (here * later > 0.0 && std::min(std::abs(here), std::abs(later)) > one_side * size_) continue;
         // Moeller & Trumbore, J. Graphics Tools 2 (1997) 21; a little beyond the edges, so that none is
         // missed.
         const Vec3 ab = corner.b - corner.a, ac = corner.c - corner.a, p = segment.cross(ac);
@@ -344,14 +353,7 @@ void SurfaceCells::pass(const Vec3& from, const Vec3& to, std::vector<Crossing>&
           crossings.push_back({triangle, place, determinant < 0.0});
       }
     }
-    // Exit of the segment from the known cells.
-    const Vec3 low = origin_ + edge_ * (at - free).cast<double>().matrix(),
-               high = origin_ + edge_ * (at + free + 1).cast<double>().matrix();
-    double next = 2.0;
-    for (int d = 0; d < 3; ++d)
-      if (segment[d] != 0.0)
-        next = std::min(next, ((segment[d] > 0.0 ? high[d] : low[d]) - from[d]) / segment[d]);
-    if (next <= t && !in_grid(at)) break;  // away from the body
+    if (next <= t && !known) break;  // away from the body
     if (to_first_entry && std::any_of(crossings.begin(), crossings.end(),
                                       [&](const Crossing& one) { return !one.leave && one.t <= next; }))
       break;
