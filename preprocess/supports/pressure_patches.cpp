@@ -21,6 +21,7 @@ constexpr double reach = 1.3;  // of a patch, in patch spacings
 constexpr int lloyd_sweeps = 4;
 constexpr double largest_growth = 1e4;  // for points in far corners
 constexpr double far_corner = 3.0;      // from this growth on the nearest patch is used, connected or not
+constexpr double coarse = 0.75;         // least spacing, of the largest, of points with few patches in reach
 constexpr double snap =
     1e-8;  // [m] coordinates that differ by less are ties, broken by number; and a small fraction
 
@@ -28,6 +29,7 @@ struct PointPlaces {
   Points x;               // in the image's axes, [m]
   Eigen::VectorXd h;      // spacing of the nodes around
   Eigen::VectorXd worth;  // V / h^3
+  double largest_h = 0.0;
 };
 
 using Groups = std::vector<std::vector<int>>;
@@ -192,6 +194,7 @@ PointPlaces places_of(const Model& model) {
     places.h[q] = sum / static_cast<double>(model.support.count(q));
     places.worth[q] = model.volume[q] / std::pow(places.h[q], 3);
   });
+  places.largest_h = places.h.maxCoeff();
   return places;
 }
 
@@ -207,9 +210,10 @@ Fraction fraction_of(const Model& model, const PointPlaces& places, const Nearby
                      bool folded) {
   const auto& [patches, tree, largest_radius] = nearby;
   const int most = static_cast<int>(std::min<Index>(40, patches.centre.cols())), few = std::min(most, 20);
-  // Half of them usually reach far enough.
-  std::vector<int> near = tree.nearest(places.x.col(q), few);
-  if ((places.x.col(q) - patches.centre.col(near.back())).norm() < largest_radius)
+  // Half of them usually reach far enough, except where the nodes are finer than elsewhere.
+  const bool fine = places.h[q] < coarse * places.largest_h;
+  std::vector<int> near = tree.nearest(places.x.col(q), fine ? most : few);
+  if (!fine && (places.x.col(q) - patches.centre.col(near.back())).norm() < largest_radius)
     near = tree.nearest(places.x.col(q), most);
   Fraction list;
   // A point in a far corner may be out of reach: radii grow until two patches, or the only one, are met.
