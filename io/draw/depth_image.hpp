@@ -4,6 +4,7 @@
 // picture.cpp only.
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
@@ -136,20 +137,26 @@ class DepthImage {
     static constexpr int dx[ring] = {2, 2, 0, -2, -2, -2, 0, 2, 7, 5, 0, -5, -7, -5, 0, 5};
     static constexpr int dy[ring] = {0, 2, 2, 2, 0, -2, -2, -2, 0, 5, 7, 5, 0, -5, -7, -5};
     const float unit = 1.0F / static_cast<float>(std::max(thickness_mm, 1e-9));
-    for (int y = 0; y < h_; ++y)
-      for (int x = 0; x < w_; ++x) {
-        const float* here = depth_.data() + x + w_ * y;
-        if (*here == nothing) continue;
-        float hidden = 0.0F;
-        for (int n = 0; n < ring; ++n) {
-          const int nx = x + dx[n], ny = y + dy[n];
-          if (nx < 0 || ny < 0 || nx >= w_ || ny >= h_) continue;
-          const float step = (here[dx[n] + w_ * dy[n]] - *here) * unit;
-          if (step > 0.0F) hidden += step < 1.0F ? step : 1.0F;
+    std::vector<float> hidden(static_cast<std::size_t>(w_));
+    for (int y = 0; y < h_; ++y) {
+      const float* here = depth_.data() + w_ * y;
+      std::fill(hidden.begin(), hidden.end(), 0.0F);
+      for (int n = 0; n < ring; ++n) {  // outside, for loops over a row that use vector instructions
+        if (y + dy[n] < 0 || y + dy[n] >= h_) continue;
+        const float* there = here + dx[n] + w_ * dy[n];
+        float* sum = hidden.data();
+        const int last = std::min(w_, w_ - dx[n]);
+        for (int x = std::max(0, -dx[n]); x < last; ++x) {
+          const float step = (there[x] - here[x]) * unit, least = step > 0.0F ? step : 0.0F;
+          sum[x] += least < 1.0F ? least : 1.0F;
         }
-        const float shade = std::exp(-1.1F * hidden / ring);
+      }
+      for (int x = 0; x < w_; ++x) {
+        if (here[x] == nothing) continue;
+        const float shade = std::exp(-1.1F * hidden[static_cast<std::size_t>(x)] / ring);
         canvas.blend(x0_ + x, y0_ + y, colour_[static_cast<std::size_t>(x + w_ * y)] * shade, 1.0);
       }
+    }
   }
 
  private:
@@ -165,14 +172,11 @@ class DepthImage {
 
   /// Light from the upper left in front, some ambient light, a soft highlight. Both sides are lit. (x, y, z)
   /// is the unit normal: right, up, toward the viewer.
-  static Colour lit(const Colour& colour, double x, double y, double z) {
-    static const Vec3 light = Vec3(-0.45, 0.65, 0.75).normalized(),
-                      half = (light + Vec3::UnitZ()).normalized();
-    static const double lx = light.x(), ly = light.y(), lz = light.z();
-    static const double hx = half.x(), hy = half.y(), hz = half.z();
+  Colour lit(const Colour& colour, double x, double y, double z) const {
     if (z < 0.0) x = -x, y = -y, z = -z;
-    const double diffuse = std::max(x * lx + y * ly + z * lz, 0.0), sky = 0.5 + 0.5 * y;
-    const double gloss = std::max(x * hx + y * hy + z * hz, 0.0), gloss2 = gloss * gloss;
+    const double diffuse = std::max(x * light_.x() + y * light_.y() + z * light_.z(), 0.0),
+                 sky = 0.5 + 0.5 * y;
+    const double gloss = std::max(x * half_.x() + y * half_.y() + z * half_.z(), 0.0), gloss2 = gloss * gloss;
     const double gloss8 = gloss2 * gloss2 * gloss2 * gloss2;
     const auto highlight = static_cast<float>(0.14 * gloss8 * gloss8 * gloss8);
     const auto brightness = static_cast<float>(0.40 + 0.16 * sky + 0.54 * diffuse);
@@ -180,6 +184,7 @@ class DepthImage {
     return {part(colour.red), part(colour.green), part(colour.blue)};
   }
 
+  Vec3 light_ = Vec3(-0.45, 0.65, 0.75).normalized(), half_ = (light_ + Vec3::UnitZ()).normalized();
   Projection projection_;
   int x0_, y0_, w_, h_;
   std::vector<float> depth_;

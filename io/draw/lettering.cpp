@@ -1,4 +1,5 @@
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <vtkAutoInit.h>
 #include <vtkImageData.h>
 #include <vtkNew.h>
@@ -9,6 +10,7 @@
 
 #include <cmath>
 #include <optional>
+#include <span>
 
 #include "io/draw/canvas.hpp"
 #include "io/text.hpp"
@@ -131,35 +133,54 @@ void Canvas::text(const Vec2& at, const std::string& text, const Style& style, A
                       fits ? "" : fmt::format("<title>{}</title>", escaped(text)), escaped(shown));
 }
 
-std::vector<std::string> wrapped(const std::string& line, double room, const Style& style) {
-  std::vector<std::string> parts;
-  std::string part, word;
-  const auto place = [&] {
-    if (word.empty()) return;
-    const std::string longer = part.empty() ? word : part + ' ' + word;
-    if (text_width(longer, style) <= room) {
-      part = longer;
-    } else {
-      if (!part.empty()) parts.push_back(part);
-      part = word;
-      while (part.size() > 8 && text_width(part, style) > room) {
-        const double keep = room / text_width(part, style) * 0.97;
-        auto cut = static_cast<std::size_t>(keep * static_cast<double>(part.size()));
-        cut = std::clamp<std::size_t>(cut, 4, part.size() - 1);
-        while (cut > 1 && (static_cast<unsigned char>(part[cut]) & 0xC0U) == 0x80U) --cut;
-        parts.push_back(part.substr(0, cut));
-        part.erase(0, cut);
-      }
-    }
-    word.clear();
+namespace {
+
+std::vector<std::string> words_of(const std::string& line) {
+  std::vector<std::string> words(1);
+  for (const char c : lettered(line))
+    if (c != ' ')
+      words.back() += c;
+    else if (!words.back().empty())
+      words.emplace_back();
+  if (words.back().empty()) words.pop_back();
+  return words;
+}
+
+/// The longest beginning of the words that fits, or all: found by bisection, as measuring takes long.
+std::size_t words_that_fit(std::span<const std::string> words, double room, const Style& style) {
+  const auto fit = [&](std::size_t count) {
+    return text_width(fmt::format("{}", fmt::join(words.first(count), " ")), style) <= room;
   };
-  for (const char c : lettered(line) + ' ') {
-    if (c == ' ')
-      place();
-    else
-      word += c;
+  std::size_t fits = 0, too_many = words.size() + 1;
+  for (std::size_t count = std::min<std::size_t>(words.size(), 64); fits + 1 < too_many;
+       count = too_many > words.size() ? std::min(2 * fits, words.size()) : (fits + too_many) / 2)
+    (fit(count) ? fits : too_many) = count;
+  return fits;
+}
+
+}  // namespace
+
+std::vector<std::string> wrapped(const std::string& line, double room, const Style& style) {
+  std::vector<std::string> parts, words = words_of(line);
+  for (std::span<std::string> left(words); !left.empty();) {
+    if (const std::size_t count = words_that_fit(left, room, style); count > 0) {
+      parts.push_back(fmt::format("{}", fmt::join(left.first(count), " ")));
+      left = left.subspan(count);
+      continue;
+    }
+    std::string& word = left.front();
+    if (word.size() <= 8) {
+      parts.push_back(word);
+      left = left.subspan(1);
+      continue;
+    }
+    const double keep = room / text_width(word, style) * 0.97;
+    auto cut = static_cast<std::size_t>(keep * static_cast<double>(word.size()));
+    cut = std::clamp<std::size_t>(cut, 4, word.size() - 1);
+    while (cut > 1 && (static_cast<unsigned char>(word[cut]) & 0xC0U) == 0x80U) --cut;
+    parts.push_back(word.substr(0, cut));
+    word.erase(0, cut);
   }
-  if (!part.empty()) parts.push_back(part);
   return parts;
 }
 
