@@ -57,11 +57,7 @@ struct CoarserMarch::Parts {
         may_continue_now();
         NodePlacement placed = place(nodes, scene, origin->organ, origin->image, log, coarse);
         may_continue_now();
-        complete(scene, std::move(placed), log, coarse);
-        coarse.loading.indenter = indenter_of(scene, coarse.model);
-        if (coarse.loading.folds)
-          coarse.loading.folds =
-              folds_of(scene, coarse.facing_fraction, coarse.model, deepest(scene, coarse.model.tool));
+        make_ready({.scene = scene}, std::move(placed), log, coarse);
         SolverOptions options = solver_options(scene);
         options.frames = 1;  // none is used
         march(scene, options,
@@ -84,10 +80,8 @@ CoarserMarch::CoarserMarch(const Scene& scene, const Result& result) : parts_(st
   p.origin = result.origin;
   p.nodes = static_cast<Index>(std::lround(static_cast<double>(result.model.node_count()) / coarser));
   static_cast<ImageFacts&>(p.coarse) = result;
-  p.coarse.time = result.time;
+  p.coarse.origin = result.origin;  // for walls that are labels
   p.coarse.followed = result.followed;
-  p.coarse.loading = result.loading;
-  p.coarse.loading.preloaded = nullptr;  // it belongs to the finer discretisation
   p.in_parallel = tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism) > 1 &&
                   result.model.node_count() <= most_nodes_in_parallel;
   if (p.in_parallel) p.arena.execute([&] { p.work.run([&p] { p.run(); }); });

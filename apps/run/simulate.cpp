@@ -216,8 +216,9 @@ void simulate(const Case& given, const RunObserver& observer, Result& result) {
   if (observer.begin) observer.begin(result);
   std::optional<CutScene> cuts;
   if (before_cuts && !cuts_after_moves(scene).empty()) cuts.emplace(given, std::move(*before_cuts));
-  // Models after cuts, and further node sets of several tissues, read the tissue of a point from the image.
-  if (of_image && (cuts || !scene.tissues.empty())) of_image->image = std::move(result.image);
+  // Models after cuts, and further node sets, read the labels of tissues, supports and walls from the image.
+  if (of_image && (cuts || given.error_bounds || !scene.tissues.empty()))
+    of_image->image = std::move(result.image);
   result.image = {};  // the march does not
   const std::unique_ptr<CoarserMarch> coarser =
       given.error_bounds ? begin_error_bounds(given, result) : nullptr;

@@ -14,6 +14,7 @@
 #include <stdexcept>
 #include <thread>
 
+#include "apps/run/error_bounds.hpp"
 #include "apps/run/model_files.hpp"
 #include "apps/run/organ.hpp"
 #include "io/error.hpp"
@@ -255,6 +256,29 @@ TEST(Simulate, ShowsNoErrorBoundsOutsideOfWhatTheyWereMeasuredFor) {
   EXPECT_THAT(why([](Scene& s) { s.solver.tolerance = 1e-3; }), HasSubstr("tolerance"));
   EXPECT_THAT(why([](Scene& s) { s.solver.step_radii = 0.5; }), HasSubstr("load steps above 0.2"));
   EXPECT_THAT(why([](Scene& s) { s.boundary.direction = "0.1,0,-1"; }), HasSubstr("oblique"));
+}
+
+// The coarser node set has loads, membranes, walls and supports of its own, as a run by itself has.
+TEST(Simulate, ErrorBoundsOfLoadsAndSupportsCompareWithARunOfHalfTheNodes) {
+  for (const OptionTexts& terms : std::vector<OptionTexts>{
+           {{"load.gravity", "inferior"}, {"pressure.side.on", "left"}, {"pressure.side.pressure_Pa", "5"}},
+           {{"membrane.skin.thickness_mm", "0.1"}, {"membrane.skin.mu_Pa", "20000"}},
+           {{"boundary.base_hold", "none"}, {"wall.floor.shape", "plane:0,0,0,0,0,1"}},
+           {{"support.plate.on", "left"}, {"support.plate.move_mm", "0.5,0,0"}}}) {
+    SCOPED_TRACE(terms.begin()->first);
+    OptionTexts options = terms;
+    options.insert({{"cloud.nodes", "1000"}, {"boundary.base", "inferior"}});
+    Case given = small_case(options);
+    given.error_bounds = true;
+    const Result fine = simulate(given);
+    ASSERT_TRUE(fine.error_bounds.known()) << fine.error_bounds.unknown;
+    given.error_bounds = false;
+    given.scene.node_set.nodes = 500;
+    const Result coarse = simulate(given);
+    const double radius = fine.model.tool.radius;
+    EXPECT_EQ(fine.error_bounds.half,
+              half_widths(fine.history.force, 1000, coarse.history.force, radius, false));
+  }
 }
 
 TEST(Simulate, ErrorBoundsAreTheSameHoweverManyFramesAreWritten) {

@@ -1,0 +1,151 @@
+#!/usr/bin/env python3
+"""Error bounds on random scenes: bodies, tools, friction, membranes, walls, loads, depths, nodes and voxel sizes.
+
+    error_bounds_of_scenes.py PROGRAM TABLE.csv SEED COUNT [FIRST]
+
+A seed draws the scenes. Each is computed with its nodes, and as truth with 16 times the nodes on voxels half as large.
+Bounds hold if each force of the curve differs from the truth by at most the half-width of the bounds and the error by the
+image's resolution. `used` is the largest such difference as a part of that sum. `change_percent` compares with half
+the nodes. A scene that TABLE has is not computed again, so an interrupted table continues.
+The proof's seed is the hash of the commit that froze the bounds, and each scene of it is run once.
+"""
+
+import csv
+import json
+import os
+import pathlib
+import random
+import subprocess
+import sys
+import tempfile
+
+COLUMNS = ("scene", "seed", "body", "size_mm", "voxel_mm", "tool", "feature", "nu", "depth_mm", "nodes", "force_N", "half_percent",
+           "image_percent", "change_percent", "truth_N", "off_percent", "used", "holds", "note", "options")
+FINER = 16
+FEATURES = ("", "", "", "membrane", "gravity", "sliding base", "wall beside")
+
+
+def drawn(seed, number):
+    """Options of a scene, its body and a word for what is special."""
+    draw = random.Random(f"{seed} {number}")
+    between = lambda low, high: round(draw.uniform(low, high), 2)  # noqa: E731
+    feature = draw.choice(FEATURES)
+    body = draw.choice(("block", "cylinder", "cut-ellipsoid", "brain"))
+    if feature in ("sliding base", "wall beside"):
+        body = "block"
+    height, width = 28.5 if body == "brain" else between(25, 45), between(55, 90)
+    size = (width, between(55, 90), height) if body == "block" else (width, width, height) if body == "cylinder" else \
+        (between(70, 100), between(60, 75), height) if body == "cut-ellipsoid" else (62.5, 92.5, 28.5)
+    voxel = draw.choice((1.0, 1.5, 2.0))
+    size = tuple(voxel * round(length / voxel) for length in size) if body != "brain" else size
+    options = ["--base", "inferior", "--nu", f"{draw.choice((0.45, 0.49, 0.499))}"]
+    contacting = feature != "sliding base" and draw.random() < 0.5
+    if contacting:
+        radius = between(5, min(9, height / 4))
+        depth = round(draw.uniform(0.3, 0.7) * radius, 2)
+        tool = f"sphere:{radius}mm"
+        options += ["--tool", tool]
+        friction = draw.choice(("0", "0", "0.3", "stick"))
+        if friction != "0":
+            options += ["--friction", friction]
+            tool += f", friction {friction}"
+    else:
+        diameter = between(9, min(18, height / 1.5))
+        depth = round(draw.uniform(0.3, 1.0) * 0.5 * diameter, 2)
+        tool = f"patch of {diameter} mm"
+        options += ["--indenter-diameter", f"{diameter}mm"]
+    x, y = between(-8, 8), between(-8, 8)
+    if body == "brain":
+        x += 14.0  # beside the fissure
+    options += ["--indent-at", f"{x},{y},top", "--depth", f"{depth}mm"]
+    if feature == "membrane":
+        film = f"{draw.choice((0.05, 0.1, 0.2))}mm:{draw.choice((20, 60, 200))}kPa"
+        options += ["--membrane", film]
+        feature += " " + film
+    elif feature == "gravity":
+        side = draw.choice(("inferior", "superior", "left"))
+        options += ["--gravity", side, "--mu", "1kPa"]
+        feature += " " + side
+    elif feature == "sliding base":
+        options += ["--base-hold", "none", "--wall", "plane:0,0,0,0,0,1"]
+    elif feature == "wall beside":
+        gap = draw.choice((0.05, 0.2))
+        options += ["--wall", f"plane:{0.5 * size[0] + gap},0,0,-1,0,0"]
+        feature += f" at {gap} mm"
+    nodes = draw.choice((1500, 2000)) if contacting else draw.choice((1000, 1500, 2000))
+    return {"body": body, "size": size, "voxel": voxel, "tool": tool, "feature": feature, "depth": depth, "nodes": nodes,
+            "nu": options[3], "options": options}
+
+
+def image_of(program, folder, scene, voxel):
+    file = folder / f"body_{voxel:g}.nrrd"
+    size = [] if scene["body"] == "brain" else ["--size", ",".join(f"{length:g}" for length in scene["size"])]
+    subprocess.run([program, "phantom", file, "--shape", scene["body"], *size, "--spacing", f"{voxel:g}", "-q"], check=True)
+    return file
+
+
+def run(program, folder, image, nodes, options):
+    """Force curve with its columns as numbers, the summary, and the reason if the run failed."""
+    made = subprocess.run([program, "run", image, "-o", folder, "--force", "--write", "force", "-q", "--nodes", str(nodes),
+                           *options], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, timeout=3600)
+    if made.returncode:
+        return [], {}, (made.stderr.splitlines() or [f"exit code {made.returncode}"])[0].removeprefix("dimple: ")
+    with open(folder / "force.csv") as rows:
+        curve = [{name: float(value) if value else 0.0 for name, value in row.items()} for row in csv.DictReader(rows)]
+    return [row for row in curve if row["indentation_mm"] > 0], json.loads((folder / "summary.json").read_text()), ""
+
+
+def compare(program, seed, number):
+    scene = drawn(seed, number)
+    row = {"scene": number, "seed": seed, "body": scene["body"], "size_mm": "x".join(f"{v:g}" for v in scene["size"]), "voxel_mm": scene["voxel"],
+           "tool": scene["tool"], "feature": scene["feature"], "nu": scene["nu"], "depth_mm": scene["depth"], "nodes": scene["nodes"],
+           "options": " ".join(scene["options"])}
+    with tempfile.TemporaryDirectory() as name:
+        folder = pathlib.Path(name)
+        image, finer = (image_of(program, folder, scene, voxel) for voxel in (scene["voxel"], 0.5 * scene["voxel"]))
+        ours, told, failed = run(program, folder / "ours", image, scene["nodes"], scene["options"])
+        if failed:
+            return {**row, "note": failed}
+        alone = [*scene["options"], "--band", "off"]
+        coarse, _, failed = run(program, folder / "coarse", image, scene["nodes"] // 2, alone)
+        truth, _, no_truth = run(program, folder / "truth", finer, FINER * scene["nodes"], alone)
+        row["force_N"] = ours[-1]["force_N"]
+        if no_truth:
+            return {**row, "note": "no truth: " + no_truth}
+    at = {round(r["indentation_mm"], 4): r["force_N"] for r in truth}
+    half_at = {round(r["indentation_mm"], 4): r["force_N"] for r in coarse}
+    common = [r for r in ours if round(r["indentation_mm"], 4) in at and r["indentation_mm"] > 0.2 * scene["depth"]]
+    last, known = ours[-1], truth[-1]["force_N"]
+    row |= {"truth_N": known, "off_percent": f"{100 * (last['force_N'] / known - 1):.2f}", "image_percent": f"{100 * last.get('image_half_N', 0.0) / last['force_N']:.2f}"}
+    changes = [abs(r["force_N"] / half_at[round(r["indentation_mm"], 4)] - 1) for r in ours if round(r["indentation_mm"], 4) in half_at]
+    row["change_percent"] = f"{100 * max(changes):.2f}" if changes else ""
+    if not last.get("low_N"):
+        return {**row, "note": "no bounds: " + str(told.get("band", {}).get("unknown", told.get("band")))}
+    used = 0.0
+    for r in common:
+        half = 0.5 * (r["high_N"] - r["low_N"]) + r.get("image_half_N", 0.0)
+        used = max(used, abs(r["force_N"] - at[round(r["indentation_mm"], 4)]) / half)
+    half = 0.5 * (last["high_N"] - last["low_N"])
+    return {**row, "half_percent": f"{100 * half / last['force_N']:.2f}", "used": f"{used:.3f}", "holds": "yes" if used <= 1 else "no"}
+
+
+def main(program, table, seed, count, first="1"):
+    program, table = os.path.abspath(program), pathlib.Path(table)
+    if not table.exists():
+        with open(table, "w", newline="") as file:
+            csv.writer(file, lineterminator="\n").writerow(COLUMNS)
+    with open(table) as file:
+        done = {int(row["scene"]) for row in csv.DictReader(file) if row["seed"] == seed}
+    for number in range(int(first), int(first) + int(count)):
+        if number in done:
+            continue
+        row = compare(program, seed, number)
+        with open(table, "a", newline="") as file:
+            csv.DictWriter(file, COLUMNS, lineterminator="\n").writerow(row)
+        print(*(row.get(name, "") for name in COLUMNS[:-1]), flush=True)
+
+
+if __name__ == "__main__":
+    if not 5 <= len(sys.argv) <= 6:
+        sys.exit(__doc__)
+    main(*sys.argv[1:])
