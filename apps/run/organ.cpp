@@ -446,8 +446,7 @@ void cut_organ(const Scene& scene, const std::vector<TriangleMesh>& blades, cons
 }
 
 // The body without the removed labels, in the frame of the whole body.
-SegmentedBody without_labels(const Scene& scene, const LabelImage& image, const SegmentedBody& whole,
-                             const Organ& organ) {
+SegmentedBody without_labels(const LabelImage& image, const SegmentedBody& whole, const Organ& organ) {
   SegmentedBody remaining = body_of(image, organ.labels, organ.options.boundary, {});
   const Eigen::Isometry3d to_frame = whole.surface.to_world().inverse() * remaining.surface.to_world();
   BodySurface surface((to_frame * remaining.surface.vertex().colwise().homogeneous()).eval(),
@@ -472,7 +471,7 @@ Organ cut_by_steps(const Scene& scene, const Organ& whole, const LabelImage& ima
     organ.labels.clear();
     for (const LabelMeasure& m : result.labels) organ.labels.push_back(m.value);
     organ.body = std::make_shared<const SegmentedBody>(
-        without_labels(scene, organ.closed ? organ.closed->image : image, *whole.body, organ));
+        without_labels(organ.closed ? organ.closed->image : image, *whole.body, organ));
     result.segment = organ.body->report;
   }
   std::vector<TriangleMesh> blades = blades_of(scene, *whole.body);
