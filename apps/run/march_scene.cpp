@@ -80,6 +80,26 @@ void report_rigid_contacts(const RunLog& log, const Result& result) {
   }
 }
 
+// Warns if the base is free, its side was found automatically, and the walls carry little of the tool's
+// force: the tool may press along a wall, and supports resist it.
+void warn_of_load_on_supports(const RunLog& log, const Scene& scene, const Result& result) {
+  constexpr double enough = 0.5;  // of the tool's force
+  const History& history = result.history;
+  if (scene.base_is_held || scene.boundary.base != Scene().boundary.base || history.force.empty()) return;
+  const Vec3 approach = result.model.tool.approach;
+  double on_walls = 0.0;
+  for (std::size_t k = 0; k < history.walls.size(); ++k)
+    if (!result.loading.walls[k].is_tool) on_walls += history.walls[k].force.dot(approach);
+  const double on_tool =
+      Eigen::Map<const Wrench>(history.force.back().on_tool.data()).head<3>().dot(approach);
+  if (!(std::abs(on_walls) < enough * std::abs(on_tool))) return;
+  log.warn(fmt::format(
+      "the walls carry {} of the tool's force and the supports the rest, although the base is "
+      "free: the tool approaches along ({:.2f}, {:.2f}, {:.2f}) in LPS; choose the side that rests "
+      "on the wall with --base",
+      percent(std::abs(on_walls / on_tool)), approach.x(), approach.y(), approach.z()));
+}
+
 // Adds a finding for a jump of the force between two equilibria, unless another finding explains it.
 void find_jump(Result& result) {
   constexpr double much = 0.2;  // of the largest force
@@ -265,6 +285,7 @@ std::unique_ptr<ForceSystem> march(const Scene& scene, const SolverOptions& opti
   report_lost_contact(log, result);
   report_lateral_force(log, result);
   report_rigid_contacts(log, result);
+  warn_of_load_on_supports(log, scene, result);
   warn_of_inertia(log, result);
   if (watched) watched->report(log);
   return system;

@@ -199,6 +199,16 @@ TEST(Bed, MayBeWhereTheBodyIsHeldTooByASupport) {
   EXPECT_GT(lies["force_N"], 0.0);
 }
 
+TEST(Bed, IsWarnedOfWhereSupportsAndNoWallsCarryTheTool) {
+  const fs::path folder = fresh_folder();
+  const std::string supported = "run " + body + " -o out --force" + quick_wall +
+                                "--base-hold none --wall plane:30,0,0,-1,0,0 --set support.s.on=inferior",
+                    words = "of the tool's force and the supports the rest, although the base is free";
+  EXPECT_THAT(good(folder, supported).err, HasSubstr(words));
+  EXPECT_THAT(good(folder, supported + " --base inferior").err, Not(HasSubstr(words))) << "it was chosen";
+  EXPECT_THAT(good(folder, "run " + body + " -o lies" + quick_wall + bed).err, Not(HasSubstr(words)));
+}
+
 TEST(Bed, ThatTheBodyDoesNotLieOnIsNamedAsWhatItLacks) {
   const fs::path folder = fresh_folder();
   ends_with(folder, 5, "run " + std::string(body) + " -o out -q --base-hold none --wall plane:0,0,-1,0,0,1",
