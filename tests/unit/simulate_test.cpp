@@ -260,11 +260,13 @@ TEST(Simulate, ShowsNoErrorBoundsOutsideOfWhatTheyWereMeasuredFor) {
 
 // The coarser node set has loads, membranes, walls and supports of its own, as a run by itself has.
 TEST(Simulate, ErrorBoundsOfLoadsAndSupportsCompareWithARunOfHalfTheNodes) {
-  for (const OptionTexts& terms : std::vector<OptionTexts>{
-           {{"load.gravity", "inferior"}, {"pressure.side.on", "left"}, {"pressure.side.pressure_Pa", "5"}},
-           {{"membrane.skin.thickness_mm", "0.1"}, {"membrane.skin.mu_Pa", "20000"}},
-           {{"boundary.base_hold", "none"}, {"wall.floor.shape", "plane:0,0,0,0,0,1"}},
-           {{"support.plate.on", "left"}, {"support.plate.move_mm", "0.5,0,0"}}}) {
+  for (const OptionTexts& terms :
+       std::vector<OptionTexts>{{{"load.gravity", "inferior"},
+                                 {"load.pressure.p.on", "left"},
+                                 {"load.pressure.p.pressure_Pa", "5"}},
+                                {{"membrane.skin.thickness_mm", "0.1"}, {"membrane.skin.mu_Pa", "20000"}},
+                                {{"boundary.base_hold", "none"}, {"wall.floor.shape", "plane:0,0,0,0,0,1"}},
+                                {{"support.plate.on", "left"}, {"support.plate.move_mm", "0.5,0,0"}}}) {
     SCOPED_TRACE(terms.begin()->first);
     OptionTexts options = terms;
     options.insert({{"cloud.nodes", "1000"}, {"boundary.base", "inferior"}});
