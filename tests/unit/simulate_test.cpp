@@ -276,6 +276,7 @@ TEST(Simulate, ErrorBoundsOfLoadsAndSupportsCompareWithARunOfHalfTheNodes) {
     ASSERT_TRUE(fine.error_bounds.known()) << fine.error_bounds.unknown;
     given.error_bounds = false;
     given.scene.node_set.nodes = 500;
+    given.scene.solver.frames = 1;
     const Result coarse = simulate(given);
     const double radius = fine.model.tool.radius;
     EXPECT_EQ(fine.error_bounds.half,
