@@ -277,6 +277,7 @@ constexpr auto all_clashes = std::to_array<Clash>({
     {F::error_bounds, of(F::paper_scheme), "", "", "calibrated for the converging scheme only", ""},
     {F::error_bounds, of(F::inertia), "", "", not_for_dynamics, ""},
     {F::error_bounds, of(F::frictionless), "", "", "not calibrated for a frictionless contact patch", ""},
+    {F::error_bounds, of(F::membrane), "", "", "not calibrated for membranes", ""},
     {F::error_bounds, of(F::steps), "", "", "not calibrated for a tool that moves in steps", ""},
     {F::error_bounds, of(F::further_tool, F::fluid_lost), "", "",
      "not calibrated for further tools or lost fluid", ""},

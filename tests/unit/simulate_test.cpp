@@ -258,13 +258,12 @@ TEST(Simulate, ShowsNoErrorBoundsOutsideOfWhatTheyWereMeasuredFor) {
   EXPECT_THAT(why([](Scene& s) { s.boundary.direction = "0.1,0,-1"; }), HasSubstr("oblique"));
 }
 
-// The coarser node set has loads, membranes, walls and supports of its own, as a run by itself has.
+// The coarser node set has loads, walls and supports of its own, as a run by itself has.
 TEST(Simulate, ErrorBoundsOfLoadsAndSupportsCompareWithARunOfHalfTheNodes) {
   for (const OptionTexts& terms :
        std::vector<OptionTexts>{{{"load.gravity", "inferior"},
                                  {"load.pressure.p.on", "left"},
                                  {"load.pressure.p.pressure_Pa", "5"}},
-                                {{"membrane.skin.thickness_mm", "0.1"}, {"membrane.skin.mu_Pa", "20000"}},
                                 {{"boundary.base_hold", "none"}, {"wall.floor.shape", "plane:0,0,0,0,0,1"}},
                                 {{"support.plate.on", "left"}, {"support.plate.move_mm", "0.5,0,0"}}}) {
     SCOPED_TRACE(terms.begin()->first);
