@@ -45,8 +45,8 @@ struct HeightMap {
   double outline() const { return step * step * static_cast<double>(height.isFinite().count()); }
 };
 
-/// The map of `rows` x `columns` places from `corner` on. Visits the triangles of the blocks that it meets, and
-/// each place in them, once.
+/// The map of `rows` x `columns` places from `corner` on. Visits the triangles of the blocks that it meets,
+/// and each place in them, once.
 HeightMap height_map(const View& view, const Eigen::Vector2d& corner, double step, Index rows, Index columns);
 /// The map of the whole outline.
 HeightMap height_map(const View& view, double step);
