@@ -12,12 +12,9 @@
 #include <new>
 #include <utility>
 
-#include "apps/run/folds.hpp"
 #include "apps/run/pipeline.hpp"
 #include "apps/run/run_words.hpp"
-#include "apps/run/steps.hpp"
 #include "apps/run/stopwatch.hpp"
-#include "apps/run/tool.hpp"
 #include "apps/run/tool_error_bounds.hpp"
 #include "apps/run/unless_stopped.hpp"
 #include "apps/scene/compatibility.hpp"

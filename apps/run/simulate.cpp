@@ -216,8 +216,8 @@ void simulate(const Case& given, const RunObserver& observer, Result& result) {
   if (observer.begin) observer.begin(result);
   std::optional<CutScene> cuts;
   if (before_cuts && !cuts_after_moves(scene).empty()) cuts.emplace(given, std::move(*before_cuts));
-  // Models after cuts, and further node sets, read the labels of tissues, supports and walls from the image.
-  if (of_image && (cuts || !scene.tissues.empty() || !scene.walls.empty() || !scene.supports.empty()))
+  // Models after cuts, and further node sets, read the labels of tissues and walls from the image.
+  if (of_image && (cuts || !scene.tissues.empty() || !scene.walls.empty()))
     of_image->image = std::move(result.image);
   result.image = {};  // the march does not
   const std::unique_ptr<CoarserMarch> coarser =

@@ -47,7 +47,7 @@ struct ForceCurve {
   std::vector<ForceSample> force;
 };
 ForceCurve force_curve_of(const Result& result);
-/// Forces of the model at these depths [N], for a first contact `later` [m] than their zero.
+/// Forces of the model at these depths [N], for a first contact `later` [m] after their zero.
 std::vector<double> forces_later(const ForceCurve& curve, std::vector<double> depth, double later);
 /// Relative half-width of the force's error bounds, as the fit weighs it.
 double fraction_of_error_bounds(const Result& result, const MeasuredCurve& curve, const CurveFit& fit);

@@ -1,15 +1,13 @@
 // Fits of many curves that were measured in one scene.
 //
 // 1. The run is as deep as the deepest curve, and as fast. Its force is proportional to mu. A further number
-// of the
-//    law has a run for each value of a grid, even in its logarithm; Ogden's exponent has a grid for each
-//    sign.
+//    of the law has a run for each value of a grid, even in its logarithm. Ogden's exponent has a grid for
+//    each sign.
 // 2. Each run gives forces at the depths of a curve. Between values of the grid they follow the cubic
-// polynomial
-//    through the four nearest, in the logarithm.
+//    polynomial through the four nearest, in the logarithm.
 // 3. Each curve is fitted by fit_curve(), as a single one is.
 // 4. The half-width by discretisation is that of the run with a neo-Hookean tissue, weighed as by the deepest
-// curve.
+//    curve.
 
 #include "apps/studies/fit_samples.hpp"
 

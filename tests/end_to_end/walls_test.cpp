@@ -93,6 +93,10 @@ TEST(Wall, OfALabelHoldsBackItsNeighbourThatIsPressedFromTheSide) {
   EXPECT_GE(wall["places_that_touch"], 3);
   EXPECT_GT(wall["force_N"][2], 0.0) << "it is pushed up";
   EXPECT_GT(next_to["force_N"], 1.004 * free["force_N"].get<double>());
+  // The coarser nodes of the error bounds need the label too.
+  const Ran bounded = good(folder, "run " + halves + " -o bounds --nodes 1000 --depth 3mm --write force " +
+                                       lower + "--wall label:2");
+  EXPECT_THAT(bounded.out, HasSubstr("(discretisation)"));
 }
 
 TEST(Wall, OfTwoLabelsIsThatOfBothTogether) {
