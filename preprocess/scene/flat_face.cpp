@@ -11,6 +11,7 @@
 #include <optional>
 
 #include "io/stop.hpp"
+#include "preprocess/model.hpp"
 #include "preprocess/surface/height_map.hpp"
 
 namespace dimple {
@@ -45,25 +46,28 @@ Points centres_of(const BodySurface& body) {
   return centre;
 }
 
-// Area of a triangle and the integrals of x and x x^T (xx, yy, zz, xy, yz, zx) over it.
-using AreaMoments = Eigen::Matrix<double, 10, 1>;
-using AreaMomentsOfAll = Eigen::Matrix<double, 10, Eigen::Dynamic>;
+// Integrals of x and x x^T over each triangle.
+struct FacetMoments {
+  Points first;
+  SecondMoments second;
+};
 
-// About the middle of the body's box, so that little cancels about the middle of a face. Exact: a twelfth of
-// the area times the sum over the corners and nine times the middle.
-AreaMomentsOfAll area_moments_of(const BodySurface& body) {
+// With x from the middle of the body's box, so that little cancels about the middle of a face. Exact: a
+// twelfth of the area times the sum over the corners and nine times the middle.
+FacetMoments facet_moments_of(const BodySurface& body) {
+  const Index count = body.triangles().cols();
   const Vec3 about = 0.5 * (body.lower() + body.upper());
-  AreaMomentsOfAll moments(10, body.triangles().cols());
-  const auto products = [](const Vec3& x) {
-    return (Eigen::Matrix<double, 6, 1>() << x.cwiseAbs2(), x.x() * x.y(), x.y() * x.z(), x.z() * x.x())
-        .finished();
-  };
-  tbb::parallel_for(Index{0}, moments.cols(), [&](Index t) {
+  FacetMoments moments{Points(3, count), SecondMoments(6, count)};
+  tbb::parallel_for(Index{0}, count, [&](Index t) {
     const double area = body.triangle_area()[t];
     const Vec3 middle = body.middle_of(t) - about;
-    Eigen::Matrix<double, 6, 1> second = 9.0 * products(middle);
-    for (int k = 0; k < 3; ++k) second += products(body.vertex().col(body.triangles()(k, t)) - about);
-    moments.col(t) << area, area * middle, area / 12.0 * second;
+    Mat3 second = 9.0 * middle * middle.transpose();
+    for (int k = 0; k < 3; ++k) {
+      const Vec3 x = body.vertex().col(body.triangles()(k, t)) - about;
+      second += x * x.transpose();
+    }
+    moments.first.col(t) = area * middle;
+    set_moments(moments.second, t, area / 12.0 * second);
   });
   return moments;
 }
@@ -233,15 +237,17 @@ Plane plane_across(const Facets& of, const Vec3& out) {
 }
 
 // Normal of the least-squares plane through the triangles: large ones count by their area.
-Vec3 fitted_normal(const AreaMomentsOfAll& moments, const std::vector<Index>& member, const Vec3& out) {
-  AreaMoments sum = AreaMoments::Zero();
-  for (const Index t : member) sum += moments.col(t);
-  const Vec3 middle = sum.segment<3>(1) / sum[0];
-  Mat3 second;
-  second << sum[4], sum[7], sum[9],  //
-      sum[7], sum[5], sum[8],        //
-      sum[9], sum[8], sum[6];
-  second -= sum[0] * middle * middle.transpose();
+Vec3 fitted_normal(const BodySurface& body, const FacetMoments& moments, const std::vector<Index>& member,
+                   const Vec3& out) {
+  double area = 0.0;
+  Vec3 first = Vec3::Zero();
+  SecondMoments sum = SecondMoments::Zero(6, 1);
+  for (const Index t : member) {
+    area += body.triangle_area()[t];
+    first += moments.first.col(t);
+    sum += moments.second.col(t);
+  }
+  const Mat3 second = as_matrix(sum, 0) - first * first.transpose() / area;
   const Eigen::SelfAdjointEigenSolver<Mat3> axes(second);
   const Vec3 normal = axes.eigenvectors().col(0);
   return normal.dot(out) < 0.0 ? Vec3(-normal) : normal;
@@ -271,12 +277,12 @@ FlatFace measured(const Facets& of, const Moments& moments, const Vec3& out, con
 }
 
 // Normal of the face near direction `out`, by iteration; nothing if there is no such face.
-std::optional<Vec3> converged(const Facets& of, const AreaMomentsOfAll& moments, Vec3 out) {
+std::optional<Vec3> converged(const Facets& of, const FacetMoments& moments, Vec3 out) {
   Plane plane = plane_across(of, out);
   for (int pass = 0; pass < 20 && !plane.member.empty(); ++pass) {
     stop_if_requested();
     const Vec3 before = out;
-    out = fitted_normal(moments, plane.member, out);
+    out = fitted_normal(of.body, moments, plane.member, out);
     plane = plane_across(of, out);
     if ((out - before).norm() < 1e-5) break;
   }
@@ -298,11 +304,11 @@ FlatFace face_towards(const BodySurface& body, const Moments& moments, const Vec
 
 std::vector<FlatFace> flat_faces(const BodySurface& body, const Moments& moments) {
   const Facets facets(body);
-  const AreaMomentsOfAll of_triangles = area_moments_of(body);
+  const FacetMoments facet_moments = facet_moments_of(body);
   const std::vector<Vec3> frequent = frequent_normals(body);
   std::vector<std::optional<Vec3>> found(frequent.size());
   tbb::parallel_for(std::size_t{0}, frequent.size(),
-                    [&](std::size_t k) { found[k] = converged(facets, of_triangles, frequent[k]); });
+                    [&](std::size_t k) { found[k] = converged(facets, facet_moments, frequent[k]); });
   std::vector<Vec3> apart;
   for (const std::optional<Vec3>& out : found)
     if (out && std::none_of(apart.begin(), apart.end(),

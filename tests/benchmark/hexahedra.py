@@ -46,8 +46,14 @@ def edge_for(nodes, scene, serendipity):
 
 def faces_of_top(edge, scene):
     """Nine points [3 x 3 x 2] of each quadrangle: a square core, rings to a circle, and rings to the outline."""
-    inner, half, square = refined_radius(scene), 0.5 * scene["body"]["width_mm"], scene["body"]["shape"] == "block"
+    inner, half = refined_radius(scene), 0.5 * scene["body"]["width_mm"]
     core, rings, beyond, _ = divisions(edge, scene)
+    return quadrangles(core, inner, np.linspace(0, 1, rings + 1), beyond / beyond[-1], scene["body"]["shape"], (half, half))
+
+
+def quadrangles(core, inner, within, beyond, shape, half, middle=(0.0, 0.0)):
+    """Those of a top with these half lengths, about a circle of radius `inner`. Rings at parts of the way, from 0 to 1: `within`, from the
+    core to the circle, and `beyond`, from the circle to the outline. The middle of the outline is at -`middle`."""
     c = 0.5 * inner
     at = np.linspace(-c, c, 4 * core + 1)
     grid = np.stack(np.meshgrid(at, at, indexing="ij"), axis=-1)
@@ -55,9 +61,9 @@ def faces_of_top(edge, scene):
     side = at[:-1]
     border = np.array([(x, -c) for x in side] + [(c, y) for y in side] + [(-x, c) for x in side] + [(-c, -y) for y in side])
     circle = inner * border / np.linalg.norm(border, axis=1)[:, None]
-    outline = half * (border / c if square else circle / inner)
-    lines = [border + s * (circle - border) for s in np.linspace(0, 1, rings + 1)[:-1]]
-    lines += [circle + s * (outline - circle) for s in beyond / beyond[-1]]
+    outline = np.array(half) * (border / c if shape == "block" else circle / inner) - np.array(middle)
+    lines = [border + s * (circle - border) for s in within[:-1]]
+    lines += [circle + s * (outline - circle) for s in beyond]
     for low, high in zip(lines, lines[1:]):
         strip = np.stack([low, 0.5 * (low + high), high])
         faces += [strip[:, np.arange(k, k + 3) % len(border)] for k in range(0, len(border), 2)]
@@ -66,7 +72,12 @@ def faces_of_top(edge, scene):
 
 def mesh(edge, scene):
     """Elements as points [3 x 3 x 3 x 3], the uppermost layer first, and the number of faces of the top."""
-    faces, z = faces_of_top(edge, scene), scene["body"]["height_mm"] - divisions(edge, scene)[3]
+    faces = faces_of_top(edge, scene)
+    return layers(faces, scene["body"]["height_mm"] - divisions(edge, scene)[3]), len(faces)
+
+
+def layers(faces, z):
+    """Elements below each of the faces, between heights z that fall."""
     elements = []
     for top, low in zip(z, z[1:]):
         levels = np.array([low, 0.5 * (low + top), top])
@@ -74,7 +85,7 @@ def mesh(edge, scene):
             points = np.empty((3, 3, 3, 3))
             points[..., :2], points[..., 2] = face[:, :, None], levels
             elements.append(points)
-    return elements, len(faces)
+    return elements
 
 
 def profile(tool, steps):

@@ -113,16 +113,20 @@ class Body:
         return result
 
 
+def mesh_in(getfem, elements):
+    made = getfem.Mesh("empty", 3)
+    for points in elements:
+        made.add_convex(getfem.GeoTrans("GT_QK(3,2)"), points.transpose(2, 1, 0, 3).reshape(27, 3).T)
+    return made
+
+
 def run(_, scene, nodes):
     import getfem
 
     if scene["friction"]:
         raise CannotRun("this runner has no friction")
     edge = edge_for(nodes, scene, False)
-    made = getfem.Mesh("empty", 3)
-    for points in mesh(edge, scene)[0]:
-        made.add_convex(getfem.GeoTrans("GT_QK(3,2)"), points.transpose(2, 1, 0, 3).reshape(27, 3).T)
-    body = Body(getfem, made, scene, edge, 5)
+    body = Body(getfem, mesh_in(getfem, mesh(edge, scene)[0]), scene, edge, 5)
     return VERSION, body.nodes, body.forces(scene["depths_mm"])
 
 
