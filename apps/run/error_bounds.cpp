@@ -179,6 +179,32 @@ std::vector<double> half_widths(const std::vector<ForceSample>& force, Index nod
   return half;
 }
 
+std::vector<double> half_widths_of_steps(const std::vector<ForceSample>& force,
+                                         const std::vector<ForceSample>& coarse, double shallowest,
+                                         const FractionOfLargest& fraction) {
+  if (force.empty() || coarse.empty() || coarse.back().t < force.back().t * (1.0 - 1e-9)) return {};
+  std::vector<double> half;
+  auto other = coarse.begin();
+  double deepest = 0.0, largest = 0.0, change = 0.0;
+  std::size_t before = 0;  // samples before the tool is deep enough
+  for (const ForceSample& sample : force) {
+    deepest = std::max(deepest, std::abs(sample.depth));
+    largest = std::max(largest, std::abs(sample.force));
+    while (other != coarse.end() && other->t < sample.t * (1.0 - 1e-9)) ++other;
+    if (deepest < shallowest * (1.0 - 1e-9) || largest == 0.0)
+      before = half.size() + 1;
+    else if (other != coarse.end() && other->t <= sample.t * (1.0 + 1e-9))
+      change = std::max(change, std::abs(sample.force - other->force) / largest);
+    half.push_back(largest * fraction(change, deepest));
+  }
+  if (before == force.size()) return {};
+  const double most = std::abs(force[before].force) + half[before];
+  for (std::size_t k = 0; k < before; ++k)
+    half[k] = std::max(std::abs(force[k].force), most - std::abs(force[k].force));
+  if (force.front().force == 0.0) half.front() = 0.0;  // before any contact
+  return half;
+}
+
 std::vector<double> forces_between(const std::vector<ForceSample>& curve, const std::vector<double>& depth) {
   const Stiffness ours = stiffness_of(curve);
   std::vector<double> force;

@@ -44,6 +44,11 @@ inline Index fewest_nodes_with_error_bounds(double facing_fraction) {
 }
 /// Largest depth for which the bounds are calibrated [radii of the patch].
 inline constexpr double deepest_with_error_bounds = 1.7;
+/// Longest way across the approach direction for which they are [radii of the tool].
+inline constexpr double farthest_aside_with_error_bounds = 0.5;
+/// Stiffest membrane for which they are: thickness times shear modulus of all membranes, over the softest
+/// tissue's mu and the radius of the tool.
+inline constexpr double stiffest_membrane_with_error_bounds = 10.0;
 
 /// Body under the bonded patch, in radii of the patch.
 struct BodyUnderPatch {
@@ -139,6 +144,17 @@ struct Followed {
 /// [m].
 std::vector<double> half_widths(const std::vector<ForceSample>& force, Index nodes,
                                 const std::vector<ForceSample>& coarse, double radius, bool several_tissues);
+
+/// Half-widths [N] at each sample of a tool that moves in steps, from a coarser curve over the same time.
+/// Changes and floors refer to the largest force so far, since the tool may retract: `fraction` is the
+/// half-width as a part of it, from the largest change so far and the largest depth so far [m]. Changes are
+/// measured at the times that both curves have, among them the ends of all steps, and not before `shallowest`
+/// [m] is reached; there the force is between zero and the first bounds. Empty if the coarser curve ends
+/// before, or the tool stays above.
+using FractionOfLargest = std::function<double(double change, double deepest)>;
+std::vector<double> half_widths_of_steps(const std::vector<ForceSample>& force,
+                                         const std::vector<ForceSample>& coarse, double shallowest,
+                                         const FractionOfLargest& fraction);
 
 /// Force [N] of a curve, and its half-width, at other depths [m] in any order, none deeper than the curve.
 /// Force / depth and half-width / force are interpolated, since they change slowly. Needs a sample with a

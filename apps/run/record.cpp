@@ -47,7 +47,7 @@ Outcome finished_already(const fs::path& folder, const Scene& scene, const std::
   const Json largest = summary.value("largest_force", Json());
   const std::string title =
       largest.is_object() ? scene_title(largest.value("force_N", 0.0), largest.value("indentation_mm", 0.0),
-                                        largest.value("step", ""), force)
+                                        largest.value("step", ""), force, half)
                           : force_title(force, summary.value("indentation_mm", 0.0), half);
   outcome.headline = headline_of(title, force, unknown, summary.value("image_error", Json::object()),
                                  scene.material.mu_spread);

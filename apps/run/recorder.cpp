@@ -282,13 +282,13 @@ Recorder::End Recorder::end_of(const std::exception_ptr& failure, const Report& 
   end.reached_mm = history.force.empty() ? 0.0 : 1e3 * history.force.back().depth;
   end.force = history.force.empty() ? 0.0 : history.force.back().force;
   end.half = error_bounds.known() ? error_bounds.half.back() : 0.0;
-  end.title =
-      force_title(end.force, end.reached_mm, error_bounds.known() ? std::optional(end.half) : std::nullopt);
+  const std::optional<double> half = error_bounds.known() ? std::optional(end.half) : std::nullopt;
+  end.title = force_title(end.force, end.reached_mm, half);
   if (!history.force.empty()) {
     const LargestForce largest = largest_force(result.loading, history.force);
     end.largest = largest.sample.force;
     if (!result.loading.steps.empty())
-      end.title = scene_title(end.largest, 1e3 * largest.sample.depth, largest.step, end.force);
+      end.title = scene_title(end.largest, 1e3 * largest.sample.depth, largest.step, end.force, half);
   }
   if (failure) {
     end.status = "failed";

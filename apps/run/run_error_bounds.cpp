@@ -14,6 +14,7 @@
 
 #include "apps/run/pipeline.hpp"
 #include "apps/run/run_words.hpp"
+#include "apps/run/steps.hpp"
 #include "apps/run/stopwatch.hpp"
 #include "apps/run/tool_error_bounds.hpp"
 #include "apps/run/unless_stopped.hpp"
@@ -105,6 +106,23 @@ const Result& CoarserMarch::operator()() {
 
 namespace {
 
+// [m]
+double radius_of_tool(const Scene& scene) {
+  return scene.tool ? scene.tool->radius : 0.5e-3 * scene.boundary.indenter_diameter_mm;
+}
+
+// Reason from the largest depth [m].
+std::string why_no_error_bounds(const Scene& scene, double deepest) {
+  const double radii = deepest / radius_of_tool(scene),
+               most = scene.tool ? deepest_with_tool_error_bounds : deepest_with_error_bounds;
+  const char* of = scene.tool ? "tool" : "contact patch";
+  if (scene.tool && radii < shallowest_with_tool_error_bounds * (1.0 - 1e-9))
+    return fmt::format("not calibrated for a depth below {:g} radii of the {}",
+                       shallowest_with_tool_error_bounds, of);
+  if (radii <= most * (1.0 + 1e-9)) return {};
+  return fmt::format("not calibrated for a depth above {:g} radii of the {}", most, of);
+}
+
 std::string why_no_error_bounds(const Scene& scene, const std::vector<Material>& tissues) {
   const Scene usual;
   if (const std::string none = why_without(scene, Feature::error_bounds); !none.empty()) return none;
@@ -117,19 +135,37 @@ std::string why_no_error_bounds(const Scene& scene, const std::vector<Material>&
       scene.node_set.jitter != usual.node_set.jitter || scene.grid.points != usual.grid.points ||
       scene.grid.ratio != usual.grid.ratio || scene.support_radius_factor != usual.support_radius_factor)
     return "calibrated for the default --rim, points and supports only";
-  if (const std::optional<ToolShape> tool = scene.tool) {
-    if (!has_error_estimate(*tool)) return fmt::format("not calibrated for {}", in_words(*tool));
-    if (1e-3 * scene.depth_mm < shallowest_with_tool_error_bounds * tool->radius * (1.0 - 1e-9))
-      return fmt::format("not calibrated for a depth below {:g} radii of the tool",
-                         shallowest_with_tool_error_bounds);
-    if (1e-3 * scene.depth_mm <= deepest_with_tool_error_bounds * tool->radius * (1.0 + 1e-9)) return {};
-    return fmt::format("not calibrated for a depth above {:g} radii of the tool",
-                       deepest_with_tool_error_bounds);
+  if (scene.tool && !has_error_estimate(*scene.tool))
+    return fmt::format("not calibrated for {}", in_words(*scene.tool));
+  if (std::any_of(scene.steps.begin(), scene.steps.end(),
+                  [](const Scene::Step& step) { return step.moves != "tool"; }))
+    return "not calibrated for steps of anything but the tool";
+  return scene.steps.empty() ? why_no_error_bounds(scene, 1e-3 * scene.depth_mm) : "";
+}
+
+// Reason from the path of a tool that moves in steps.
+std::string why_no_error_bounds_along(const Scene& scene, const Vec3& approach) {
+  double deepest = 0.0, aside = 0.0;
+  for (const Vec3& at : path_of_tool(scene, approach)) {
+    deepest = std::max(deepest, std::abs(at.dot(approach)));
+    aside = std::max(aside, (at - at.dot(approach) * approach).norm());
   }
-  if (scene.depth_mm > deepest_with_error_bounds * 0.5 * scene.boundary.indenter_diameter_mm)
-    return fmt::format("not calibrated for a depth above {} radii of the contact patch",
-                       deepest_with_error_bounds);
-  return {};
+  if (aside > farthest_aside_with_error_bounds * radius_of_tool(scene) * (1.0 + 1e-9))
+    return fmt::format("not calibrated for a path more than {:g} radii across the approach direction",
+                       farthest_aside_with_error_bounds);
+  return why_no_error_bounds(scene, deepest);
+}
+
+// Reason from the membranes, whose stiffness adds up.
+std::string why_no_error_bounds_under_membranes(const Scene& scene, const std::vector<Material>& tissues) {
+  double film = 0.0;  // [N/m]
+  for (const Scene::Film& one : scene.membranes) film += 1e-3 * one.thickness_mm * one.mu_Pa;
+  double softest = tissues.front().mu;
+  for (const Material& tissue : tissues) softest = std::min(softest, tissue.mu);
+  const double ratio = film / (softest * radius_of_tool(scene));
+  if (ratio <= stiffest_membrane_with_error_bounds * (1.0 + 1e-9)) return {};
+  return fmt::format("not calibrated for a membrane above {:g} times mu and the tool's radius (here {:.3g})",
+                     stiffest_membrane_with_error_bounds, ratio);
 }
 
 }  // namespace
@@ -144,7 +180,11 @@ std::string why_no_error_bounds(const Scene& scene) {
 std::string why_no_error_bounds(const Scene& scene, const Organ& organ, const Boundary& boundary,
                                 const LoadedModel& result) {
   if (result.time != TimeMode::quasi_static) return not_for_dynamics;
-  if (const std::string none = why_no_error_bounds(scene, in_use(result.tissues)); !none.empty()) return none;
+  const std::vector<Material> tissues = in_use(result.tissues);
+  for (const std::string& none :
+       {why_no_error_bounds(scene, tissues), why_no_error_bounds_under_membranes(scene, tissues),
+        scene.steps.empty() ? "" : why_no_error_bounds_along(scene, boundary.approach)})
+    if (!none.empty()) return none;
   constexpr double straight = 0.9998;  // cosine of about one degree
   if (scene.boundary.direction != Scene().boundary.direction &&
       boundary.approach.dot(boundary.down) < straight)
@@ -200,13 +240,23 @@ RunErrorBounds error_bounds_of_run(const Scene& scene, const Result& result, Coa
       fmt::format("the comparison with {} nodes failed: ", error_bounds.coarse_nodes);
   try {
     const Result& coarse = coarser();
-    error_bounds.half =
-        result.loading.indenter
-            ? tool_half_widths(result.history.force, result.model, coarse.history.force,
-                               result.loading.indenter->shape,
-                               {result.history.penetration, result.history.penetration_at})
-            : half_widths(result.history.force, result.model.node_count(), coarse.history.force,
-                          result.model.tool.radius, !scene.tissues.empty());
+    const std::vector<ForceSample>&force = result.history.force, &other = coarse.history.force;
+    const Penetration penetration{result.history.penetration, result.history.penetration_at};
+    const bool several = !scene.tissues.empty();
+    const Index nodes = result.model.node_count();
+    if (!scene.steps.empty())
+      error_bounds.half =
+          result.loading.indenter
+              ? tool_half_widths_of_steps(force, result.model, other, result.loading.indenter->shape,
+                                          penetration)
+              : half_widths_of_steps(force, other, 0.0, [&](double change, double deepest) {
+                  return error_half_width(change, nodes, {deepest / result.model.tool.radius, several});
+                });
+    else
+      error_bounds.half =
+          result.loading.indenter
+              ? tool_half_widths(force, result.model, other, result.loading.indenter->shape, penetration)
+              : half_widths(force, nodes, other, result.model.tool.radius, several);
     if (error_bounds.half.empty())
       error_bounds.unknown =
           fmt::format("the comparison with {} nodes ended at a smaller depth", error_bounds.coarse_nodes);

@@ -18,6 +18,13 @@ struct Changes {
   }
 };
 
+// Error by penetration at this depth or deeper, as a part of the force.
+double by_penetration(const Penetration& penetration, double depth) {
+  return penetration.at > 0.0
+             ? Guards::off_by_penetration(penetration.largest, std::max(penetration.at, depth))
+             : 0.0;
+}
+
 }  // namespace
 
 const double tool_error_multiplier = 2.7;
@@ -59,11 +66,8 @@ std::vector<double> tool_half_widths(const std::vector<ForceSample>& force, cons
     }
     const double of_node_sets = tool_error_half_width(changes.at(sample.depth), model.node_count(), spacing,
                                                       contact_radius(shape, sample.depth));
-    const double least =
-        penetration.at > 0.0
-            ? Guards::off_by_penetration(penetration.largest, std::max(penetration.at, sample.depth))
-            : 0.0;
-    half.push_back(std::abs(sample.force) * std::max(least, of_node_sets));
+    half.push_back(std::abs(sample.force) *
+                   std::max(by_penetration(penetration, sample.depth), of_node_sets));
   }
   const auto measured = static_cast<std::size_t>(first - force.begin());
   const double most = std::abs(first->force) + half[measured];
@@ -72,6 +76,18 @@ std::vector<double> tool_half_widths(const std::vector<ForceSample>& force, cons
     half[k] = std::max({half[k], here, line - here});
   }
   return half;
+}
+
+std::vector<double> tool_half_widths_of_steps(const std::vector<ForceSample>& force, const Model& model,
+                                              const std::vector<ForceSample>& coarse, const ToolShape& shape,
+                                              const Penetration& penetration) {
+  const double shallowest = shallowest_with_tool_error_bounds * shape.radius,
+               spacing = model.spacing.minCoeff();
+  return half_widths_of_steps(force, coarse, shallowest, [&](double change, double deepest) {
+    const double depth = std::max(deepest, shallowest);
+    return std::max(by_penetration(penetration, depth),
+                    tool_error_half_width(change, model.node_count(), spacing, contact_radius(shape, depth)));
+  });
 }
 
 }  // namespace dimple

@@ -48,6 +48,11 @@ std::vector<double> tool_half_widths(const std::vector<ForceSample>& force, cons
                                      const std::vector<ForceSample>& coarse, const ToolShape& shape,
                                      const Penetration& penetration = {});
 
+/// The same at each sample of a tool that moves in steps: half_widths_of_steps().
+std::vector<double> tool_half_widths_of_steps(const std::vector<ForceSample>& force, const Model& model,
+                                              const std::vector<ForceSample>& coarse, const ToolShape& shape,
+                                              const Penetration& penetration = {});
+
 /// Fewest nodes for which the bounds are calibrated, compared with half as many.
 inline constexpr Index fewest_nodes_with_tool_error_bounds = 1500;
 /// Least thickness for which they are calibrated [radii of the contact].

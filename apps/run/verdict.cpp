@@ -9,6 +9,7 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
+#include "apps/run/steps.hpp"
 #include "apps/run/summary.hpp"
 #include "apps/run/words.hpp"
 
@@ -160,7 +161,11 @@ Answer of_accuracy(const Scene& scene, const Result& result) {
     check_image(answer, 0.0);
     return answer;
   }
-  const double force = std::abs(result.history.force.back().force), half = error_bounds.half.back();
+  // Steps may end where the force is small; their bounds refer to the largest.
+  const double force = std::abs(scene.steps.empty()
+                                    ? result.history.force.back().force
+                                    : largest_force(result.loading, result.history.force).sample.force),
+               half = error_bounds.half.back();
   Answer answer{.value = 100.0 * half / force, .unit = "%", .of = "discretisation error of the force, +-"};
   const std::optional<Goal> goal = scene.goal;
   const bool requested = goal && (goal->fraction > 0.0 || goal->absolute > 0.0);

@@ -36,12 +36,15 @@ std::string force_title(double force_N, double depth_mm, std::optional<double> h
                      half_N ? from_to(force_N, *half_N, "discretisation") : "");
 }
 
-std::string scene_title(double largest_N, double depth_mm, const std::string& step, double last_N) {
+std::string scene_title(double largest_N, double depth_mm, const std::string& step, double last_N,
+                        std::optional<double> half_N) {
   const Written written = force_written(largest_N);
   const std::string at =
       fmt::format("{} at {} (step '{}')", written(largest_N), length_in_words(depth_mm), step);
-  if (last_N == largest_N) return at + ", the largest force and the last";
-  return fmt::format("largest force {}, {} at the end", at, last_N == 0.0 ? "0 N" : written(last_N));
+  const std::string within = half_N ? plus_minus(largest_N, *half_N, "discretisation") : "";
+  if (last_N == largest_N) return at + ", the largest force and the last" + within;
+  return fmt::format("largest force {}, {} at the end{}", at, last_N == 0.0 ? "0 N" : written(last_N),
+                     within);
 }
 
 std::string nodes_in_words(Index nodes, const ModelReport& report) {

@@ -21,7 +21,8 @@ std::string in_words(const Finding& finding);
 /// "75.4 mN at 8.00 mm, 69.3 to 81.4 (discretisation)"; without a half-width, the first half only.
 std::string force_title(double force_N, double depth_mm, std::optional<double> half_N = {});
 /// Title of a scene of steps: "largest force 75.4 mN at 1.50 mm (step 'press'), 0 N at the end".
-std::string scene_title(double largest_N, double depth_mm, const std::string& step, double last_N);
+std::string scene_title(double largest_N, double depth_mm, const std::string& step, double last_N,
+                        std::optional<double> half_N = {});
 /// ", 69.3 to 81.4 (discretisation)", in the unit of the force itself.
 std::string from_to(double force_N, double half_N, const std::string& by);
 /// ", +- 1.2 (image resolution)", in the unit of the force itself.

@@ -59,10 +59,10 @@ double number_in(const std::string& field) {
 
 std::string title_of(const CollectedCase& one) {
   if (one.force[0].empty()) return {};
-  if (const auto& [force, depth, step] = one.largest; !force.empty())
-    return escaped(scene_title(number_in(force), number_in(depth), step, number_in(one.force[0])));
   std::optional<double> half_N;
-  if (!one.force[1].empty()) half_N = 0.5 * (number_in(one.force[2]) - number_in(one.force[1]));
+  if (!one.force[1].empty()) half_N = number_in(one.force[2]) - number_in(one.force[0]);
+  if (const auto& [force, depth, step] = one.largest; !force.empty())
+    return escaped(scene_title(number_in(force), number_in(depth), step, number_in(one.force[0]), half_N));
   return force_title(number_in(one.force[0]), number_in(one.indentation_mm), half_N);
 }
 

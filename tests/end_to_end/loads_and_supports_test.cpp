@@ -305,7 +305,7 @@ TEST_F(Block, SaysAtTheStartWhatHoldsIt) {
   EXPECT_EQ(x, -1.0);
   EXPECT_LE(std::hypot(y, z), 0.02);
   EXPECT_THAT(ran.err, HasSubstr(" nodes, fixed"));
-  EXPECT_THAT(ran.out, HasSubstr("no error estimate: not calibrated for further tools or supports"));
+  EXPECT_THAT(ran.out, HasSubstr("no error estimate: not calibrated for supports"));
 }
 
 TEST_F(Block, WithoutTheLoadsUnderWhichItWasImagedIsNotSolvedWithAnythingOnAPartOfIt) {

@@ -43,7 +43,7 @@ TEST_F(SceneOfSteps, ATwoStepSceneRunsAndItsResolvedConfigurationRepeatsItToTheB
   EXPECT_NEAR(summary["supports"]["retractor"]["moved_mm"][0], 1.5, 1e-9);
   EXPECT_EQ(summary["force_N"], summary["scene"][1]["force_N"]);
   EXPECT_NE(summary["scene"][0]["force_N"], summary["scene"][1]["force_N"]);
-  EXPECT_THAT(summary["band"]["unknown"].get<std::string>(), HasSubstr("moves in steps"));
+  EXPECT_THAT(summary["band"]["unknown"].get<std::string>(), HasSubstr("steps of anything but the tool"));
   const Table curve = read_csv(folder / "out" / "force.csv");
   for (std::size_t k = 1; k < curve.column[0].size(); ++k)
     EXPECT_GT(curve.find("time_s")->at(k), curve.find("time_s")->at(k - 1));
@@ -68,6 +68,30 @@ TEST_F(SceneOfSteps, TwoMovesInTheSameDirectionAreAsDeepAsBothTogether) {
   for (const Json* summary : {&once, &twice, &aside})
     EXPECT_EQ((*summary)["requested"]["depth_mm"].get<double>(), 2.0);
   EXPECT_NEAR(twice["force_N"], once["force_N"], 1e-3 * once["force_N"].get<double>());
+}
+
+TEST_F(SceneOfSteps, HasErrorBoundsOfItsLargestForceWithoutATurnOrALongSlide) {
+  const std::string sphere = " --nodes 1500 --write force --tool sphere:6mm --set step.press.move=2mm";
+  const Json slid = run(sphere + " --set step.slide.move=2,0,0 --set step.lift.move=-3mm");
+  EXPECT_EQ(slid["force_N"], 0.0);
+  const double half = slid["band"]["half_N"], largest = slid["largest_force"]["force_N"];
+  EXPECT_GT(half, 0.01 * largest);
+  EXPECT_LT(half, 0.2 * largest);
+  EXPECT_EQ(slid["verdict"]["accuracy"]["unit"], "%");
+  EXPECT_NEAR(slid["verdict"]["accuracy"]["value"], 100.0 * half / largest, 0.01 * 100.0 * half / largest);
+  const Table curve = read_csv(folder / "out" / "force.csv");
+  for (std::size_t k = 0; k < curve.column[0].size(); ++k) {
+    const double force = curve.find("force_N")->at(k);
+    EXPECT_LE(curve.find("low_N")->at(k), force);
+    EXPECT_GE(curve.find("high_N")->at(k), force);
+  }
+  const auto unknown = [&](const std::string& steps) {
+    return run(sphere + steps)["band"].value("unknown", "");
+  };
+  EXPECT_THAT(unknown(" --set step.slide.move=4,0,0"), HasSubstr("more than 0.5 radii across"));
+  EXPECT_THAT(unknown(" --set step.more.move=3.5mm"), HasSubstr("above 0.8 radii of the tool"));
+  EXPECT_THAT(unknown(" --set step.lever.turn=0,10,0"), HasSubstr("a tool that turns"));
+  EXPECT_THAT(unknown(" --set step.slit.cut=line:-9,9,30,9,9,30,depth=3mm"), HasSubstr("steps that cut"));
 }
 
 TEST_F(SceneOfSteps, SaysItsLargestForceWhereTheToolHasLeftTheBodyAgain) {

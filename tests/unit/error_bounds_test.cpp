@@ -71,6 +71,48 @@ TEST(ErrorBounds, IsNotKnownDeeperThanTheCoarserNodesGo) {
   EXPECT_TRUE(half_widths({}, 1000, {}, radius, false).empty());
 }
 
+// Force [N] over the depth [mm], one second for each.
+std::vector<ForceSample> path(const std::vector<std::pair<double, double>>& depth_and_force) {
+  std::vector<ForceSample> samples;
+  for (const auto& [mm, force] : depth_and_force)
+    samples.push_back({static_cast<double>(samples.size()), 1e-3 * mm, force, force});
+  return samples;
+}
+
+// The fraction of the largest force is the change plus a tenth of the depth in mm.
+double fraction(double change, double deepest) {
+  return change + 100.0 * deepest;
+}
+
+TEST(ErrorBounds, OfStepsReferToTheLargestForceChangeAndDepthSoFar) {
+  const std::vector<ForceSample> fine = path({{0, 0}, {1, 1.0}, {2, 4.0}, {1, 0.5}, {-1, -2.0}});
+  std::vector<ForceSample> coarse = path({{0, 0}, {1, 0.9}, {2, 4.0}, {1, 0.3}, {-1, -2.0}});
+  const std::vector<double> half = half_widths_of_steps(fine, coarse, 0.0, fraction);
+  ASSERT_EQ(half.size(), 5u);
+  EXPECT_EQ(half[0], 0.0);
+  EXPECT_NEAR(half[1], 1.0 * (0.1 + 0.1), 1e-12);
+  for (const std::size_t k : {2u, 3u, 4u}) EXPECT_NEAR(half[k], 4.0 * (0.1 + 0.2), 1e-12) << k;
+  coarse[3].force = -1.5;  // half of the largest force off, on the way back
+  EXPECT_NEAR(half_widths_of_steps(fine, coarse, 0.0, fraction)[3], 4.0 * (0.5 + 0.2), 1e-12);
+  // The coarser curve may have other times, where nothing is compared, but no earlier end.
+  coarse[1].t = 0.9;
+  EXPECT_NEAR(half_widths_of_steps(fine, coarse, 0.0, fraction)[1], 1.0 * 0.1, 1e-12);
+  coarse.pop_back();
+  EXPECT_TRUE(half_widths_of_steps(fine, coarse, 0.0, fraction).empty());
+}
+
+TEST(ErrorBounds, OfStepsReachFromNothingToTheFirstOnesWhereTheContactIsSlight) {
+  const std::vector<ForceSample> fine = path({{0, 0}, {0.5, 0.1}, {1, 1.0}, {0.2, 0.05}}),
+                                 coarse = path({{0, 0}, {0.5, 0.3}, {1, 1.0}, {0.2, 0.05}});
+  const std::vector<double> half = half_widths_of_steps(fine, coarse, 1e-3, fraction);
+  ASSERT_EQ(half.size(), 4u);
+  EXPECT_EQ(half[0], 0.0);
+  EXPECT_NEAR(half[2], 0.1, 1e-12) << "no change counts before that depth";
+  EXPECT_NEAR(half[1], 1.0 + half[2] - 0.1, 1e-12);
+  EXPECT_EQ(half[3], half[2]);
+  EXPECT_TRUE(half_widths_of_steps(fine, coarse, 2e-3, fraction).empty()) << "never deep enough";
+}
+
 TEST(ErrorBounds, ARefinementBeginsBelowTheNodesThatMayWellDo) {
   const auto first_two = [](double requested, double facing, double radii) {
     const Index expected = expected_nodes(requested, facing, floor_of_force({radii})),

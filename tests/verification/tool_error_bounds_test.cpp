@@ -92,6 +92,25 @@ TEST(ToolErrorWidth, IsNeverLessThanWhatIsKnownToBeOff) {
   EXPECT_EQ(tool_half_widths(force, model, force, sphere, {0.5e-3, 0.0}), usual) << "too little to warn of";
 }
 
+TEST(ToolErrorWidth, OfAPressInOneStepIsThatOfThePress) {
+  Model model;
+  model.X = Points::Zero(3, 2000);
+  model.spacing = Eigen::VectorXd::Constant(2000, 0.3e-3);
+  const ToolShape sphere = sphere_shape(5e-3);
+  std::vector<ForceSample> force = {{},
+                                    {.t = 1.0, .depth = 1e-3, .force = 1e-3},
+                                    {.t = 2.0, .depth = 2e-3, .force = 3e-3},
+                                    {.t = 4.0, .depth = 4e-3, .force = 9e-3}};
+  const auto along = [&](const Penetration& penetration) {
+    return tool_half_widths_of_steps(force, model, force, sphere, penetration);
+  };
+  for (const Penetration& penetration : {Penetration{}, Penetration{0.5e-3, 2e-3}})
+    EXPECT_EQ(along(penetration), tool_half_widths(force, model, force, sphere, penetration));
+  const double most = along({}).back();
+  force.push_back({.t = 7.0, .depth = 1e-3, .force = 1e-3});
+  EXPECT_EQ(along({}).back(), most) << "the error stays as the tool retracts";
+}
+
 // At slight contact a force may be wrong by a factor. A sphere of 12 mm at a depth of 0.16 mm had a sixth of
 // its force, and bounds of three quarters to each side.
 TEST(ToolErrorWidth, ShallowerThanItWasMeasuredReachesFromNothingToTheLineToThere) {
