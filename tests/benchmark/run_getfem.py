@@ -11,14 +11,15 @@ from hexahedra import edge_for, mesh, refined_radius
 from runner import CannotRun, main
 
 VERSION = "5.4.2"   # of Debian 12; the module does not report its own
-LARGEST_STEP = 0.5  # mm
+LARGEST_STEP = 0.25  # mm
+ORDER, AT_CONTACT = 5, 13  # of the integration: contact begins and ends within a face
 BASE, CONTACT, TOP, PATCH = 1, 2, 3, 4  # regions
 
 
 class Body:
     """Unknowns and energies of a body whose top is at z = height; `edge` is the edge length in the contact."""
 
-    def __init__(self, getfem, mesh, scene, edge, order):
+    def __init__(self, getfem, mesh, scene, edge):
         getfem.util_trace_level(0)
         getfem.util_warning_level(0)
         self.getfem, self.scene, self.height = getfem, scene, scene["body"]["height_mm"]
@@ -27,7 +28,7 @@ class Body:
         quadratic.set_classical_fem(2)
         linear.set_classical_fem(1)
         on_surface.set_classical_fem(1)
-        self.mesh, self.points = mesh, getfem.MeshIm(mesh, order)
+        self.mesh, self.points = mesh, getfem.MeshIm(mesh, ORDER)
         self.nodes = quadratic.nbdof() // 3
         model = self.model = getfem.Model("real")
         model.add_fem_variable("u", quadratic)
@@ -62,7 +63,8 @@ class Body:
             mesh.set_region(region, faces[:, chosen])
 
     def add_contact(self, on_surface, mu, edge):
-        """A sphere is a punch without a flat."""
+        """A sphere is a punch without a flat. Above the rounding of its edge the flank is vertical."""
+        self.at_contact = self.getfem.MeshIm(self.mesh, AT_CONTACT)
         tool, model = self.scene["tool"], self.model
         self.bend = tool.get("edge_mm", tool["radius_mm"])
         model.add_filtered_fem_variable("l", on_surface, CONTACT)
@@ -71,8 +73,8 @@ class Body:
             model.add_initialized_data(name, [value])
         away = "sqr(X(1)+u(1))+sqr(X(2)+u(2))"
         model.add_macro("dist", f"sqrt({f'2*half_sqr_pos_part(sqrt({away}+1e-12)-flat)' if tool['radius_mm'] > self.bend else away}"
-                                "+sqr(at-X(3)-u(3)))")
-        model.add_nonlinear_term(self.points, "1/r*(half_sqr_neg_part(l+r*(dist-bend))-sqr(l)/2)", CONTACT)
+                                "+2*half_sqr_pos_part(at-X(3)-u(3)))")
+        model.add_nonlinear_term(self.at_contact, "1/r*(half_sqr_neg_part(l+r*(dist-bend))-sqr(l)/2)", CONTACT)
 
     def solve(self):
         found = self.model.solve("max_iter", 40, "max_res", 1e-7, "lsearch", "simplest", "alpha min", 0.3, "lsolver", "mumps")
@@ -88,11 +90,12 @@ class Body:
         return -float(np.ravel(self.model.interpolation("u", [[0.0], [0.0], [self.height - 1e-6]], self.mesh))[2]) if weight else 0.0
 
     def force(self):
-        what, region = "neg_part(l+r*(dist-bend))*(at-X(3)-u(3))/dist", CONTACT
-        if self.names == "up":  # of the base: work of the stress on a displacement of 1 there and of 0 at the top
-            stress = "(mu*pow(Det(F),-2/3)*(F-Norm_sqr(F)/3*Inv(F)')+p*Det(F)*Inv(F)')"
-            what, region = f"-({stress}*[0;0;1]).[0;0;1]/{self.height}", -1
-        return self.getfem.asm_generic(self.points, 0, what, region, self.model)
+        if self.names != "up":
+            vertical = "neg_part(l+r*(dist-bend))*pos_part(at-X(3)-u(3))/dist"
+            return self.getfem.asm_generic(self.at_contact, 0, vertical, CONTACT, self.model)
+        # Of the base: work of the stress on a displacement of 1 there and of 0 at the top.
+        stress = "(mu*pow(Det(F),-2/3)*(F-Norm_sqr(F)/3*Inv(F)')+p*Det(F)*Inv(F)')"
+        return self.getfem.asm_generic(self.points, 0, f"-({stress}*[0;0;1]).[0;0;1]/{self.height}", -1, self.model)
 
     def forces(self, depths):
         top, result, states, before = self.height - self.sag(), [], [], 0.0
@@ -126,7 +129,7 @@ def run(_, scene, nodes):
     if scene["friction"]:
         raise CannotRun("this runner has no friction")
     edge = edge_for(nodes, scene, False)
-    body = Body(getfem, mesh_in(getfem, mesh(edge, scene)[0]), scene, edge, 5)
+    body = Body(getfem, mesh_in(getfem, mesh(edge, scene)[0]), scene, edge)
     return VERSION, body.nodes, body.forces(scene["depths_mm"])
 
 

@@ -20,7 +20,7 @@ TEST(RunWords, OfASceneOfStepsAreItsLargestForceAndItsLast) {
   EXPECT_EQ(scene_title(0.0452, 2.0, "pull", 0.0452),
             "45.2 mN at 2.00 mm (step 'pull'), the largest force and the last");
   EXPECT_EQ(scene_title(0.0452, 1.5, "press", 0.0, 0.0011),
-            "largest force 45.2 mN at 1.50 mm (step 'press'), 0 N at the end, +- 1.1 mN (discretisation)");
+            "largest force 45.2 mN at 1.50 mm (step 'press'), 0 N at the end, +- 1.1 (discretisation)");
 }
 
 TEST(RunWords, BelowThePictureAreModuliContactLoadsSupportsAndSteps) {
