@@ -164,8 +164,9 @@ std::string why_no_error_bounds_under_membranes(const Scene& scene, const std::v
   for (const Material& tissue : tissues) softest = std::min(softest, tissue.mu);
   const double ratio = film / (softest * radius_of_tool(scene));
   if (ratio <= stiffest_membrane_with_error_bounds * (1.0 + 1e-9)) return {};
-  return fmt::format("not calibrated for a membrane above {:g} times mu and the tool's radius (here {:.3g})",
-                     stiffest_membrane_with_error_bounds, ratio);
+  return fmt::format(
+      "not calibrated for a membrane stiffer than {:g} mu times the tool's radius (here {:.3g})",
+      stiffest_membrane_with_error_bounds, ratio);
 }
 
 }  // namespace

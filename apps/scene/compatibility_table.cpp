@@ -107,7 +107,7 @@ constexpr auto all_clashes = std::to_array<Clash>({
     {F::accuracy, of(F::solve), "a model's files hold one node set, and an accuracy goal needs several",
      "--accuracy (accuracy.goal)", "they do not hold the surface from which nodes are generated",
      "begin with the image: dimple run"},
-    {F::accuracy, of(F::steps, F::further_tool), "{beside} has no accuracy goal",
+    {F::accuracy, of(F::steps, F::further_tool), "an accuracy goal cannot be combined with {beside}",
      "--accuracy (accuracy.goal)",
      "the nodes for an accuracy are calibrated for one tool that presses straight",
      "choose the number of nodes with --nodes, and read the error bounds"},

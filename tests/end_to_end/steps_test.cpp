@@ -43,7 +43,7 @@ TEST_F(SceneOfSteps, ATwoStepSceneRunsAndItsResolvedConfigurationRepeatsItToTheB
   EXPECT_NEAR(summary["supports"]["retractor"]["moved_mm"][0], 1.5, 1e-9);
   EXPECT_EQ(summary["force_N"], summary["scene"][1]["force_N"]);
   EXPECT_NE(summary["scene"][0]["force_N"], summary["scene"][1]["force_N"]);
-  EXPECT_THAT(summary["band"]["unknown"].get<std::string>(), HasSubstr("steps of anything but the tool"));
+  EXPECT_THAT(summary["band"]["unknown"].get<std::string>(), HasSubstr("not calibrated for supports"));
   const Table curve = read_csv(folder / "out" / "force.csv");
   for (std::size_t k = 1; k < curve.column[0].size(); ++k)
     EXPECT_GT(curve.find("time_s")->at(k), curve.find("time_s")->at(k - 1));
@@ -91,6 +91,10 @@ TEST_F(SceneOfSteps, HasErrorBoundsOfItsLargestForceWithoutATurnOrALongSlide) {
   EXPECT_THAT(unknown(" --set step.slide.move=4,0,0"), HasSubstr("more than 0.5 radii across"));
   EXPECT_THAT(unknown(" --set step.more.move=3.5mm"), HasSubstr("above 0.8 radii of the tool"));
   EXPECT_THAT(unknown(" --set step.lever.turn=0,10,0"), HasSubstr("a tool that turns"));
+  EXPECT_THAT(
+      unknown(" --set tool.other.shape=sphere:3mm --set tool.other.at=15,0,30 --set step.pinch.moves=other "
+              "--set step.pinch.move=1mm"),
+      HasSubstr("steps of anything but the tool"));
   EXPECT_THAT(unknown(" --set step.slit.cut=line:-9,9,30,9,9,30,depth=3mm"), HasSubstr("steps that cut"));
 }
 
