@@ -71,8 +71,14 @@ TEST_F(SceneOfSteps, TwoMovesInTheSameDirectionAreAsDeepAsBothTogether) {
 }
 
 TEST_F(SceneOfSteps, HasErrorBoundsOfItsLargestForceWithoutATurnOrALongSlide) {
-  const std::string sphere = " --nodes 1500 --write force --tool sphere:6mm --set step.press.move=2mm";
-  const Json slid = run(sphere + " --set step.slide.move=2,0,0 --set step.lift.move=-3mm");
+  const auto run = [&](const std::string& steps) {
+    good(
+        "run block.nrrd --force -q -o out --base inferior --indent-at 0,0,top --nodes 1500 --write force "
+        "--tool sphere:6mm --set step.press.move=2mm" +
+        steps);
+    return summary();
+  };
+  const Json slid = run(" --set step.slide.move=2,0,0 --set step.lift.move=-3mm");
   EXPECT_EQ(slid["force_N"], 0.0);
   const double half = slid["band"]["half_N"], largest = slid["largest_force"]["force_N"];
   EXPECT_GT(half, 0.01 * largest);
@@ -85,9 +91,7 @@ TEST_F(SceneOfSteps, HasErrorBoundsOfItsLargestForceWithoutATurnOrALongSlide) {
     EXPECT_LE(curve.find("low_N")->at(k), force);
     EXPECT_GE(curve.find("high_N")->at(k), force);
   }
-  const auto unknown = [&](const std::string& steps) {
-    return run(sphere + steps)["band"].value("unknown", "");
-  };
+  const auto unknown = [&](const std::string& steps) { return run(steps)["band"].value("unknown", ""); };
   EXPECT_THAT(unknown(" --set step.slide.move=4,0,0"), HasSubstr("more than 0.5 radii across"));
   EXPECT_THAT(unknown(" --set step.more.move=3.5mm"), HasSubstr("above 0.8 radii of the tool"));
   EXPECT_THAT(unknown(" --set step.lever.turn=0,10,0"), HasSubstr("a tool that turns"));
