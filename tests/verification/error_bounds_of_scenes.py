@@ -127,6 +127,10 @@ def run(program, folder, image, nodes, options):
     return {round(row["time_s"], 4): row for row in curve if row["time_s"] > 0}, json.loads((folder / "summary.json").read_text()), ""
 
 
+def percent(part, whole):
+    return f"{100 * part / whole:.2f}" if whole else ""  # a tool that has left the body
+
+
 def compare(program, seed, number, features):
     scene = drawn(seed, number, features)
     row = {"scene": number, "seed": seed, "body": scene["body"], "size_mm": "x".join(f"{v:g}" for v in scene["size"]), "voxel_mm": scene["voxel"],
@@ -144,11 +148,11 @@ def compare(program, seed, number, features):
         if no_truth:
             return {**row, "note": "no truth: " + no_truth}
     last, known = (list(curve.values())[-1] for curve in (ours, truth))
-    row |= {"force_N": last["force_N"], "truth_N": known["force_N"], "off_percent": f"{100 * (last['force_N'] / known['force_N'] - 1):.2f}",
-            "image_percent": f"{100 * last.get('image_half_N', 0.0) / last['force_N']:.2f}"}
-    changes = [abs(ours[at]["force_N"] / coarse[at]["force_N"] - 1) for at in ours.keys() & coarse.keys()]
+    row |= {"force_N": last["force_N"], "truth_N": known["force_N"], "off_percent": percent(last["force_N"] - known["force_N"], known["force_N"]),
+            "image_percent": percent(last.get("image_half_N", 0.0), last["force_N"])}
+    changes = [abs(ours[at]["force_N"] / coarse[at]["force_N"] - 1) for at in ours.keys() & coarse.keys() if coarse[at]["force_N"]]
     row["change_percent"] = f"{100 * max(changes):.2f}" if changes else ""
-    if not last.get("low_N"):
+    if "low_N" not in last:
         return {**row, "note": "no bounds: " + str(told.get("band", {}).get("unknown", told.get("band")))}
     used, deepest = 0.0, 0.0
     for at, r in ours.items():
@@ -158,7 +162,7 @@ def compare(program, seed, number, features):
             half = (r["high_N"] - r["force_N"] if off > 0 else r["force_N"] - r["low_N"]) + r.get("image_half_N", 0.0)
             used = max(used, abs(off) / half)
     half = 0.5 * (last["high_N"] - last["low_N"])
-    return {**row, "half_percent": f"{100 * half / last['force_N']:.2f}", "used": f"{used:.3f}", "holds": "yes" if used <= 1 else "no"}
+    return {**row, "half_percent": percent(half, last["force_N"]), "used": f"{used:.3f}", "holds": "yes" if used <= 1 else "no"}
 
 
 def main(program, table, seed, count, first="1", features="loads"):
