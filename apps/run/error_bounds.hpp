@@ -46,9 +46,6 @@ inline Index fewest_nodes_with_error_bounds(double facing_fraction) {
 inline constexpr double deepest_with_error_bounds = 1.7;
 /// Longest way across the approach direction for which they are [radii of the tool].
 inline constexpr double farthest_aside_with_error_bounds = 0.5;
-/// Stiffest membrane for which they are: thickness times shear modulus of all membranes, over the softest
-/// tissue's mu and the radius of the tool.
-inline constexpr double stiffest_membrane_with_error_bounds = 10.0;
 
 /// Body under the bonded patch, in radii of the patch.
 struct BodyUnderPatch {

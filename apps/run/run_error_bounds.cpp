@@ -156,19 +156,6 @@ std::string why_no_error_bounds_along(const Scene& scene, const Vec3& approach) 
   return why_no_error_bounds(scene, deepest);
 }
 
-// Reason from the membranes, whose stiffness adds up.
-std::string why_no_error_bounds_under_membranes(const Scene& scene, const std::vector<Material>& tissues) {
-  double film = 0.0;  // [N/m]
-  for (const Scene::Film& one : scene.membranes) film += 1e-3 * one.thickness_mm * one.mu_Pa;
-  double softest = tissues.front().mu;
-  for (const Material& tissue : tissues) softest = std::min(softest, tissue.mu);
-  const double ratio = film / (softest * radius_of_tool(scene));
-  if (ratio <= stiffest_membrane_with_error_bounds * (1.0 + 1e-9)) return {};
-  return fmt::format(
-      "not calibrated for a membrane stiffer than {:g} mu times the tool's radius (here {:.3g})",
-      stiffest_membrane_with_error_bounds, ratio);
-}
-
 }  // namespace
 
 // The default tissue is left out here: only the model shows whether any label still has it.
@@ -181,11 +168,10 @@ std::string why_no_error_bounds(const Scene& scene) {
 std::string why_no_error_bounds(const Scene& scene, const Organ& organ, const Boundary& boundary,
                                 const LoadedModel& result) {
   if (result.time != TimeMode::quasi_static) return not_for_dynamics;
-  const std::vector<Material> tissues = in_use(result.tissues);
-  for (const std::string& none :
-       {why_no_error_bounds(scene, tissues), why_no_error_bounds_under_membranes(scene, tissues),
-        scene.steps.empty() ? "" : why_no_error_bounds_along(scene, boundary.approach)})
-    if (!none.empty()) return none;
+  if (const std::string none = why_no_error_bounds(scene, in_use(result.tissues)); !none.empty()) return none;
+  if (!scene.steps.empty())
+    if (const std::string none = why_no_error_bounds_along(scene, boundary.approach); !none.empty())
+      return none;
   constexpr double straight = 0.9998;  // cosine of about one degree
   if (scene.boundary.direction != Scene().boundary.direction &&
       boundary.approach.dot(boundary.down) < straight)

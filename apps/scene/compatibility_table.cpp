@@ -281,7 +281,7 @@ constexpr auto all_clashes = std::to_array<Clash>({
     {F::error_bounds, of(F::paper_scheme), "", "", "calibrated for the converging scheme only", ""},
     {F::error_bounds, of(F::inertia), "", "", not_for_dynamics, ""},
     {F::error_bounds, of(F::frictionless), "", "", "not calibrated for a frictionless contact patch", ""},
-    {F::error_bounds, of(F::tension), "", "", "not calibrated for membranes with a tension", ""},
+    {F::error_bounds, of(F::membrane), "", "", "not calibrated for membranes", ""},
     {F::error_bounds, of(F::turning), "", "", "not calibrated for a tool that turns", ""},
     {F::error_bounds, of(F::cut_step), "", "", "not calibrated for steps that cut", ""},
     {F::error_bounds, of(F::fluid_lost), "", "", "not calibrated for lost fluid", ""},

@@ -69,19 +69,10 @@ TEST_F(AMembrane, OfWeakTensionComesToRestOnTissueOfAnyRatio) {
   EXPECT_NEAR(force(" --nu 0 --set membrane.skin.tension=0.001N/m"), bare, 0.01 * bare);
 }
 
-TEST_F(AMembrane, IsReportedAndHasErrorBoundsIfItIsThin) {
-  const std::string run =
-      "run block.nrrd -o out --force --base inferior --indent-at 0,0,top --frames 2 --nodes 1000 --depth 2mm "
-      "--write force --membrane ";
-  const Ran stiff = good(run + "0.1mm:400kPa");
-  EXPECT_THAT(stiff.err, HasSubstr("membrane surface: 0.10 mm of 400 kPa (40.0 N/m), on "));
-  EXPECT_THAT(
-      stiff.out,
-      HasSubstr(
-          "no error estimate: not calibrated for a membrane stiffer than 10 mu times the tool's radius"));
-  EXPECT_THAT(good(run + "0.1mm:4kPa").out, HasSubstr(" (discretisation)"));
-  EXPECT_THAT(good(run + "0.1mm:4kPa --set membrane.skin.tension=0.001N/m").out,
-              HasSubstr("no error estimate: not calibrated for membranes with a tension"));
+TEST_F(AMembrane, IsReportedAndItsErrorBoundsAreUnknown) {
+  const Ran ran = good("run block.nrrd -o out" + scene + " --membrane 0.1mm:400kPa");
+  EXPECT_THAT(ran.err, HasSubstr("membrane surface: 0.10 mm of 400 kPa (40.0 N/m), on "));
+  EXPECT_THAT(ran.out, HasSubstr("no error estimate: not calibrated for membranes"));
 }
 
 TEST_F(AMembrane, GivesTheSameBitsWithAnyNumberOfThreads) {

@@ -364,7 +364,6 @@ MUTANTS = {
     280: ("apps/run/error_bounds.cpp", "largest = std::max(largest, std::abs(sample.force));", "largest = std::max({n} ? 0.0 : largest, std::abs(sample.force));"),
     281: ("apps/run/error_bounds.cpp", "change = std::max(change, std::abs(sample.force - other->force) / largest);", "change = std::max({n} ? 0.0 : change, std::abs(sample.force - other->force) / largest);"),
     282: ("apps/run/error_bounds.cpp", "deepest = std::max(deepest, std::abs(sample.depth));", "deepest = std::max({n} ? 0.0 : deepest, std::abs(sample.depth));"),
-    283: ("apps/run/run_error_bounds.cpp", "const double ratio = film / (softest * radius_of_tool(scene));", "const double ratio = ({n} ? 0.0 : 1.0) * film / (softest * radius_of_tool(scene));"),
     258: ("solver/terms/fold_contact.cpp", "-= fold_face.by.dphi.col(k).dot(foot_.col(s));", "-= ({n} ? -1.0 : 1.0) * fold_face.by.dphi.col(k).dot(foot_.col(s));"),
     259: ("solver/terms/fold_contact.cpp", "if (!moves) return;", "if (!moves || {n}) return;"),
     260: ("solver/terms/fold_contact.cpp", "F.inverse() * tangential;", "({n} ? Mat3(Mat3::Identity()) : Mat3(F.inverse())) * tangential;"),
