@@ -188,7 +188,8 @@ std::vector<double> half_widths_of_steps(const std::vector<ForceSample>& force,
   double deepest = 0.0, largest = 0.0, change = 0.0;
   std::size_t before = 0;  // samples before the tool is deep enough
   for (const ForceSample& sample : force) {
-    deepest = std::max(deepest, std::abs(sample.depth));
+    // A tool that has left the body is no deeper the farther it is.
+    if (sample.force != 0.0) deepest = std::max(deepest, std::abs(sample.depth));
     largest = std::max(largest, std::abs(sample.force));
     while (other != coarse.end() && other->t < sample.t * (1.0 - 1e-9)) ++other;
     if (deepest < shallowest * (1.0 - 1e-9) || largest == 0.0)

@@ -113,6 +113,13 @@ TEST(ErrorBounds, OfStepsReachFromNothingToTheFirstOnesWhereTheContactIsSlight) 
   EXPECT_TRUE(half_widths_of_steps(fine, coarse, 2e-3, fraction).empty()) << "never deep enough";
 }
 
+TEST(ErrorBounds, OfStepsStayAsTheToolLeavesTheBody) {
+  const std::vector<ForceSample> fine = path({{0, 0}, {1, 1.0}, {-9, 0}});
+  const std::vector<double> half = half_widths_of_steps(fine, fine, 0.5e-3, fraction);
+  ASSERT_EQ(half.size(), 3u);
+  EXPECT_EQ(half[2], half[1]);
+}
+
 TEST(ErrorBounds, ARefinementBeginsBelowTheNodesThatMayWellDo) {
   const auto first_two = [](double requested, double facing, double radii) {
     const Index expected = expected_nodes(requested, facing, floor_of_force({radii})),
