@@ -3,7 +3,8 @@
 
     error_bounds_of_scenes.py PROGRAM TABLE.csv SEED COUNT [FIRST] [FEATURES]
 
-FEATURES: `loads` (the first proof), or `further`: steps, further tools, pressures, body forces, thin membranes. A seed draws the scenes. Each is computed with its nodes, and as truth with 16 times the nodes on voxels half as large.
+FEATURES: `loads` (the first proof), or `further`: steps, further tools, pressures, body forces, thin membranes.
+A seed draws the scenes. Each is computed with its nodes, and as truth with 16 times the nodes on voxels half as large.
 Bounds hold if each force of the curve differs from the truth by at most the half-width of the bounds and the error by the
 image's resolution. `used` is the largest such difference as a part of that sum. `change_percent` compares with half
 the nodes. A scene that TABLE has is not computed again, so an interrupted table continues.
@@ -77,14 +78,14 @@ def drawn(seed, number, features="loads"):
         feature += f" at {gap} mm"
     elif features == "further":
         radius = radius if contacting else 0.5 * diameter
-        feature, more = further(feature, draw, between, body, size, radius, depth, (x, y), contacting)
+        feature, more = further(feature, draw, between, size, radius, depth, (x, y))
         options += more
     nodes = draw.choice((1500, 2000)) if contacting else draw.choice((1000, 1500, 2000))
     return {"body": body, "size": size, "voxel": voxel, "tool": tool, "feature": feature, "depth": depth, "nodes": nodes,
             "nu": options[3], "options": options}
 
 
-def further(feature, draw, between, body, size, radius, depth, place, contacting):
+def further(feature, draw, between, size, radius, depth, place):
     """The feature in numbers, and its options."""
     if feature == "thin membrane":  # its stiffness over that of the tissue under the tool
         film = 210e-6 * radius * 10 ** draw.uniform(-0.5, 1)  # N/mm
