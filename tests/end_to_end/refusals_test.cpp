@@ -179,7 +179,7 @@ TEST_F(Refusal, OfAPairOfFeaturesSaysBothAndWhatToLeaveOut) {
            {"--scheme horton2007 --preset miller_chinzei_2002", "one neo-Hookean tissue only"},
            {"--wall around:1mm --time explicit", "has no walls"},
            {"--membrane 0.1mm:400kPa --scheme horton2007", "has no membranes"},
-           {"--set step.a.move=2 --accuracy 5%", "moves in steps"},
+           {"--set step.a.move=2 --accuracy 5%", "an accuracy goal cannot be combined with a scene of steps"},
            {"--mu 210Pa+-30% --gravity inferior", "loads other than the tool do not grow with mu"},
            {"--set step.a.move=2 --explain", "has no steps"},
            {"--set load.fluid_lost=superior,50% --gravity inferior", "combined with gravity"}})
