@@ -147,8 +147,10 @@ std::string why_no_error_bounds(const Scene& scene, const std::vector<Material>&
 std::string why_no_error_bounds_along(const Scene& scene, const Vec3& approach) {
   double deepest = 0.0, aside = 0.0;
   for (const Vec3& at : path_of_tool(scene, approach)) {
-    deepest = std::max(deepest, std::abs(at.dot(approach)));
-    aside = std::max(aside, (at - at.dot(approach) * approach).norm());
+    const double depth = at.dot(approach);
+    // A contacting tool that is lifted leaves the body; a bonded patch pulls it.
+    deepest = std::max(deepest, scene.tool ? depth : std::abs(depth));
+    aside = std::max(aside, (at - depth * approach).norm());
   }
   if (aside > farthest_aside_with_error_bounds * radius_of_tool(scene) * (1.0 + 1e-9))
     return fmt::format("not calibrated for a path more than {:g} radii across the approach direction",

@@ -78,7 +78,7 @@ TEST_F(SceneOfSteps, HasErrorBoundsOfItsLargestForceWithoutATurnOrALongSlide) {
         steps);
     return summary();
   };
-  const Json slid = run(" --set step.slide.move=2,0,0 --set step.lift.move=-3mm");
+  const Json slid = run(" --set step.slide.move=2,0,0 --set step.lift.move=-9mm");
   EXPECT_EQ(slid["force_N"], 0.0);
   const double half = slid["band"]["half_N"], largest = slid["largest_force"]["force_N"];
   EXPECT_GT(half, 0.01 * largest);
