@@ -268,6 +268,28 @@ SegmentedBody body_of(const LabelImage& image, const std::vector<int>& labels,
                             .outward_mm = change.outward_voxels * std::cbrt(image.voxel_volume())});
 }
 
+// Says the size of the body, what was dropped from it, and how its surface differs from the voxels.
+void say_body(const RunLog& log, const SegmentedBody& body) {
+  const SegmentReport& segment = body.report;
+  for (const std::string& warning : segment.warnings) log.warn(warning);
+  if (segment.pieces > 1)
+    log.say(fmt::format("organ    {} pieces: kept the largest, dropped {} ({:.2f} %)", segment.pieces,
+                        volume_in_words(segment.dropped_volume_mm3),
+                        100.0 * segment.dropped_volume_mm3 / segment.label_volume_mm3));
+  if (segment.dropped_volume_mm3 > 0.05 * segment.label_volume_mm3)
+    log.warn(fmt::format(
+        "{:.1f} % of the labelled volume was dropped: its pieces are not connected to the largest",
+        100.0 * segment.dropped_volume_mm3 / segment.label_volume_mm3));
+  const double volume = segment.voxel_volume_mm3;
+  log.say("organ    " + volume_in_words(volume));
+  log.detail(
+      fmt::format("surface  {:.1f} cm2: {} triangles of {:.2f} mm, smoothed by {:.2f} mm; the enclosed "
+                  "volume differs from the "
+                  "voxels' by {:+.2f} %",
+                  body.surface.area() / 1e2, body.surface.triangles().cols(), segment.step_mm,
+                  segment.smoothing_mm, 100.0 * (body.surface.volume() / volume - 1.0)));
+}
+
 }  // namespace
 
 Organ read_organ(const Case& given, const ModelOptions& options, const RunLog& log, Result& result) {
@@ -316,25 +338,7 @@ Organ read_organ(const Case& given, const ModelOptions& options, const RunLog& l
   grade_to_size(body.surface, organ.options);
   result.stages.done("surface");
   result.segment = body.report;
-  const SegmentReport& segment = result.segment;
-  for (const std::string& warning : segment.warnings) log.warn(warning);
-  if (segment.pieces > 1)
-    log.say(fmt::format("organ    {} pieces: kept the largest, dropped {} ({:.2f} %)", segment.pieces,
-                        volume_in_words(segment.dropped_volume_mm3),
-                        100.0 * segment.dropped_volume_mm3 / segment.label_volume_mm3));
-  if (segment.dropped_volume_mm3 > 0.05 * segment.label_volume_mm3)
-    log.warn(fmt::format(
-        "{:.1f} % of the labelled volume was dropped: its pieces are not connected to the largest",
-        100.0 * segment.dropped_volume_mm3 / segment.label_volume_mm3));
-  const double volume = segment.voxel_volume_mm3;
-  log.say("organ    " + volume_in_words(volume));
-  log.detail(
-      fmt::format("surface  {:.1f} cm2: {} triangles of {:.2f} mm, smoothed by {:.2f} mm; the enclosed "
-                  "volume differs from the "
-                  "voxels' by {:+.2f} %",
-                  body.surface.area() / 1e2, body.surface.triangles().cols(), segment.step_mm,
-                  segment.smoothing_mm, 100.0 * (body.surface.volume() / volume - 1.0)));
-
+  say_body(log, body);
   result.facing_fraction = facing_fraction(body.surface, narrow_gap_mm);
   warn_of_narrow_gaps(scene, result.facing_fraction, log);
   result.image_warnings = result.warnings.size();
