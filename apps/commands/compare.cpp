@@ -9,6 +9,7 @@
 #include "apps/commands/all_commands.hpp"
 #include "apps/commands/log.hpp"
 #include "apps/commands/terminal.hpp"
+#include "apps/run/error_bounds.hpp"
 #include "apps/studies/read_results.hpp"
 #include "io/digits.hpp"
 #include "io/draw/chart.hpp"
@@ -177,8 +178,10 @@ std::string verdict_in_words(const FinishedRun& a, const FinishedRun& b, const R
               : "; the error bounds do not overlap: the discretisation does not explain the difference");
 }
 
-std::string error_bounds_text(const Written& force, bool known, double at, double half) {
-  return known ? fmt::format("{} to {}", force.number(at - half), force.number(at + half)) : "none";
+std::string error_bounds_text(const Written& force, const FinishedRun& run, double at, double half) {
+  if (run.half.empty()) return "none";
+  return fmt::format("{} to {}", force.number(lower_bound(at, half, run.contacting)),
+                     force.number(at + half));
 }
 
 void print_table(const FinishedRun& a, const FinishedRun& b, const std::vector<Row>& rows,
@@ -199,13 +202,13 @@ void print_table(const FinishedRun& a, const FinishedRun& b, const std::vector<R
   print(fmt::format("\n{:>8}  {:>9}  {:>18}  {:>9}  {:>18}  {:>9}  {}\n", "depth_mm", "A_" + unit,
                     "bounds of A", "B_" + unit, "bounds of B", "B-A_%", "bounds overlap"));
   for (const Row& row : rows)
-    print(fmt::format(
-        "{:>8.2f}  {:>9}  {:>18}  {:>9}  {:>18}  {:>+9.1f}  {}\n", 1e3 * row.depth, force.number(row.force_a),
-        error_bounds_text(force, !a.half.empty(), row.force_a, row.half_a), force.number(row.force_b),
-        error_bounds_text(force, !b.half.empty(), row.force_b, row.half_b), 100.0 * row.change() + 0.0,
-        !both_banded(a, b) ? "not known"
-        : row.overlap()    ? "yes"
-                           : "no"));
+    print(fmt::format("{:>8.2f}  {:>9}  {:>18}  {:>9}  {:>18}  {:>+9.1f}  {}\n", 1e3 * row.depth,
+                      force.number(row.force_a), error_bounds_text(force, a, row.force_a, row.half_a),
+                      force.number(row.force_b), error_bounds_text(force, b, row.force_b, row.half_b),
+                      100.0 * row.change() + 0.0,
+                      !both_banded(a, b) ? "not known"
+                      : row.overlap()    ? "yes"
+                                         : "no"));
   print(fmt::format("\n{}\n", verdict_in_words(a, b, rows.back())));
   if (const auto released = released_by_cut(a, b, differences)) print(in_words(*released, a, b) + "\n");
 }
@@ -233,10 +236,10 @@ Json to_json(const FinishedRun& a, const FinishedRun& b, const std::vector<Row>&
     const bool of_a = !a.half.empty(), of_b = !b.half.empty();
     json["at_depth"].push_back({{"indentation_mm", 1e3 * row.depth},
                                 {"a_force_N", row.force_a},
-                                {"a_low_N", end(of_a, row.force_a - row.half_a)},
+                                {"a_low_N", end(of_a, lower_bound(row.force_a, row.half_a, a.contacting))},
                                 {"a_high_N", end(of_a, row.force_a + row.half_a)},
                                 {"b_force_N", row.force_b},
-                                {"b_low_N", end(of_b, row.force_b - row.half_b)},
+                                {"b_low_N", end(of_b, lower_bound(row.force_b, row.half_b, b.contacting))},
                                 {"b_high_N", end(of_b, row.force_b + row.half_b)},
                                 {"bands_overlap", of_a && of_b ? Json(row.overlap()) : Json()}});
   }
@@ -253,7 +256,7 @@ void add_series(Chart& chart, const char* name, const FinishedRun& run, double p
     const double half = run.half.empty() ? 0.0 : run.half[k];
     for (ChartSeries* series : {&curve, &low, &high}) series->x.push_back(1e3 * s.depth);
     curve.y.push_back(per_N * s.force);
-    low.y.push_back(per_N * (s.force - half));
+    low.y.push_back(per_N * lower_bound(s.force, half, run.contacting));
     high.y.push_back(per_N * (s.force + half));
   }
   chart.series.push_back(curve);

@@ -251,8 +251,8 @@ void members(Archive& io, T& kept) {
 
 template <class Archive, Like<ErrorBounds> T>
 void members(Archive& io, T& error_bounds) {
-  auto& [unknown, coarse_nodes, seconds, half] = error_bounds;
-  io(unknown, coarse_nodes, seconds, half);
+  auto& [unknown, coarse_nodes, seconds, half, contacting] = error_bounds;
+  io(unknown, coarse_nodes, seconds, half, contacting);
 }
 
 template <class Archive, Like<Solved> T>

@@ -50,13 +50,20 @@ py::array on_tool(const py::object& self, std::size_t first) {
               {static_cast<py::ssize_t>(force.size()), 3}, {sizeof(ForceSample), sizeof(double)});
 }
 
-py::object error_bound(const Solved& solved, double side) {
+py::object bounds_or_none(const Solved& solved, std::vector<double> bound) {
   if (!solved.error_bounds.known()) return py::none();
-  std::vector<double> edge;
-  for (std::size_t k = 0; k < solved.force.size(); ++k)
-    edge.push_back(solved.force[k].force + side * solved.error_bounds.half[k]);
-  const auto count = static_cast<py::ssize_t>(edge.size());
-  return handed_over(std::move(edge), {count});
+  const auto count = static_cast<py::ssize_t>(bound.size());
+  return handed_over(std::move(bound), {count});
+}
+
+py::object lower(const Solved& solved) {
+  return bounds_or_none(solved, lower_bounds(solved.force, solved.error_bounds));
+}
+
+py::object upper(const Solved& solved) {
+  std::vector<double> high = solved.error_bounds.half;
+  for (std::size_t k = 0; k < high.size(); ++k) high[k] += solved.force[k].force;
+  return bounds_or_none(solved, std::move(high));
 }
 
 std::string shown(const Solved& solved) {
@@ -170,15 +177,14 @@ void add_error_bounds(py::class_<Solved>& result) {
           "band",
           [](const Solved& self) -> py::object {
             if (!self.error_bounds.known()) return py::none();
-            return py::module_::import("pydimple")
-                .attr("Band")(error_bound(self, -1.0), error_bound(self, 1.0));
+            return py::module_::import("pydimple").attr("Band")(lower(self), upper(self));
           },
           "Band, or None: error bounds of the force by discretisation, at each sample.")
       .def_property_readonly(
-          "band_low_N", [](const Solved& self) { return error_bound(self, -1.0); },
+          "band_low_N", [](const Solved& self) { return lower(self); },
           "(S,) float64, newtons, or None: lower error bound of the force, by discretisation.")
       .def_property_readonly(
-          "band_high_N", [](const Solved& self) { return error_bound(self, 1.0); },
+          "band_high_N", [](const Solved& self) { return upper(self); },
           "(S,) float64, newtons, or None: upper error bound of the force.")
       .def_property_readonly(
           "band_unknown", [](const Solved& self) { return in_keywords(self.error_bounds.unknown); },

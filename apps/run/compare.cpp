@@ -217,6 +217,7 @@ Comparison compare(const MeasuredCurve& measured, const std::vector<ForceSample>
   if (kept.depth.empty()) return result;
   result.force = has_contact ? contact_forces(ours, kept.depth) : forces_between(ours, kept.depth);
   if (error_bounds.known()) result.half = halves_between(ours, error_bounds.half, kept.depth);
+  result.contacting = has_contact;
   const std::size_t rows = kept.depth.size() - kept.simulated;
   double sum = 0.0, sum_ours = 0.0, sum2 = 0.0, inside = 0.0, end = 0.0, at_end = 0.0;
   for (std::size_t k = 0; k < rows; ++k) {
@@ -287,7 +288,7 @@ void write_comparison(const fs::path& file, const Comparison& c) {
     table.header.insert(table.header.end(), {"low_N", "high_N"});
     table.column.resize(5);
     for (std::size_t k = 0; k < c.force.size(); ++k) {
-      table.column[3].push_back(c.force[k] - c.half[k]);
+      table.column[3].push_back(lower_bound(c.force[k], c.half[k], c.contacting));
       table.column[4].push_back(c.force[k] + c.half[k]);
     }
   }

@@ -45,6 +45,7 @@ MeasuredCurve paper_curve();
 struct Comparison {
   MeasuredCurve measured;           ///< the rows that are compared
   std::vector<double> force, half;  ///< computed, at its depths [N], and half-width of the bounds, or none
+  bool contacting = false;          ///< a contacting tool
   std::size_t deeper = 0;           ///< rows that are not compared: the computed curve ends before
   double at_end = 0.0, mean = 0.0;  ///< measured / computed: at the last depth; of the sums
   double rms = 0.0;                 ///< of the differences [N]

@@ -44,6 +44,18 @@ double in_thousands(Index nodes) {
 
 }  // namespace
 
+double lower_bound(double force, double half, bool contacting) {
+  return contacting && force >= 0.0 ? std::max(force - half, 0.0) : force - half;
+}
+
+std::vector<double> lower_bounds(const std::vector<ForceSample>& force, const ErrorBounds& error_bounds) {
+  std::vector<double> low;
+  if (error_bounds.known())
+    for (std::size_t k = 0; k < force.size(); ++k)
+      low.push_back(lower_bound(force[k].force, error_bounds.half[k], error_bounds.contacting));
+  return low;
+}
+
 // Values that dimple_calibrate prints.
 const double error_multiplier = 2.894, displacement_multiplier = 1.382;
 

@@ -29,8 +29,15 @@ struct ErrorBounds {
   Index coarse_nodes = 0;                 ///< of the coarser discretisation
   double seconds = 0.0;                   ///< time that the run waited for it [s]
   std::vector<double> half;               ///< [samples of the force curve] half-width [N]
+  bool contacting = false;                ///< of a contacting tool
   bool known() const { return unknown.empty(); }
 };
+
+/// Lower bound of a force [N]. Contact has no tension: below a contacting tool that is pressed, it is at
+/// least zero.
+double lower_bound(double force, double half, bool contacting);
+/// Lower bounds of a curve, or none if they are unknown.
+std::vector<double> lower_bounds(const std::vector<ForceSample>& force, const ErrorBounds& error_bounds);
 
 /// Ratio of the run's nodes to those of the coarser discretisation.
 inline constexpr double coarser = 2.0;

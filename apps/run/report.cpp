@@ -289,8 +289,9 @@ Json curve_json(const ReportInput& input) {
   const std::optional<Comparison>& comparison = input.comparison;
   constexpr std::size_t most = 400;
   const std::size_t count = history.force.size(), stride = (count + most - 1) / most;
-  Json depth = Json::array(), force = Json::array(), half = Json::array(), time = Json::array(),
-       lateral = Json::array();
+  const std::vector<double> lower = lower_bounds(history.force, error_bounds);
+  Json depth = Json::array(), force = Json::array(), low = Json::array(), high = Json::array(),
+       time = Json::array(), lateral = Json::array();
   double largest = 0.0;
   for (std::size_t k = 0; k < count; ++k) {
     const ForceSample& sample = history.force[k];
@@ -302,16 +303,13 @@ Json curve_json(const ReportInput& input) {
     force.push_back(sample.force);
     time.push_back(sample.t);
     lateral.push_back(across);
-    if (error_bounds.known()) half.push_back(error_bounds.half[k]);
+    if (error_bounds.known()) low.push_back(lower[k]), high.push_back(sample.force + error_bounds.half[k]);
   }
   if (comparison)
     for (const double measured : comparison->measured.force) largest = std::max(largest, std::abs(measured));
   const Written axis = force_written(largest);
-  Json curve = {{"depth_mm", depth},
-                {"force_N", force},
-                {"half_N", half},
-                {"unit", axis.unit},
-                {"per_unit", axis.per_unit}};
+  Json curve = {{"depth_mm", depth}, {"force_N", force},  {"low_N", low},
+                {"high_N", high},    {"unit", axis.unit}, {"per_unit", axis.per_unit}};
   if (input.over_time) curve["time_s"] = time, curve["lateral_N"] = lateral;
   return curve;
 }

@@ -102,6 +102,7 @@ Overview ResultWriter::picture_of(const History& history, const ErrorBounds& err
     picture.lateral_N.push_back(lateral_force(s, model_.tool.approach));
   }
   if (error_bounds.known()) picture.half_N = error_bounds.half;
+  picture.low_N = lower_bounds(history.force, error_bounds);
   if (image.known()) picture.image_half_N = image.half.back();
   if (history.force.empty()) return picture;
   place_tools(picture, history.force.back());

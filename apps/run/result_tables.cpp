@@ -21,9 +21,9 @@ void ResultWriter::tables(const History& history, const ErrorBounds& error_bound
   const auto add_from_to = [&](const char* low, const char* high, const auto& half) {
     std::vector<double> least, most;
     for (std::size_t k = 0; k < history.force.size(); ++k) {
-      const double force = history.force[k].force, low = force - half(k);
-      least.push_back(indenter_ && force >= 0.0 ? std::max(low, 0.0) : low);  // contact has no tension
-      most.push_back(history.force[k].force + half(k));
+      const double force = history.force[k].force;
+      least.push_back(lower_bound(force, half(k), indenter_ != nullptr));
+      most.push_back(force + half(k));
     }
     force.header.insert(force.header.end(), {low, high});
     force.column.push_back(std::move(least));

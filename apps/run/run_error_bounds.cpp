@@ -225,6 +225,7 @@ RunErrorBounds error_bounds_of_run(const Scene& scene, const Result& result, Coa
   ErrorBounds& error_bounds = found.error_bounds;
   error_bounds.unknown = "";
   error_bounds.coarse_nodes = coarser.nodes();
+  error_bounds.contacting = result.loading.indenter != nullptr;
   const std::string node_set =
       fmt::format("the comparison with {} nodes failed: ", error_bounds.coarse_nodes);
   try {

@@ -225,11 +225,10 @@ Json consistency_json(const ConsistencyReport& consistency) {
 }
 
 // Error bounds of the last force.
-Json error_bounds_json(const ErrorBounds& error_bounds, const History& history, bool has_contact) {
+Json error_bounds_json(const ErrorBounds& error_bounds, const History& history) {
   if (!error_bounds.known()) return {{"unknown", error_bounds.unknown}};
   const double force = history.force.back().force, half = error_bounds.half.back();
-  const double low = has_contact && force >= 0.0 ? std::max(force - half, 0.0) : force - half;
-  return {{"low_N", low},
+  return {{"low_N", lower_bound(force, half, error_bounds.contacting)},
           {"high_N", force + half},
           {"half_N", half},
           {"of", "discretisation"},
@@ -461,7 +460,7 @@ void add_force(Json& summary, const Result& result) {
     }
   }
   summary["base_force_N"] = history.force.empty() ? 0.0 : history.force.back().base_force;
-  summary["band"] = error_bounds_json(result.error_bounds, history, result.loading.indenter != nullptr);
+  summary["band"] = error_bounds_json(result.error_bounds, history);
   summary["image_error"] = image_error_json(result.image_error);
   if (result.spread > 0.0)
     summary["band_of_mu"] = {{"low_N", force - result.spread * std::abs(force)},

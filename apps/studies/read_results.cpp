@@ -83,7 +83,7 @@ void read_curve(const fs::path& folder, FinishedRun& run) {
   const Table table = force_table_in(folder);
   const auto* depth = table.find("indentation_mm");
   const auto* force = table.find("force_N");
-  const auto *low = table.find("low_N"), *high = table.find("high_N");
+  const auto* high = table.find("high_N");
   if (!depth || !force)
     refuse("the force curve cannot be read", where, "it has no columns indentation_mm and force_N",
            "run the scene again with --force");
@@ -91,7 +91,7 @@ void read_curve(const fs::path& folder, FinishedRun& run) {
     if ((*depth)[k] <= 0.0) continue;
     if (!run.curve.empty() && (*depth)[k] <= 1e3 * run.curve.back().depth) continue;  // a dwell
     run.curve.push_back({0.0, 1e-3 * (*depth)[k], (*force)[k], 0.0});
-    if (low && high) run.half.push_back(0.5 * ((*high)[k] - (*low)[k]));
+    if (high) run.half.push_back((*high)[k] - (*force)[k]);
   }
   const double last = table.rows() > 0 ? force->back() : 0.0, reported = run.summary.at("force_N");
   if (run.curve.empty() || std::abs(last - reported) > 1e-9 * std::abs(reported))
@@ -251,12 +251,13 @@ FinishedRun read_finished_run(const std::string& given) {
   run.folder = printable(given);
   run.summary = finished_summary(folder, run.folder);
   run.options = option_values_in(folder / "config.resolved.toml");
+  run.contacting = part_of(run.summary, {"tool", "contact_samples"}) != nullptr;
   read_curve(folder, run);
   read_energy(folder, run);
   if (run.half.empty()) {
     const Json* unknown = part_of(run.summary, {"band", "unknown"});
     run.no_error_bounds = unknown && unknown->is_string() ? printable(unknown->get<std::string>())
-                                                          : "force.csv has no columns low_N and high_N";
+                                                          : "force.csv has no column high_N";
   }
   for (const Json* image : {part_of(run.summary, {"image_sha256"}),
                             part_of(run.summary, {"made_from", "image_sha256"})})  // of `dimple solve`

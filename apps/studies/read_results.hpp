@@ -39,6 +39,7 @@ struct FinishedRun {
   std::vector<ForceSample> curve;              ///< at depths that increase
   std::vector<double> half;     ///< half-width of the error bounds at each of them [N], or none
   std::string no_error_bounds;  ///< why there are none
+  bool contacting = false;      ///< a contacting tool
   std::string image_sha256;     ///< empty if not known
   double cut_area = 0.0;        ///< of all its cuts [m^2]
   double stored = 0.0;          ///< energy at the end [J]

@@ -197,9 +197,9 @@ std::vector<Trace> traces_of(const Chart& chart, const Axis& x, const Axis& y, c
         trace.point.push_back(at(s.x[i], s.y[i]));
         if (!continues) trace.line.emplace_back();
         trace.line.back().push_back(trace.point.back());
-        if (!s.half.empty()) {
-          trace.error_bounds.push_back(at(s.x[i], s.y[i] + s.half[i]));
-          back.push_back(at(s.x[i], s.y[i] - s.half[i]));
+        if (!s.low.empty()) {
+          trace.error_bounds.push_back(at(s.x[i], s.high[i]));
+          back.push_back(at(s.x[i], s.low[i]));
         }
       }
       continues = shown;
@@ -289,9 +289,9 @@ void draw_plot(Canvas& canvas, const Rect& room, const Chart& chart) {
   for (const ChartSeries& s : chart.series)
     for (std::size_t i = 0; i < s.x.size(); ++i) {
       if (!is_shown(s.x[i]) || !is_shown(s.y[i])) continue;
-      const double half = s.half.empty() ? 0.0 : s.half[i];
       xs.push_back(s.x[i]);
-      ys.insert(ys.end(), {s.y[i] - half, s.y[i] + half});
+      ys.push_back(s.y[i]);
+      if (!s.low.empty()) ys.insert(ys.end(), {s.low[i], s.high[i]});
     }
   const Axis x = axis_of(xs, 0.06), y = axis_of(ys, 0.1);
 
@@ -326,9 +326,11 @@ namespace {
 
 void check(const Chart& chart) {
   for (const ChartSeries& s : chart.series)
-    if (s.x.size() != s.y.size() || (!s.half.empty() && s.half.size() != s.y.size()))
-      throw std::invalid_argument(fmt::format("the series \"{}\" has {} x, {} y and {} half-widths", s.name,
-                                              s.x.size(), s.y.size(), s.half.size()));
+    if (s.x.size() != s.y.size() || s.low.size() != s.high.size() ||
+        (!s.low.empty() && s.low.size() != s.y.size()))
+      throw std::invalid_argument(
+          fmt::format("the series \"{}\" has {} x, {} y, {} lower and {} upper bounds", s.name, s.x.size(),
+                      s.y.size(), s.low.size(), s.high.size()));
 }
 
 double height_of(const Chart&) {

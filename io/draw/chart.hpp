@@ -12,10 +12,10 @@ struct ChartSeries {
   std::string name = {};               ///< in the legend; empty: not there
   std::vector<double> x = {}, y = {};  ///< [n]
   bool line = true, markers = true;
-  bool dashed = false;            ///< the line
-  int colour = -1;                ///< same number, same hue and marker; -1: the next that no series requests
-  std::vector<double> half = {};  ///< [n] half-width of the error bounds about the line; empty: none
-  std::string end = {};           ///< text at the last point, at a dot; empty: none
+  bool dashed = false;  ///< the line
+  int colour = -1;      ///< same number, same hue and marker; -1: the next that no series requests
+  std::vector<double> low = {}, high = {};  ///< [n] error bounds about the line; empty: none
+  std::string end = {};                     ///< text at the last point, at a dot; empty: none
 };
 
 struct Chart {

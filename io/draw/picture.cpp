@@ -467,7 +467,8 @@ double largest_of(const std::vector<double>& values) {
 }
 
 void draw_force(Canvas& canvas, const Rect& rect, const Overview& o) {
-  const bool has_error_bounds = !o.half_N.empty() && o.half_N.size() == o.force_N.size(),
+  const bool has_error_bounds =
+                 !o.low_N.empty() && o.low_N.size() == o.half_N.size() && o.half_N.size() == o.force_N.size(),
              in_time = !o.time_s.empty();
   const Rect room = draw_panel(
       canvas, rect, in_time ? "Force over time" : "Force against indentation",
@@ -485,7 +486,10 @@ void draw_force(Canvas& canvas, const Rect& rect, const Overview& o) {
   if (force.x.empty()) return say_in_the_middle(canvas, room, "no force recorded");
   force.markers = lateral.markers = compared.line = false;
   if (has_error_bounds)
-    for (std::size_t i = 0; i < force.x.size(); ++i) force.half.push_back(written.per_unit * o.half_N[i]);
+    for (std::size_t i = 0; i < force.x.size(); ++i) {
+      force.low.push_back(written.per_unit * o.low_N[i]);
+      force.high.push_back(written.per_unit * (o.force_N[i] + o.half_N[i]));
+    }
   force.end = end_of_curve(o);
   force.name = !lateral.x.empty() ? "along the approach direction" : !compared.x.empty() ? "this run" : "";
   lateral.name = "across it";

@@ -37,7 +37,7 @@ struct Overview {
   std::vector<double> time_s = {};     ///< of a scene of steps, whose forces are shown over time; else empty
   std::string moment = "at the end";   ///< time of the state of body and tool: "at 1.5 s"
   std::vector<double> lateral_N = {};  ///< likewise: the force across the press direction
-  std::vector<double> half_N;          ///< half-width of the error bounds; empty: none available
+  std::vector<double> half_N, low_N;   ///< half-width of the error bounds, lower bound; empty: none
   double image_half_N = -1.0;  ///< half-width at the end by the image's resolution; negative: not available
   std::vector<double> compared_depth_mm, compared_force_N;  ///< another curve, as dots; empty: none
   std::string compared;                                     ///< its word in the legend

@@ -41,6 +41,24 @@ TEST_F(Compare, OfRunsThatWroteOtherFilesShowsNoDifference) {
   EXPECT_EQ(compared("a", "b")["differences"].size(), 0u);
 }
 
+// Below the first calibrated depth of a contacting tool the curve's lower bound is zero, and the upper one is
+// farther from the force.
+TEST_F(Compare, OfContactingToolsShowsTheBoundsOfTheirCurves) {
+  for (const char* run : {"one", "other"})
+    good(std::string(
+             "run body.nrrd --nodes 1500 --depth 1mm --frames 4 --tool sphere:4mm --write force -q -o ") +
+         run);
+  const Json json = compared("one", "other");
+  const Table ours = read_csv(folder / "one/force.csv");
+  ASSERT_EQ(json["at_depth"].size(), 4u);
+  for (std::size_t k = 0; k < 4; ++k)
+    for (const char* bound : {"low_N", "high_N"})
+      EXPECT_NEAR(json["at_depth"][k][std::string("a_") + bound], ours.find(bound)->at(k + 1),
+                  1e-9 * ours.find("force_N")->at(k + 1))
+          << bound;
+  EXPECT_EQ(json["at_depth"][0]["b_low_N"], 0.0);
+}
+
 TEST_F(Compare, ShowsThatAnotherModulusIsTheOnlyDifference) {
   run("body.nrrd", "b", " --mu 315");
   const Json json = compared("a", "b");

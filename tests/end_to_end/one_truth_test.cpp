@@ -59,7 +59,8 @@ class OneTruth : public testing::Test {
     if (!error_bounds.contains("low_N")) return;
     EXPECT_DOUBLE_EQ(curve.find("low_N")->back(), error_bounds.at("low_N").get<double>());
     EXPECT_DOUBLE_EQ(curve.find("high_N")->back(), error_bounds.at("high_N").get<double>());
-    EXPECT_DOUBLE_EQ(drawn.at("half_N").back().get<double>(), error_bounds.at("half_N").get<double>());
+    for (const char* bound : {"low_N", "high_N"})
+      EXPECT_EQ(drawn.at(bound).get<std::vector<double>>(), *curve.find(bound)) << bound;
     EXPECT_NEAR(summary.at("verdict").at("accuracy").at("value").get<double>(),
                 100.0 * error_bounds.at("half_N").get<double>() / summary.at("force_N").get<double>(), 1e-9);
   }

@@ -202,7 +202,8 @@ TEST(Chart, ShadesTheErrorBoundsOfASeriesAndWritesWhatIsAtItsEnd) {
                    .x = {0, 1, nan, 3},
                    .y = {0, 1, 2, 3},
                    .markers = false,
-                   .half = {0, 0.1, 0.2, 0.3},
+                   .low = {0, 0.9, 1.8, 2.7},
+                   .high = {0, 1.1, 2.2, 3.3},
                    .end = "3 N, +- 10 %"}};
   const fs::path file = fresh_folder() / "band.svg";
   EXPECT_THAT(expect_drawn(chart), testing::Contains("3 N, +- 10 %"));
@@ -211,7 +212,7 @@ TEST(Chart, ShadesTheErrorBoundsOfASeriesAndWritesWhatIsAtItsEnd) {
   const std::size_t at = drawn.find("<polygon points=\"");
   ASSERT_NE(at, std::string::npos);
   EXPECT_EQ(times_in(drawn.substr(at, drawn.find("fill", at) - at), ","), 6U);  // two corners a finite point
-  chart.series[0].half.pop_back();
+  chart.series[0].low.pop_back();
   EXPECT_THROW(write_chart(file, {chart}), std::invalid_argument);
 }
 

@@ -1,5 +1,6 @@
 #include "apps/run/error_bounds.hpp"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -69,6 +70,16 @@ TEST(ErrorBounds, DoesNotTrustNodeSetsThatAgreeDeeperDown) {
 TEST(ErrorBounds, IsNotKnownDeeperThanTheCoarserNodesGo) {
   EXPECT_TRUE(half_widths(curve({0, 1, 2}, 1.0), 1000, curve({0, 1}, 1.0), radius, false).empty());
   EXPECT_TRUE(half_widths({}, 1000, {}, radius, false).empty());
+}
+
+TEST(ErrorBounds, OfAContactingToolThatIsPressedEndAtZero) {
+  const std::vector<ForceSample> force = {{0, 0, 1.0, 1.0}, {1, 1e-3, 3.0, 3.0}, {2, 2e-3, -1.0, -1.0}};
+  ErrorBounds bounds{.unknown = "", .half = {2.0, 2.0, 2.0}};
+  EXPECT_THAT(lower_bounds(force, bounds), testing::ElementsAre(-1.0, 1.0, -3.0));
+  bounds.contacting = true;
+  EXPECT_THAT(lower_bounds(force, bounds), testing::ElementsAre(0.0, 1.0, -3.0));
+  bounds.unknown = "not requested";
+  EXPECT_TRUE(lower_bounds(force, bounds).empty());
 }
 
 // Force [N] over the depth [mm], one second for each.

@@ -42,12 +42,12 @@ export function curveChart({ x, y, xLabel, yLabel }) {
 }
 
 export function forceChart() {
-  const { force_N: force, half_N: half, lateral_N: lateral } = data.curve;
+  const { force_N: force, low_N: low, high_N: high, lateral_N: lateral } = data.curve;
   const depth = data.curve.time_s ?? data.curve.depth_mm; // of a scene of steps, whose tool moves back or sideways
   const along = data.curve.time_s ? 'time in s' : 'indentation in mm';
   const beside = data.beside;
-  const largest = Math.max(...force.map((f, k) => f + (half[k] ?? 0)), ...(beside ? beside.force_N : []), ...(lateral ?? []), 1e-12);
-  const least = Math.min(0, ...force.map((f, k) => f - (half[k] ?? 0)));
+  const largest = Math.max(...force, ...high, ...(beside ? beside.force_N : []), ...(lateral ?? []), 1e-12);
+  const least = Math.min(0, ...force, ...low);
   const unit = { unit: data.curve.unit, scale: data.curve.per_unit };
   const chart = empty(lateral ? 'force over time' : 'force against indentation');
   const deepest = Math.max(...depth, ...(beside ? beside.depth_mm : []), 1e-9) * 1.04;
@@ -56,9 +56,9 @@ export function forceChart() {
 
   const way = (points) => `M${points.map(([d, f]) => `${px(d)} ${py(f)}`).join('L')}`;
   const curve = depth.map((d, k) => [d, force[k]]);
-  if (half.length > 0) {
-    const upper = depth.map((d, k) => [d, force[k] + half[k]]);
-    const lower = depth.map((d, k) => [d, force[k] - half[k]]).reverse();
+  if (low.length > 0) {
+    const upper = depth.map((d, k) => [d, high[k]]);
+    const lower = depth.map((d, k) => [d, low[k]]).reverse();
     chart.append(svg('path', { class: 'band', d: `${way([...upper, ...lower])}Z` }));
   }
   if (curve.length > 0) chart.append(svg('path', { class: 'curve', d: way(curve) }));
@@ -85,7 +85,7 @@ export function chartLegend() {
   const entry = (mark, text) => element('li', {}, element('span', { class: `mark ${mark}` }), text);
   const list = element('ul', { class: 'legend' }, entry('curve', data.curve.lateral_N ? 'along the approach direction' : 'this run'));
   if (data.curve.lateral_N) list.append(entry('lateral', 'across the approach direction'));
-  if (data.curve.half_N.length > 0) list.append(entry('band', 'discretisation error'));
+  if (data.curve.low_N.length > 0) list.append(entry('band', 'discretisation error'));
   if (data.beside) {
     const name = data.beside.name === 'horton2007' ? 'Horton et al. 2007' : data.beside.name;
     list.append(entry('beside', data.beside.rows.length > 0 ? `${name}, in order of depth: ${data.beside.rows.join(', ')}` : name));
