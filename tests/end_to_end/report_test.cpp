@@ -234,6 +234,16 @@ TEST_F(Report, OfASceneOfStepsUnderLoadsShowsEachOfThem) {
   EXPECT_TRUE(std::regex_search(page, std::regex("<path class=\"lateral\" d=\"M[0-9]")));
 }
 
+// The bounds of the last force alone would be taken for those of the largest.
+TEST_F(Report, OfASceneOfStepsSaysTheErrorOfAllItsForces) {
+  good(
+      "run brain.nrrd -o out --nodes 1500 --frames 4 --tool sphere:6mm --set step.press.move=2mm "
+      "--set step.lift.move=-4mm");
+  const std::set<std::string> keys = keys_shown(shown(), summary());
+  EXPECT_TRUE(keys.contains("band.half_N"));
+  EXPECT_FALSE(keys.contains("band.low_N"));
+}
+
 TEST_F(Report, PrintsItsVerdict) {
   run();
   const fs::path pdf = folder / "report.pdf";

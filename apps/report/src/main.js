@@ -21,7 +21,9 @@ function head() {
     place.append(element('h1', {}, 'Largest force ', written('largest_force.force_N'), ', ', written('force_N'), ' at the end'),
       element('p', { class: 'band' }, 'The largest is at ', written('largest_force.indentation_mm'), ' and ', quantity('largest_force.time_s', 's'), ', in the step ', word('largest_force.step'), '.'));
   else place.append(element('h1', {}, written('force_N'), ' at ', written('indentation_mm')));
-  if (there('band.low_N'))
+  if (there('band.half_N') && isScene)
+    place.append(element('p', { class: 'band' }, 'The true forces are expected within ± ', written('band.half_N'), ' of these (discretisation error only).'));
+  else if (there('band.low_N'))
     place.append(element('p', { class: 'band' }, 'The true value is expected between ', written('band.low_N', false), ' and ', written('band.high_N'), ' (discretisation error only).'));
   else if (there('band.unknown')) place.append(element('p', { class: 'band' }, 'No error estimate: ', word('band.unknown')));
   if (there('image_error.half_N'))
