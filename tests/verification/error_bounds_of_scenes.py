@@ -162,7 +162,7 @@ def compare(program, seed, number, features):
             off = truth[at]["force_N"] - r["force_N"]
             half = (r["high_N"] - r["force_N"] if off > 0 else r["force_N"] - r["low_N"]) + r.get("image_half_N", 0.0)
             used = max(used, abs(off) / half if off else 0.0)
-    half = 0.5 * (last["high_N"] - last["low_N"])
+    half = last["high_N"] - last["force_N"]  # the lower bound may end at zero
     return {**row, "half_percent": percent(half, last["force_N"]), "used": f"{used:.3f}", "holds": "yes" if used <= 1 else "no"}
 
 

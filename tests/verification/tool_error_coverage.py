@@ -72,7 +72,7 @@ def main(program, data, scenes):
             out.writerow([*which, *[both[-1][0][k] for k in ("indentation_mm", "force_N")], "", "",
                           both[-1][1], "", "", "no band"])
         else:
-            used = max(abs(f - float(r["force_N"])) / (0.5 * (float(r["high_N"]) - float(r["low_N"]))) for r, f in both)
+            used = max(abs(f - float(r["force_N"])) / (float(r["high_N"]) - float(r["force_N"])) for r, f in both)
             r, f = both[-1]
             out.writerow([*which, *[r[k] for k in ("indentation_mm", "force_N", "low_N", "high_N")], f,
                           f"{100 * (float(r['force_N']) / f - 1):.2f}", f"{used:.2f}", "yes" if used <= 1 else "no"])
